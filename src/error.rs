@@ -1,0 +1,105 @@
+//! The one error type of the library.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Result of anything in this library that can fail.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// What went wrong: which file, what was found there, what was expected, and what to do about it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system refused an operation on a file.
+    #[error("{}: cannot {doing}: {source}", path.display())]
+    Io {
+        /// The file (or `-` for a standard stream).
+        path: PathBuf,
+        /// What was being done, as a verb phrase: "open", "write the directory".
+        doing: &'static str,
+        /// The operating system's answer.
+        source: io::Error,
+    },
+    /// The file's bytes break the rules of its format.
+    #[error("{}: {place}: found {found}, expected {expected}; the file is damaged or not what its name says", path.display())]
+    Corrupt {
+        /// The file.
+        path: PathBuf,
+        /// The part of the file: a section, record, tag or offset.
+        place: String,
+        /// What stands there.
+        found: String,
+        /// What the format asks for.
+        expected: String,
+    },
+    /// The file is (or may be) fine, but uses something that is not supported.
+    #[error("{}: {found} is not supported; {advice}", path.display())]
+    Unsupported {
+        /// The file.
+        path: PathBuf,
+        /// The feature that was found.
+        found: String,
+        /// What the user can do instead.
+        advice: String,
+    },
+    /// Reading the file would need more memory than was allowed.
+    #[error("{}: {what} needs {needed} bytes of memory, the limit is {limit}; {advice}", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// What would have to be held in memory.
+        what: String,
+        /// Bytes it needs.
+        needed: u64,
+        /// Bytes allowed.
+        limit: u64,
+        /// What the user can do.
+        advice: String,
+    },
+    /// An argument makes no sense, by itself or for this file.
+    #[error("{what}: got {found}, expected {expected}")]
+    Invalid {
+        /// The argument, option or parameter.
+        what: String,
+        /// What was given.
+        found: String,
+        /// What is possible.
+        expected: String,
+    },
+    /// The user interrupted the work; nothing was left behind.
+    #[error("interrupted; no output was written")]
+    Interrupted,
+}
+
+impl Error {
+    /// An operating-system error while `doing` something to `path`; use with `map_err`.
+    pub fn io(path: impl Into<PathBuf>, doing: &'static str) -> impl FnOnce(io::Error) -> Error {
+        let path = path.into();
+        move |source| Error::Io { path, doing, source }
+    }
+
+    /// Bytes of `path` that break the format's rules.
+    pub fn corrupt(
+        path: impl AsRef<Path>,
+        place: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Error {
+        Error::Corrupt {
+            path: path.as_ref().to_path_buf(),
+            place: place.into(),
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    /// Something in `path` that is not supported, and what the user can do instead.
+    pub fn unsupported(path: impl AsRef<Path>, found: impl Into<String>, advice: impl Into<String>) -> Error {
+        Error::Unsupported { path: path.as_ref().to_path_buf(), found: found.into(), advice: advice.into() }
+    }
+
+    /// An argument that makes no sense.
+    pub fn invalid(what: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Error {
+        Error::Invalid { what: what.into(), found: found.into(), expected: expected.into() }
+    }
+}

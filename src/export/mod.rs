@@ -1,0 +1,4 @@
+//! Exporters: trees as other programs' files.
+
+#[cfg(feature = "raster")]
+pub mod image;

@@ -1,0 +1,4 @@
+//! Importers: what turns other programs' files into sources and blocks of samples.
+
+#[cfg(feature = "raster")]
+pub mod raster;

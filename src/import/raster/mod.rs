@@ -1,0 +1,106 @@
+//! Raster files as input: one trait, one reader per format, mosaics of several.
+
+use std::path::Path;
+
+use crate::space::{Frame, Region};
+use crate::value::{Kind, Palette, SampleType};
+use crate::{Error, Result};
+
+/// What a reader understood of a raster file's header.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RasterInfo {
+    /// Columns.
+    pub width: u64,
+    /// Rows.
+    pub height: u64,
+    /// Type of the samples that [`Raster::read`] gives: the file's own, or the next wider one that Spinney
+    /// has (1 to 7 bits become u8, i8 becomes i16, half becomes f32, 64-bit integers become f64).
+    pub sample: SampleType,
+    /// Type of the samples as the file has them, in words: "uint12", "int8", "half".
+    pub stored_sample: String,
+    /// Samples per pixel, any number.
+    pub channels: usize,
+    /// Which channel is opacity (0 is transparent), if one is.
+    pub alpha: Option<usize>,
+    /// Where the pixels lie.
+    pub frame: Frame,
+    /// The number that marks missing samples.
+    pub nodata: Option<f64>,
+    /// Colours of the values of a one-channel picture.
+    pub palette: Option<Palette>,
+    /// Names of values, by value.
+    pub class_names: Vec<(i64, String)>,
+    /// A name per channel where the file has them, else empty strings.
+    pub band_names: Vec<String>,
+    /// What to multiply samples by and to add, per channel, to get physical units.
+    pub scale_offset: Vec<(f64, f64)>,
+    /// What the samples mean, as far as the file tells.
+    pub kind: Option<Kind>,
+    /// The format and how the pixels lie in the file, in words: "GeoTIFF, 512x512 tiles, zstd".
+    pub layout: String,
+    /// Other things worth keeping: name and value.
+    pub tags: Vec<(String, String)>,
+    /// In which order regions are cheap to read.
+    pub order: Order,
+}
+
+/// In which order regions of a raster are cheap to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Full-width bands from the top down, each row asked for once; for some formats nothing else is possible.
+    Bands,
+    /// Any region at any time.
+    Anywhere,
+}
+
+/// Samples of a region: rows from the top, pixels from the left, a pixel's channels together, little-endian.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pixels {
+    /// `height * width * channels` samples.
+    pub bytes: Vec<u8>,
+    /// One flag per pixel where the file has a mask of its own: `false` is VOID. (Opacity and nodata are not
+    /// in it: they are seen in the samples.)
+    pub valid: Option<Vec<bool>>,
+}
+
+/// A raster file that is open for reading, whatever its format.
+pub trait Raster: Send {
+    /// What is known of it.
+    fn info(&self) -> &RasterInfo;
+
+    /// The file, for messages.
+    fn path(&self) -> &Path;
+
+    /// Reads a region that lies within the raster into `pixels`, replacing what was there.
+    ///
+    /// With [`Order::Bands`], regions must be full-width and follow each other from the top without a gap.
+    ///
+    /// # Errors
+    /// If the file is damaged there, cannot be read, or decoding would need more memory than `open` allowed.
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()>;
+}
+
+/// How to open a raster.
+#[derive(Clone, Debug)]
+pub struct OpenOptions {
+    /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
+    /// no other way.
+    pub memory: u64,
+    /// The EXR layer to read, by name; the first one if not given.
+    pub layer: Option<String>,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        OpenOptions { memory: 192 << 20, layer: None }
+    }
+}
+
+/// Opens a raster file, whose format is told from its first bytes (`.hgt` files from their name).
+///
+/// # Errors
+/// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+    let _ = options;
+    Err(Error::unsupported(path, "this format", "convert it to TIFF"))
+}

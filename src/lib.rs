@@ -1,0 +1,12 @@
+//! Spinney: quadtrees and octrees that are larger than memory.
+
+mod error;
+pub mod export;
+pub mod import;
+mod progress;
+pub mod space;
+pub mod store;
+pub mod value;
+
+pub use error::{Error, Result};
+pub use progress::Progress;

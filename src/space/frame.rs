@@ -1,0 +1,87 @@
+//! Where the cells of a tree lie in the world.
+
+use serde::{Deserialize, Serialize};
+
+/// The affine map from cell coordinates to the world, and the coordinate system it leads to.
+///
+/// Cell (0, 0, 0) spans 0..1 on every axis, so its centre is at one half.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Rows of the 3x4 matrix: world x, y, z from cell x, y, z, 1.
+    pub matrix: [[f64; 4]; 3],
+    /// EPSG number of the coordinate system, where known.
+    pub epsg: Option<u32>,
+    /// The coordinate system in words (a GeoTIFF citation, say), where known.
+    pub crs_name: Option<String>,
+    /// Whether samples were points at pixel centres (GeoTIFF `PixelIsPoint`); the matrix already has the
+    /// half-pixel shift applied, so that it always speaks of areas.
+    pub pixel_is_point: bool,
+}
+
+impl Frame {
+    /// The frame in which cell coordinates are the world coordinates.
+    pub fn identity() -> Frame {
+        Frame {
+            matrix: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+            epsg: None,
+            crs_name: None,
+            pixel_is_point: false,
+        }
+    }
+
+    /// A frame of a plane from the six numbers `a, b, c, d, e, f`: world x = a col + b row + c,
+    /// world y = d col + e row + f (the order of GeoTIFF world files in rasterio).
+    pub fn planar([a, b, c, d, e, f]: [f64; 6]) -> Frame {
+        Frame { matrix: [[a, b, 0.0, c], [d, e, 0.0, f], [0.0, 0.0, 1.0, 0.0]], ..Frame::identity() }
+    }
+
+    /// The six numbers of [`Frame::planar`].
+    pub fn affine(&self) -> [f64; 6] {
+        let [x, y, _] = self.matrix;
+        [x[0], x[1], x[3], y[0], y[1], y[3]]
+    }
+
+    /// Whether cells and world coincide, so that there is nothing to tell.
+    pub fn is_identity(&self) -> bool {
+        self.matrix == Frame::identity().matrix
+    }
+
+    /// World coordinates of a point given in cell coordinates.
+    pub fn to_world(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        self.matrix.map(|m| m[0] * x + m[1] * y + m[2] * z + m[3])
+    }
+
+    /// Cell coordinates of a world point; `None` if the map cannot be inverted.
+    pub fn to_cells(&self, world: [f64; 3]) -> Option<[f64; 3]> {
+        let m = &self.matrix;
+        let minor = |r: usize, c: usize| {
+            let (r1, r2) = ((r + 1) % 3, (r + 2) % 3);
+            let (c1, c2) = ((c + 1) % 3, (c + 2) % 3);
+            m[r1][c1] * m[r2][c2] - m[r1][c2] * m[r2][c1]
+        };
+        let det = (0..3).map(|c| m[0][c] * minor(0, c)).sum::<f64>();
+        if !det.is_finite() || det == 0.0 {
+            return None;
+        }
+        let d = [world[0] - m[0][3], world[1] - m[1][3], world[2] - m[2][3]];
+        Some(std::array::from_fn(|c| (0..3).map(|r| minor(r, c) * d[r]).sum::<f64>() / det))
+    }
+
+    /// The frame of the same world seen in cells `2^shift` times as large along every axis: that of level
+    /// `depth - shift`.
+    pub fn coarser(&self, shift: u8) -> Frame {
+        let scale = (1u64 << shift) as f64;
+        let matrix = self.matrix.map(|[x, y, z, o]| [x * scale, y * scale, z * scale, o]);
+        Frame { matrix, ..self.clone() }
+    }
+
+    /// The frame whose cell (0, 0, 0) is this frame's cell `origin`.
+    pub fn shifted(&self, origin: [f64; 3]) -> Frame {
+        let o = self.to_world(origin);
+        let mut frame = self.clone();
+        for (row, o) in frame.matrix.iter_mut().zip(o) {
+            row[3] = o;
+        }
+        frame
+    }
+}

@@ -1,0 +1,11 @@
+//! Space: dimensions, nodes' codes, regions of cells, and where the cells lie in the world.
+
+mod code;
+mod dimension;
+mod frame;
+mod region;
+
+pub use code::{Cell, Code};
+pub use dimension::{Dimension, Oct, Quad};
+pub use frame::Frame;
+pub use region::Region;

@@ -1,0 +1,129 @@
+//! Writing a file so that nobody ever sees half of it.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+/// Where output goes: a new file that appears whole or not at all, or standard output.
+///
+/// A file is written under a temporary name in the target's folder and takes the target's place only in
+/// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it. Dropping the
+/// output without committing removes the temporary file.
+pub struct Output {
+    path: PathBuf,
+    sink: Sink,
+}
+
+enum Sink {
+    File(BufWriter<tempfile::NamedTempFile>),
+    Stdout(BufWriter<io::Stdout>),
+}
+
+const BUFFER: usize = 1 << 20;
+
+impl Output {
+    /// Starts a file at `path`; `-` is standard output.
+    ///
+    /// # Errors
+    /// If `path` is a folder, or no file can be made in its folder.
+    pub fn create(path: &Path) -> Result<Output> {
+        let sink = if path == Path::new("-") {
+            Sink::Stdout(BufWriter::with_capacity(BUFFER, io::stdout()))
+        } else if path.is_dir() {
+            let is_folder = io::Error::from(io::ErrorKind::IsADirectory);
+            return Err(Error::io(path, "create a file")(is_folder));
+        } else {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let file = tempfile::Builder::new()
+                .prefix(&format!(".{name}."))
+                .suffix(".partial")
+                .tempfile_in(folder(path))
+                .map_err(Error::io(path, "create a temporary file beside the target"))?;
+            Sink::File(BufWriter::with_capacity(BUFFER, file))
+        };
+        Ok(Output { path: path.to_path_buf(), sink })
+    }
+
+    /// The final path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether bytes go to a file, which can be overwritten in place while it is being made.
+    pub fn file_mut(&mut self) -> Option<&mut File> {
+        match &mut self.sink {
+            Sink::File(file) => Some(file.get_mut().as_file_mut()),
+            Sink::Stdout(_) => None,
+        }
+    }
+
+    /// Puts the finished file in its place, on the disk and not only in the system's memory.
+    ///
+    /// An existing file's permissions are kept; a new file gets the usual ones.
+    pub fn commit(self) -> Result<()> {
+        let path = self.path;
+        match self.sink {
+            Sink::Stdout(mut out) => out.flush().map_err(Error::io(path, "write")),
+            Sink::File(file) => {
+                let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
+                set_permissions(file.as_file(), &path).map_err(Error::io(&path, "set the permissions"))?;
+                file.as_file().sync_all().map_err(Error::io(&path, "sync"))?;
+                // Following a symbolic link keeps the link and replaces what it points to.
+                let target = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
+                let same_folder = folder(&target) == folder(&path)
+                    || std::fs::canonicalize(folder(&path)).is_ok_and(|f| f == folder(&target));
+                let target = if same_folder { target } else { path.clone() };
+                file.persist(&target).map_err(|e| Error::io(&path, "put in place")(e.error))?;
+                sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
+            }
+        }
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.sink {
+            Sink::File(file) => file.write(bytes),
+            Sink::Stdout(out) => out.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.sink {
+            Sink::File(file) => file.flush(),
+            Sink::Stdout(out) => out.flush(),
+        }
+    }
+}
+
+/// The folder a path lies in.
+pub(crate) fn folder(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Makes a rename in a folder durable.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+}
+
+#[cfg(unix)]
+fn set_permissions(file: &File, target: &Path) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    let mode = match std::fs::metadata(target) {
+        Ok(existing) => existing.permissions().mode() & 0o777,
+        Err(_) => {
+            // The mask can only be read by setting it.
+            let mask = rustix::process::umask(rustix::fs::Mode::empty());
+            rustix::process::umask(mask);
+            0o666 & !mask.bits()
+        }
+    };
+    file.set_permissions(std::fs::Permissions::from_mode(mode))
+}
+
+#[cfg(not(unix))]
+fn set_permissions(_: &File, _: &Path) -> io::Result<()> {
+    Ok(())
+}

@@ -1,0 +1,98 @@
+//! Rules for the representative: the one value that stands for an inner node at coarse detail.
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+
+/// How the representative of an inner node comes from what is below it. VOID never counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Rule {
+    /// The mean over all cells below that are not VOID, each channel by itself: from sums carried up the
+    /// tree and rounded once (integers: to the nearest, a half upwards), so no bias builds up by level.
+    /// Sums of integers are exact; sums of floating samples are f64, added pairwise in Z order.
+    Mean,
+    /// The value that covers most cells below, from exact counts; ties go to the lowest value.
+    Majority,
+    /// The survey's local rule on the children alone: a LEAF child's value weighs 3, an INNER child's
+    /// representative 2; ties go to the first in child order. It gives the literature's tables.
+    Dominant,
+    /// The smallest value below, each channel by itself.
+    Min,
+    /// The largest value below, each channel by itself.
+    Max,
+    /// The value of the first child, in child order, that is not VOID.
+    Nearest,
+}
+
+impl Rule {
+    /// All rules, in the order of their numbers on disk.
+    pub const ALL: [Rule; 6] =
+        [Rule::Mean, Rule::Majority, Rule::Dominant, Rule::Min, Rule::Max, Rule::Nearest];
+
+    /// The rule's name on the command line.
+    pub fn name(self) -> &'static str {
+        ["mean", "majority", "dominant", "min", "max", "nearest"][self as usize]
+    }
+}
+
+impl fmt::Display for Rule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Rule {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Rule, Error> {
+        Rule::ALL.into_iter().find(|rule| rule.name() == name).ok_or_else(|| {
+            Error::invalid("rule", format!("`{name}`"), Rule::ALL.map(Rule::name).join(", "))
+        })
+    }
+}
+
+/// What the values mean, which decides the rule that fits and what can be asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Kind {
+    /// Names of things: land cover, parts. They are counted, never averaged.
+    Categorical,
+    /// Amounts: brightness, height.
+    Continuous,
+}
+
+impl Kind {
+    /// The rule that fits when the user says nothing.
+    pub fn default_rule(self) -> Rule {
+        match self {
+            Kind::Categorical => Rule::Majority,
+            Kind::Continuous => Rule::Mean,
+        }
+    }
+
+    /// The kind's name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Categorical => "categorical",
+            Kind::Continuous => "continuous",
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Kind {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Kind, Error> {
+        [Kind::Categorical, Kind::Continuous].into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
+            Error::invalid("kind", format!("`{name}`"), "categorical or continuous")
+        })
+    }
+}
