@@ -6,6 +6,7 @@ pub mod import;
 mod progress;
 pub mod space;
 pub mod store;
+pub mod tree;
 pub mod value;
 
 pub use error::{Error, Result};

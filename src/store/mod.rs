@@ -1,5 +1,8 @@
-//! Trees on disk: the container, the Goblin format, and how files are written and read safely.
+//! Trees on disk: the Goblin format, and how files are written and read safely.
 
 mod atomic;
+pub mod goblin;
+mod storage;
 
 pub use atomic::Output;
+pub use storage::{Mapped, Positioned, Storage};

@@ -3,7 +3,10 @@
 mod palette;
 mod rule;
 mod sample;
+mod tally;
 
 pub use palette::Palette;
 pub use rule::{Kind, Rule};
 pub use sample::{Sample, SampleType, Sum, Value, ValueType};
+pub(crate) use tally::{channelwise_max, channelwise_min, dominant, most_frequent};
+pub use tally::{Tally, representative};

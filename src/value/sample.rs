@@ -119,6 +119,8 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
     /// Sum over one block of cells (at most 2^18), without overflow.
     type BlockSum: Copy + Debug + Default + Add<Output = Self::BlockSum> + Into<Self::TotalSum> + Send + Sync;
+    /// Sum of squares over one block of cells, without overflow.
+    type BlockSquare: Copy + Debug + Default + Add<Output = Self::BlockSquare> + Into<Self::TotalSum> + Send + Sync;
     /// Sum over any number of cells, and of squares.
     type TotalSum: Sum;
 
@@ -130,8 +132,14 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     fn to_f64(self) -> f64;
     /// The sample equal to this number, if there is one.
     fn from_f64(number: f64) -> Option<Self>;
-    /// Start of a sum.
-    fn block_sum(self) -> Self::BlockSum;
+    /// The sample nearest to this number.
+    fn from_f64_lossy(number: f64) -> Self;
+    /// The sum of `cells` equal samples (at most 2^18).
+    fn block_sum(self, cells: u32) -> Self::BlockSum;
+    /// The sum of the squares of `cells` equal samples (at most 2^18).
+    fn block_square(self, cells: u32) -> Self::BlockSquare;
+    /// The sample as a sum of one.
+    fn total_sum(self) -> Self::TotalSum;
     /// The square, for variances.
     fn square(self) -> Self::TotalSum;
     /// Mean of `cells` samples, rounded to the type.
@@ -147,11 +155,12 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
 }
 
 macro_rules! integer_sample {
-    ($type:ident, $variant:ident, $wire:ty, $to:expr, $from:expr) => {
+    ($type:ident, $variant:ident, $wire:ty, $square:ty, $to:expr, $from:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
             type Wire = $wire;
             type BlockSum = i64;
+            type BlockSquare = $square;
             type TotalSum = i128;
 
             #[inline]
@@ -165,12 +174,23 @@ macro_rules! integer_sample {
             fn to_f64(self) -> f64 {
                 self as f64
             }
+            fn from_f64_lossy(number: f64) -> $type {
+                number as $type
+            }
             fn from_f64(number: f64) -> Option<$type> {
                 (number as $type as f64 == number).then_some(number as $type)
             }
             #[inline]
-            fn block_sum(self) -> i64 {
-                self as i64
+            fn block_sum(self, cells: u32) -> i64 {
+                self as i64 * cells as i64
+            }
+            #[inline]
+            fn block_square(self, cells: u32) -> $square {
+                self as $square * self as $square * cells as $square
+            }
+            #[inline]
+            fn total_sum(self) -> i128 {
+                self as i128
             }
             #[inline]
             fn square(self) -> i128 {
@@ -206,11 +226,11 @@ macro_rules! integer_sample {
     };
 }
 
-integer_sample!(u8, U8, u8, |x| x, |x| x);
-integer_sample!(u16, U16, U16, U16::new, |x: U16| x.get());
-integer_sample!(i16, I16, I16, I16::new, |x: I16| x.get());
-integer_sample!(u32, U32, U32, U32::new, |x: U32| x.get());
-integer_sample!(i32, I32, I32, I32::new, |x: I32| x.get());
+integer_sample!(u8, U8, u8, i64, |x| x, |x| x);
+integer_sample!(u16, U16, U16, i64, U16::new, |x: U16| x.get());
+integer_sample!(i16, I16, I16, i64, I16::new, |x: I16| x.get());
+integer_sample!(u32, U32, U32, i128, U32::new, |x: U32| x.get());
+integer_sample!(i32, I32, I32, i128, I32::new, |x: I32| x.get());
 
 macro_rules! float_sample {
     ($type:ident, $variant:ident, $wire:ty) => {
@@ -218,6 +238,7 @@ macro_rules! float_sample {
             const TYPE: SampleType = SampleType::$variant;
             type Wire = $wire;
             type BlockSum = f64;
+            type BlockSquare = f64;
             type TotalSum = f64;
 
             #[inline]
@@ -231,11 +252,22 @@ macro_rules! float_sample {
             fn to_f64(self) -> f64 {
                 self as f64
             }
+            fn from_f64_lossy(number: f64) -> $type {
+                number as $type
+            }
             fn from_f64(number: f64) -> Option<$type> {
                 (number as $type as f64 == number).then_some(number as $type)
             }
             #[inline]
-            fn block_sum(self) -> f64 {
+            fn block_sum(self, cells: u32) -> f64 {
+                self as f64 * cells as f64
+            }
+            #[inline]
+            fn block_square(self, cells: u32) -> f64 {
+                self as f64 * self as f64 * cells as f64
+            }
+            #[inline]
+            fn total_sum(self) -> f64 {
                 self as f64
             }
             #[inline]
@@ -280,7 +312,9 @@ pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
     /// How it stands on disk.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
     /// Sums of a block, one per channel.
-    type BlockSums: Copy + Debug + Default + AsRef<[<Self::Sample as Sample>::BlockSum]> + Send + Sync;
+    type BlockSums: Copy + Debug + Default + Send + Sync;
+    /// Sums of squares of a block, one per channel.
+    type BlockSquares: Copy + Debug + Default + Send + Sync;
 
     /// The type as a run-time value.
     const TYPE: ValueType =
@@ -294,10 +328,32 @@ pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
     fn from_wire(wire: Self::Wire) -> Self;
     /// To disk.
     fn to_wire(self) -> Self::Wire;
-    /// Start of a sum.
-    fn block_sums(self) -> Self::BlockSums;
+    /// Sums of any number of cells, one per channel.
+    type TotalSums: Copy
+        + Debug
+        + Default
+        + PartialEq
+        + AsRef<[<Self::Sample as Sample>::TotalSum]>
+        + AsMut<[<Self::Sample as Sample>::TotalSum]>
+        + Send
+        + Sync;
+
+    /// Sums of `cells` cells of this value (at most 2^18).
+    fn block_sums(self, cells: u32) -> Self::BlockSums;
     /// Adds channel by channel.
-    fn add_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums;
+    fn add_block_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums;
+    /// Sums of the squares of `cells` cells of this value (at most 2^18).
+    fn block_squares(self, cells: u32) -> Self::BlockSquares;
+    /// Adds channel by channel.
+    fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares;
+    /// The sums of a block as sums of any number of cells.
+    fn widen(sums: Self::BlockSums) -> Self::TotalSums;
+    /// The same for sums of squares.
+    fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSums;
+    /// Means of at most 2^18 cells, rounded to the type.
+    fn block_mean(sums: Self::BlockSums, cells: u32) -> Self;
+    /// Adds channel by channel.
+    fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums;
     /// Equal in every bit.
     fn same(self, other: Self) -> bool;
 
@@ -326,6 +382,8 @@ macro_rules! values {
             const CHANNELS: usize = $channels;
             type Wire = [S::Wire; $channels];
             type BlockSums = [S::BlockSum; $channels];
+            type BlockSquares = [S::BlockSquare; $channels];
+            type TotalSums = [S::TotalSum; $channels];
 
             #[inline]
             fn samples(&self) -> &[S] {
@@ -344,11 +402,32 @@ macro_rules! values {
                 self.map(S::to_wire)
             }
             #[inline]
-            fn block_sums(self) -> Self::BlockSums {
-                self.map(S::block_sum)
+            fn block_sums(self, cells: u32) -> Self::BlockSums {
+                self.map(|sample| sample.block_sum(cells))
             }
             #[inline]
-            fn add_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums {
+            fn add_block_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn block_squares(self, cells: u32) -> Self::BlockSquares {
+                self.map(|sample| sample.block_square(cells))
+            }
+            #[inline]
+            fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            fn widen(sums: Self::BlockSums) -> Self::TotalSums {
+                sums.map(Into::into)
+            }
+            fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSums {
+                squares.map(Into::into)
+            }
+            #[inline]
+            fn block_mean(sums: Self::BlockSums, cells: u32) -> Self {
+                sums.map(|sum| S::block_mean(sum, cells))
+            }
+            fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums {
                 std::array::from_fn(|c| a[c] + b[c])
             }
             #[inline]

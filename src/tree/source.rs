@@ -1,0 +1,66 @@
+//! Sources: everything that can be walked from the root down.
+
+use std::fmt::Debug;
+
+use crate::Result;
+use crate::space::Dimension;
+use crate::value::Value;
+
+/// What stands at one place of a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Child<V, N> {
+    /// Nothing: outside the data, no data, empty space.
+    Void,
+    /// One value all over.
+    Leaf(V),
+    /// More detail below.
+    Inner {
+        /// The one value that stands for the node at coarse detail.
+        representative: V,
+        /// What to ask the source with for the children.
+        node: N,
+    },
+}
+
+impl<V: Copy, N> Child<V, N> {
+    /// The value at this place when nobody looks closer; `None` is VOID.
+    pub fn value(&self) -> Option<V> {
+        match self {
+            Child::Void => None,
+            Child::Leaf(value) => Some(*value),
+            Child::Inner { representative, .. } => Some(*representative),
+        }
+    }
+
+    /// Whether there is more detail below.
+    pub fn is_inner(&self) -> bool {
+        matches!(self, Child::Inner { .. })
+    }
+}
+
+/// Everything that can be walked from the root down: a mapped file, a tree in memory, a view of either.
+///
+/// This is the `classify` and `subdivide` scheme of the octree literature: a source says VOID, LEAF or INNER for a
+/// block and hands out its children on demand. A source need not be condensed (an INNER node may turn out to be
+/// uniform), and its representatives need not be exact: what stores a tree condenses and averages it anew.
+pub trait Source {
+    /// Quadtree or octree.
+    type Dim: Dimension;
+    /// Type of the values.
+    type Value: Value;
+    /// Handle of an inner node.
+    type Node: Copy + Debug + Send + Sync;
+
+    /// Number of levels below the root; nodes at this level are single cells and never INNER.
+    fn depth(&self) -> u8;
+
+    /// The whole space.
+    fn root(&self) -> Result<Child<Self::Value, Self::Node>>;
+
+    /// The children of an inner node, in child order.
+    #[allow(clippy::type_complexity)] // an array of children: a name for it would hide more than it says
+    fn children(
+        &self,
+        node: Self::Node,
+    ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>>;
+}
