@@ -1,6 +1,6 @@
 //! Decompression of single chunks.
 //!
-//! Stored, deflated and zstd chunks, the usual ones, are decoded right into their buffer with states that are
+//! Deflated, zstd and LZW chunks, the usual ones, are decoded right into their buffer with states that are
 //! kept from chunk to chunk. The other codecs are those of the `tiff` crate: it is shown a file in memory that
 //! has the chunk as its only strip and bytes as its samples, so that it decompresses and does nothing else.
 
@@ -39,6 +39,7 @@ pub(super) struct Shape {
 pub(super) struct States {
     inflate: Option<flate2::Decompress>,
     zstd: Option<zstd::bulk::Decompressor<'static>>,
+    lzw: Option<weezl::decode::Decoder>,
 }
 
 impl Codec {
@@ -112,7 +113,8 @@ impl Codec {
             }
             Codec::Deflate => inflate(states, raw, out),
             Codec::Zstd => unzstd(states, raw, out),
-            Codec::Lzw | Codec::PackBits | Codec::Fax4 => self.by_crate(raw, shape, out),
+            Codec::Lzw => unlzw(states, raw, out),
+            Codec::PackBits | Codec::Fax4 => self.by_crate(raw, shape, out),
             Codec::WebP => {
                 let (width, rows) = webp_size(raw).ok_or("no WebP header")?;
                 same_size(shape, width, rows)?;
@@ -142,8 +144,7 @@ impl Codec {
             Codec::Fax4 => (4, width, 1, 1),
             Codec::Jpeg(_) => (7, width, 8, samples),
             Codec::WebP => (50001, width, 8, samples),
-            Codec::PackBits => (32773, row_bytes, 8, 1),
-            _ => (5, row_bytes, 8, 1),
+            _ => (32773, row_bytes, 8, 1),
         };
         let file = one_strip(raw, [width, rows, bits, compression, samples], self.tables());
         let mut limits = Limits::unlimited();
@@ -193,6 +194,37 @@ fn unzstd(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String>
             std::io::Read::read_exact(&mut reader, out).map_err(wrong)
         }
     }
+}
+
+fn unlzw(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String> {
+    use weezl::{BitOrder, LzwStatus, decode::Configuration};
+
+    // Every stream begins with the code for "clear", 256. Only where the first version of libtiff wrote it,
+    // in 9 bits from the lowest up, do the bytes begin so.
+    let mut old;
+    let state = if matches!(raw, [0, second, ..] if second & 1 == 1) {
+        old = Configuration::new(BitOrder::Lsb, 8).with_yield_on_full_buffer(true).build();
+        &mut old
+    } else {
+        states.lzw.get_or_insert_with(|| {
+            Configuration::with_tiff_size_switch(BitOrder::Msb, 8).with_yield_on_full_buffer(true).build()
+        })
+    };
+    state.reset();
+    let (mut read, mut written) = (0, 0);
+    while written < out.len() {
+        let step = state.decode_bytes(&raw[read..], &mut out[written..]);
+        (read, written) = (read + step.consumed_in, written + step.consumed_out);
+        match step.status {
+            Ok(LzwStatus::Ok) => {}
+            Ok(LzwStatus::NoProgress | LzwStatus::Done) => break,
+            Err(error) => return Err(format!("bad LZW data ({error})")),
+        }
+    }
+    if written < out.len() {
+        return Err(format!("LZW data that end after {written} bytes"));
+    }
+    Ok(())
 }
 
 fn same_size(shape: Shape, width: usize, rows: usize) -> Result<(), String> {

@@ -19,6 +19,7 @@ const GEOGRAPHIC: u16 = 2048;
 const GEOGRAPHIC_CITATION: u16 = 2049;
 const PROJECTED: u16 = 3072;
 const PROJECTED_CITATION: u16 = 3073;
+const PROJECTION: u16 = 3074;
 
 /// The frame that the tags tell, the identity if none.
 pub(super) fn frame(directory: &Directory<'_>) -> Result<Frame> {
@@ -89,14 +90,13 @@ impl Keys {
 
     /// The EPSG number of the horizontal coordinate system.
     fn epsg(&self) -> Option<u32> {
-        let citation = self.texts.get(&PROJECTED_CITATION).or(self.texts.get(&CITATION));
-        let citation = citation.map_or("", String::as_str);
-        // ArcGIS gives no number for the system that most web maps use.
-        if citation.contains("WGS_1984_Web_Mercator_Auxiliary_Sphere") {
+        let cited = |words: &str| self.texts.values().any(|text| text.to_lowercase().contains(words));
+        // Some writers have names of their own for the system that most web maps use.
+        if cited("wgs_1984_web_mercator_auxiliary_sphere") || self.numbers.get(&PROJECTION) == Some(&3856) {
             return Some(3857);
         }
         // ERDAS Imagine gives the metric system's number for systems in feet.
-        if citation.starts_with("IMAGINE GeoTIFF") && citation.to_lowercase().contains("feet") {
+        if cited("imagine geotiff support") && cited("feet") {
             return None;
         }
         let code = match self.numbers.get(&PROJECTED) {

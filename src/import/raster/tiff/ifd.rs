@@ -255,13 +255,15 @@ impl Directory<'_> {
         Ok(self.numbers(tag)?.and_then(|values| values.first().copied()))
     }
 
-    /// A tag's values as floating-point numbers; nothing if they are not DOUBLE.
+    /// A tag's values as floating-point numbers; nothing if they are neither DOUBLE nor RATIONAL.
     pub(super) fn doubles(&self, tag: u16) -> Result<Vec<f64>> {
-        Ok(match self.raw(tag)? {
-            Some((Entry { kind: 12, .. }, bytes)) => {
-                bytes.chunks_exact(8).map(|value| f64::from_bits(self.input.number(value))).collect()
-            }
-            _ => Vec::new(),
-        })
+        let Some((entry, bytes)) = self.raw(tag)? else { return Ok(Vec::new()) };
+        let number = |bytes: &[u8]| self.input.number(bytes);
+        let double: &dyn Fn(&[u8]) -> f64 = match entry.kind {
+            5 => &|value| number(&value[..4]) as f64 / number(&value[4..]) as f64,
+            12 => &|value| f64::from_bits(number(value)),
+            _ => return Ok(Vec::new()),
+        };
+        Ok(bytes.chunks_exact(8).map(double).collect())
     }
 }

@@ -70,7 +70,7 @@ impl Image {
             samples @ 1..=0xffff => samples as usize,
             samples => return Err(input.corrupt("tag 277", format!("{samples} samples"), "1 to 65535")),
         };
-        let stored = Stored::new(same(339, 1)?, same(258, 1)?).map_err(refuse)?;
+        let mut stored = Stored::new(same(339, 1)?, same(258, 1)?).map_err(refuse)?;
         let codec = Codec::new(first(259, 1)?, directory.bytes(347)?).map_err(refuse)?;
         let photometric = first(262, 0)?;
         let planar = samples > 1 && first(284, 1)? == 2;
@@ -82,6 +82,10 @@ impl Image {
             other => return Err(refuse(format!("predictor {other} for {} samples", stored.name()))),
         };
         let colour = colour(input, directory, &codec, photometric, stored, samples, planar)?;
+        if colour != Colour::Keep {
+            // A sign has no meaning for colours.
+            stored = Stored::Uint(8);
+        }
         match codec {
             Codec::Jpeg(_) | Codec::WebP if !matches!(stored.bits(), 8) => {
                 return Err(refuse(format!("{} of {} samples", codec.name(), stored.name())));
@@ -202,7 +206,8 @@ impl Image {
         };
         let place = || self.layout.name(plane, job.across, job.down);
         let width = self.layout.chunk_width as usize;
-        let rows = self.layout.stored_rows(job.across, job.down) as usize;
+        // Tiles at the bottom should have rows beyond the image, but some writers leave them out.
+        let rows = self.layout.region(job.across, job.down).height as usize;
         let samples = if self.layout.planes > 1 { 1 } else { self.samples };
         let row_bytes = (width * samples * self.stored.bits()).div_ceil(8);
         let (packed_rows, packed_row_bytes) = self.colour.packed(width, rows, row_bytes);
@@ -215,10 +220,7 @@ impl Image {
                 chunk.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
             }
         } else {
-            let count = match count {
-                Some(count @ 1..) => count,
-                _ => input.len.saturating_sub(offset),
-            };
+            let count = count.unwrap_or(input.len.saturating_sub(offset));
             input.check(offset, count, place)?;
             if count > input.memory {
                 return Err(input.too_large(place(), count));
@@ -307,10 +309,15 @@ fn colour(
             if codec.has_predictor() && directory.number(317)?.unwrap_or(1) != 1 {
                 return refuse("subsampled colour with a predictor");
             }
-            if directory.has(529) || directory.has(532) && codec != &Codec::Lzw {
-                return refuse("colour with coefficients of its own (tags 529, 532)");
+            let range = directory.doubles(532)?;
+            if !range.is_empty() && range != [0.0, 255.0, 128.0, 255.0, 128.0, 255.0] {
+                return refuse("colour that does not use the full range (tag 532)");
             }
-            Ok(Colour::Blocks(Yuv::new([0.299, 0.587, 0.114]), h, v))
+            let shares = match directory.doubles(529)?.as_slice() {
+                &[red, green, blue] if green != 0.0 => [red, green, blue].map(|share| share as f32),
+                _ => [0.299, 0.587, 0.114],
+            };
+            Ok(Colour::Blocks(Yuv::new(shares), h, v))
         }
         6 => refuse("luma and chroma other than 3 samples of 8 bits"),
         5 if samples >= 4 && bytes && !planar => Ok(Colour::Cmyk),

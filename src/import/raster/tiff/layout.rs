@@ -67,6 +67,8 @@ impl Layout {
             return Err(input.corrupt("directory", "no chunk offsets", "tag 273 or 324"));
         };
         let counts = directory.numbers(table(325, 279))?;
+        // Old writers of a single strip saw no need to tell its length.
+        let counts = counts.filter(|counts| offsets.len() > 1 || offsets == [0] || counts != &[0]);
 
         let row_bytes = row_bits(chunk_width).div_ceil(8);
         let chunk_height = if raw && !tiled { piece_rows(rows, row_bytes, rows == height) } else { rows };
@@ -84,12 +86,15 @@ impl Layout {
         };
         let strips = layout.across() * height.div_ceil(rows);
         let chunks = strips.saturating_mul(planes);
-        if (layout.offsets.len() as u64) < chunks {
-            return Err(input.corrupt(
-                "table of chunk offsets",
-                format!("{} offsets", layout.offsets.len()),
-                format!("{chunks}, as {width}x{height} pixels take"),
-            ));
+        let tables = [("offsets", Some(&layout.offsets)), ("byte counts", layout.counts.as_ref())];
+        for (name, table) in tables {
+            if let Some(table) = table.filter(|table| (table.len() as u64) < chunks) {
+                return Err(input.corrupt(
+                    format!("table of chunk {name}"),
+                    format!("{} {name}", table.len()),
+                    format!("{chunks}, as {width}x{height} pixels take"),
+                ));
+            }
         }
         Ok(layout)
     }
@@ -115,18 +120,13 @@ impl Layout {
         Region::new(x, y, self.chunk_width.min(self.width - x), self.chunk_height.min(self.height - y))
     }
 
-    /// Rows that are stored of a chunk: all for tiles, those in the image for strips.
-    pub(super) fn stored_rows(&self, across: u64, down: u64) -> u64 {
-        if self.tiled { self.chunk_height } else { self.region(across, down).height }
-    }
-
     /// Where a chunk stands in the file.
     pub(super) fn place(&self, plane: u64, across: u64, down: u64) -> Place {
         let strips_down = if self.pieces == 1 { self.down() } else { self.down().div_ceil(self.pieces) };
         let strip = (plane * strips_down + down / self.pieces) * self.across() + across;
         let offset = self.offsets[strip as usize];
-        let count = self.counts.as_ref().and_then(|counts| counts.get(strip as usize).copied());
-        if offset == 0 && matches!(count, Some(0) | None) {
+        let count = self.counts.as_ref().map(|counts| counts[strip as usize]);
+        if count == Some(0) || offset == 0 && count.is_none() {
             return Place::Hole;
         }
         let skip = (down % self.pieces).saturating_mul(self.piece_bytes);

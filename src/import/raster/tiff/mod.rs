@@ -71,7 +71,8 @@ impl Raster for Tiff {
             let mut samples = Vec::new();
             self.resize(&mut samples, region, mask.pixel_bytes())?;
             mask.read(&self.input, region, &mut samples)?;
-            pixels.valid = Some(samples.into_iter().map(|sample| sample != 0).collect());
+            let flags = samples.chunks_exact(mask.channels);
+            pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
         }
         Ok(())
     }
@@ -99,11 +100,9 @@ fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
         let wanted = is(254, 4)? && is(256, image.layout.width)? && is(257, image.layout.height)?;
         if wanted {
             let mask = Image::new(input, &directory)?;
-            return match (mask.stored, mask.channels) {
-                (Stored::Uint(1..=8), 1) => Ok(Some(mask)),
-                (stored, channels) => {
-                    Err(input.unsupported(format!("a mask of {channels} {} samples", stored.name())))
-                }
+            return match mask.stored {
+                Stored::Uint(1..=8) => Ok(Some(mask)),
+                stored => Err(input.unsupported(format!("a mask of {} samples", stored.name()))),
             };
         }
     }

@@ -28,11 +28,13 @@ impl Stored {
         bits.into()
     }
 
-    /// Bytes of a sample; `None` if samples do not fill whole bytes, so that the byte order and predictors
-    /// have no meaning.
+    /// Bytes of a sample; `None` if samples are packed bit by bit, so that byte order and predictors have no
+    /// meaning. Integers of 24 bits are: their highest byte comes first in any file.
     pub(super) fn bytes(self) -> Option<usize> {
-        let bits = self.bits();
-        bits.is_multiple_of(8).then_some(bits / 8)
+        match self {
+            Stored::Uint(24) => None,
+            _ => self.bits().is_multiple_of(8).then_some(self.bits() / 8),
+        }
     }
 
     /// The type that holds all such samples.
@@ -71,7 +73,6 @@ impl Stored {
                 out.copy_from_slice(row);
             }
             Stored::Int(8) => each(row, out, |[byte]| (byte as i8 as i16).to_le_bytes()),
-            Stored::Uint(24) => each(row, out, |[a, b, c]| [a, b, c, 0]),
             Stored::Float(16) => {
                 each(row, out, |half| half::f16::from_le_bytes(half).to_f32().to_le_bytes());
             }
