@@ -28,6 +28,8 @@ pub(super) struct Shape {
     /// Pixels of a row.
     pub(super) width: usize,
     pub(super) rows: usize,
+    /// Rows that there may be in the compressed data: the last strip may be as high as the others.
+    pub(super) max_rows: usize,
     /// Samples of a pixel in this chunk.
     pub(super) samples: usize,
     /// Bytes of a row.
@@ -139,7 +141,7 @@ impl Codec {
 
     /// Decodes with the `tiff` crate.
     fn by_crate(&self, raw: &[u8], shape: Shape, out: &mut [u8]) -> Result<(), String> {
-        let Shape { width, rows, samples, row_bytes } = shape;
+        let Shape { width, rows, samples, row_bytes, .. } = shape;
         let (compression, width, bits, samples) = match self {
             Codec::Fax4 => (4, width, 1, 1),
             Codec::Jpeg(_) => (7, width, 8, samples),
@@ -151,7 +153,7 @@ impl Codec {
         limits.ifd_value_size = file.len();
         let decode = || {
             let mut decoder = Decoder::new(Cursor::new(file))?.with_limits(limits);
-            if shape.row_bytes * rows == out.len() {
+            if row_bytes * rows == out.len() {
                 return decoder.read_chunk_bytes(0, out);
             }
             // The stream holds more rows than wanted, and the crate reads all or nothing.
@@ -228,8 +230,7 @@ fn unlzw(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String> 
 }
 
 fn same_size(shape: Shape, width: usize, rows: usize) -> Result<(), String> {
-    // The last strip of a picture may be as high as the others.
-    if width == shape.width && rows >= shape.rows && rows <= shape.rows.saturating_add(4096) {
+    if width == shape.width && (shape.rows..=shape.max_rows).contains(&rows) {
         return Ok(());
     }
     Err(format!("a picture of {width}x{rows} in a chunk of {}x{}", shape.width, shape.rows))

@@ -51,13 +51,14 @@ impl Input {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// An error about something in this file that cannot be read.
+    /// An error about a way to store samples that cannot be read.
     pub(super) fn unsupported(&self, found: impl Into<String>) -> Error {
-        Error::unsupported(
-            &self.path,
-            found,
-            "rewrite the file with `gdal_translate -co COMPRESS=ZSTD -co TILED=YES`",
-        )
+        Error::unsupported(&self.path, found, "rewrite the file with `gdal_translate -co COMPRESS=ZSTD`")
+    }
+
+    /// An error about samples that cannot be read.
+    pub(super) fn odd_samples(&self, found: impl Into<String>) -> Error {
+        Error::unsupported(&self.path, found, "give the file other samples with `gdal_translate -ot Float64`")
     }
 
     /// An error about something that does not fit in the allowed memory.
@@ -158,16 +159,16 @@ impl Input {
         Ok((directory, next.unwrap_or(0)))
     }
 
-    /// The directories from the one at `offset` on, as far as they are sound; loops end.
-    pub(super) fn chain(&self, mut offset: u64) -> impl Iterator<Item = Directory<'_>> {
+    /// The directories from the one at `offset` on; loops end, and so does the chain after an error.
+    pub(super) fn chain(&self, mut offset: u64) -> impl Iterator<Item = Result<Directory<'_>>> {
         let mut seen = HashSet::new();
         std::iter::from_fn(move || {
             if offset == 0 || seen.len() == MAX_DIRECTORIES || !seen.insert(offset) {
                 return None;
             }
-            let (directory, next) = self.directory(offset).ok()?;
-            offset = next;
-            Some(directory)
+            let directory = self.directory(offset);
+            offset = directory.as_ref().map_or(0, |(_, next)| *next);
+            Some(directory.map(|(directory, _)| directory))
         })
     }
 
@@ -215,8 +216,10 @@ impl Directory<'_> {
         let place = || format!("tag {tag}");
         // Only a table that really is in the file may be asked memory for.
         self.input.check(entry.at, length, place)?;
-        if length > self.input.memory {
-            return Err(self.input.too_large(place(), length));
+        // Numbers take 8 bytes each once they are read.
+        let needed = entry.count.saturating_mul(8);
+        if needed > self.input.memory {
+            return Err(self.input.too_large(place(), needed));
         }
         let mut bytes = vec![0; length as usize];
         self.input.read_at(entry.at, &mut bytes, place)?;

@@ -63,14 +63,14 @@ impl Image {
         let same = |tag, default| match directory.numbers(tag)?.unwrap_or_default().as_slice() {
             [] => Ok(default),
             [value, rest @ ..] if rest.iter().all(|other| other == value) => Ok(*value),
-            values => Err(input.unsupported(format!("a mix of samples (tag {tag}: {values:?})"))),
+            values => Err(input.odd_samples(format!("a mix of samples (tag {tag}: {values:?})"))),
         };
         let refuse = |what| input.unsupported(what);
         let samples = match first(277, 1)? {
             samples @ 1..=0xffff => samples as usize,
             samples => return Err(input.corrupt("tag 277", format!("{samples} samples"), "1 to 65535")),
         };
-        let mut stored = Stored::new(same(339, 1)?, same(258, 1)?).map_err(refuse)?;
+        let mut stored = Stored::new(same(339, 1)?, same(258, 1)?).map_err(|what| input.odd_samples(what))?;
         let codec = Codec::new(first(259, 1)?, directory.bytes(347)?).map_err(refuse)?;
         let photometric = first(262, 0)?;
         let planar = samples > 1 && first(284, 1)? == 2;
@@ -100,6 +100,9 @@ impl Image {
         let row_bits = |pixels: u64| pixels * (stored.bits() * together) as u64;
         let raw = codec == Codec::None && !matches!(colour, Colour::Blocks(..));
         let layout = Layout::read(input, directory, planes as u64, raw, row_bits)?;
+        if codec == Codec::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
+            return Err(refuse("fax of more than 65535 columns, or rows in a strip,".into()));
+        }
         let chunk = row_bits(layout.chunk_width).div_ceil(8).saturating_mul(layout.chunk_height);
         if chunk > input.memory {
             let what = if layout.tiled { "a decoded tile" } else { "a decoded strip" };
@@ -107,7 +110,7 @@ impl Image {
         }
         let threads = rayon::current_num_threads() as u64;
         Ok(Image {
-            cache: Mutex::new(Cache::new(input.memory / 2)),
+            cache: Mutex::new(Cache::new(input.memory / 4)),
             workers: Mutex::default(),
             parallel: (input.memory / 2 / chunk.max(1)).clamp(1, threads) as usize,
             channels: colour.channels(samples),
@@ -230,7 +233,8 @@ impl Image {
             if self.lowest_first {
                 raw.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
             }
-            let shape = Shape { width, rows: packed_rows, samples, row_bytes: packed_row_bytes };
+            let max_rows = self.layout.chunk_height as usize;
+            let shape = Shape { width, rows: packed_rows, max_rows, samples, row_bytes: packed_row_bytes };
             self.codec
                 .decode(states, raw, shape, chunk)
                 .map_err(|found| input.corrupt(place(), found, format!("{} bytes of samples", chunk.len())))?;
@@ -269,7 +273,7 @@ impl Image {
             };
             done.map_err(|number| {
                 let place = self.layout.name(plane, job.across, job.down);
-                input.unsupported(format!("the 64-bit number {number} in the {place}, which f64 cannot hold,"))
+                input.odd_samples(format!("the number {number} ({place}), which f64 cannot hold,"))
             })?;
         }
         Ok(())
@@ -320,7 +324,8 @@ fn colour(
             Ok(Colour::Blocks(Yuv::new(shares), h, v))
         }
         6 => refuse("luma and chroma other than 3 samples of 8 bits"),
-        5 if samples >= 4 && bytes && !planar => Ok(Colour::Cmyk),
+        5 if samples >= 4 && bytes && planar => refuse("inks in planes of their own"),
+        5 if samples >= 4 && bytes => Ok(Colour::Cmyk),
         8..=10 => refuse("CIE L*a*b* colour"),
         _ => Ok(Colour::Keep),
     }

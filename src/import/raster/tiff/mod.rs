@@ -95,6 +95,7 @@ impl Tiff {
 /// The mask that belongs to an image, from the directories that follow.
 fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
     for directory in input.chain(next) {
+        let directory = directory?;
         let is = |tag: u16, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
         // Bit 2 of the new subfile type is "mask", bit 0 "of an overview".
         let wanted = is(254, 4)? && is(256, image.layout.width)? && is(257, image.layout.height)?;

@@ -20,7 +20,11 @@ pub(super) fn restore(
     big_endian: bool,
 ) {
     if big_endian && size > 1 && predictor != Predictor::Float {
-        rows.chunks_exact_mut(size).for_each(<[u8]>::reverse);
+        match size {
+            2 => rows.as_chunks_mut::<2>().0.iter_mut().for_each(|sample| sample.reverse()),
+            4 => rows.as_chunks_mut::<4>().0.iter_mut().for_each(|sample| sample.reverse()),
+            _ => rows.chunks_exact_mut(size).for_each(<[u8]>::reverse),
+        }
     }
     match predictor {
         Predictor::None => {}
