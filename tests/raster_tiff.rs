@@ -24,7 +24,10 @@ const REFUSED: [(&str, &str); 16] = [
     ("gdal_gcore/next_default_case.tif", "NeXT"),
     ("gdal_gcore/next_literalrow.tif", "NeXT"),
     ("gdal_gcore/next_literalspan.tif", "NeXT"),
-    ("gdal_gcore/size_of_stripbytecount_at_1_and_lower_than_stripcount.tif", "GDAL reads zeros that are not there"),
+    (
+        "gdal_gcore/size_of_stripbytecount_at_1_and_lower_than_stripcount.tif",
+        "GDAL reads zeros that are not there",
+    ),
     ("gdal_gcore/size_of_stripbytecount_lower_than_stripcount.tif", "GDAL reads zeros that are not there"),
     ("gdal_gcore/thunder.tif", "ThunderScan"),
     ("gdal_gcore/uint16_sgilog.tif", "SGI LogLuv"),
@@ -33,10 +36,26 @@ const REFUSED: [(&str, &str); 16] = [
 
 /// Files whose coordinate system has another number for us, and why.
 const OTHER_EPSG: [(&str, Option<u32>, &str); 8] = [
-    ("gdal_gcore/epsg26711_3855_geotiff1_1.tif", Some(26711), "of a pair with heights, we tell the plane's part"),
-    ("gdal_gcore/epsg32631_4979_geotiff1_1.tif", Some(32631), "of a pair with heights, we tell the plane's part"),
-    ("gdal_gcore/epsg4326_3855_geotiff1_1.tif", Some(4326), "of a pair with heights, we tell the plane's part"),
-    ("gdal_gcore/epsg4326_5030_geotiff1_1.tif", Some(4326), "of a pair with heights, we tell the plane's part"),
+    (
+        "gdal_gcore/epsg26711_3855_geotiff1_1.tif",
+        Some(26711),
+        "of a pair with heights, we tell the plane's part",
+    ),
+    (
+        "gdal_gcore/epsg32631_4979_geotiff1_1.tif",
+        Some(32631),
+        "of a pair with heights, we tell the plane's part",
+    ),
+    (
+        "gdal_gcore/epsg4326_3855_geotiff1_1.tif",
+        Some(4326),
+        "of a pair with heights, we tell the plane's part",
+    ),
+    (
+        "gdal_gcore/epsg4326_5030_geotiff1_1.tif",
+        Some(4326),
+        "of a pair with heights, we tell the plane's part",
+    ),
     ("gdal_gcore/epsg4979_geotiff1_1.tif", Some(4326), "of a pair with heights, we tell the plane's part"),
     ("gdal_gcore/spaf27_correct.tif", None, "given by parameters, whose number only a database knows"),
     ("gdal_gcore/spaf27_markedcorrect.tif", None, "given by parameters, whose number only a database knows"),
@@ -44,10 +63,8 @@ const OTHER_EPSG: [(&str, Option<u32>, &str); 8] = [
 ];
 
 fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("SPINNEY_DATA").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
-        PathBuf::from,
-    );
+    let folder = std::env::var_os("SPINNEY_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
     let folder = folder.join("raster");
     if !folder.is_dir() {
         eprintln!("skipped: no test data in {}", folder.display());
@@ -72,7 +89,8 @@ struct Expected<'a> {
 impl Expected<'_> {
     fn parse(line: &str) -> Option<Expected<'_>> {
         let fields: Vec<_> = line.split('\t').collect();
-        let &[file, width, height, bands, dtype, nodata, epsg, transform, _, hash, mean] = fields.as_slice() else {
+        let &[file, width, height, bands, dtype, nodata, epsg, transform, _, hash, mean] = fields.as_slice()
+        else {
             return None;
         };
         let transform: Vec<f64> = transform.split(',').filter_map(|number| number.parse().ok()).collect();
@@ -194,7 +212,9 @@ fn files_read_as_gdal_reads_them() {
         };
         match differences(&expected, &path) {
             Ok(differences) => wrong.extend(differences.iter().map(|what| format!("{file}: {what}"))),
-            Err(Error::Unsupported { .. } | Error::Corrupt { .. }) if REFUSED.iter().any(|(f, _)| *f == file) => {
+            Err(Error::Unsupported { .. } | Error::Corrupt { .. })
+                if REFUSED.iter().any(|(f, _)| *f == file) =>
+            {
                 refused.push(file);
             }
             Err(error) => wrong.push(format!("{file}: {error}")),
@@ -218,7 +238,8 @@ const MEMORY: u64 = 1 << 20;
 
 #[test]
 fn a_mask_tells_what_is_valid() {
-    let mask = Ifd::grey(3, 2, vec![0b1010_0000, 0b0110_0000]).short(254, &[4]).short(258, &[1]).short(262, &[4]);
+    let mask =
+        Ifd::grey(3, 2, vec![0b1010_0000, 0b0110_0000]).short(254, &[4]).short(258, &[1]).short(262, &[4]);
     let overview = Ifd::grey(2, 1, vec![7, 7]).short(254, &[1]);
     let image = Ifd::grey(3, 2, vec![1, 2, 3, 4, 5, 6]);
     let (_, pixels) = whole(&file(&[image.clone(), overview.clone(), mask]), MEMORY).unwrap();
@@ -258,13 +279,18 @@ fn whole_numbers_become_f64_only_if_nothing_is_lost() {
 #[test]
 fn small_samples_become_the_next_wider_type() {
     let image = |bits, format, strip: &[u8]| {
-        let (info, pixels) =
-            whole(&file(&[Ifd::grey(2, 1, strip.to_vec()).short(258, &[bits]).short(339, &[format])]), MEMORY)
-                .unwrap();
+        let (info, pixels) = whole(
+            &file(&[Ifd::grey(2, 1, strip.to_vec()).short(258, &[bits]).short(339, &[format])]),
+            MEMORY,
+        )
+        .unwrap();
         (info.stored_sample, info.sample, pixels.bytes)
     };
     assert_eq!(image(3, 1, &[0b101_010_00]), ("uint3".into(), SampleType::U8, vec![5, 2]));
-    assert_eq!(image(12, 1, &[0xab, 0xcd, 0xef]), ("uint12".into(), SampleType::U16, vec![0xbc, 0x0a, 0xef, 0x0d]));
+    assert_eq!(
+        image(12, 1, &[0xab, 0xcd, 0xef]),
+        ("uint12".into(), SampleType::U16, vec![0xbc, 0x0a, 0xef, 0x0d])
+    );
     assert_eq!(image(8, 2, &[0xff, 1]), ("int8".into(), SampleType::I16, vec![0xff, 0xff, 1, 0]));
     let halves = [1f32, -2.0].map(f32::to_le_bytes).concat();
     assert_eq!(image(16, 3, &[0, 0x3c, 0, 0xc0]), ("half".into(), SampleType::F32, halves.clone()));

@@ -43,12 +43,19 @@ fn seeds() -> Vec<Vec<u8>> {
         .tag(33922, Values::Double(vec![0.0, 0.0, 0.0, 5.0, 6.0, 0.0]))
         .short(34735, &[1, 1, 0, 2, 1024, 0, 1, 1, 1026, 34737, 4, 0])
         .tag(34737, Values::Text("abc|"))
-        .tag(42112, Values::Text("<GDALMetadata><Item name=\"a\" sample=\"0\" role=\"scale\">2</Item></GDALMetadata>"))
+        .tag(
+            42112,
+            Values::Text(
+                "<GDALMetadata><Item name=\"a\" sample=\"0\" role=\"scale\">2</Item></GDALMetadata>",
+            ),
+        )
         .tag(42113, Values::Text("-9999"))
         .chunks(&vec![deflated(&[7; 512]); 8]);
-    let mask = Ifd::grey(20, 17, vec![0x55; 51]).short(254, &[4]).short(258, &[1]).short(278, &[4]).chunks(
-        &[vec![0x55; 12], vec![0xaa; 12], vec![], vec![1; 12], vec![2; 3]],
-    );
+    let mask = Ifd::grey(20, 17, vec![0x55; 51])
+        .short(254, &[4])
+        .short(258, &[1])
+        .short(278, &[4])
+        .chunks(&[vec![0x55; 12], vec![0xaa; 12], vec![], vec![1; 12], vec![2; 3]]);
     let map: Vec<u16> = (0..48).map(|i| i * 1000).collect();
     let packbits = Ifd::grey(9, 3, vec![0xfc, 0x12, 0x04, 1, 2, 3, 4, 5, 0xfc, 9])
         .short(258, &[4])
@@ -124,9 +131,7 @@ fn other_codecs_with_turned_bits() {
 
 #[test]
 fn numbers_without_bound() {
-    let long = |tag, value| {
-        file(&[Ifd::grey(4, 4, vec![0; 16]).tag(tag, Values::Long(vec![value]))])
-    };
+    let long = |tag, value| file(&[Ifd::grey(4, 4, vec![0; 16]).tag(tag, Values::Long(vec![value]))]);
     for tag in [256, 257, 258, 277, 278, 317, 322, 338, 339, 34735, 42113] {
         for value in [0, 1, 1 << 16, 0x7fff_ffff, u32::MAX] {
             let _ = read(&long(tag, value));

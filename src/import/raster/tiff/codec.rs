@@ -125,7 +125,10 @@ impl Codec {
             Codec::Jpeg(tables) => {
                 let frame = JpegFrame::find(raw).ok_or("no JPEG frame header")?;
                 if frame.bits != 8 {
-                    return Err(format!("JPEG samples of {} bits, of which only 8 are supported", frame.bits));
+                    return Err(format!(
+                        "JPEG samples of {} bits, of which only 8 are supported",
+                        frame.bits
+                    ));
                 }
                 if frame.components != shape.samples {
                     return Err(format!("a JPEG picture of {} components", frame.components));
@@ -237,11 +240,7 @@ fn same_size(shape: Shape, width: usize, rows: usize) -> Result<(), String> {
 }
 
 /// A little-endian TIFF file whose only strip is `raw`.
-fn one_strip(
-    raw: &[u8],
-    [width, rows, bits, compression, samples]: [usize; 5],
-    tables: &[u8],
-) -> Vec<u8> {
+fn one_strip(raw: &[u8], [width, rows, bits, compression, samples]: [usize; 5], tables: &[u8]) -> Vec<u8> {
     const ENTRIES: usize = 10;
     let tables_at = 8 + 2 + ENTRIES * 12 + 4;
     let raw_at = tables_at + tables.len().max(4);
@@ -289,7 +288,19 @@ impl JpegFrame {
             match *rest {
                 [0xff, 0xff, ..] => at += 1,
                 // Start of frame, of any kind; the gaps are other segments.
-                [0xff, 0xc0..=0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf, _, _, bits, a, b, c, d, n, ..] => {
+                [
+                    0xff,
+                    0xc0..=0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf,
+                    _,
+                    _,
+                    bits,
+                    a,
+                    b,
+                    c,
+                    d,
+                    n,
+                    ..,
+                ] => {
                     return Some(JpegFrame {
                         bits,
                         width: u16::from_be_bytes([c, d]).into(),

@@ -197,7 +197,7 @@ impl Image {
         self.copy(input, &worker.chunk, &mut worker.row, job, plane)?;
         if !job.whole {
             let chunk = Arc::new(std::mem::take(&mut worker.chunk));
-            self.cache.lock().expect("no panic while held").put(index, chunk);
+            worker.chunk = self.cache.lock().expect("no panic while held").put(index, chunk);
         }
         Ok(())
     }
@@ -235,9 +235,9 @@ impl Image {
             }
             let max_rows = self.layout.chunk_height as usize;
             let shape = Shape { width, rows: packed_rows, max_rows, samples, row_bytes: packed_row_bytes };
-            self.codec
-                .decode(states, raw, shape, chunk)
-                .map_err(|found| input.corrupt(place(), found, format!("{} bytes of samples", chunk.len())))?;
+            self.codec.decode(states, raw, shape, chunk).map_err(|found| {
+                input.corrupt(place(), found, format!("{} bytes of samples", chunk.len()))
+            })?;
         }
         if let Some(size) = self.stored.bytes() {
             predictor::restore(self.predictor, chunk, packed_row_bytes, size, samples, input.big_endian);
@@ -266,7 +266,10 @@ impl Image {
                 set_len(buffer, job.part.width as usize * size);
                 let done = self.stored.widen(from, left, buffer);
                 let places = to.chunks_exact_mut(size).skip(plane as usize).step_by(self.channels);
-                buffer.chunks_exact(size).zip(places).for_each(|(sample, place)| place.copy_from_slice(sample));
+                buffer
+                    .chunks_exact(size)
+                    .zip(places)
+                    .for_each(|(sample, place)| place.copy_from_slice(sample));
                 done
             } else {
                 self.stored.widen(from, left, to)
@@ -308,7 +311,9 @@ fn colour(
             let (h, v) = match directory.numbers(530)?.as_deref() {
                 None => (2, 2),
                 Some(&[h @ (1 | 2 | 4), v @ (1 | 2 | 4), ..]) => (h as usize, v as usize),
-                Some(other) => return Err(input.corrupt("tag 530", format!("{other:?}"), "1, 2 or 4, twice")),
+                Some(other) => {
+                    return Err(input.corrupt("tag 530", format!("{other:?}"), "1, 2 or 4, twice"));
+                }
             };
             if codec.has_predictor() && directory.number(317)?.unwrap_or(1) != 1 {
                 return refuse("subsampled colour with a predictor");

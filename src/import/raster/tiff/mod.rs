@@ -82,9 +82,9 @@ impl Tiff {
     /// Makes room for a region, if there is enough memory at all.
     fn resize(&self, bytes: &mut Vec<u8>, region: Region, pixel: usize) -> Result<()> {
         let needed = region.area().saturating_mul(pixel as u64);
-        let room = usize::try_from(needed).ok().filter(|needed| {
-            bytes.try_reserve_exact(needed.saturating_sub(bytes.len())).is_ok()
-        });
+        let room = usize::try_from(needed)
+            .ok()
+            .filter(|needed| bytes.try_reserve_exact(needed.saturating_sub(bytes.len())).is_ok());
         let room = room.ok_or_else(|| self.input.too_large("the region asked for", needed))?;
         // What is left in it from before is overwritten.
         bytes.resize(room, 0);
@@ -200,7 +200,8 @@ fn ramp(image: &Image) -> Option<Palette> {
 /// Texts worth keeping.
 fn tags(directory: &Directory<'_>, items: Vec<(String, String)>) -> Result<Vec<(String, String)>> {
     let mut tags = Vec::new();
-    for (tag, name) in [(270, "description"), (305, "software"), (306, "date"), (315, "artist"), (33432, "copyright")]
+    for (tag, name) in
+        [(270, "description"), (305, "software"), (306, "date"), (315, "artist"), (33432, "copyright")]
     {
         if let Some(text) = directory.text(tag)?.filter(|text| !text.is_empty()) {
             tags.push((name.to_string(), text));
