@@ -286,7 +286,7 @@ fn small_samples_become_the_next_wider_type() {
         .unwrap();
         (info.stored_sample, info.sample, pixels.bytes)
     };
-    assert_eq!(image(3, 1, &[0b101_010_00]), ("uint3".into(), SampleType::U8, vec![5, 2]));
+    assert_eq!(image(3, 1, &[0b1010_1000]), ("uint3".into(), SampleType::U8, vec![5, 2]));
     assert_eq!(
         image(12, 1, &[0xab, 0xcd, 0xef]),
         ("uint12".into(), SampleType::U16, vec![0xbc, 0x0a, 0xef, 0x0d])
@@ -320,7 +320,7 @@ fn gdal_metadata_name_bands_and_classes() {
 #[test]
 fn palettes_have_eight_bits_and_clear_nodata() {
     let map: Vec<u16> = [0, 1, 2, 3].iter().flat_map(|n| [n * 257; 4]).take(12).collect();
-    let image = Ifd::grey(4, 1, vec![0b00_01_10_11]).short(258, &[2]).short(262, &[3]).short(320, &map);
+    let image = Ifd::grey(4, 1, vec![0b0001_1011]).short(258, &[2]).short(262, &[3]).short(320, &map);
     let (info, pixels) = whole(&file(&[image.tag(42113, Values::Text("2"))]), MEMORY).unwrap();
     assert_eq!(info.palette.unwrap().colours, [[0, 1, 2, 255], [0, 1, 2, 255], [0, 1, 2, 0], [0, 1, 2, 255]]);
     assert_eq!(info.kind, Some(Kind::Categorical));

@@ -97,6 +97,14 @@ fn flip(seed: &[u8], times: usize) {
         }
         let _ = read(&bytes);
     }
+    assert!(peak_memory() < 100 << 20, "{} bytes", peak_memory());
+}
+
+/// The most memory that this process ever had, where that can be known.
+fn peak_memory() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+    peak.and_then(|kilobytes| kilobytes.parse::<u64>().ok()).unwrap_or(0) << 10
 }
 
 #[test]

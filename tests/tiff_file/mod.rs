@@ -5,7 +5,7 @@ use std::io::Write;
 /// The values of a tag.
 #[derive(Clone)]
 #[allow(dead_code)] // each test file needs some
-pub enum Values {
+pub(crate) enum Values {
     Short(Vec<u16>),
     Long(Vec<u32>),
     Double(Vec<f64>),
@@ -14,14 +14,14 @@ pub enum Values {
 
 /// One image of a file.
 #[derive(Clone, Default)]
-pub struct Ifd {
+pub(crate) struct Ifd {
     tags: Vec<(u16, Values)>,
     chunks: Vec<Vec<u8>>,
 }
 
 impl Ifd {
     /// A grey image of bytes in one strip, for other tags to change.
-    pub fn grey(width: u16, height: u16, strip: Vec<u8>) -> Ifd {
+    pub(crate) fn grey(width: u16, height: u16, strip: Vec<u8>) -> Ifd {
         Ifd { tags: Vec::new(), chunks: vec![strip] }
             .short(256, &[width])
             .short(257, &[height])
@@ -29,26 +29,26 @@ impl Ifd {
             .short(262, &[1])
     }
 
-    pub fn short(self, tag: u16, values: &[u16]) -> Ifd {
+    pub(crate) fn short(self, tag: u16, values: &[u16]) -> Ifd {
         self.tag(tag, Values::Short(values.to_vec()))
     }
 
     /// Sets a tag, in place of what it was.
-    pub fn tag(mut self, tag: u16, values: Values) -> Ifd {
+    pub(crate) fn tag(mut self, tag: u16, values: Values) -> Ifd {
         self.tags.retain(|(other, _)| *other != tag);
         self.tags.push((tag, values));
         self
     }
 
     /// Sets the strips, or the tiles if the tags have a tile width; an empty one is left out of the file.
-    pub fn chunks(mut self, chunks: &[Vec<u8>]) -> Ifd {
+    pub(crate) fn chunks(mut self, chunks: &[Vec<u8>]) -> Ifd {
         self.chunks = chunks.to_vec();
         self
     }
 }
 
 /// The bytes of a file of these images, little-endian.
-pub fn file(ifds: &[Ifd]) -> Vec<u8> {
+pub(crate) fn file(ifds: &[Ifd]) -> Vec<u8> {
     let mut bytes = b"II*\0\0\0\0\0".to_vec();
     let mut link = 4;
     for ifd in ifds {
@@ -93,7 +93,7 @@ pub fn file(ifds: &[Ifd]) -> Vec<u8> {
 }
 
 /// A file on disk, removed when dropped.
-pub fn on_disk(bytes: &[u8]) -> tempfile::NamedTempFile {
+pub(crate) fn on_disk(bytes: &[u8]) -> tempfile::NamedTempFile {
     let mut file = tempfile::Builder::new().suffix(".tif").tempfile().unwrap();
     file.write_all(bytes).unwrap();
     file

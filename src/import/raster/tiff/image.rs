@@ -72,7 +72,7 @@ impl Image {
         };
         let mut stored = Stored::new(same(339, 1)?, same(258, 1)?).map_err(|what| input.odd_samples(what))?;
         let codec = Codec::new(first(259, 1)?, directory.bytes(347)?).map_err(refuse)?;
-        let photometric = first(262, 0)?;
+        let photometric = first(262, 1)?;
         let planar = samples > 1 && first(284, 1)? == 2;
         let predictor = match first(317, 1)? {
             _ if !codec.has_predictor() => Predictor::None,
@@ -217,7 +217,10 @@ impl Image {
         let Worker { states, raw, chunk, .. } = worker;
         set_len(chunk, packed_rows * packed_row_bytes);
         if self.codec == Codec::None {
-            // Tables of counts are often wrong or missing, and not needed here.
+            if let Some(count) = count.filter(|count| *count < chunk.len() as u64) {
+                let found = format!("{count} bytes");
+                return Err(input.corrupt(place(), found, format!("{} bytes of samples", chunk.len())));
+            }
             input.read_at(offset, chunk, place)?;
             if self.lowest_first {
                 chunk.iter_mut().for_each(|byte| *byte = byte.reverse_bits());

@@ -26,7 +26,7 @@ pub(super) struct Layout {
 
 /// Where a chunk's bytes stand in the file.
 pub(super) enum Place {
-    /// At this offset, and so many where the file tells.
+    /// From this offset on, in so many bytes where the file tells.
     At(u64, Option<u64>),
     /// Nowhere: the chunk was never written.
     Hole,
@@ -130,7 +130,7 @@ impl Layout {
             return Place::Hole;
         }
         let skip = (down % self.pieces).saturating_mul(self.piece_bytes);
-        Place::At(offset.saturating_add(skip), count.filter(|_| self.pieces == 1))
+        Place::At(offset.saturating_add(skip), count.map(|count| count.saturating_sub(skip)))
     }
 
     /// The chunk in words, for messages.
