@@ -342,6 +342,9 @@ fn large_plain_strips_need_little_memory() {
     let bytes = file(&[Ifd::grey(4000, 1000, strip.clone())]);
     let (info, pixels) = whole(&bytes, MEMORY).unwrap();
     assert_eq!((pixels.bytes, info.order), (strip.clone(), Order::Bands));
+    let strips = [strip[..600 * 4000].to_vec(), strip[600 * 4000..].to_vec()];
+    let two = Ifd::grey(4000, 1000, vec![]).short(278, &[600]).chunks(&strips);
+    assert_eq!(whole(&file(&[two]), MEMORY).unwrap().1.bytes, strip);
     // A compressed strip has to be decoded at once.
     let error = whole(&file(&[Ifd::grey(4000, 1000, strip).short(259, &[8])]), MEMORY).unwrap_err();
     assert!(matches!(error, Error::TooLarge { needed: 4_000_000, .. }), "{error}");

@@ -100,7 +100,11 @@ impl Input {
         while !buffer.is_empty() {
             match std::os::windows::fs::FileExt::seek_read(&self.file, buffer, offset)? {
                 0 => return Err(std::io::ErrorKind::UnexpectedEof.into()),
-                n => (offset, buffer) = (offset + n as u64, &mut buffer[n..]),
+                n => {
+                    let rest = buffer;
+                    buffer = &mut rest[n..];
+                    offset += n as u64;
+                }
             }
         }
         Ok(())

@@ -63,7 +63,10 @@ impl Image {
         let same = |tag, default| match directory.numbers(tag)?.unwrap_or_default().as_slice() {
             [] => Ok(default),
             [value, rest @ ..] if rest.iter().all(|other| other == value) => Ok(*value),
-            values => Err(input.odd_samples(format!("a mix of samples (tag {tag}: {values:?})"))),
+            values => {
+                let some = &values[..values.len().min(8)];
+                Err(input.odd_samples(format!("a mix of samples (tag {tag}: {some:?})")))
+            }
         };
         let refuse = |what| input.unsupported(what);
         let samples = match first(277, 1)? {
