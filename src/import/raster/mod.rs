@@ -1,5 +1,9 @@
 //! Raster files as input: one trait, one reader per format, mosaics of several.
 
+mod tiff;
+
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use crate::space::{Frame, Region};
@@ -101,6 +105,11 @@ impl Default for OpenOptions {
 /// # Errors
 /// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
-    let _ = options;
-    Err(Error::unsupported(path, "this format", "convert it to TIFF"))
+    let mut magic = Vec::new();
+    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    file.take(16).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
+    match magic.as_slice() {
+        [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
+        _ => Err(Error::unsupported(path, "this format", "convert it to TIFF")),
+    }
 }

@@ -1,0 +1,115 @@
+//! Where a GeoTIFF's pixels lie: the model tags and the GeoKeys.
+
+use std::collections::HashMap;
+
+use super::ifd::Directory;
+use crate::Result;
+use crate::space::Frame;
+
+const PIXEL_SCALE: u16 = 33550;
+const TIE_POINTS: u16 = 33922;
+const TRANSFORMATION: u16 = 34264;
+const KEYS: u16 = 34735;
+const KEY_TEXTS: u16 = 34737;
+
+const MODEL_TYPE: u16 = 1024;
+const RASTER_TYPE: u16 = 1025;
+const CITATION: u16 = 1026;
+const GEOGRAPHIC: u16 = 2048;
+const GEOGRAPHIC_CITATION: u16 = 2049;
+const PROJECTED: u16 = 3072;
+const PROJECTED_CITATION: u16 = 3073;
+const PROJECTION: u16 = 3074;
+
+/// The frame that the tags tell, the identity if none.
+pub(super) fn frame(directory: &Directory<'_>) -> Result<Frame> {
+    let keys = Keys::read(directory)?;
+    let point = keys.numbers.get(&RASTER_TYPE) == Some(&2);
+    let Some(mut affine) = affine(directory)? else {
+        // Tie points alone are ground control points, which no affine map goes through: then there is only
+        // the picture itself, and its coordinate system would be misleading.
+        let system = if directory.has(TIE_POINTS) { None } else { keys.epsg() };
+        return Ok(Frame { epsg: system, ..Frame::identity() });
+    };
+    if point {
+        // What is said of a pixel's centre is to be said of its corner.
+        let [a, b, _, d, e, _] = affine;
+        affine[2] -= (a + b) / 2.0;
+        affine[5] -= (d + e) / 2.0;
+    }
+    Ok(Frame { epsg: keys.epsg(), crs_name: keys.name(), pixel_is_point: point, ..Frame::planar(affine) })
+}
+
+/// The affine map as it stands, in the order of [`Frame::planar`].
+fn affine(directory: &Directory<'_>) -> Result<Option<[f64; 6]>> {
+    let tie_points = directory.doubles(TIE_POINTS)?;
+    Ok(match (directory.doubles(PIXEL_SCALE)?.as_slice(), tie_points.as_slice()) {
+        (&[a, e, ..], &[column, row, _, x, y, _, ..]) if a != 0.0 && e != 0.0 => {
+            // Scales have no sign, rows go south; some writers give a negative number nonetheless.
+            let e = -e.abs();
+            Some([a, 0.0, x - column * a, 0.0, e, y - row * e])
+        }
+        _ => match directory.doubles(TRANSFORMATION)?.as_slice() {
+            &[a, b, _, c, d, e, _, f, ..] => Some([a, b, c, d, e, f]),
+            _ => None,
+        },
+    }
+    .filter(|affine| affine.iter().all(|number| number.is_finite())))
+}
+
+/// The GeoKeys that have a number of 16 bits or a text.
+#[derive(Default)]
+struct Keys {
+    numbers: HashMap<u16, u16>,
+    texts: HashMap<u16, String>,
+}
+
+impl Keys {
+    fn read(directory: &Directory<'_>) -> Result<Keys> {
+        let table = directory.numbers(KEYS)?.unwrap_or_default();
+        let texts = directory.bytes(KEY_TEXTS)?.unwrap_or_default();
+        let mut keys = Keys::default();
+        // The first four numbers are a version and a count, which the tag's length tells as well.
+        for entry in table.as_chunks::<4>().0.iter().skip(1) {
+            let [key, tag, count, value] = entry.map(|number| number as u16);
+            match tag {
+                0 => {
+                    keys.numbers.insert(key, value);
+                }
+                KEY_TEXTS => {
+                    let (start, count) = (usize::from(value), usize::from(count));
+                    let Some(text) = texts.get(start..start + count) else { continue };
+                    let text = String::from_utf8_lossy(text);
+                    keys.texts.insert(key, text.trim_end_matches(['|', '\0', ' ']).to_string());
+                }
+                _ => {}
+            }
+        }
+        Ok(keys)
+    }
+
+    /// The EPSG number of the horizontal coordinate system.
+    fn epsg(&self) -> Option<u32> {
+        let cited = |words: &str| self.texts.values().any(|text| text.to_lowercase().contains(words));
+        // Some writers have names of their own for the system that most web maps use.
+        if cited("wgs_1984_web_mercator_auxiliary_sphere") || self.numbers.get(&PROJECTION) == Some(&3856) {
+            return Some(3857);
+        }
+        // ERDAS Imagine gives the metric system's number for systems in feet.
+        if cited("imagine geotiff support") && cited("feet") {
+            return None;
+        }
+        let code = match self.numbers.get(&PROJECTED) {
+            Some(code) => code,
+            None if self.numbers.get(&MODEL_TYPE) == Some(&1) => return None,
+            None => self.numbers.get(&GEOGRAPHIC)?,
+        };
+        // 0 is undefined, 32767 is defined by the user.
+        (1024..32767).contains(code).then_some(u32::from(*code))
+    }
+
+    fn name(&self) -> Option<String> {
+        let names = [CITATION, PROJECTED_CITATION, GEOGRAPHIC_CITATION];
+        names.iter().find_map(|key| self.texts.get(key)).filter(|name| !name.is_empty()).cloned()
+    }
+}

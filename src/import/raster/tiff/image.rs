@@ -1,0 +1,343 @@
+//! The pixels of one image of the file: chunks are read, decoded, and put where they belong.
+
+use std::sync::{Arc, Mutex};
+
+use rayon::prelude::*;
+
+use super::cache::Cache;
+use super::codec::{Codec, Shape, States};
+use super::colour::{Colour, Yuv};
+use super::ifd::{Directory, Input};
+use super::layout::{Layout, Place};
+use super::predictor::{self, Predictor};
+use super::samples::Stored;
+use crate::space::Region;
+use crate::{Error, Result};
+
+/// One image of the file.
+pub(super) struct Image {
+    pub(super) layout: Layout,
+    pub(super) stored: Stored,
+    /// Samples of a pixel as [`Image::read`] gives them.
+    pub(super) channels: usize,
+    pub(super) codec: Codec,
+    pub(super) photometric: u64,
+    pub(super) colour: Colour,
+    /// The sample of chunks that were never written.
+    pub(super) hole: Vec<u8>,
+    /// Samples of a pixel in the file.
+    samples: usize,
+    predictor: Predictor,
+    /// Bits stand in bytes from the lowest up.
+    lowest_first: bool,
+    cache: Mutex<Cache>,
+    workers: Mutex<Vec<Worker>>,
+    /// Chunks that may be decoded at once.
+    parallel: usize,
+}
+
+/// What one thread needs to decode a chunk.
+#[derive(Default)]
+struct Worker {
+    states: States,
+    raw: Vec<u8>,
+    chunk: Vec<u8>,
+    row: Vec<u8>,
+}
+
+/// A chunk's part of a request: where its rows go.
+struct Job<'a> {
+    across: u64,
+    down: u64,
+    /// The pixels to give.
+    part: Region,
+    /// Whether that is all that the chunk has.
+    whole: bool,
+    rows: Vec<&'a mut [u8]>,
+}
+
+impl Image {
+    /// Understands an image from its tags.
+    pub(super) fn new(input: &Input, directory: &Directory<'_>) -> Result<Image> {
+        let first = |tag, default| Ok::<u64, Error>(directory.number(tag)?.unwrap_or(default));
+        let same = |tag, default| match directory.numbers(tag)?.unwrap_or_default().as_slice() {
+            [] => Ok(default),
+            [value, rest @ ..] if rest.iter().all(|other| other == value) => Ok(*value),
+            values => {
+                let some = &values[..values.len().min(8)];
+                Err(input.odd_samples(format!("a mix of samples (tag {tag}: {some:?})")))
+            }
+        };
+        let refuse = |what| input.unsupported(what);
+        let samples = match first(277, 1)? {
+            samples @ 1..=0xffff => samples as usize,
+            samples => return Err(input.corrupt("tag 277", format!("{samples} samples"), "1 to 65535")),
+        };
+        let mut stored = Stored::new(same(339, 1)?, same(258, 1)?).map_err(|what| input.odd_samples(what))?;
+        let codec = Codec::new(first(259, 1)?, directory.bytes(347)?).map_err(refuse)?;
+        let photometric = first(262, 1)?;
+        let planar = samples > 1 && first(284, 1)? == 2;
+        let predictor = match first(317, 1)? {
+            _ if !codec.has_predictor() => Predictor::None,
+            1 => Predictor::None,
+            2 if matches!(stored.bits(), 8 | 16 | 32 | 64) => Predictor::Horizontal,
+            3 if matches!(stored, Stored::Float(_)) => Predictor::Float,
+            other => return Err(refuse(format!("predictor {other} for {} samples", stored.name()))),
+        };
+        let colour = colour(input, directory, &codec, photometric, stored, samples, planar)?;
+        if colour != Colour::Keep {
+            // A sign has no meaning for colours.
+            stored = Stored::Uint(8);
+        }
+        match codec {
+            Codec::Jpeg(_) | Codec::WebP if !matches!(stored.bits(), 8) => {
+                return Err(refuse(format!("{} of {} samples", codec.name(), stored.name())));
+            }
+            Codec::Fax4 if (stored, samples) != (Stored::Uint(1), 1) => {
+                return Err(refuse(format!("fax of {samples} {} samples", stored.name())));
+            }
+            _ => {}
+        }
+
+        let (planes, together) = if planar { (samples, 1) } else { (1, samples) };
+        let row_bits = |pixels: u64| pixels * (stored.bits() * together) as u64;
+        let raw = codec == Codec::None && !matches!(colour, Colour::Blocks(..));
+        let layout = Layout::read(input, directory, planes as u64, raw, row_bits)?;
+        if codec == Codec::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
+            return Err(refuse("fax of more than 65535 columns, or rows in a strip,".into()));
+        }
+        let chunk = row_bits(layout.chunk_width).div_ceil(8).saturating_mul(layout.chunk_height);
+        if chunk > input.memory {
+            let what = if layout.tiled { "a decoded tile" } else { "a decoded strip" };
+            return Err(input.too_large(what, chunk));
+        }
+        let threads = rayon::current_num_threads() as u64;
+        Ok(Image {
+            cache: Mutex::new(Cache::new(input.memory / 4)),
+            workers: Mutex::default(),
+            parallel: (input.memory / 2 / chunk.max(1)).clamp(1, threads) as usize,
+            channels: colour.channels(samples),
+            hole: vec![0; stored.sample().size()],
+            lowest_first: first(266, 1)? == 2 && !codec.ignores_fill_order(),
+            layout,
+            stored,
+            codec,
+            photometric,
+            colour,
+            samples,
+            predictor,
+        })
+    }
+
+    /// Bytes of a pixel as [`Image::read`] gives it.
+    pub(super) fn pixel_bytes(&self) -> usize {
+        self.stored.sample().size() * self.channels
+    }
+
+    /// Reads a region within the image into `out`, which has just room for it.
+    pub(super) fn read(&self, input: &Input, region: Region, out: &mut [u8]) -> Result<()> {
+        let mut jobs = self.jobs(region, out);
+        if jobs.len() == 1 || self.parallel == 1 {
+            return jobs.into_iter().try_for_each(|job| self.run(input, job));
+        }
+        if self.parallel == rayon::current_num_threads() {
+            return jobs.into_par_iter().try_for_each(|job| self.run(input, job));
+        }
+        while !jobs.is_empty() {
+            let few = jobs.split_off(jobs.len().saturating_sub(self.parallel));
+            few.into_par_iter().try_for_each(|job| self.run(input, job))?;
+        }
+        Ok(())
+    }
+
+    /// The chunks that a region touches, each with the rows of `out` that it fills.
+    fn jobs<'a>(&self, region: Region, out: &'a mut [u8]) -> Vec<Job<'a>> {
+        let Layout { chunk_width, chunk_height, .. } = self.layout;
+        let columns = region.x / chunk_width..region.right().div_ceil(chunk_width);
+        let mut rows = out.chunks_exact_mut(region.width as usize * self.pixel_bytes());
+        let mut jobs = Vec::new();
+        for down in region.y / chunk_height..region.bottom().div_ceil(chunk_height) {
+            let first = jobs.len();
+            jobs.extend(columns.clone().map(|across| {
+                let chunk = self.layout.region(across, down);
+                let part = chunk.intersect(&region);
+                let rows = Vec::with_capacity(part.height as usize);
+                Job { across, down, part, whole: part == chunk, rows }
+            }));
+            for mut rest in rows.by_ref().take(jobs[first].part.height as usize) {
+                for job in &mut jobs[first..] {
+                    let (row, right) = rest.split_at_mut(job.part.width as usize * self.pixel_bytes());
+                    job.rows.push(row);
+                    rest = right;
+                }
+            }
+        }
+        jobs
+    }
+
+    /// Fills the rows of one job.
+    fn run(&self, input: &Input, mut job: Job<'_>) -> Result<()> {
+        let mut worker = self.workers.lock().expect("no panic while held").pop().unwrap_or_default();
+        let planes = self.layout.planes;
+        let result = (0..planes).try_for_each(|plane| self.fill(input, &mut worker, &mut job, plane));
+        self.workers.lock().expect("no panic while held").push(worker);
+        result
+    }
+
+    fn fill(&self, input: &Input, worker: &mut Worker, job: &mut Job<'_>, plane: u64) -> Result<()> {
+        let index = self.layout.index(plane, job.across, job.down);
+        let cached = self.cache.lock().expect("no panic while held").get(index);
+        if let Some(chunk) = cached {
+            return self.copy(input, &chunk, &mut worker.row, job, plane);
+        }
+        if !self.decode(input, worker, job, plane)? {
+            for pixel in job.rows.iter_mut().flat_map(|row| row.chunks_exact_mut(self.pixel_bytes())) {
+                let samples = pixel.chunks_exact_mut(self.hole.len());
+                samples.for_each(|sample| sample.copy_from_slice(&self.hole));
+            }
+            return Ok(());
+        }
+        self.copy(input, &worker.chunk, &mut worker.row, job, plane)?;
+        if !job.whole {
+            let chunk = Arc::new(std::mem::take(&mut worker.chunk));
+            worker.chunk = self.cache.lock().expect("no panic while held").put(index, chunk);
+        }
+        Ok(())
+    }
+
+    /// Decodes a chunk into `worker.chunk`; `false` if it is a hole.
+    fn decode(&self, input: &Input, worker: &mut Worker, job: &Job<'_>, plane: u64) -> Result<bool> {
+        let Place::At(offset, count) = self.layout.place(plane, job.across, job.down) else {
+            return Ok(false);
+        };
+        let place = || self.layout.name(plane, job.across, job.down);
+        let width = self.layout.chunk_width as usize;
+        // Tiles at the bottom should have rows beyond the image, but some writers leave them out.
+        let rows = self.layout.region(job.across, job.down).height as usize;
+        let samples = if self.layout.planes > 1 { 1 } else { self.samples };
+        let row_bytes = (width * samples * self.stored.bits()).div_ceil(8);
+        let (packed_rows, packed_row_bytes) = self.colour.packed(width, rows, row_bytes);
+        let Worker { states, raw, chunk, .. } = worker;
+        set_len(chunk, packed_rows * packed_row_bytes);
+        if self.codec == Codec::None {
+            if let Some(count) = count.filter(|count| *count < chunk.len() as u64) {
+                let found = format!("{count} bytes");
+                return Err(input.corrupt(place(), found, format!("{} bytes of samples", chunk.len())));
+            }
+            input.read_at(offset, chunk, place)?;
+            if self.lowest_first {
+                chunk.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
+            }
+        } else {
+            let count = count.unwrap_or(input.len.saturating_sub(offset));
+            input.check(offset, count, place)?;
+            if count > input.memory {
+                return Err(input.too_large(place(), count));
+            }
+            set_len(raw, count as usize);
+            input.read_at(offset, raw, place)?;
+            if self.lowest_first {
+                raw.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
+            }
+            let max_rows = self.layout.chunk_height as usize;
+            let shape = Shape { width, rows: packed_rows, max_rows, samples, row_bytes: packed_row_bytes };
+            self.codec.decode(states, raw, shape, chunk).map_err(|found| {
+                input.corrupt(place(), found, format!("{} bytes of samples", chunk.len()))
+            })?;
+        }
+        if let Some(size) = self.stored.bytes() {
+            predictor::restore(self.predictor, chunk, packed_row_bytes, size, samples, input.big_endian);
+        }
+        self.colour.convert(chunk, width, rows, samples);
+        Ok(true)
+    }
+
+    /// Widens the wanted samples of a decoded chunk into the rows of a job.
+    fn copy(
+        &self,
+        input: &Input,
+        chunk: &[u8],
+        buffer: &mut Vec<u8>,
+        job: &mut Job<'_>,
+        plane: u64,
+    ) -> Result<()> {
+        let planar = self.layout.planes > 1;
+        let samples = if planar { 1 } else { self.channels };
+        let row_bytes = (self.layout.chunk_width as usize * samples * self.stored.bits()).div_ceil(8);
+        let left = (job.part.x - job.across * self.layout.chunk_width) as usize * samples;
+        let top = (job.part.y - job.down * self.layout.chunk_height) as usize;
+        let size = self.stored.sample().size();
+        for (from, to) in chunk.chunks_exact(row_bytes).skip(top).zip(&mut job.rows) {
+            let done = if planar {
+                set_len(buffer, job.part.width as usize * size);
+                let done = self.stored.widen(from, left, buffer);
+                let places = to.chunks_exact_mut(size).skip(plane as usize).step_by(self.channels);
+                buffer
+                    .chunks_exact(size)
+                    .zip(places)
+                    .for_each(|(sample, place)| place.copy_from_slice(sample));
+                done
+            } else {
+                self.stored.widen(from, left, to)
+            };
+            done.map_err(|number| {
+                let place = self.layout.name(plane, job.across, job.down);
+                input.odd_samples(format!("the number {number} ({place}), which f64 cannot hold,"))
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Gives a buffer a length; what it holds is to be overwritten.
+fn set_len(buffer: &mut Vec<u8>, len: usize) {
+    if buffer.capacity() < len {
+        *buffer = vec![0; len];
+    }
+    buffer.resize(len, 0);
+}
+
+/// Decides which samples become RGB.
+fn colour(
+    input: &Input,
+    directory: &Directory<'_>,
+    codec: &Codec,
+    photometric: u64,
+    stored: Stored,
+    samples: usize,
+    planar: bool,
+) -> Result<Colour> {
+    let bytes = matches!(stored, Stored::Uint(8) | Stored::Int(8));
+    let refuse = |what: &str| Err(input.unsupported(what));
+    match photometric {
+        6 if samples == 3 && bytes && !planar => {
+            if matches!(codec, Codec::Jpeg(_)) {
+                return Ok(Colour::Jpeg);
+            }
+            let (h, v) = match directory.numbers(530)?.as_deref() {
+                None => (2, 2),
+                Some(&[h @ (1 | 2 | 4), v @ (1 | 2 | 4), ..]) => (h as usize, v as usize),
+                Some(other) => {
+                    return Err(input.corrupt("tag 530", format!("{other:?}"), "1, 2 or 4, twice"));
+                }
+            };
+            if codec.has_predictor() && directory.number(317)?.unwrap_or(1) != 1 {
+                return refuse("subsampled colour with a predictor");
+            }
+            let range = directory.doubles(532)?;
+            if !range.is_empty() && range != [0.0, 255.0, 128.0, 255.0, 128.0, 255.0] {
+                return refuse("colour that does not use the full range (tag 532)");
+            }
+            let shares = match directory.doubles(529)?.as_slice() {
+                &[red, green, blue] if green != 0.0 => [red, green, blue].map(|share| share as f32),
+                _ => [0.299, 0.587, 0.114],
+            };
+            Ok(Colour::Blocks(Yuv::new(shares), h, v))
+        }
+        6 => refuse("luma and chroma other than 3 samples of 8 bits"),
+        5 if samples >= 4 && bytes && planar => refuse("inks in planes of their own"),
+        5 if samples >= 4 && bytes => Ok(Colour::Cmyk),
+        8..=10 => refuse("CIE L*a*b* colour"),
+        _ => Ok(Colour::Keep),
+    }
+}

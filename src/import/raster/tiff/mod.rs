@@ -1,0 +1,225 @@
+//! TIFF and GeoTIFF files of any layout, read in parallel chunk by chunk.
+
+mod cache;
+mod codec;
+mod colour;
+mod gdal;
+mod geokeys;
+mod ifd;
+mod image;
+mod layout;
+mod predictor;
+mod samples;
+
+use std::path::Path;
+
+use self::colour::Colour;
+use self::ifd::{Directory, Input};
+use self::image::Image;
+use self::samples::Stored;
+use super::{OpenOptions, Order, Pixels, Raster, RasterInfo};
+use crate::space::Region;
+use crate::value::{Kind, Palette, Sample, SampleType};
+use crate::{Error, Result};
+
+/// Opens a TIFF file, of which the first image counts.
+pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+    let (input, first) = Input::open(path, options.memory)?;
+    let (directory, next) = input.directory(first)?;
+    let mut image = Image::new(&input, &directory)?;
+    let info = info(&directory, &image)?;
+    if let Some(nodata) = info.nodata {
+        image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
+    }
+    let mask = mask(&input, next, &image)?;
+    drop(directory);
+    Ok(Box::new(Tiff { input, image, mask, info }))
+}
+
+/// An open TIFF file.
+struct Tiff {
+    input: Input,
+    image: Image,
+    mask: Option<Image>,
+    info: RasterInfo,
+}
+
+impl Raster for Tiff {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        &self.input.path
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        if !Region::new(0, 0, self.info.width, self.info.height).contains(&region) {
+            return Err(Error::invalid(
+                "region",
+                format!("{region:?}"),
+                format!("a part of {}x{} pixels", self.info.width, self.info.height),
+            ));
+        }
+        self.resize(&mut pixels.bytes, region, self.image.pixel_bytes())?;
+        pixels.valid = None;
+        if region.is_empty() {
+            return Ok(());
+        }
+        self.image.read(&self.input, region, &mut pixels.bytes)?;
+        if let Some(mask) = &self.mask {
+            let mut samples = Vec::new();
+            self.resize(&mut samples, region, mask.pixel_bytes())?;
+            mask.read(&self.input, region, &mut samples)?;
+            let flags = samples.chunks_exact(mask.channels);
+            pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
+        }
+        Ok(())
+    }
+}
+
+impl Tiff {
+    /// Makes room for a region, if there is enough memory at all.
+    fn resize(&self, bytes: &mut Vec<u8>, region: Region, pixel: usize) -> Result<()> {
+        let needed = region.area().saturating_mul(pixel as u64);
+        let room = usize::try_from(needed)
+            .ok()
+            .filter(|needed| bytes.try_reserve_exact(needed.saturating_sub(bytes.len())).is_ok());
+        let room = room.ok_or_else(|| self.input.too_large("the region asked for", needed))?;
+        // What is left in it from before is overwritten.
+        bytes.resize(room, 0);
+        Ok(())
+    }
+}
+
+/// The mask that belongs to an image, from the directories that follow.
+fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
+    for directory in input.chain(next) {
+        let directory = directory?;
+        let is = |tag: u16, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
+        // Bit 2 of the new subfile type is "mask", bit 0 "of an overview".
+        let wanted = is(254, 4)? && is(256, image.layout.width)? && is(257, image.layout.height)?;
+        if wanted {
+            let mask = Image::new(input, &directory)?;
+            return match mask.stored {
+                Stored::Uint(1..=8) => Ok(Some(mask)),
+                stored => Err(input.unsupported(format!("a mask of {} samples", stored.name()))),
+            };
+        }
+    }
+    Ok(None)
+}
+
+fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
+    let Image { layout, stored, channels, .. } = image;
+    let nodata = gdal::nodata(directory, stored.sample())?;
+    let metadata = gdal::metadata(directory, *channels)?;
+    let colours = if *channels == 1 { colour_map(directory, *stored)? } else { None };
+    let kind = match (stored, image.photometric) {
+        _ if colours.is_some() => Some(Kind::Categorical),
+        (Stored::Uint(1), _) => Some(Kind::Categorical),
+        (Stored::Uint(2..=8) | Stored::Int(8), 0 | 1 | 3 | 4) => None,
+        _ => Some(Kind::Continuous),
+    };
+    let mut palette = colours.or_else(|| ramp(image));
+    if let (Some(palette), Some(nodata)) = (&mut palette, nodata)
+        && nodata >= 0.0
+        && let Some(colour) = palette.colours.get_mut(nodata as usize)
+    {
+        colour[3] = 0;
+    }
+    let chunks = if layout.tiled {
+        format!("{}x{} tiles", layout.chunk_width, layout.chunk_height)
+    } else {
+        "strips".into()
+    };
+    let frame = geokeys::frame(directory)?;
+    let format = if frame.is_identity() && frame.epsg.is_none() { "TIFF" } else { "GeoTIFF" };
+    Ok(RasterInfo {
+        width: layout.width,
+        height: layout.height,
+        sample: stored.sample(),
+        stored_sample: stored.name(),
+        channels: *channels,
+        alpha: alpha(directory, image)?,
+        frame,
+        nodata,
+        palette,
+        class_names: metadata.class_names,
+        band_names: metadata.band_names,
+        scale_offset: metadata.scale_offset,
+        kind,
+        layout: format!("{format}, {chunks}, {}", image.codec.name()),
+        tags: tags(directory, metadata.items)?,
+        order: if layout.tiled { Order::Anywhere } else { Order::Bands },
+    })
+}
+
+/// The channel that is opacity.
+fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
+    if image.colour == Colour::Cmyk {
+        return Ok(Some(3));
+    }
+    let extra = directory.numbers(338)?.unwrap_or_default();
+    // Extra samples are the last ones of a pixel; 1 and 2 are opacity, multiplied in or not.
+    let place = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
+    Ok(place.and_then(|place| (image.channels + place).checked_sub(extra.len())))
+}
+
+/// The colours of a one-channel image, if it has a colour map.
+fn colour_map(directory: &Directory<'_>, stored: Stored) -> Result<Option<Palette>> {
+    let map = match (stored, directory.numbers(320)?) {
+        (Stored::Uint(bits @ 1..=16), Some(map)) if map.len() == 3 << bits => map,
+        _ => return Ok(None),
+    };
+    // The map has 16 bits; some writers put 8 there, or shift them up.
+    let divisor = match map.iter().max() {
+        Some(0..=255) => 1,
+        _ if map.iter().all(|level| level % 256 == 0) => 256,
+        _ => 257,
+    };
+    let count = map.len() / 3;
+    let level = |channel: usize, i: usize| (map[channel * count + i] / divisor) as u8;
+    let colours = (0..count).map(|i| [level(0, i), level(1, i), level(2, i), 255]).collect();
+    Ok(Some(Palette { colours }))
+}
+
+/// Grey levels, where a viewer would get them wrong from the samples alone: when 0 is white, and bits.
+fn ramp(image: &Image) -> Option<Palette> {
+    let Stored::Uint(bits @ 1..=8) = image.stored else { return None };
+    let white_is_zero = image.photometric == 0;
+    if image.channels != 1 || !(white_is_zero || bits == 1) {
+        return None;
+    }
+    let last = (1u32 << bits) - 1;
+    let level = |i: u32| (if white_is_zero { last - i } else { i } * 255 / last) as u8;
+    let colours = (0..=last).map(|i| [level(i), level(i), level(i), 255]).collect();
+    Some(Palette { colours })
+}
+
+/// Texts worth keeping.
+fn tags(directory: &Directory<'_>, items: Vec<(String, String)>) -> Result<Vec<(String, String)>> {
+    let mut tags = Vec::new();
+    for (tag, name) in
+        [(270, "description"), (305, "software"), (306, "date"), (315, "artist"), (33432, "copyright")]
+    {
+        if let Some(text) = directory.text(tag)?.filter(|text| !text.is_empty()) {
+            tags.push((name.to_string(), text));
+        }
+    }
+    tags.extend(items);
+    Ok(tags)
+}
+
+/// A number as a little-endian sample, if it is one.
+fn sample_bytes(number: f64, sample: SampleType) -> Option<Vec<u8>> {
+    Some(match sample {
+        SampleType::U8 => u8::from_f64(number)?.to_le_bytes().to_vec(),
+        SampleType::U16 => u16::from_f64(number)?.to_le_bytes().to_vec(),
+        SampleType::I16 => i16::from_f64(number)?.to_le_bytes().to_vec(),
+        SampleType::U32 => u32::from_f64(number)?.to_le_bytes().to_vec(),
+        SampleType::I32 => i32::from_f64(number)?.to_le_bytes().to_vec(),
+        SampleType::F32 => (number as f32).to_le_bytes().to_vec(),
+        SampleType::F64 => number.to_le_bytes().to_vec(),
+    })
+}

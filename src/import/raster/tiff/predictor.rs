@@ -1,0 +1,74 @@
+//! Undoing the predictors, which store differences between neighbours in a row.
+
+/// How a row was made easier to compress.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Predictor {
+    None,
+    /// Each sample is the difference from the same channel of the pixel before.
+    Horizontal,
+    /// Bytes of equal rank stand together, each the difference from the one before.
+    Float,
+}
+
+/// Brings `rows` (each of `row_bytes`, samples of `size` bytes) to plain little-endian samples.
+pub(super) fn restore(
+    predictor: Predictor,
+    rows: &mut [u8],
+    row_bytes: usize,
+    size: usize,
+    channels: usize,
+    big_endian: bool,
+) {
+    if big_endian && size > 1 && predictor != Predictor::Float {
+        match size {
+            2 => rows.as_chunks_mut::<2>().0.iter_mut().for_each(|sample| sample.reverse()),
+            4 => rows.as_chunks_mut::<4>().0.iter_mut().for_each(|sample| sample.reverse()),
+            _ => rows.chunks_exact_mut(size).for_each(<[u8]>::reverse),
+        }
+    }
+    match predictor {
+        Predictor::None => {}
+        Predictor::Horizontal => {
+            for row in rows.chunks_exact_mut(row_bytes) {
+                accumulate(row, size, channels);
+            }
+        }
+        Predictor::Float => {
+            let mut planes = vec![0; row_bytes];
+            for row in rows.chunks_exact_mut(row_bytes) {
+                accumulate(row, 1, channels);
+                planes.copy_from_slice(row);
+                let samples = row_bytes / size;
+                for (i, sample) in row.chunks_exact_mut(size).enumerate() {
+                    for (rank, byte) in sample.iter_mut().rev().enumerate() {
+                        *byte = planes[rank * samples + i];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Adds to each sample the one `channels` before it.
+fn accumulate(row: &mut [u8], size: usize, channels: usize) {
+    macro_rules! sums {
+        ($type:ty) => {{
+            const SIZE: usize = size_of::<$type>();
+            let load = |row: &[u8], i: usize| <$type>::from_le_bytes(row[i..i + SIZE].try_into().unwrap());
+            for i in (channels * SIZE..row.len()).step_by(SIZE) {
+                let sum = load(row, i).wrapping_add(load(row, i - channels * SIZE));
+                row[i..i + SIZE].copy_from_slice(&sum.to_le_bytes());
+            }
+        }};
+    }
+    match size {
+        1 => {
+            for i in channels..row.len() {
+                row[i] = row[i].wrapping_add(row[i - channels]);
+            }
+        }
+        2 => sums!(u16),
+        4 => sums!(u32),
+        _ => sums!(u64),
+    }
+}
