@@ -283,8 +283,7 @@ pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
     type BlockSums: Copy + Debug + Default + AsRef<[<Self::Sample as Sample>::BlockSum]> + Send + Sync;
 
     /// The type as a run-time value.
-    const TYPE: ValueType =
-        ValueType { sample: Self::Sample::TYPE, channels: Self::CHANNELS as u8 };
+    const TYPE: ValueType = ValueType { sample: Self::Sample::TYPE, channels: Self::CHANNELS as u8 };
 
     /// The samples.
     fn samples(&self) -> &[Self::Sample];
