@@ -52,13 +52,17 @@ enum Predictor {
 }
 
 pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
-    create_as(output, spec, spec.width * spec.height * spec.value.size() as u64 > BIG_BYTES)
+    create_as(
+        output,
+        spec,
+        spec.width.saturating_mul(spec.height).saturating_mul(spec.value.size() as u64) > BIG_BYTES,
+    )
 }
 
 fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowWriter>> {
-    let row_bytes = spec.width * spec.value.size() as u64;
+    let row_bytes = spec.width.saturating_mul(spec.value.size() as u64);
     if row_bytes > u64::from(u32::MAX) || spec.height > u64::from(u32::MAX) {
-        return Err(Error::unsupported(output.path(), "TIFF with rows of 4 GiB or 2^32 rows", "write .raw"));
+        return Err(Error::unsupported(output.path(), "TIFF with rows of 4 GiB, or 2^32 rows", "write .npy"));
     }
     let predictor = match spec.value.sample {
         _ if palette(spec).is_some() => Predictor::None, // numbers of classes: differences mean nothing
@@ -238,5 +242,86 @@ impl RowWriter for Tiff {
         output.append(&tiff_tags::directory(tags, at, big))?;
         output.patch(tiff_tags::header(big).1, &tiff_tags::word(at, big))?;
         output.commit()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::ValueType;
+
+    fn spec(sample: SampleType, channels: u8) -> ImageSpec {
+        ImageSpec {
+            width: 37,
+            height: 61,
+            value: ValueType { sample, channels },
+            alpha: channels % 2 == 0,
+            void: false,
+            frame: None,
+            nodata: None,
+            palette: None,
+            band_names: Vec::new(),
+        }
+    }
+
+    /// Samples in file order as another reader understands them.
+    fn decode(path: &std::path::Path) -> Vec<u8> {
+        use tiff::decoder::DecodingResult::*;
+        let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
+        let mut decoder = tiff::decoder::Decoder::new(file).unwrap();
+        match decoder.read_image().unwrap() {
+            U8(samples) => samples,
+            U16(samples) => samples.into_iter().flat_map(u16::to_le_bytes).collect(),
+            U32(samples) => samples.into_iter().flat_map(u32::to_le_bytes).collect(),
+            I16(samples) => samples.into_iter().flat_map(i16::to_le_bytes).collect(),
+            I32(samples) => samples.into_iter().flat_map(i32::to_le_bytes).collect(),
+            F32(samples) => samples.into_iter().flat_map(f32::to_le_bytes).collect(),
+            F64(samples) => samples.into_iter().flat_map(f64::to_le_bytes).collect(),
+            other => panic!("unexpected samples: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn samples_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        for sample in SampleType::ALL {
+            for (channels, big) in [(1, false), (2, true), (3, true), (4, false)] {
+                let spec = spec(sample, channels);
+                let bytes: Vec<u8> = (0..37 * 61 * spec.value.size() as u32)
+                    .map(|i| (i.wrapping_mul(0x9e37_79b9) >> 25) as u8)
+                    .collect();
+                let mut writer = create_as(Output::create(&path).unwrap(), &spec, big).unwrap();
+                bytes
+                    .chunks(37 * spec.value.size() * 9)
+                    .for_each(|rows| writer.write_rows(rows, None).unwrap());
+                writer.finish().unwrap();
+                let version = std::fs::read(&path).unwrap()[2];
+                assert_eq!(version, if big { 43 } else { 42 });
+                assert!(decode(&path) == bytes, "{} big: {big}", spec.value);
+            }
+        }
+    }
+
+    #[test]
+    fn many_strips_are_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        let mut spec = spec(SampleType::U16, 1);
+        (spec.width, spec.height) = (70_000, 91);
+        let bytes: Vec<u8> = (0..70_000 * 91u32).flat_map(|i| ((i / 251) as u16).to_le_bytes()).collect();
+        let mut writer = create(Output::create(&path).unwrap(), &spec).unwrap();
+        bytes.chunks(140_000 * 20).for_each(|rows| writer.write_rows(rows, None).unwrap());
+        writer.finish().unwrap();
+        assert!(decode(&path) == bytes);
+    }
+
+    #[test]
+    fn too_wide() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut spec = spec(SampleType::F64, 4);
+        spec.width = 1 << 40;
+        let output = Output::create(&folder.path().join("a.tif")).unwrap();
+        assert!(matches!(create(output, &spec), Err(Error::Unsupported { .. })));
     }
 }

@@ -25,7 +25,7 @@ impl Field {
     }
 }
 
-/// The file's first bytes; the place of the directory in them, which is to be filled in; and its size.
+/// The file's first bytes, and where the place of the directory is to be filled in.
 pub(super) fn header(big: bool) -> (&'static [u8], u64) {
     if big { (b"II\x2b\0\x08\0\0\0\0\0\0\0\0\0\0\0", 8) } else { (b"II\x2a\0\0\0\0\0", 4) }
 }
@@ -139,13 +139,66 @@ pub(super) fn nodata_tag(number: f64) -> (u16, Field) {
 
 /// GDAL's tag for names of bands, if any has one.
 pub(super) fn band_names_tag(names: &[String]) -> Option<(u16, Field)> {
+    let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let mut xml = String::from("<GDALMetadata>\n");
     for (band, name) in names.iter().enumerate().filter(|(_, name)| !name.is_empty()) {
-        let escaped = name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('\0', "");
-        xml += &format!(
-            "  <Item name=\"DESCRIPTION\" sample=\"{band}\" role=\"description\">{escaped}</Item>\n"
-        );
+        // GDAL escapes twice, and so it reads.
+        let name = escape(&escape(&name.replace('\0', "")));
+        xml +=
+            &format!("  <Item name=\"DESCRIPTION\" sample=\"{band}\" role=\"description\">{name}</Item>\n");
     }
     xml += "</GDALMetadata>\n";
     names.iter().any(|name| !name.is_empty()).then_some((42112, Field::Ascii(xml)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn find(tags: &[(u16, Field)], wanted: u16) -> Option<Vec<f64>> {
+        let field = tags.iter().find(|(number, _)| *number == wanted)?;
+        match &field.1 {
+            Field::Double(numbers) => Some(numbers.clone()),
+            Field::Short(numbers) => Some(numbers.iter().map(|&n| f64::from(n)).collect()),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn north_up_points() {
+        let mut frame = Frame::planar([1.0, 0.0, 7.5, 0.0, -1.0, 47.5]);
+        frame.epsg = Some(4326);
+        frame.pixel_is_point = true;
+        let tags = geo_tags(&frame);
+        assert_eq!(find(&tags, 33550), Some(vec![1.0, 1.0, 0.0]));
+        assert_eq!(find(&tags, 33922), Some(vec![0.0, 0.0, 0.0, 8.0, 47.0, 0.0]));
+        let keys = [[1, 1, 0, 3], [1024, 0, 1, 2], [1025, 0, 1, 2], [2048, 0, 1, 4326]].concat();
+        assert_eq!(find(&tags, 34735), Some(keys.into_iter().map(f64::from).collect()));
+    }
+
+    #[test]
+    fn rotated_and_projected() {
+        let mut frame = Frame::planar([2.0, 0.5, 10.0, -0.5, -2.0, 20.0]);
+        frame.epsg = Some(2056);
+        let tags = geo_tags(&frame);
+        let matrix = [[2.0, 0.5, 0.0, 10.0], [-0.5, -2.0, 0.0, 20.0], [0.0; 4], [0.0, 0.0, 0.0, 1.0]];
+        assert_eq!(find(&tags, 34264), Some(matrix.concat()));
+        let keys = [[1, 1, 0, 3], [1024, 0, 1, 1], [1025, 0, 1, 1], [3072, 0, 1, 2056]].concat();
+        assert_eq!(find(&tags, 34735), Some(keys.into_iter().map(f64::from).collect()));
+        assert!(geo_tags(&Frame::identity()).is_empty());
+    }
+
+    #[test]
+    fn long_values_stand_behind_the_directory() {
+        let tags = vec![(300, Field::Short(vec![7, 8, 9])), (256, Field::Long(vec![5]))];
+        let bytes = directory(tags, 100, false);
+        let expected: [&[u8]; 5] = [
+            &[2, 0],
+            &[0, 1, 4, 0, 1, 0, 0, 0, 5, 0, 0, 0],
+            &[44, 1, 3, 0, 3, 0, 0, 0, 130, 0, 0, 0],
+            &[0, 0, 0, 0],
+            &[7, 0, 8, 0, 9, 0],
+        ];
+        assert_eq!(bytes, expected.concat());
+    }
 }

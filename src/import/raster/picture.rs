@@ -1,7 +1,7 @@
 //! JPEG and WebP: formats that decode only as a whole.
 
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use image::ImageDecoder;
@@ -189,7 +189,15 @@ pub(super) fn open_webp(path: &Path, options: &OpenOptions) -> Result<Box<dyn Ra
 
 /// Runs `then` with a WebP decoder that knows the headers.
 fn with_webp<T>(path: &Path, then: impl FnOnce(WebPDecoder<BufReader<File>>) -> Result<T>) -> Result<T> {
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    let mut file = File::open(path).map_err(Error::io(path, "open"))?;
+    // The decoder is content with less than the file says it has.
+    let mut start = [0; 8];
+    file.read_exact(&mut start).and_then(|()| file.rewind()).map_err(Error::io(path, "read"))?;
+    let promised = 8 + u64::from(u32::from_le_bytes([start[4], start[5], start[6], start[7]]));
+    let bytes = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
+    if bytes < promised {
+        return Err(webp_damaged(path, format!("the end of the file at byte {bytes} of {promised}")));
+    }
     guard(path, "WebP data", || {
         let decoder = WebPDecoder::new(BufReader::new(file)).map_err(|error| webp_error(path, error))?;
         then(decoder)
