@@ -78,3 +78,32 @@ fn overwrite(file: &mut File, at: u64, bytes: &[u8]) -> io::Result<()> {
     file.write_all(bytes)?;
     file.seek(SeekFrom::End(0)).map(drop)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn standard_output_waits_in_a_file() {
+        let mut output = Seekable::new(Output::create(Path::new("-")).unwrap()).unwrap();
+        output.append(b"headbody").unwrap();
+        output.patch(1, b"EA").unwrap();
+        output.append(b"tail").unwrap();
+        assert_eq!(output.position(), 12);
+        let mut spool = output.spool.take().unwrap().into_inner().unwrap();
+        spool.rewind().unwrap();
+        assert_eq!(io::read_to_string(spool).unwrap(), "hEAdbodytail");
+    }
+
+    #[test]
+    fn files_are_patched_in_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let mut output = Seekable::new(Output::create(&path).unwrap()).unwrap();
+        output.append(b"headbody").unwrap();
+        output.patch(1, b"EA").unwrap();
+        output.append(b"tail").unwrap();
+        output.commit().unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"hEAdbodytail");
+    }
+}

@@ -255,7 +255,7 @@ mod tests {
             width: 37,
             height: 61,
             value: ValueType { sample, channels },
-            alpha: channels % 2 == 0,
+            alpha: channels.is_multiple_of(2),
             void: false,
             frame: None,
             nodata: None,

@@ -62,14 +62,14 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>
     let block = block_size(path, header, options)?;
 
     let [width, height] = [header.layer_size.0 as u64, header.layer_size.1 as u64];
-    let names: Vec<String> = channels.iter().map(|&(name, _)| layer.channels[name].0.clone()).collect();
-    let types = header.channels.list.iter();
-    let chosen = channels.iter().map(|&(_, number)| (number, header.channels.list[number].sample_type));
+    let names: Vec<String> = channels.iter().map(|&(place, _)| layer.channels[place].0.clone()).collect();
+    let channels: Vec<(usize, ExrType)> =
+        channels.iter().map(|&(_, number)| (number, header.channels.list[number].sample_type)).collect();
     let info = RasterInfo {
-        stored_sample: match types.clone().map(|c| c.sample_type).next() {
-            Some(ExrType::F16) => "half",
-            Some(ExrType::F32) => "float",
-            _ => "uint32",
+        stored_sample: match sample {
+            SampleType::U32 => "uint32",
+            _ if channels.iter().all(|&(_, sample)| sample == ExrType::F16) => "half",
+            _ => "float",
         }
         .into(),
         alpha: names.iter().position(|name| name == "A").filter(|_| names.len() == 2 || names.len() == 4),
@@ -82,7 +82,7 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>
     Ok(Box::new(Exr {
         path: path.to_path_buf(),
         info: RasterInfo { band_names: names, ..info },
-        channels: chosen.collect(),
+        channels,
         file,
         header: layer.header,
         table: tables + 8 * earlier_blocks,
@@ -376,5 +376,55 @@ fn exr_error(path: &Path, place: &str, error: exr::error::Error) -> Error {
         exr::error::Error::Io(error) => Error::io(path, "read")(error),
         exr::error::Error::Invalid(found) => Error::corrupt(path, place, found, "a valid OpenEXR file"),
         exr::error::Error::Aborted => Error::Interrupted,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use exr::meta::attribute::{ChannelDescription, Text};
+
+    use super::*;
+
+    fn part(name: &str, channels: &[(&str, ExrType)]) -> Header {
+        let describe = |&(name, sample)| ChannelDescription::named(name, sample);
+        Header::new(Text::from(name), (4, 4), channels.iter().map(describe).collect())
+    }
+
+    fn names(headers: &[Header]) -> Vec<String> {
+        layers(headers).into_iter().map(|layer| layer.name).collect()
+    }
+
+    #[test]
+    fn layers_are_parts_and_prefixes() {
+        let single = part("", &["B", "G", "R", "aov.x.R", "aov.y.Z"].map(|name| (name, ExrType::F32)));
+        assert_eq!(names(&[single]), ["", "aov.x", "aov.y"]);
+        let unprefixed_is_first = part("", &["Aov.R", "R"].map(|name| (name, ExrType::F32)));
+        assert_eq!(names(&[unprefixed_is_first]), ["", "Aov"]);
+        let (left, right) = (part("left", &[("R", ExrType::F16)]), part("right", &[("d.Z", ExrType::F32)]));
+        let parts = [left, right];
+        assert_eq!(names(&parts), ["left", "right.d"]);
+        assert_eq!(choose_layer(Path::new("a.exr"), &parts, Some("right.d")).unwrap().header, 1);
+        let unknown = choose_layer(Path::new("a.exr"), &parts, Some("middle")).map(|layer| layer.name);
+        assert!(unknown.unwrap_err().to_string().contains("one of `left`, `right.d`"));
+    }
+
+    #[test]
+    fn channels_are_colours_or_luminance_or_all() {
+        let choose = |channels: &[(&str, ExrType)]| -> Result<(SampleType, String)> {
+            let header = part("", channels);
+            let layer = layers(std::slice::from_ref(&header)).swap_remove(0);
+            let (sample, chosen) = choose_channels(Path::new("a.exr"), &header, &layer)?;
+            Ok((sample, chosen.iter().map(|&(place, _)| layer.channels[place].0.as_str()).collect()))
+        };
+        let float =
+            |names: &[&'static str]| names.iter().map(|&name| (name, ExrType::F32)).collect::<Vec<_>>();
+        let chosen = |channels: &[(&str, ExrType)]| choose(channels).unwrap();
+        assert_eq!(chosen(&float(&["A", "B", "G", "R", "Z"])), (SampleType::F32, "RGBA".into()));
+        assert_eq!(chosen(&float(&["A", "Y"])), (SampleType::F32, "YA".into()));
+        assert_eq!(chosen(&float(&["G", "Z"])), (SampleType::F32, "GZ".into()));
+        assert_eq!(chosen(&[("id", ExrType::U32)]), (SampleType::U32, "id".into()));
+        assert_eq!(chosen(&[("Y", ExrType::F16), ("id", ExrType::U32)]), (SampleType::F32, "Y".into()));
+        let mixed = choose(&[("X", ExrType::F16), ("id", ExrType::U32)]);
+        assert!(matches!(mixed, Err(Error::Unsupported { .. })));
     }
 }

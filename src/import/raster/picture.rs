@@ -74,6 +74,8 @@ impl Raster for Picture {
 }
 
 pub(super) fn open_jpeg(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+    let bytes = std::fs::metadata(path).map_err(Error::io(path, "read the size of"))?.len();
+    options.check_memory(path, "the compressed picture", bytes)?;
     let info = with_jpeg(path, |bytes, decoder| {
         let progressive = check_complete(path, bytes)?;
         let image = decoder.info().ok_or_else(|| damaged(path, "no frame header"))?;
