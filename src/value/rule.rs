@@ -48,9 +48,10 @@ impl FromStr for Rule {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Rule, Error> {
-        Rule::ALL.into_iter().find(|rule| rule.name() == name).ok_or_else(|| {
-            Error::invalid("rule", format!("`{name}`"), Rule::ALL.map(Rule::name).join(", "))
-        })
+        Rule::ALL
+            .into_iter()
+            .find(|rule| rule.name() == name)
+            .ok_or_else(|| Error::invalid("rule", format!("`{name}`"), Rule::ALL.map(Rule::name).join(", ")))
     }
 }
 
@@ -91,8 +92,9 @@ impl FromStr for Kind {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Kind, Error> {
-        [Kind::Categorical, Kind::Continuous].into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
-            Error::invalid("kind", format!("`{name}`"), "categorical or continuous")
-        })
+        [Kind::Categorical, Kind::Continuous]
+            .into_iter()
+            .find(|kind| kind.name() == name)
+            .ok_or_else(|| Error::invalid("kind", format!("`{name}`"), "categorical or continuous"))
     }
 }

@@ -317,8 +317,7 @@ pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
     type BlockSquares: Copy + Debug + Default + Send + Sync;
 
     /// The type as a run-time value.
-    const TYPE: ValueType =
-        ValueType { sample: Self::Sample::TYPE, channels: Self::CHANNELS as u8 };
+    const TYPE: ValueType = ValueType { sample: Self::Sample::TYPE, channels: Self::CHANNELS as u8 };
 
     /// The samples.
     fn samples(&self) -> &[Self::Sample];

@@ -1,5 +1,14 @@
 //! Pictures and arrays, written row by row.
 
+mod epsg;
+mod exr;
+mod npy;
+mod png;
+mod raw;
+mod seekable;
+mod tiff;
+mod tiff_tags;
+
 use std::path::Path;
 
 use crate::space::Frame;
@@ -16,6 +25,11 @@ pub struct ImageSpec {
     pub height: u64,
     /// Samples of a pixel.
     pub value: ValueType,
+    /// Whether the last sample is opacity.
+    pub alpha: bool,
+    /// Whether pixels may be VOID. PNG then gets an opacity channel if it has none (or, with a palette, uses
+    /// `nodata`).
+    pub void: bool,
     /// Where the pixels lie, for formats that can tell.
     pub frame: Option<Frame>,
     /// The number that VOID pixels have in every channel of the rows that are written, for formats that can
@@ -42,8 +56,13 @@ pub enum Format {
 /// Writes one picture from the top down.
 pub trait RowWriter {
     /// Writes the next rows: whole rows, pixels from the left, a pixel's samples together, little-endian.
-    /// `valid` has a flag per pixel where some may be VOID: formats with an opacity channel use it, the others
-    /// rely on the nodata number being in `bytes` already.
+    ///
+    /// `valid` has a flag per pixel where some may be VOID: PNG pictures announced as [`ImageSpec::void`] make
+    /// their opacity channel of it (no flags: nothing is VOID); all others rely on the nodata number being in
+    /// `bytes` already.
+    ///
+    /// # Errors
+    /// If the bytes are no whole rows, are more than announced, or cannot be written.
     fn write_rows(&mut self, bytes: &[u8], valid: Option<&[bool]>) -> Result<()>;
 
     /// Completes the file and puts it in its place.
@@ -58,8 +77,47 @@ pub trait RowWriter {
 /// # Errors
 /// If the format cannot hold such values or so many pixels; the message says which format can.
 pub fn create(output: Output, format: Format, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
-    let _ = (format, spec);
-    Err(Error::unsupported(output.path(), "this format", "write .tif"))
+    if spec.width == 0 || spec.height == 0 {
+        let found = format!("{} x {} pixels", spec.width, spec.height);
+        return Err(Error::invalid("picture size", found, "at least one pixel"));
+    }
+    match format {
+        Format::Png => png::create(output, spec),
+        Format::Tiff => tiff::create(output, spec),
+        Format::Exr => exr::create(output, spec),
+        Format::Npy => npy::create(output, spec),
+        Format::Raw => raw::create(output, spec),
+    }
+}
+
+/// Counts the rows that were written.
+struct Rows {
+    row_bytes: u64,
+    missing: u64,
+}
+
+impl Rows {
+    fn new(spec: &ImageSpec) -> Rows {
+        Rows { row_bytes: spec.width * spec.value.size() as u64, missing: spec.height }
+    }
+
+    /// The number of rows in `bytes`, which are about to be written.
+    fn take(&mut self, bytes: &[u8]) -> Result<u64> {
+        let (rows, rest) = (bytes.len() as u64 / self.row_bytes, bytes.len() as u64 % self.row_bytes);
+        if rest > 0 || rows > self.missing {
+            let expected = format!("whole rows of {} bytes, at most {}", self.row_bytes, self.missing);
+            return Err(Error::invalid("rows to write", format!("{} bytes", bytes.len()), expected));
+        }
+        self.missing -= rows;
+        Ok(rows)
+    }
+
+    fn finish(&self) -> Result<()> {
+        if self.missing == 0 {
+            return Ok(());
+        }
+        Err(Error::invalid("picture", format!("{} rows too few", self.missing), "all rows"))
+    }
 }
 
 /// The format for a file name, by its extension.

@@ -1,9 +1,16 @@
 //! Raster files as input: one trait, one reader per format, mosaics of several.
 
+mod exr;
+mod guard;
+mod hgt;
+mod info;
+mod picture;
+mod png;
 mod tiff;
+mod worldfile;
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::Path;
 
 use crate::space::{Frame, Region};
@@ -105,11 +112,32 @@ impl Default for OpenOptions {
 /// # Errors
 /// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
-    let mut magic = Vec::new();
-    let file = File::open(path).map_err(Error::io(path, "open"))?;
-    file.take(16).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
+    let magic = first_bytes(path)?;
     match magic.as_slice() {
         [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
-        _ => Err(Error::unsupported(path, "this format", "convert it to TIFF")),
+        [0x89, b'P', b'N', b'G', ..] => png::open(path, options),
+        [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P'] => picture::open_webp(path, options),
+        [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
+        _ if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
+        _ => Err(Error::unsupported(
+            path,
+            "a file of this format",
+            "convert it to TIFF, PNG, JPEG, WebP, OpenEXR or .hgt",
+        )),
     }
+}
+
+/// Enough of a file's start to tell its format.
+fn first_bytes(path: &Path) -> Result<Vec<u8>> {
+    if path.is_dir() {
+        return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
+    }
+    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    let mut magic = Vec::new();
+    file.take(12).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
+    if magic.is_empty() {
+        return Err(Error::corrupt(path, "the whole file", "no bytes", "a raster"));
+    }
+    Ok(magic)
 }

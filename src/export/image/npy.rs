@@ -1,0 +1,38 @@
+//! NumPy arrays: a short header, then the samples.
+
+use std::io::Write;
+
+use super::{ImageSpec, RowWriter, raw};
+use crate::store::Output;
+use crate::value::SampleType;
+use crate::{Error, Result};
+
+pub(super) fn create(mut output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
+    output.write_all(&header(spec)).map_err(Error::io(output.path(), "write"))?;
+    raw::create(output, spec)
+}
+
+/// Version 1.0: a Python dictionary, filled up so that the samples start at a multiple of 64 bytes.
+fn header(spec: &ImageSpec) -> Vec<u8> {
+    let sample = match spec.value.sample {
+        SampleType::U8 => "|u1",
+        SampleType::U16 => "<u2",
+        SampleType::I16 => "<i2",
+        SampleType::U32 => "<u4",
+        SampleType::I32 => "<i4",
+        SampleType::F32 => "<f4",
+        SampleType::F64 => "<f8",
+    };
+    let channels = match spec.value.channels {
+        1 => String::new(),
+        channels => format!(", {channels}"),
+    };
+    let (height, width) = (spec.height, spec.width);
+    let shape = format!("{height}, {width}{channels}");
+    let dictionary = format!("{{'descr': '{sample}', 'fortran_order': False, 'shape': ({shape}), }}");
+    let length = (dictionary.len() + 11).next_multiple_of(64) - 10;
+    let mut header = b"\x93NUMPY\x01\x00".to_vec();
+    header.extend((length as u16).to_le_bytes());
+    header.extend(format!("{dictionary:width$}\n", width = length - 1).bytes());
+    header
+}

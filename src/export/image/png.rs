@@ -1,0 +1,197 @@
+//! PNG.
+
+use std::cell::RefCell;
+use std::io::{self, Write};
+use std::rc::Rc;
+
+use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, StreamWriter};
+
+use super::{ImageSpec, RowWriter, Rows};
+use crate::store::Output;
+use crate::value::{Palette, SampleType};
+use crate::{Error, Result};
+
+struct Png {
+    stream: StreamWriter<'static, Shared>,
+    output: Shared,
+    rows: Rows,
+    /// Bytes of a sample and of a pixel as they come in.
+    sample: usize,
+    pixel: usize,
+    opacity: Opacity,
+    /// Pixels with opacity, big-endian.
+    converted: Vec<u8>,
+}
+
+/// Where VOID goes.
+#[derive(Clone, Copy, PartialEq)]
+enum Opacity {
+    /// Nothing is VOID, or a palette entry says so.
+    None,
+    /// A channel that the values do not have.
+    Added,
+    /// The values' own last channel becomes 0.
+    Own,
+}
+
+/// The output, which the encoder takes for itself and never gives back.
+#[derive(Clone)]
+struct Shared(Rc<RefCell<Output>>);
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.borrow_mut().flush()
+    }
+}
+
+impl Shared {
+    fn error(&self, error: EncodingError) -> Error {
+        let source = match error {
+            EncodingError::IoError(error) => error,
+            other => io::Error::other(other),
+        };
+        Error::io(self.0.borrow().path(), "write")(source)
+    }
+}
+
+pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
+    let depth = match spec.value.sample {
+        SampleType::U8 => BitDepth::Eight,
+        SampleType::U16 => BitDepth::Sixteen,
+        other => {
+            let advice =
+                if other == SampleType::F32 { "write .tif, .npy or .exr" } else { "write .tif or .npy" };
+            return Err(Error::unsupported(
+                output.path(),
+                format!("PNG with {} samples", other.name()),
+                advice,
+            ));
+        }
+    };
+    let (Ok(width), Ok(height)) = (i32::try_from(spec.width), i32::try_from(spec.height)) else {
+        return Err(Error::unsupported(
+            output.path(),
+            "PNG with more than 2^31 - 1 rows or columns",
+            "write .tif",
+        ));
+    };
+    let palette = spec.palette.as_ref().filter(|_| depth == BitDepth::Eight && spec.value.channels == 1);
+    if palette.is_some() && spec.void && spec.nodata.is_none() {
+        let found = "PNG with a palette and VOID pixels, but no number for them";
+        return Err(Error::unsupported(output.path(), found, "give a nodata number"));
+    }
+    let opacity = match (spec.void && palette.is_none(), spec.value.channels % 2) {
+        (false, _) => Opacity::None,
+        (true, 1) => Opacity::Added,
+        (true, _) => Opacity::Own,
+    };
+    let channels = spec.value.channels + u8::from(opacity == Opacity::Added);
+
+    let output = Shared(Rc::new(RefCell::new(output)));
+    let mut encoder = Encoder::new(output.clone(), width as u32, height as u32);
+    encoder.set_depth(depth);
+    encoder.set_color(match (palette, channels) {
+        (Some(_), _) => ColorType::Indexed,
+        (None, 1) => ColorType::Grayscale,
+        (None, 2) => ColorType::GrayscaleAlpha,
+        (None, 3) => ColorType::Rgb,
+        (None, _) => ColorType::Rgba,
+    });
+    encoder.set_compression(Compression::Fast);
+    if let Some(palette) = palette {
+        let (colours, opacities) = palette_chunks(palette, spec.nodata);
+        encoder.set_palette(colours);
+        if !opacities.is_empty() {
+            encoder.set_trns(opacities);
+        }
+    }
+    let stream = encoder.write_header().and_then(|writer| writer.into_stream_writer());
+    let stream = stream.map_err(|error| output.error(error))?;
+    let (sample, pixel) = (spec.value.sample.size(), spec.value.size());
+    Ok(Box::new(Png { stream, output, rows: Rows::new(spec), sample, pixel, opacity, converted: Vec::new() }))
+}
+
+/// The PLTE and tRNS chunks. All 256 entries, because an index beyond the palette would be an error in the
+/// file; black where there is no colour.
+fn palette_chunks(palette: &Palette, nodata: Option<f64>) -> (Vec<u8>, Vec<u8>) {
+    let mut colours = [[0, 0, 0, 255]; 256];
+    for (entry, colour) in colours.iter_mut().zip(&palette.colours) {
+        *entry = *colour;
+    }
+    if let Some(index) = nodata.filter(|&number| (0.0..256.0).contains(&number) && number.fract() == 0.0) {
+        colours[index as usize][3] = 0;
+    }
+    let opaque_from = colours.iter().rposition(|colour| colour[3] < 255).map_or(0, |last| last + 1);
+    let plte = colours.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
+    (plte, colours[..opaque_from].iter().map(|colour| colour[3]).collect())
+}
+
+impl Png {
+    /// Fills `converted` with the pixels as PNG wants them.
+    fn convert(&mut self, bytes: &[u8], valid: Option<&[bool]>) {
+        let Png { sample, pixel, opacity, converted, .. } = self;
+        converted.clear();
+        for (i, pixel) in bytes.chunks_exact(*pixel).enumerate() {
+            let start = converted.len();
+            converted.extend_from_slice(pixel);
+            let alpha = if valid.is_none_or(|valid| valid[i]) { [255; 2] } else { [0; 2] };
+            match opacity {
+                Opacity::Added => converted.extend_from_slice(&alpha[..*sample]),
+                Opacity::Own if alpha == [0; 2] => {
+                    let end = converted.len();
+                    converted[end - *sample..].fill(0);
+                }
+                _ => {}
+            }
+            if *sample == 2 {
+                converted[start..].as_chunks_mut::<2>().0.iter_mut().for_each(|sample| sample.reverse());
+            }
+        }
+    }
+}
+
+impl RowWriter for Png {
+    fn write_rows(&mut self, bytes: &[u8], valid: Option<&[bool]>) -> Result<()> {
+        let rows = self.rows.take(bytes)?;
+        if self.sample == 1 && self.opacity == Opacity::None {
+            return self.stream.write_all(bytes).map_err(|error| self.output.error(error.into()));
+        }
+        // Row by row, so that the converted copy stays small.
+        let row_bytes = self.rows.row_bytes as usize;
+        let width = row_bytes / self.pixel;
+        for row in 0..rows as usize {
+            self.convert(&bytes[row * row_bytes..][..row_bytes], valid.map(|v| &v[row * width..][..width]));
+            self.stream.write_all(&self.converted).map_err(|error| self.output.error(error.into()))?;
+        }
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        self.rows.finish()?;
+        let Png { stream, output, .. } = *self;
+        stream.finish().map_err(|error| output.error(error))?;
+        match Rc::try_unwrap(output.0) {
+            Ok(output) => output.into_inner().commit(),
+            Err(_) => unreachable!("the encoder is gone, so nobody else has the output"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn palettes() {
+        let palette = Palette { colours: vec![[1, 2, 3, 255], [4, 5, 6, 128]] };
+        let (colours, opacities) = palette_chunks(&palette, None);
+        assert_eq!((colours.len(), &colours[..7]), (768, &[1, 2, 3, 4, 5, 6, 0][..]));
+        assert_eq!(opacities, [255, 128]);
+        assert_eq!(palette_chunks(&palette, Some(3.0)).1, [255, 128, 255, 0]);
+        assert_eq!(palette_chunks(&palette, Some(-1.0)).1, [255, 128]);
+    }
+}

@@ -1,0 +1,327 @@
+//! (Geo)TIFF: compressed strips, and the directory after them, where everything is known.
+
+use std::io::Write;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use rayon::prelude::*;
+
+use super::seekable::Seekable;
+use super::tiff_tags::{self, Field};
+use super::{ImageSpec, RowWriter, Rows};
+use crate::store::Output;
+use crate::value::{Palette, SampleType};
+use crate::{Error, Result};
+
+/// Bytes of a strip before compression, if a row is not longer.
+const STRIP_BYTES: u64 = 512 << 10;
+
+/// From this size on (before compression), offsets need more than 32 bits.
+const BIG_BYTES: u64 = 3_900_000_000;
+
+struct Tiff {
+    output: Seekable,
+    rows: Rows,
+    big: bool,
+    coding: Coding,
+    rows_per_strip: u64,
+    /// Rows that wait for their strip to be complete, and a few complete strips.
+    waiting: Vec<u8>,
+    offsets: Vec<u64>,
+    sizes: Vec<u64>,
+    /// All tags but those of the strips.
+    tags: Vec<(u16, Field)>,
+}
+
+/// What is done to rows before compression.
+#[derive(Clone, Copy)]
+struct Coding {
+    predictor: Predictor,
+    sample: usize,
+    channels: usize,
+    row_bytes: usize,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Predictor {
+    None = 1,
+    /// Samples become differences to their left neighbours.
+    Horizontal = 2,
+    /// Bytes of equal weight come together, then become differences.
+    Float = 3,
+}
+
+pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
+    create_as(
+        output,
+        spec,
+        spec.width.saturating_mul(spec.height).saturating_mul(spec.value.size() as u64) > BIG_BYTES,
+    )
+}
+
+fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowWriter>> {
+    let row_bytes = spec.width.saturating_mul(spec.value.size() as u64);
+    if row_bytes > u64::from(u32::MAX) || spec.height > u64::from(u32::MAX) {
+        return Err(Error::unsupported(output.path(), "TIFF with rows of 4 GiB, or 2^32 rows", "write .npy"));
+    }
+    let predictor = match spec.value.sample {
+        _ if palette(spec).is_some() => Predictor::None, // numbers of classes: differences mean nothing
+        sample if sample.is_float() => Predictor::Float,
+        _ => Predictor::Horizontal,
+    };
+    let coding = Coding {
+        predictor,
+        sample: spec.value.sample.size(),
+        channels: usize::from(spec.value.channels),
+        row_bytes: row_bytes as usize,
+    };
+    let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, spec.height);
+    let mut output = Seekable::new(output)?;
+    output.append(tiff_tags::header(big).0)?;
+    Ok(Box::new(Tiff {
+        output,
+        rows: Rows::new(spec),
+        big,
+        coding,
+        rows_per_strip,
+        waiting: Vec::new(),
+        offsets: Vec::new(),
+        sizes: Vec::new(),
+        tags: tags(spec, predictor, rows_per_strip),
+    }))
+}
+
+/// The palette, if TIFF can hold it for such values.
+fn palette(spec: &ImageSpec) -> Option<&Palette> {
+    let fits = spec.value.channels == 1 && matches!(spec.value.sample, SampleType::U8 | SampleType::U16);
+    spec.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
+}
+
+fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16, Field)> {
+    use Field::{Long, Short};
+    let channels = usize::from(spec.value.channels);
+    let sample_format = match spec.value.sample {
+        SampleType::U8 | SampleType::U16 | SampleType::U32 => 1,
+        SampleType::I16 | SampleType::I32 => 2,
+        SampleType::F32 | SampleType::F64 => 3,
+    };
+    let is_rgb = channels >= 3 && matches!(spec.value.sample, SampleType::U8 | SampleType::U16);
+    let photometric = if palette(spec).is_some() {
+        3
+    } else if is_rgb {
+        2
+    } else {
+        1
+    };
+    let mut tags = vec![
+        (256, Long(vec![spec.width as u32])),
+        (257, Long(vec![spec.height as u32])),
+        (258, Short(vec![spec.value.sample.size() as u16 * 8; channels])),
+        (259, Short(vec![8])), // Deflate
+        (262, Short(vec![photometric])),
+        (277, Short(vec![channels as u16])),
+        (278, Long(vec![rows_per_strip as u32])),
+        (284, Short(vec![1])), // a pixel's samples together
+        (317, Short(vec![predictor as u16])),
+        (339, Short(vec![sample_format; channels])),
+    ];
+    let mut extra = vec![0; channels - if is_rgb { 3 } else { 1 }];
+    if let Some(last) = extra.last_mut() {
+        *last = if spec.alpha { 2 } else { 0 }; // opacity that colours are not multiplied with
+        tags.push((338, Short(extra)));
+    }
+    if let Some(palette) = palette(spec) {
+        let entries = 1 << (8 * spec.value.sample.size());
+        let colour = |i: usize| palette.colours.get(i).copied().unwrap_or_default();
+        let channel = |c: usize| (0..entries).map(move |i| u16::from(colour(i)[c]) * 257);
+        tags.push((320, Short((0..3).flat_map(channel).collect())));
+    }
+    tags.extend(spec.frame.iter().flat_map(tiff_tags::geo_tags));
+    tags.extend(spec.nodata.map(tiff_tags::nodata_tag));
+    tags.extend(tiff_tags::band_names_tag(&spec.band_names));
+    tags
+}
+
+impl Coding {
+    /// A strip as it stands in the file.
+    fn compress(&self, rows: &[u8]) -> Vec<u8> {
+        let mut coded = rows.to_vec();
+        coded.chunks_exact_mut(self.row_bytes).for_each(|row| self.predict(row));
+        // Level 4: little larger than 6, in much less time.
+        let mut encoder = ZlibEncoder::new(Vec::with_capacity(rows.len() / 2), Compression::new(4));
+        encoder.write_all(&coded).and_then(|()| encoder.finish()).expect("a Vec takes all bytes")
+    }
+
+    fn predict(&self, row: &mut [u8]) {
+        let samples = self.row_bytes / self.sample;
+        match (self.predictor, self.sample) {
+            (Predictor::None, _) => {}
+            (Predictor::Float, _) => {
+                let mut planes = vec![0; row.len()];
+                for (i, sample) in row.chunks_exact(self.sample).enumerate() {
+                    for (weight, byte) in sample.iter().rev().enumerate() {
+                        planes[weight * samples + i] = *byte;
+                    }
+                }
+                row.copy_from_slice(&planes);
+                differences(row, self.channels);
+            }
+            (Predictor::Horizontal, 1) => differences(row, self.channels),
+            (Predictor::Horizontal, 2) => {
+                let row = row.as_chunks_mut::<2>().0;
+                for i in (self.channels..samples).rev() {
+                    let left = u16::from_le_bytes(row[i - self.channels]);
+                    row[i] = u16::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
+                }
+            }
+            (Predictor::Horizontal, _) => {
+                let row = row.as_chunks_mut::<4>().0;
+                for i in (self.channels..samples).rev() {
+                    let left = u32::from_le_bytes(row[i - self.channels]);
+                    row[i] = u32::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
+                }
+            }
+        }
+    }
+}
+
+fn differences(bytes: &mut [u8], distance: usize) {
+    for i in (distance..bytes.len()).rev() {
+        bytes[i] = bytes[i].wrapping_sub(bytes[i - distance]);
+    }
+}
+
+impl Tiff {
+    /// Compresses and writes the waiting rows.
+    fn write_strips(&mut self) -> Result<()> {
+        let strip = self.rows_per_strip as usize * self.coding.row_bytes;
+        let coding = self.coding;
+        let strips: Vec<Vec<u8>> = self.waiting.par_chunks(strip).map(|rows| coding.compress(rows)).collect();
+        for strip in strips {
+            self.offsets.push(self.output.position());
+            self.sizes.push(strip.len() as u64);
+            self.output.append(&strip)?;
+        }
+        self.waiting.clear();
+        Ok(())
+    }
+}
+
+impl RowWriter for Tiff {
+    fn write_rows(&mut self, bytes: &[u8], _: Option<&[bool]>) -> Result<()> {
+        self.rows.take(bytes)?;
+        let strip = self.rows_per_strip as usize * self.coding.row_bytes;
+        // Enough strips for all threads, but only one if strips are large.
+        let batch = (16 * STRIP_BYTES as usize / strip).max(1) * strip;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let (now, later) = rest.split_at(rest.len().min(batch - self.waiting.len()));
+            self.waiting.extend_from_slice(now);
+            rest = later;
+            if self.waiting.len() == batch {
+                self.write_strips()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<()> {
+        self.rows.finish()?;
+        self.write_strips()?;
+        let Tiff { mut output, mut tags, offsets, sizes, big, .. } = *self;
+        if output.position() % 2 == 1 {
+            output.append(&[0])?;
+        }
+        let words = |numbers: Vec<u64>| match big {
+            true => Field::Long8(numbers),
+            false => Field::Long(numbers.into_iter().map(|number| number as u32).collect()),
+        };
+        tags.push((273, words(offsets)));
+        tags.push((279, words(sizes)));
+        let at = output.position();
+        output.append(&tiff_tags::directory(tags, at, big))?;
+        output.patch(tiff_tags::header(big).1, &tiff_tags::word(at, big))?;
+        output.commit()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::ValueType;
+
+    fn spec(sample: SampleType, channels: u8) -> ImageSpec {
+        ImageSpec {
+            width: 37,
+            height: 61,
+            value: ValueType { sample, channels },
+            alpha: channels.is_multiple_of(2),
+            void: false,
+            frame: None,
+            nodata: None,
+            palette: None,
+            band_names: Vec::new(),
+        }
+    }
+
+    /// Samples in file order as another reader understands them.
+    fn decode(path: &std::path::Path) -> Vec<u8> {
+        use tiff::decoder::DecodingResult::*;
+        let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());
+        let mut decoder = tiff::decoder::Decoder::new(file).unwrap();
+        match decoder.read_image().unwrap() {
+            U8(samples) => samples,
+            U16(samples) => samples.into_iter().flat_map(u16::to_le_bytes).collect(),
+            U32(samples) => samples.into_iter().flat_map(u32::to_le_bytes).collect(),
+            I16(samples) => samples.into_iter().flat_map(i16::to_le_bytes).collect(),
+            I32(samples) => samples.into_iter().flat_map(i32::to_le_bytes).collect(),
+            F32(samples) => samples.into_iter().flat_map(f32::to_le_bytes).collect(),
+            F64(samples) => samples.into_iter().flat_map(f64::to_le_bytes).collect(),
+            other => panic!("unexpected samples: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn samples_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        for sample in SampleType::ALL {
+            for (channels, big) in [(1, false), (2, true), (3, true), (4, false)] {
+                let spec = spec(sample, channels);
+                let bytes: Vec<u8> = (0..37 * 61 * spec.value.size() as u32)
+                    .map(|i| (i.wrapping_mul(0x9e37_79b9) >> 25) as u8)
+                    .collect();
+                let mut writer = create_as(Output::create(&path).unwrap(), &spec, big).unwrap();
+                bytes
+                    .chunks(37 * spec.value.size() * 9)
+                    .for_each(|rows| writer.write_rows(rows, None).unwrap());
+                writer.finish().unwrap();
+                let version = std::fs::read(&path).unwrap()[2];
+                assert_eq!(version, if big { 43 } else { 42 });
+                assert!(decode(&path) == bytes, "{} big: {big}", spec.value);
+            }
+        }
+    }
+
+    #[test]
+    fn many_strips_are_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.tif");
+        let mut spec = spec(SampleType::U16, 1);
+        (spec.width, spec.height) = (70_000, 91);
+        let bytes: Vec<u8> = (0..70_000 * 91u32).flat_map(|i| ((i / 251) as u16).to_le_bytes()).collect();
+        let mut writer = create(Output::create(&path).unwrap(), &spec).unwrap();
+        bytes.chunks(140_000 * 20).for_each(|rows| writer.write_rows(rows, None).unwrap());
+        writer.finish().unwrap();
+        assert!(decode(&path) == bytes);
+    }
+
+    #[test]
+    fn too_wide() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut spec = spec(SampleType::F64, 4);
+        spec.width = 1 << 40;
+        let output = Output::create(&folder.path().join("a.tif")).unwrap();
+        assert!(matches!(create(output, &spec), Err(Error::Unsupported { .. })));
+    }
+}

@@ -1,0 +1,62 @@
+//! What most readers have in common.
+
+use std::path::Path;
+
+use super::{OpenOptions, Order, RasterInfo};
+use crate::space::{Frame, Region};
+use crate::value::SampleType;
+use crate::{Error, Result};
+
+impl RasterInfo {
+    /// A raster about which nothing more is known.
+    pub(super) fn plain(size: [u64; 2], sample: SampleType, channels: usize) -> RasterInfo {
+        RasterInfo {
+            width: size[0],
+            height: size[1],
+            sample,
+            stored_sample: sample.name().into(),
+            channels,
+            alpha: None,
+            frame: Frame::identity(),
+            nodata: None,
+            palette: None,
+            class_names: Vec::new(),
+            band_names: vec![String::new(); channels],
+            scale_offset: vec![(1.0, 0.0); channels],
+            kind: None,
+            layout: String::new(),
+            tags: Vec::new(),
+            order: Order::Anywhere,
+        }
+    }
+
+    /// Bytes of one pixel as [`super::Raster::read`] gives it.
+    pub(super) fn pixel_bytes(&self) -> usize {
+        self.sample.size() * self.channels
+    }
+
+    /// Fails if a region is not within the raster.
+    pub(super) fn check(&self, region: Region) -> Result<()> {
+        if Region::new(0, 0, self.width, self.height).contains(&region) {
+            return Ok(());
+        }
+        let size = format!("something within {} x {} pixels", self.width, self.height);
+        Err(Error::invalid("region to read", format!("{region:?}"), size))
+    }
+}
+
+impl OpenOptions {
+    /// Fails if `needed` bytes for `what` are more than allowed.
+    pub(super) fn check_memory(&self, path: &Path, what: &str, needed: u64) -> Result<()> {
+        if needed <= self.memory {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: path.to_path_buf(),
+            what: what.into(),
+            needed,
+            limit: self.memory,
+            advice: "allow more with --memory, or convert the file to tiled TIFF".into(),
+        })
+    }
+}
