@@ -138,7 +138,7 @@ pub(crate) fn channelwise_max<V: Value>(a: V, b: V) -> V {
 }
 
 /// The value with the highest count, the first of several.
-pub(crate) fn most_frequent<V, N: PartialOrd + Copy>(counts: impl Iterator<Item = (V, N)>) -> Option<V> {
+pub(crate) fn most_frequent<V>(counts: impl Iterator<Item = (V, u64)>) -> Option<V> {
     counts.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(value, _)| value)
 }
 

@@ -324,7 +324,7 @@ impl<V: Value> Averaging<V> for Means {
 
 /// [`Rule::Majority`]: counts per class, as a range of one arena.
 struct Majorities<V> {
-    arena: Vec<(V, u32)>,
+    arena: Vec<(V, u64)>,
 }
 
 impl<V: Value> Majorities<V> {
@@ -333,10 +333,7 @@ impl<V: Value> Majorities<V> {
         match level.state[0] {
             VOID => Vec::new(),
             LEAF => vec![(level.value[0], cells as u64)],
-            _ => {
-                let list = &self.arena[start as usize..][..len as usize];
-                list.iter().map(|(value, count)| (*value, *count as u64)).collect()
-            }
+            _ => self.arena[start as usize..][..len as usize].to_vec(),
         }
     }
 }
@@ -348,7 +345,7 @@ impl<V: Value> Averaging<V> for Majorities<V> {
         let start = self.arena.len();
         for (i, state) in states.iter().enumerate() {
             match *state {
-                LEAF => self.arena.push((values[i], cells)),
+                LEAF => self.arena.push((values[i], cells as u64)),
                 INNER => {
                     let (first, len) = known[i];
                     self.arena.extend_from_within(first as usize..(first + len) as usize);
@@ -401,17 +398,18 @@ fn sum_by_value<V: Value>(counts: &mut Vec<(V, u64)>) {
 }
 
 /// The same within a slice; returns how many entries are left at its start.
-fn sum_by_value_in<V: Value, N: Copy + std::ops::AddAssign>(counts: &mut [(V, N)]) -> usize {
+fn sum_by_value_in<V: Value>(counts: &mut [(V, u64)]) -> usize {
     counts.sort_unstable_by(|a, b| a.0.order(b.0));
     let mut len = 0;
-    for i in 0..counts.len() {
-        if len > 0 && counts[len - 1].0.same(counts[i].0) {
-            let count = counts[i].1;
-            counts[len - 1].1 += count;
-        } else {
-            counts[len] = counts[i];
-            len += 1;
+    let mut next = 0;
+    while let Some(&(value, mut sum)) = counts.get(next) {
+        next += 1;
+        while let Some((_, count)) = counts.get(next).filter(|(other, _)| other.same(value)) {
+            sum += *count;
+            next += 1;
         }
+        counts[len] = (value, sum);
+        len += 1;
     }
     len
 }
