@@ -17,6 +17,10 @@ impl LevelCounts {
     /// Adds VOID, LEAF and INNER nodes at a level.
     pub(super) fn add(&mut self, level: u8, nodes: [u64; 3]) {
         let level = level as usize;
+        // So that the list ends at the deepest level that has nodes.
+        if nodes == [0; 3] {
+            return;
+        }
         if self.levels.len() <= level {
             self.levels.resize(level + 1, [0; 3]);
         }
