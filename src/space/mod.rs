@@ -1,10 +1,12 @@
 //! Space: dimensions, nodes' codes, regions of cells, and where the cells lie in the world.
 
+mod bounds;
 mod code;
 mod dimension;
 mod frame;
 mod region;
 
+pub use bounds::Bounds;
 pub use code::{Cell, Code};
 pub use dimension::{Dimension, Oct, Quad};
 pub use frame::Frame;

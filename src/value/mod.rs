@@ -1,5 +1,6 @@
 //! Values: sample types, values of one or more samples, the rules that average them, palettes.
 
+mod dispatch;
 mod palette;
 mod rule;
 mod sample;

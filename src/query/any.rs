@@ -1,0 +1,116 @@
+//! Files of any type behind one interface, for the command line and for bindings.
+
+use std::path::Path;
+
+use crate::space::Bounds;
+use crate::store::goblin::{Finding, Header, Metadata, OpenOptions};
+use crate::{Progress, Result};
+
+use super::find::{Condition, FoundBlock};
+use super::stats::Statistics;
+
+/// A tree file of any dimension and type, open for questions.
+///
+/// Values come as f64 (which holds every sample type exactly) or as little-endian bytes; levels count from the root
+/// (0) to the cells ([`Tree::depth`]); coordinates are cells of the level that is asked for, x, y, z, the last 0 in
+/// quadtrees.
+pub trait Tree: Send + Sync {
+    /// What the header says: dimension, types, rule, depth, extent.
+    fn header(&self) -> &Header;
+    /// What is told about the data.
+    fn metadata(&self) -> &Metadata;
+    /// The file.
+    fn path(&self) -> &Path;
+    /// Bytes of the whole file.
+    fn file_size(&self) -> u64;
+    /// Number of segments.
+    fn segments(&self) -> usize;
+    /// Records in all segments, those stored more than once included.
+    fn stored_records(&self) -> u64;
+    /// Name and bytes of each part of the file.
+    fn sections(&self) -> Vec<(&'static str, u64)>;
+
+    /// Levels below the root.
+    fn depth(&self) -> u8 {
+        self.header().shape.depth
+    }
+
+    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID.
+    fn extent_at(&self, level: u8) -> Bounds {
+        let shift = self.depth() - level;
+        Bounds { min: [0; 3], max: self.header().extent.map(|cells| cells.div_ceil(1 << shift)) }
+    }
+
+    /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the tree).
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn point(&self, cell: [u64; 3], level: u8, value: &mut [f64; 4]) -> Result<bool>;
+
+    /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together, little-endian;
+    /// VOID cells have the sample `fill` in every channel, and `false` in `valid` if that is given.
+    ///
+    /// `bytes` must have `bounds.volume() * header().value.size()` bytes, `valid` one flag per cell.
+    ///
+    /// # Errors
+    /// If the file is damaged there, the level is too deep, or a buffer has the wrong size.
+    fn window(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        fill: f64,
+        bytes: &mut [u8],
+        valid: Option<&mut [bool]>,
+    ) -> Result<()>;
+
+    /// Exact statistics of a box of cells (of the deepest level); the whole picture if there is none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics>;
+
+    /// Hands out the largest blocks all of whose cells meet a condition, in FD order, until `found` says `false`.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or `found` fails.
+    fn find(
+        &self,
+        condition: Condition,
+        bounds: Option<Bounds>,
+        found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Result<()>;
+
+    /// Checks everything: see [`Goblin::verify`](crate::store::goblin::Goblin::verify).
+    ///
+    /// # Errors
+    /// If the file cannot be read, or on interruption.
+    fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>>;
+
+    /// The tree as a DF-expression ([`crate::tree::df`]).
+    ///
+    /// # Errors
+    /// If the file is damaged, or the tree has more than `most` nodes.
+    fn df_text(&self, most: u64) -> Result<String>;
+
+    /// The classic table: a line per record with its number, the children's values (an INNER child's
+    /// representative with a minus sign, or in parentheses where values may be 0 or negative; `.` is VOID) and the
+    /// number of the record to go on with when the node's detail is skipped.
+    ///
+    /// # Errors
+    /// As [`Tree::df_text`].
+    fn classic_table(&self, most: u64) -> Result<String>;
+
+    /// FD code and value of every leaf, a line each.
+    ///
+    /// # Errors
+    /// As [`Tree::df_text`].
+    fn leaf_codes(&self, most: u64) -> Result<String>;
+}
+
+/// Opens a tree file of any type.
+///
+/// # Errors
+/// If it cannot be read, is no tree file, is damaged, or of a newer version.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Tree>> {
+    super::goblin::open(path, options)
+}

@@ -1,0 +1,39 @@
+//! Boxes of cells in up to three dimensions.
+
+/// A half-open box of nodes of one level: `min .. max` along each axis; `0 .. 1` along an axis that the tree
+/// does not have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Bounds {
+    /// First node along each axis.
+    pub min: [u64; 3],
+    /// One past the last.
+    pub max: [u64; 3],
+}
+
+impl Bounds {
+    /// Nodes along each axis.
+    pub fn size(&self) -> [u64; 3] {
+        std::array::from_fn(|axis| self.max[axis].saturating_sub(self.min[axis]))
+    }
+
+    /// Number of nodes.
+    pub fn volume(&self) -> u64 {
+        self.size().into_iter().fold(1, u64::saturating_mul)
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.size().contains(&0)
+    }
+
+    /// What is in both.
+    pub fn intersect(&self, other: &Bounds) -> Bounds {
+        let min: [u64; 3] = std::array::from_fn(|axis| self.min[axis].max(other.min[axis]));
+        Bounds { min, max: std::array::from_fn(|axis| self.max[axis].min(other.max[axis]).max(min[axis])) }
+    }
+
+    /// Whether all of `other` is inside.
+    pub fn contains(&self, other: &Bounds) -> bool {
+        (0..3).all(|axis| self.min[axis] <= other.min[axis] && other.max[axis] <= self.max[axis])
+    }
+}
