@@ -12,8 +12,7 @@ use super::metadata::Metadata;
 use super::part::Sealed;
 use super::record::{INNER, LEAF, Layout, VOID};
 use super::sorter::Sorter;
-use crate::store::Output;
-use crate::store::atomic::folder;
+use crate::store::{Output, folder};
 use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
@@ -131,4 +130,3 @@ impl Write for Checked<'_> {
         self.out.flush()
     }
 }
-
