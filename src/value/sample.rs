@@ -120,13 +120,7 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     /// Sum over one block of cells (at most 2^18), without overflow.
     type BlockSum: Copy + Debug + Default + Add<Output = Self::BlockSum> + Into<Self::TotalSum> + Send + Sync;
     /// Sum of squares over one block of cells, without overflow.
-    type BlockSquare: Copy
-        + Debug
-        + Default
-        + Add<Output = Self::BlockSquare>
-        + Into<Self::TotalSum>
-        + Send
-        + Sync;
+    type BlockSquare: Copy + Debug + Default + Add<Output = Self::BlockSquare> + Into<Self::TotalSum> + Send + Sync;
     /// Sum over any number of cells, and of squares.
     type TotalSum: Sum;
 

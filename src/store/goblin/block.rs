@@ -8,10 +8,12 @@
 use super::counts::LevelCounts;
 use super::part::Part;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
-use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::tree::{Child, Source};
-use crate::value::{Rule, Sample, Tally, Value, channelwise_max, channelwise_min, dominant, most_frequent};
+use crate::value::{
+    Rule, Sample, Tally, Value, channelwise_max, channelwise_min, dominant, most_frequent,
+};
+use crate::Result;
 
 /// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level above.
 struct Level<V> {
@@ -35,8 +37,7 @@ impl<D: Layout, V: Value> Block<D, V> {
     /// The block under `code` of a tree of `depth` levels, from all its cells in Z order.
     pub(super) fn from_cells(code: Code<D>, height: u8, state: Vec<u8>, value: Vec<V>) -> Self {
         debug_assert_eq!(state.len(), 1 << (D::AXES * height as usize));
-        let mut levels: Vec<Level<V>> =
-            (0..height).map(|level| Level::new(1 << (D::AXES * level as usize))).collect();
+        let mut levels: Vec<Level<V>> = (0..height).map(|level| Level::new(1 << (D::AXES * level as usize))).collect();
         levels.push(Level { state, value, records: Vec::new(), expanded: None });
         Block { code, height, levels }
     }
@@ -145,8 +146,11 @@ impl<D: Layout, V: Value> Block<D, V> {
                 known[place] = of;
                 parents.state[place] = INNER;
                 parents.value[place] = representative;
-                let records =
-                    if children.records.is_empty() { 0 } else { children.records[range].iter().sum() };
+                let records = if children.records.is_empty() {
+                    0
+                } else {
+                    children.records[range].iter().sum()
+                };
                 parents.records[place] = records + 1;
             }
             below = known;

@@ -4,9 +4,9 @@ use zerocopy::FromBytes;
 
 use super::block::Block;
 use super::record::{LEAF, Layout, VOID};
-use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::value::Value;
+use crate::Result;
 
 /// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
 #[derive(Clone, Debug, Default)]
@@ -46,16 +46,10 @@ pub(super) enum Found<D: Dimension, V: Value> {
 
 impl Slab {
     /// What the cells under a node look like. `nodata` is the value that means VOID; NaN always does.
-    pub(super) fn find<D: Layout, V: Value>(
-        &self,
-        code: Code<D>,
-        height: u8,
-        nodata: Option<V>,
-    ) -> Found<D, V> {
+    pub(super) fn find<D: Layout, V: Value>(&self, code: Code<D>, height: u8, nodata: Option<V>) -> Found<D, V> {
         let cells = <[V::Wire]>::ref_from_bytes(&self.bytes).expect("whole values");
         let side = 1u64 << height;
-        let first: [u64; 3] =
-            std::array::from_fn(|axis| ((code.cell()[axis] as u64) << height) - self.origin[axis]);
+        let first: [u64; 3] = std::array::from_fn(|axis| ((code.cell()[axis] as u64) << height) - self.origin[axis]);
         let size: [usize; 3] = std::array::from_fn(|axis| {
             let most = if axis < D::AXES { side } else { 1 };
             (self.size[axis] - first[axis]).min(most) as usize

@@ -130,3 +130,4 @@ impl Write for Checked<'_> {
         self.out.flush()
     }
 }
+
