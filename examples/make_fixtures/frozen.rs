@@ -1,0 +1,118 @@
+//! What the frozen Goblin files are built from.
+
+use std::path::Path;
+
+use spinney::Result;
+use spinney::space::{Dimension, Frame, Oct, Quad};
+use spinney::store::Output;
+use spinney::store::goblin::{BuildOptions, Layout, Metadata, build, depth_for};
+use spinney::tree::MemTree;
+use spinney::value::{Kind, Palette, Rule, Value};
+
+use super::island::{self, Island};
+
+/// Names of the files, without `.goblin`.
+pub(crate) const FILES: [&str; 6] = ["classic", "classes", "elevation", "rgb", "ball", "segments"];
+
+/// The picture behind the survey's two ten-record tables.
+pub(crate) const CLASSIC: [[u8; 8]; 8] = [
+    [1, 1, 1, 3, 3, 1, 1, 1],
+    [1, 1, 3, 3, 3, 3, 1, 1],
+    [1, 1, 3, 3, 3, 2, 1, 1],
+    [1, 1, 1, 2, 2, 2, 2, 2],
+    [1, 1, 1, 1, 2, 2, 2, 2],
+    [1, 1, 1, 1, 2, 2, 2, 2],
+    [1, 1, 1, 1, 1, 1, 1, 2],
+    [1, 1, 1, 1, 1, 1, 1, 1],
+];
+
+/// Pixels that are left out to the right and below one that is kept, in files that should be small.
+pub(crate) const STEP: usize = 4;
+
+/// UTM zone 28 north, somewhere west of Africa.
+pub(crate) fn frame() -> Frame {
+    let matrix = [[50.0, 0.0, 0.0, 300_000.0], [0.0, -50.0, 0.0, 3_200_000.0], [0.0, 0.0, 1.0, 0.0]];
+    Frame { matrix, epsg: Some(32628), crs_name: Some("WGS 84 / UTM zone 28N".into()), pixel_is_point: false }
+}
+
+/// Builds one of [`FILES`] at `path`.
+pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
+    let colours = island::COLOURS.to_vec();
+    let class_names = island::NAMES.iter().enumerate().map(|(i, name)| (i as i64, name.to_string())).collect();
+    let small = [island::WIDTH.div_ceil(STEP) as u64, island::HEIGHT.div_ceil(STEP) as u64, 1];
+    let coarse = |[x, y, _]: [u32; 3]| {
+        let inside = (x as u64) < small[0] && (y as u64) < small[1];
+        inside.then(|| y as usize * STEP * island::WIDTH + x as usize * STEP)
+    };
+    match name {
+        "classic" => file::<Quad, [u8; 1]>(path, [8, 8, 1], Rule::Dominant, Kind::Categorical, Metadata::default(), |c| {
+            Some([CLASSIC[c[1] as usize][c[0] as usize]])
+        }),
+        "classes" => {
+            let metadata = Metadata {
+                frame: frame(),
+                nodata: Some(0.0),
+                palette: Some(Palette { colours }),
+                class_names,
+                band_names: vec!["land cover".into()],
+                provenance: vec!["made by examples/make_fixtures".into()],
+                tags: [("AREA_OR_POINT".into(), "Area".into())].into(),
+                ..Metadata::default()
+            };
+            let size = [island::WIDTH as u64, island::HEIGHT as u64, 1];
+            file::<Quad, [u8; 1]>(path, size, Rule::Majority, Kind::Categorical, metadata, |[x, y, _]| {
+                let inside = (x as usize) < island::WIDTH && (y as usize) < island::HEIGHT;
+                let class = inside.then(|| island.cover[y as usize * island::WIDTH + x as usize] as u8);
+                class.filter(|class| *class != 0).map(|class| [class])
+            })
+        }
+        "elevation" => {
+            let elevation = island.elevation();
+            let metadata = Metadata {
+                frame: frame().coarser(2),
+                nodata: Some(-9999.0),
+                band_names: vec!["height".into()],
+                scale_offset: vec![(1.0, 0.0)],
+                ..Metadata::default()
+            };
+            file::<Quad, [f32; 1]>(path, small, Rule::Mean, Kind::Continuous, metadata, |cell| {
+                coarse(cell).and_then(|i| elevation[i]).map(|height| [height])
+            })
+        }
+        "rgb" => {
+            let picture = island.picture();
+            let band_names = ["red", "green", "blue"].map(String::from).to_vec();
+            let metadata = Metadata { frame: frame().coarser(2), band_names, ..Metadata::default() };
+            file::<Quad, [u8; 3]>(path, small, Rule::Mean, Kind::Continuous, metadata, |cell| {
+                coarse(cell).map(|i| picture[i])
+            })
+        }
+        "ball" => file::<Oct, [u8; 1]>(path, [32; 3], Rule::Mean, Kind::Continuous, Metadata::default(), |cell| {
+            let square = |x: u32| (2 * x as i64 - 31) * (2 * x as i64 - 31);
+            (cell.into_iter().map(square).sum::<i64>() <= 29 * 29).then_some([255])
+        }),
+        // One block with more records than a light one may have, in a tree deep enough for it to be cut.
+        "segments" => file::<Quad, [u8; 1]>(path, [1000, 300, 1], Rule::Mean, Kind::Continuous, Metadata::default(), |[x, y, _]| {
+            if x >= 1000 || y >= 300 {
+                return None;
+            }
+            let speckled = (256..512).contains(&x) && y < 256;
+            Some([if speckled { ((x / 2 + y / 2) % 2 * 100) as u8 } else { (x / 256 * 40) as u8 }])
+        }),
+        other => panic!("no frozen file is called {other}"),
+    }
+}
+
+fn file<D: Layout + Dimension, V: Value>(
+    path: &Path,
+    size: [u64; 3],
+    rule: Rule,
+    kind: Kind,
+    metadata: Metadata,
+    cell: impl Fn([u32; 3]) -> Option<V>,
+) -> Result<()> {
+    let depth = depth_for(size);
+    let tree = MemTree::<D, V>::from_cells(depth, rule, cell);
+    let options = BuildOptions { rule, kind, depth, memory: 16 << 20, metadata };
+    build(&tree, size, &options, Output::create(path)?, &())
+}

@@ -1,0 +1,82 @@
+//! Writes the files in `fixtures/`, the same bytes every time:
+//!
+//!     cargo run --example make_fixtures
+//!
+//! With `--frozen` it also writes `fixtures/v1/`, the Goblin files that every later version must be able to read.
+//! Those are not to change any more: a new format version gets a new folder.
+
+mod frozen;
+mod island;
+
+use std::path::{Path, PathBuf};
+
+use island::{HEIGHT, Island, WIDTH};
+use spinney::Result;
+use spinney::export::image::{ImageSpec, create, format_of};
+use spinney::space::Frame;
+use spinney::store::Output;
+use spinney::value::{Palette, SampleType, ValueType};
+
+fn main() -> Result<()> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("fixtures");
+    let island = island::make();
+    pictures(&folder, &island)?;
+    if std::env::args().any(|argument| argument == "--frozen") {
+        for name in frozen::FILES {
+            frozen::make(name, &island, &folder.join("v1").join(format!("{name}.goblin")))?;
+        }
+    }
+    Ok(())
+}
+
+fn spec(size: [usize; 2], sample: SampleType, channels: u8, frame: Option<Frame>) -> ImageSpec {
+    ImageSpec {
+        width: size[0] as u64,
+        height: size[1] as u64,
+        value: ValueType { sample, channels },
+        alpha: false,
+        void: false,
+        frame,
+        nodata: None,
+        palette: None,
+        band_names: Vec::new(),
+    }
+}
+
+fn write(path: &Path, spec: &ImageSpec, bytes: &[u8]) -> Result<()> {
+    let format = format_of(path).expect("a known extension");
+    let mut writer = create(Output::create(path)?, format, spec)?;
+    writer.write_rows(bytes, None)?;
+    writer.finish()
+}
+
+fn pictures(folder: &Path, island: &Island) -> Result<()> {
+    let size = [WIDTH, HEIGHT];
+    let frame = Some(frozen::frame());
+
+    // Land cover: a palette, 0 is no data.
+    let classes: Vec<u8> = island.cover.iter().map(|cover| *cover as u8).collect();
+    let palette = Some(Palette { colours: island::COLOURS.to_vec() });
+    let mut spec_classes = spec(size, SampleType::U8, 1, frame.clone());
+    (spec_classes.void, spec_classes.nodata, spec_classes.palette) = (true, Some(0.0), palette);
+    write(&folder.join("island_classes.png"), &spec_classes, &classes)?;
+    spec_classes.band_names = vec!["land cover".into()];
+    write(&folder.join("island_classes.tif"), &spec_classes, &classes)?;
+
+    // Heights: -9999 is no data.
+    let nodata = -9999f32;
+    let heights: Vec<u8> =
+        island.elevation().iter().flat_map(|height| height.unwrap_or(nodata).to_le_bytes()).collect();
+    let mut spec_heights = spec(size, SampleType::F32, 1, frame);
+    (spec_heights.void, spec_heights.nodata) = (true, Some(nodata as f64));
+    spec_heights.band_names = vec!["height".into()];
+    write(&folder.join("island_elevation.tif"), &spec_heights, &heights)?;
+
+    let picture: Vec<u8> = island.picture().into_iter().flatten().collect();
+    write(&folder.join("island_rgb.png"), &spec(size, SampleType::U8, 3, None), &picture)?;
+
+    let mut spec_classic = spec([8, 8], SampleType::U8, 1, None);
+    let colours = vec![[0, 0, 0, 255], [246, 240, 214, 255], [92, 158, 110, 255], [62, 96, 160, 255]];
+    spec_classic.palette = Some(Palette { colours });
+    write(&folder.join("classic.png"), &spec_classic, &frozen::CLASSIC.concat())
+}
