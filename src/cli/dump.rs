@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::Args;
 
-use super::{Session, open, print_text};
+use super::{open, print_text};
 
 const EXAMPLES: &str = "Examples:
   spinney dump classic.goblin            the literature's table
   spinney dump classic.goblin --df       the DF-expression
   spinney dump classic.goblin --codes    FD code and value of every leaf";
 
-#[derive(Args)]
+/// Print a small tree in full
+#[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(crate) struct Dump {
+pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     /// Print the DF-expression: G (or M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves
@@ -28,7 +28,7 @@ pub(crate) struct Dump {
     most: u64,
 }
 
-pub(crate) fn run(args: &Dump, _: &Session) -> Result<()> {
+pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = open(&args.file)?;
     let mut text = if args.df {
         tree.df_text(args.most)?

@@ -4,12 +4,11 @@ use std::io::{BufWriter, Write, stdout};
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::Args;
 use serde_json::json;
 use spinney::query::Condition;
 
 use super::place::Part;
-use super::{Session, open};
+use super::open;
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
@@ -17,9 +16,10 @@ const EXAMPLES: &str = "Examples:
 
 A line has the block's FD code, level, first column and row, columns and rows, and its value if it has only one.";
 
-#[derive(Args)]
+/// Find the largest blocks whose cells all meet a condition
+#[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(crate) struct Find {
+pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     #[command(flatten)]
@@ -35,7 +35,7 @@ pub(crate) struct Find {
 }
 
 /// What to look for, in the first channel.
-#[derive(Args)]
+#[derive(clap::Args)]
 #[group(required = true, multiple = false)]
 struct Wanted {
     /// Values greater than this
@@ -49,7 +49,7 @@ struct Wanted {
     class: Option<f64>,
 }
 
-pub(crate) fn run(args: &Find, session: &Session) -> Result<()> {
+pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = open(&args.file)?;
     let bounds = args.part.bounds(&*tree)?;
     let Wanted { above, below, class } = args.condition;
@@ -63,7 +63,7 @@ pub(crate) fn run(args: &Find, session: &Session) -> Result<()> {
     let octree = tree.header().axes == 3;
     let mut failed = Ok(());
     tree.find(condition, bounds, &mut |block| {
-        if left == 0 || session.interrupted() {
+        if left == 0 {
             return Ok(false);
         }
         left -= 1;

@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
-use clap::Args;
 use spinney::export::image::{Format, format_of};
 use spinney::export::{Detail, WindowRequest, export_window};
 use spinney::space::Bounds;
 use spinney::store::Output;
 
 use super::place::Part;
-use super::{Session, open};
+use super::progress::Work;
+use super::{Global, open};
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
@@ -18,9 +18,10 @@ const EXAMPLES: &str = "Examples:
   spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
   spinney get world.goblin - --format png --size 256x256 > tile.png";
 
-#[derive(Args)]
+/// Write any part at any level of detail as a picture or array
+#[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(crate) struct Get {
+pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     /// Output: .png, .tif, .exr, .npy or .raw; `-` is standard output
@@ -50,7 +51,7 @@ fn size(text: &str) -> Result<(u64, u64), String> {
     parts.filter(|(width, height)| *width > 0 && *height > 0).ok_or_else(|| "expected WxH, as in 1024x512".into())
 }
 
-pub(crate) fn run(args: &Get, session: &Session) -> Result<()> {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = open(&args.file)?;
     let name = args.format.as_ref().map(|format| Path::new("x").with_extension(format));
     let format: Option<Format> = format_of(name.as_deref().unwrap_or(&args.output));
@@ -74,7 +75,7 @@ pub(crate) fn run(args: &Get, session: &Session) -> Result<()> {
     };
     let request = WindowRequest { bounds, detail, nodata: args.nodata, memory: 64 << 20 };
     let output = Output::create(&args.output)?;
-    let progress = session.progress("pixels");
+    let progress = Work::start(global, "pixels")?;
     export_window(&*tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", args.output.display()))
 }

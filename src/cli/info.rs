@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::Args;
 use serde_json::json;
 use spinney::query::Tree;
 
-use super::{Session, open, print_json, print_text};
+use super::{open, print_json, print_text};
 
-#[derive(Args)]
-pub(crate) struct Info {
+/// Tell what is in a file
+#[derive(clap::Args)]
+pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     /// Print JSON
@@ -18,7 +18,7 @@ pub(crate) struct Info {
     json: bool,
 }
 
-pub(crate) fn run(args: &Info, _: &Session) -> Result<()> {
+pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = open(&args.file)?;
     if args.json { print_json(&as_json(&*tree)?) } else { print_text(&as_text(&*tree)?) }
 }

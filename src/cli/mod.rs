@@ -2,13 +2,23 @@
 
 mod build;
 mod completions;
+mod dump;
+mod find;
+mod get;
+mod info;
+mod place;
+mod point;
 mod progress;
 mod quantity;
+mod stats;
+mod verify;
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use spinney::query::Tree;
 
 /// What most subcommands give back.
 type Result<T = (), E = anyhow::Error> = std::result::Result<T, E>;
@@ -25,8 +35,10 @@ struct Cli {
 
 const EXAMPLES: &str = "\
 Start here:
-  spinney build world.tif -o world.goblin   make a tree of a picture
-  spinney help build                        all about building
+  spinney build world.tif -o world.goblin              make a tree of a picture
+  spinney info world.goblin                            see what is in it
+  spinney get world.goblin small.png --size 1024x512   look at it
+  spinney help build                                   all about building
 
 Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
 
@@ -45,15 +57,30 @@ pub(crate) struct Global {
 #[derive(Subcommand)]
 enum Command {
     Build(build::Args),
+    Info(info::Args),
+    Get(get::Args),
+    Point(point::Args),
+    Stats(stats::Args),
+    Find(find::Args),
+    Dump(dump::Args),
+    Verify(verify::Args),
     Completions(completions::Args),
 }
 
 impl Command {
-    fn run(self, global: &Global) -> Result {
+    fn run(self, global: &Global) -> Result<ExitCode> {
         match self {
             Command::Build(args) => build::run(args, global),
+            Command::Info(args) => info::run(&args),
+            Command::Get(args) => get::run(&args, global),
+            Command::Point(args) => point::run(&args),
+            Command::Stats(args) => stats::run(&args),
+            Command::Find(args) => find::run(&args),
+            Command::Dump(args) => dump::run(&args),
+            Command::Verify(args) => return verify::run(&args, global),
             Command::Completions(args) => completions::run(args),
         }
+        .map(|()| ExitCode::SUCCESS)
     }
 }
 
@@ -67,6 +94,19 @@ impl Global {
     }
 }
 
+/// Opens a tree file of any type.
+fn open(path: &Path) -> Result<Box<dyn Tree>> {
+    Ok(spinney::query::open(path, &Default::default())?)
+}
+
+fn print_text(text: &str) -> Result {
+    Ok(io::stdout().write_all(text.as_bytes())?)
+}
+
+fn print_json(value: &serde_json::Value) -> Result {
+    print_text(&format!("{value:#}\n"))
+}
+
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
     let Cli { global, command } = Cli::parse();
@@ -75,7 +115,7 @@ pub(crate) fn main() -> ExitCode {
         pool.build_global().expect("no thread pool is running yet");
     }
     match command.run(&global) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(error) => {
             let code = exit_code(&error);
             if code != BROKEN_PIPE {

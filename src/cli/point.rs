@@ -4,11 +4,10 @@ use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail, ensure};
-use clap::Args;
 use rayon::prelude::*;
 use spinney::query::Tree;
 
-use super::{Session, open};
+use super::open;
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98 -- -70.0,-33.4
@@ -17,9 +16,10 @@ const EXAMPLES: &str = "Examples:
 
 A line of the answer has a point's samples, or `void`. Lines of standard input are `X,Y` or `X Y`.";
 
-#[derive(Args)]
+/// Ask for the values of single cells
+#[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(crate) struct Point {
+pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     /// Points, X,Y or X,Y,Z; read from standard input if there are none
@@ -33,7 +33,7 @@ pub(crate) struct Point {
     cells: bool,
 }
 
-pub(crate) fn run(args: &Point, _: &Session) -> Result<()> {
+pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = open(&args.file)?;
     let depth = tree.depth();
     let level = args.level.unwrap_or(depth);

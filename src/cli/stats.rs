@@ -3,21 +3,21 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::Args;
 use serde_json::json;
 use spinney::query::{Statistics, Tree};
 use spinney::space::{Bounds, is_geographic};
 
 use super::place::Part;
-use super::{Session, open, print_json};
+use super::{open, print_json};
 
 const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
   spinney stats landcover.goblin --window 0,0,4096,4096 --json";
 
-#[derive(Args)]
+/// Exact statistics of any part
+#[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
-pub(crate) struct Stats {
+pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     #[command(flatten)]
@@ -30,7 +30,7 @@ pub(crate) struct Stats {
     json: bool,
 }
 
-pub(crate) fn run(args: &Stats, _: &Session) -> Result<()> {
+pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = open(&args.file)?;
     let bounds = args.part.bounds(&*tree)?;
     let stats = tree.statistics(bounds)?;

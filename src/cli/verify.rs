@@ -4,26 +4,28 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use clap::Args;
 
-use super::{Session, open, print_text};
+use super::progress::Work;
+use super::{Global, open, print_text};
 
-#[derive(Args)]
-pub(crate) struct Verify {
+/// Check every checksum and every rule of the tree
+#[derive(clap::Args)]
+pub(crate) struct Args {
     /// Tree files
     #[arg(required = true)]
     files: Vec<PathBuf>,
 }
 
-pub(crate) fn run(args: &Verify, session: &Session) -> Result<ExitCode> {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
+    let work = Work::start(global, "cells")?;
     let mut good = true;
     for file in &args.files {
         let tree = open(file)?;
-        let findings = tree.verify(256 << 20, &session.progress("cells"))?;
+        let findings = tree.verify(256 << 20, &work)?;
         for finding in &findings {
             print_text(&format!("{}: {}: {}\n", file.display(), finding.place, finding.problem))?;
         }
-        if findings.is_empty() && !session.quiet {
+        if findings.is_empty() && !global.quiet {
             print_text(&format!("{}: good\n", file.display()))?;
         }
         good &= findings.is_empty();
