@@ -12,7 +12,7 @@ use super::directory::{Entry, code_bits, entry_size};
 use super::header::{HEADER_SIZE, Header, Section, TAIL, Trailer};
 use super::metadata::Metadata;
 use super::record::{CUT, INNER, LEAF, Layout, Record, VOID};
-use super::segment::{Bytes, Segment, child_places};
+use super::segment::{Bytes, Segment, child_place, child_places};
 use crate::space::{Code, Dimension};
 use crate::store::{Mapped, Positioned, Storage};
 use crate::tree::{Child, Source};
@@ -357,9 +357,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
                 VOID => return Ok(Child::Void),
                 LEAF => return Ok(Child::Leaf(value)),
                 INNER => {
-                    let places = child_places::<D, V>(records, record);
-                    let place = places.and_then(|places| places.as_ref()[step]);
-                    record = place.ok_or_else(|| self.bad_skip(&segment, record))? as usize;
+                    let place = child_place::<D, V>(records, record, step);
+                    record = place.ok_or_else(|| self.bad_skip(&segment, record))?;
                 }
                 _ => return Err(self.bad_cut(code.ancestor(level + 1))),
             }
