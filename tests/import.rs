@@ -77,7 +77,11 @@ fn cells_of<V: Value>(path: &Path) -> (Vec<u8>, Vec<bool>) {
     (bytes, valid)
 }
 
-/// Builds a tree of a file and compares all pixels; `false` if the file cannot be read in the first place.
+/// Pixels of the largest pictures that are tried: larger ones take long and show nothing new.
+const LARGEST: u64 = 10_000_000;
+
+/// Builds a tree of a file and compares all pixels; `false` if the file cannot be read in the first place, or is
+/// too large.
 fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let open = |bands: &Option<Vec<usize>>| {
         let raster = raster::open(path, &OpenOptions::default())?;
@@ -87,9 +91,13 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
         }
     };
     let Ok(first) = open(&None) else { return false };
+    if first.info().width.saturating_mul(first.info().height) > LARGEST {
+        return false;
+    }
     let bands = raster::value_type(path, first.info()).is_err().then(|| vec![1]);
     if bands.is_some() {
-        let refused = plan(&[path.to_path_buf()], &ImportOptions::default()).err().map(|error| error.to_string());
+        let refused =
+            plan(&[path.to_path_buf()], &ImportOptions::default()).err().map(|error| error.to_string());
         assert!(refused.is_some_and(|error| error.contains("--band")), "{}", path.display());
     }
     let target = folder.join("t.goblin");
@@ -107,7 +115,8 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let (found, found_valid) = spinney::with_value_type!(value, V => {
         let file = Goblin::<Quad, V>::open(&target, &goblin::OpenOptions::default()).unwrap();
         let expected = goblin::Metadata { counts: file.metadata().counts.clone(), ..metadata };
-        assert_eq!(*file.metadata(), expected);
+        // As text, in which NaN is equal to itself.
+        assert_eq!(format!("{:?}", file.metadata()), format!("{expected:?}"));
         cells_of::<V>(&target)
     }, else unreachable!());
     assert!(found_valid == valid, "{}: VOID differs", path.display());
@@ -123,12 +132,8 @@ fn every_pixel_of_every_file_comes_back() {
     let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
     let mut count = 0;
     for line in table.lines().skip(1) {
-        let fields: Vec<_> = line.split('\t').collect();
-        let [width, height] = [1, 2].map(|i| fields[i].parse::<u64>().unwrap());
-        // The largest ones take long and show nothing new.
-        if width * height <= 4_000_000 {
-            count += usize::from(comes_back(&folder.join(fields[0]), temp.path(), None));
-        }
+        let file = line.split('\t').next().unwrap();
+        count += usize::from(comes_back(&folder.join(file), temp.path(), None));
     }
     assert!(count > 300, "{count}");
 }
@@ -165,8 +170,10 @@ fn options_overrule_the_file() {
         ..ImportOptions::default()
     };
     let import = plan(&[path.clone()], &options).unwrap();
-    let text: String = import.description().iter().map(|(heading, text)| format!("{heading}: {text}\n")).collect();
-    for expected in ["300 x 200", "u16", "EPSG:3857", "2, 0, 10, 0, -2, 20", "nodata: 7", "max", "12 levels"] {
+    let text: String =
+        import.description().iter().map(|(heading, text)| format!("{heading}: {text}\n")).collect();
+    for expected in ["300 x 200", "u16", "EPSG:3857", "2, 0, 10, 0, -2, 20", "nodata: 7", "max", "12 levels"]
+    {
         assert!(text.contains(expected), "{text}");
     }
     let target = temp.path().join("t.goblin");

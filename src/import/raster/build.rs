@@ -61,7 +61,8 @@ mod tests {
         let metadata = Metadata::default();
         let options = BuildOptions { rule: Rule::Mean, kind: Kind::Continuous, depth: 11, memory, metadata };
         let output = Output::create(path).unwrap();
-        build_slabs::<Quad, [u8; 1]>(&mut RasterSlabs::new(raster, memory), None, &options, output, &()).unwrap();
+        build_slabs::<Quad, [u8; 1]>(&mut RasterSlabs::new(raster, memory), None, &options, output, &())
+            .unwrap();
         std::fs::read(path).unwrap()
     }
 
