@@ -81,8 +81,9 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
         global.say(format_args!("{heading:<10} {text}"));
     }
     let raw = import.raw_bytes();
-    let output = Output::create(&path)?;
+    // Ears before hands: no moment in which Ctrl-C would leave a temporary file.
     let work = Work::start(global, "cells")?;
+    let output = Output::create(&path)?;
     import.build(output, &work)?;
     work.finish();
     let time = format!("{:.1} s", start.elapsed().as_secs_f64());
