@@ -98,7 +98,10 @@ fn codes_of_the_table() {
     };
     let codes = |path: &[usize]| {
         let steps = || path.iter().copied();
-        [Code::<Quad>::from_digits(steps()).unwrap().bits(), Code::<Oct>::from_digits(steps()).unwrap().bits()]
+        [
+            Code::<Quad>::from_digits(steps()).unwrap().bits(),
+            Code::<Oct>::from_digits(steps()).unwrap().bits(),
+        ]
     };
     assert_eq!(row("root"), codes(&[]));
     assert_eq!(row("its child 0"), codes(&[0]));

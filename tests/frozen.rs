@@ -17,7 +17,8 @@ fn fixture(name: &str) -> PathBuf {
 
 /// A frozen file, found to be in order.
 fn open<D: Layout, V: Value>(name: &str) -> Goblin<D, V> {
-    let positioned = Goblin::<D, V>::open(&fixture(name), &OpenOptions { positioned: true, ..OpenOptions::default() });
+    let positioned =
+        Goblin::<D, V>::open(&fixture(name), &OpenOptions { positioned: true, ..OpenOptions::default() });
     assert_eq!(positioned.unwrap().verify(1 << 24, &()).unwrap(), []);
     let file = Goblin::<D, V>::open(&fixture(name), &OpenOptions::default()).unwrap();
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
@@ -89,7 +90,8 @@ fn classes() {
     assert_eq!(metadata.counts.records(), file.stored_records());
 }
 
-const CLASSES: [(u8, u64); 7] = [(1, 11450), (2, 1466), (3, 10281), (4, 9549), (5, 2961), (6, 4639), (7, 299)];
+const CLASSES: [(u8, u64); 7] =
+    [(1, 11450), (2, 1466), (3, 10281), (4, 9549), (5, 2961), (6, 4639), (7, 299)];
 
 #[test]
 fn elevation() {
