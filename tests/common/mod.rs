@@ -1,5 +1,5 @@
 //! Helpers shared by the integration tests.
-#![allow(dead_code)] // each test file uses some of them
+#![allow(dead_code, unreachable_pub)] // each test file uses some of them, none is a library
 
 use std::path::PathBuf;
 

@@ -146,4 +146,4 @@ impl Layout for Oct {
 }
 
 /// A subtree with more records than this owns a segment (`T`), where files are written.
-pub const LIGHT: u32 = 4096;
+pub(super) const LIGHT: u32 = 4096;
