@@ -4,6 +4,7 @@ mod error;
 pub mod export;
 pub mod import;
 mod progress;
+pub mod query;
 pub mod space;
 pub mod store;
 pub mod tree;

@@ -1,3 +1,7 @@
 //! The `spinney` program.
 
-fn main() {}
+mod cli;
+
+fn main() -> std::process::ExitCode {
+    cli::main()
+}

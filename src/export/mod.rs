@@ -2,3 +2,9 @@
 
 #[cfg(feature = "raster")]
 pub mod image;
+
+#[cfg(feature = "raster")]
+mod window;
+
+#[cfg(feature = "raster")]
+pub use window::{Detail, WindowRequest, export_window, fill_for};

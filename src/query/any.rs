@@ -69,6 +69,12 @@ pub trait Tree: Send + Sync {
     /// If the file is damaged there.
     fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics>;
 
+    /// Cells of a box (of the deepest level) whose first channel lies in each of `bins` equal parts of `low ..= high`.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>>;
+
     /// Hands out the largest blocks all of whose cells meet a condition, in FD order, until `found` says `false`.
     ///
     /// # Errors

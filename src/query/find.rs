@@ -1,6 +1,11 @@
-//! Searches for blocks by value.
+//! Searches for blocks by value: zone statistics rule out, or take whole, what they can.
 
-use crate::space::Bounds;
+use crate::space::{Bounds, Code};
+use crate::store::goblin::{Goblin, Layout};
+use crate::value::{Sample, Tally, Value};
+use crate::{Error, Result};
+
+use super::walk::{Visitor, node_bounds, walk};
 
 /// What to look for, in the first channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -11,6 +16,27 @@ pub enum Condition {
     Below(f64),
     /// Values equal to this.
     Equal(f64),
+}
+
+impl Condition {
+    fn met_by(self, number: f64) -> bool {
+        match self {
+            Condition::Above(bound) => number > bound,
+            Condition::Below(bound) => number < bound,
+            Condition::Equal(wanted) => number == wanted,
+        }
+    }
+
+    /// Whether all or none of a zone's values meet the condition; `None` if the extremes do not tell.
+    fn of_zone<V: Value>(self, zone: &Tally<V>) -> Option<bool> {
+        let (min, max) = (zone.min.samples()[0].to_f64(), zone.max.samples()[0].to_f64());
+        match self {
+            Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => Some(self.met_by(min)),
+            Condition::Equal(wanted) if wanted < min || wanted > max => Some(false),
+            Condition::Equal(_) if min == max => Some(true),
+            _ => None,
+        }
+    }
 }
 
 /// A block whose cells all meet a condition.
@@ -24,4 +50,108 @@ pub struct FoundBlock {
     pub bounds: Bounds,
     /// The value, if it is the same all over.
     pub value: Option<f64>,
+}
+
+impl<D: Layout, V: Value> Goblin<D, V> {
+    /// Hands out the largest blocks in a box all of whose cells meet a condition, in FD order, until `found` says
+    /// `false`. VOID meets none.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or `found` fails.
+    pub fn find(
+        &self,
+        condition: Condition,
+        bounds: Option<Bounds>,
+        found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Result<()> {
+        let picture = Bounds { min: [0; 3], max: self.header().extent };
+        let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let mut search = Search { tree: self, condition, found, pending: Vec::new(), stopped: false };
+        let walked = walk(self, &bounds, &mut search).and_then(|()| search.miss());
+        // Stopping early looks like an interruption to the walk.
+        if search.stopped { Ok(()) } else { walked }
+    }
+}
+
+struct Search<'a, D: Layout, V: Value> {
+    tree: &'a Goblin<D, V>,
+    condition: Condition,
+    found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
+    /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a larger
+    /// one.
+    pending: Vec<(Code<D>, Option<f64>)>,
+    stopped: bool,
+}
+
+impl<D: Layout, V: Value> Search<'_, D, V> {
+    /// Something does not meet the condition: what is pending cannot grow any more.
+    fn miss(&mut self) -> Result<()> {
+        let depth = self.tree.header().shape.depth;
+        for (code, value) in std::mem::take(&mut self.pending) {
+            let bounds = node_bounds(code, depth);
+            if !(self.found)(FoundBlock { code: code.to_string(), level: code.level(), bounds, value })? {
+                self.stopped = true;
+                return Err(Error::Interrupted);
+            }
+        }
+        Ok(())
+    }
+
+    /// A uniform block that meets the condition but sticks out of the box: its largest parts inside.
+    fn split(&mut self, code: Code<D>, value: f64, part: &Bounds) -> Result<()> {
+        let whole = node_bounds(code, self.tree.header().shape.depth);
+        if part.contains(&whole) {
+            self.pending.push((code, Some(value)));
+            return Ok(());
+        }
+        if part.intersect(&whole).is_empty() {
+            return self.miss();
+        }
+        (0..D::CHILDREN).try_for_each(|child| self.split(code.child(child), value, part))
+    }
+}
+
+impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D, V> {
+    fn zone(&mut self, code: Code<D>, segment: usize) -> Result<bool> {
+        let zone = self.tree.entry(segment)?.zone;
+        let full = zone.cells == node_bounds(code, self.tree.header().shape.depth).volume();
+        match self.condition.of_zone(&zone) {
+            Some(true) if full => self.pending.push((code, None)),
+            Some(false) => self.miss()?,
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn block(&mut self, code: Code<D>, value: Option<V>, part: &Bounds, inside: bool) -> Result<()> {
+        let number = value.map(|value| value.samples()[0].to_f64());
+        match number.filter(|number| self.condition.met_by(*number)) {
+            None => self.miss(),
+            Some(number) if inside => {
+                self.pending.push((code, Some(number)));
+                Ok(())
+            }
+            Some(number) => self.split(code, number, part),
+        }
+    }
+
+    fn leave(&mut self, code: Code<D>) -> Result<()> {
+        // All children pending, and nothing else since: the parent stands for them.
+        if let Some(first) = self.pending.len().checked_sub(D::CHILDREN) {
+            let children = &self.pending[first..];
+            if children.iter().enumerate().all(|(i, (child, _))| *child == code.child(i)) {
+                let value = children[0].1;
+                let same = children.iter().all(|(_, other)| *other == value);
+                self.pending.truncate(first);
+                self.pending.push((code, value.filter(|_| same)));
+            }
+        }
+        Ok(())
+    }
+
+    fn outside(&mut self) -> Result<()> {
+        self.miss()
+    }
+
+    fn enter_segment(&mut self) {}
 }

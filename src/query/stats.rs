@@ -1,5 +1,12 @@
 //! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is cut.
 
+use crate::space::{Bounds, Code};
+use crate::store::goblin::{Goblin, Layout};
+use crate::value::{Sample, Sum, Tally, Value, channelwise_max, channelwise_min};
+use crate::Result;
+
+use super::walk::{Visitor, walk};
+
 /// Statistics of the cells of a box that are not VOID.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Statistics {
@@ -7,7 +14,7 @@ pub struct Statistics {
     pub cells: u64,
     /// Cells of the box within the picture that are VOID.
     pub void_cells: u64,
-    /// Smallest sample, largest sample, mean and standard deviation (of the population) of each channel.
+    /// Statistics of each channel; nothing if there are no cells.
     pub channels: Vec<ChannelStatistics>,
     /// Cells of each value, by ascending value; only for one-channel files that count classes.
     pub classes: Vec<(f64, u64)>,
@@ -15,7 +22,7 @@ pub struct Statistics {
     pub segments_read: u64,
 }
 
-/// Statistics of one channel.
+/// Statistics of one channel; the deviation is that of the population.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(missing_docs)] // the names say it
 pub struct ChannelStatistics {
@@ -23,4 +30,189 @@ pub struct ChannelStatistics {
     pub max: f64,
     pub mean: f64,
     pub deviation: f64,
+}
+
+impl<D: Layout, V: Value> Goblin<D, V> {
+    /// Exact statistics of a box of cells of the deepest level; of the whole picture if there is none. Time is
+    /// proportional to the records on the box's border, not to its cells.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        let header = self.header();
+        let picture = Bounds { min: [0; 3], max: header.extent };
+        let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        // A box that has the whole picture has the whole tree: the rest is VOID.
+        let side = 1u64 << header.shape.depth;
+        let space = Bounds { min: [0; 3], max: [side, side, if D::AXES > 2 { side } else { 1 }] };
+        let mut gather = Gather {
+            tree: self,
+            classes: self.counts_classes().then(Classes::default),
+            tally: Tally::void(),
+            segments: 0,
+        };
+        walk(self, if bounds == picture { &space } else { &bounds }, &mut gather)?;
+        let Gather { classes, mut tally, segments, .. } = gather;
+        if let Some(classes) = classes {
+            for (value, cells) in classes.counts {
+                tally = Tally::merge(&[&tally, &Tally::leaf(value, cells, true)]);
+            }
+        }
+        Ok(summary(&tally, bounds.volume(), segments))
+    }
+
+    /// Cells of a box whose first channel lies in each of `bins` equal parts of `low ..= high`.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
+        let bins = vec![0; bins.max(1)];
+        let mut histogram = Histogram { tree: self, low, scale: bins.len() as f64 / (high - low), bins };
+        walk(self, bounds, &mut histogram)?;
+        Ok(histogram.bins)
+    }
+}
+
+fn summary<V: Value>(tally: &Tally<V>, volume: u64, segments_read: u64) -> Statistics {
+    let number = |value: &V, channel: usize| value.samples()[channel].to_f64();
+    let channel = |channel: usize| ChannelStatistics {
+        min: number(&tally.min, channel),
+        max: number(&tally.max, channel),
+        mean: tally.sum.as_ref()[channel].to_f64() / tally.cells as f64,
+        deviation: Sum::variance(tally.sum.as_ref()[channel], tally.squares.as_ref()[channel], tally.cells).sqrt(),
+    };
+    let classes = if V::CHANNELS == 1 { &tally.classes[..] } else { &[] };
+    Statistics {
+        cells: tally.cells,
+        void_cells: volume.saturating_sub(tally.cells),
+        channels: if tally.cells > 0 { (0..V::CHANNELS).map(channel).collect() } else { Vec::new() },
+        classes: classes.iter().map(|(value, cells)| (number(value, 0), *cells)).collect(),
+        segments_read,
+    }
+}
+
+/// Cells of each value, sorted; remembers the last place because neighbours are alike.
+struct Classes<V> {
+    counts: Vec<(V, u64)>,
+    last: usize,
+}
+
+impl<V> Default for Classes<V> {
+    fn default() -> Self {
+        Classes { counts: Vec::new(), last: 0 }
+    }
+}
+
+impl<V: Value> Classes<V> {
+    fn add(&mut self, value: V, cells: u64) {
+        if !self.counts.get(self.last).is_some_and(|(last, _)| last.same(value)) {
+            self.last = match self.counts.binary_search_by(|(other, _)| other.order(value)) {
+                Ok(place) => place,
+                Err(place) => {
+                    self.counts.insert(place, (value, 0));
+                    place
+                }
+            };
+        }
+        self.counts[self.last].1 += cells;
+    }
+}
+
+struct Gather<'a, D: Layout, V: Value> {
+    tree: &'a Goblin<D, V>,
+    /// If classes are counted, everything else follows from the counts.
+    classes: Option<Classes<V>>,
+    tally: Tally<V>,
+    segments: u64,
+}
+
+impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
+    fn zone(&mut self, _: Code<D>, segment: usize) -> Result<bool> {
+        match &mut self.classes {
+            Some(classes) => {
+                let counts = self.tree.segment(segment)?.classes();
+                counts.into_iter().for_each(|(value, cells)| classes.add(value, cells));
+            }
+            None => self.tally = Tally::merge(&[&self.tally, &self.tree.entry(segment)?.zone]),
+        }
+        Ok(true)
+    }
+
+    fn block(&mut self, _: Code<D>, value: Option<V>, part: &Bounds, _: bool) -> Result<()> {
+        let Some(value) = value else { return Ok(()) };
+        let cells = part.volume();
+        if let Some(classes) = &mut self.classes {
+            classes.add(value, cells);
+            return Ok(());
+        }
+        let tally = &mut self.tally;
+        if tally.cells == 0 {
+            (tally.min, tally.max) = (value, value);
+        }
+        tally.cells += cells;
+        tally.min = channelwise_min(tally.min, value);
+        tally.max = channelwise_max(tally.max, value);
+        for (channel, sample) in value.samples().iter().enumerate() {
+            let (sum, square) = (sample.total_sum().times(cells), sample.square().times(cells));
+            tally.sum.as_mut()[channel] = tally.sum.as_ref()[channel] + sum;
+            tally.squares.as_mut()[channel] = tally.squares.as_ref()[channel] + square;
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self, _: Code<D>) -> Result<()> {
+        Ok(())
+    }
+
+    fn outside(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn enter_segment(&mut self) {
+        self.segments += 1;
+    }
+}
+
+struct Histogram<'a, D: Layout, V: Value> {
+    tree: &'a Goblin<D, V>,
+    low: f64,
+    /// Bins per unit.
+    scale: f64,
+    bins: Vec<u64>,
+}
+
+impl<D: Layout, V: Value> Histogram<'_, D, V> {
+    fn bin(&self, value: V) -> usize {
+        let place = (value.samples()[0].to_f64() - self.low) * self.scale;
+        (place.max(0.0) as usize).min(self.bins.len() - 1)
+    }
+}
+
+impl<D: Layout, V: Value> Visitor<D, V> for Histogram<'_, D, V> {
+    fn zone(&mut self, _: Code<D>, segment: usize) -> Result<bool> {
+        let zone = self.tree.entry(segment)?.zone;
+        let (first, last) = (self.bin(zone.min), self.bin(zone.max));
+        if first == last {
+            self.bins[first] += zone.cells;
+        }
+        Ok(first == last)
+    }
+
+    fn block(&mut self, _: Code<D>, value: Option<V>, part: &Bounds, _: bool) -> Result<()> {
+        if let Some(value) = value {
+            let bin = self.bin(value);
+            self.bins[bin] += part.volume();
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self, _: Code<D>) -> Result<()> {
+        Ok(())
+    }
+
+    fn outside(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn enter_segment(&mut self) {}
 }

@@ -3,11 +3,13 @@
 mod bounds;
 mod code;
 mod dimension;
+mod epsg;
 mod frame;
 mod region;
 
 pub use bounds::Bounds;
 pub use code::{Cell, Code};
 pub use dimension::{Dimension, Oct, Quad};
+pub use epsg::is_geographic;
 pub use frame::Frame;
 pub use region::Region;

@@ -5,4 +5,5 @@ pub mod goblin;
 mod storage;
 
 pub use atomic::Output;
+pub(crate) use atomic::folder;
 pub use storage::{Mapped, Positioned, Storage};

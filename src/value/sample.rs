@@ -77,6 +77,8 @@ pub trait Sum: Copy + Debug + Default + PartialEq + Add<Output = Self> + Send + 
     fn from_bytes(bytes: [u8; 16]) -> Self;
     /// The sum of `cells` equal samples whose own sum is this.
     fn times(self, cells: u64) -> Self;
+    /// Variance of the population from its sum, sum of squares and size.
+    fn variance(sum: Self, squares: Self, cells: u64) -> f64;
 }
 
 impl Sum for i128 {
@@ -91,6 +93,12 @@ impl Sum for i128 {
     }
     fn times(self, cells: u64) -> Self {
         self.wrapping_mul(cells as i128)
+    }
+    fn variance(sum: i128, squares: i128, cells: u64) -> f64 {
+        // Exact until the last division, where the numbers are not beyond all bounds.
+        let exact = squares.checked_mul(cells as i128).zip(sum.checked_mul(sum)).map(|(a, b)| (a - b) as f64);
+        let n = cells as f64;
+        exact.map_or_else(|| f64::variance(sum as f64, squares as f64, cells), |exact| exact / (n * n))
     }
 }
 
@@ -108,6 +116,10 @@ impl Sum for f64 {
     }
     fn times(self, cells: u64) -> Self {
         self * cells as f64
+    }
+    fn variance(sum: f64, squares: f64, cells: u64) -> f64 {
+        let n = cells as f64;
+        ((squares - sum / n * sum) / n).max(0.0)
     }
 }
 

@@ -1,5 +1,5 @@
 //! Helpers shared by the integration tests.
-#![allow(dead_code, unreachable_pub)] // each test file uses some of them, none is a library
+#![allow(dead_code, unreachable_pub)] // each test file uses some of them
 
 use std::path::PathBuf;
 

@@ -1,6 +1,5 @@
 //! Pictures and arrays, written row by row.
 
-mod epsg;
 mod exr;
 mod npy;
 mod png;

@@ -1,6 +1,6 @@
 //! The container of TIFF: tags, directories, and the tags that place a picture in the world.
 
-use super::epsg;
+
 use crate::space::Frame;
 
 /// A tag's value.
@@ -102,7 +102,7 @@ fn geo_keys(frame: &Frame) -> Vec<(u16, Field)> {
     let mut keys: Vec<[u16; 4]> = Vec::new();
     let mut key = |number, value| keys.push([number, 0, 1, value]);
     match epsg {
-        Some(code) if epsg::is_geographic(code) => {
+        Some(code) if crate::space::is_geographic(code) => {
             key(MODEL_TYPE, 2);
             key(GEOGRAPHIC_TYPE, code);
         }

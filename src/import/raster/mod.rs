@@ -1,18 +1,32 @@
 //! Raster files as input: one trait, one reader per format, mosaics of several.
 
+mod bands;
+mod build;
 mod exr;
+#[cfg(test)]
+mod fake;
 mod guard;
 mod hgt;
 mod info;
+mod mosaic;
 mod picture;
+mod plan;
 mod png;
+mod slabs;
+mod spill;
 mod tiff;
+mod validity;
 mod worldfile;
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
+pub use self::bands::{select, value_type};
+pub use self::mosaic::mosaic;
+pub use self::plan::{DEFAULT_MEMORY, Import, ImportOptions, plan};
+pub use self::slabs::RasterSlabs;
+pub use self::spill::spill;
 use crate::space::{Frame, Region};
 use crate::value::{Kind, Palette, SampleType};
 use crate::{Error, Result};

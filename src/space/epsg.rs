@@ -2,7 +2,7 @@
 
 /// Whether an EPSG number is a geographic coordinate system (degrees of longitude and latitude); all others
 /// that rasters have are projected. The GeoTIFF keys differ for the two.
-pub(super) fn is_geographic(code: u16) -> bool {
+pub fn is_geographic(code: u16) -> bool {
     GEOGRAPHIC.iter().any(|&(first, last)| (first..=last).contains(&code))
 }
 

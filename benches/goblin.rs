@@ -1,0 +1,163 @@
+//! Hot paths of Goblin files: building blocks, descending to cells, drawing tiles, searching the directory.
+//!
+//! `cargo bench --bench goblin`
+
+use std::hint::black_box;
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use spinney::Result;
+use spinney::space::{Bounds, Code, Quad};
+use spinney::store::Output;
+use spinney::store::goblin::{BuildOptions, Goblin, Layout, Metadata, Slab, Slabs, build_slabs, depth_for};
+use spinney::value::{Kind, Value};
+use zerocopy::IntoBytes;
+
+const SIDE: u64 = 4096;
+
+/// Pictures of `SIDE` cells per axis.
+#[derive(Clone, Copy)]
+enum Picture {
+    Uniform,
+    /// Two classes and a fractal border between them.
+    Coastline,
+    /// Twelve classes at random.
+    Speckle,
+    /// A smooth field with noise in the low bits.
+    Photograph,
+}
+
+fn mix(x: u64, y: u64) -> u64 {
+    let mut z = x.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ y.wrapping_mul(0xC2B2_AE3D_27D4_EB4F);
+    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    z ^ (z >> 31)
+}
+
+fn sample(picture: Picture, x: u64, y: u64) -> u8 {
+    match picture {
+        Picture::Uniform => 7,
+        Picture::Coastline => {
+            let wave = |period: f64, size: f64| ((x as f64 / period).sin() + (y as f64 / period * 1.3).cos()) * size;
+            (wave(700.0, 1.0) + wave(150.0, 0.4) + wave(31.0, 0.15) + wave(7.0, 0.06) > 0.4) as u8
+        }
+        Picture::Speckle => (mix(x, y) % 12) as u8,
+        Picture::Photograph => ((x / 37 + y / 23) % 200 + mix(x, y) % 5) as u8,
+    }
+}
+
+struct Rows {
+    picture: Vec<u8>,
+    next: u64,
+}
+
+impl Rows {
+    fn new(picture: Picture) -> Rows {
+        let picture = (0..SIDE * SIDE).map(|i| sample(picture, i % SIDE, i / SIDE)).collect();
+        Rows { picture, next: 0 }
+    }
+}
+
+impl Slabs for Rows {
+    fn extent(&self) -> [u64; 3] {
+        [SIDE, SIDE, 1]
+    }
+
+    fn next(&mut self, slab: &mut Slab) -> Result<bool> {
+        if self.next == SIDE {
+            return Ok(false);
+        }
+        slab.origin = [0, self.next, 0];
+        slab.size = [SIDE, 256, 1];
+        let start = (self.next * SIDE) as usize;
+        slab.bytes.clear();
+        slab.bytes.extend_from_slice(&self.picture[start..start + 256 * SIDE as usize]);
+        self.next += 256;
+        Ok(true)
+    }
+}
+
+fn build<V: Value>(rows: &mut Rows, kind: Kind) -> Vec<u8>
+where
+    Quad: Layout,
+{
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("bench.goblin");
+    let options = BuildOptions {
+        rule: kind.default_rule(),
+        kind,
+        depth: depth_for(rows.extent()),
+        memory: 256 << 20,
+        metadata: Metadata::default(),
+    };
+    let output = Output::create(&path).expect("a file");
+    build_slabs::<Quad, V>(rows, None, &options, output, &()).expect("built");
+    std::fs::read(&path).expect("read")
+}
+
+const PICTURES: [(&str, Picture, Kind); 4] = [
+    ("uniform", Picture::Uniform, Kind::Categorical),
+    ("coastline", Picture::Coastline, Kind::Categorical),
+    ("speckle", Picture::Speckle, Kind::Categorical),
+    ("photograph", Picture::Photograph, Kind::Continuous),
+];
+
+/// Time per picture of 256 blocks, on one thread.
+fn building(c: &mut Criterion) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    let mut group = c.benchmark_group("build");
+    group.sample_size(10).throughput(Throughput::Elements(SIDE * SIDE));
+    for (name, picture, kind) in PICTURES {
+        let rows = Rows::new(picture);
+        group.bench_function(name, |b| {
+            b.iter_batched_ref(
+                || Rows { picture: rows.picture.clone(), next: 0 },
+                |rows| pool.install(|| build::<[u8; 1]>(rows, kind)),
+                BatchSize::PerIteration,
+            );
+        });
+    }
+}
+
+fn reading(c: &mut Criterion) {
+    for (name, picture, kind) in PICTURES.into_iter().skip(1) {
+        let file = Goblin::<Quad, [u8; 1]>::from_bytes(build::<[u8; 1]>(&mut Rows::new(picture), kind)).expect("open");
+        let depth = depth_for([SIDE, SIDE, 1]);
+        let mut n = 0u64;
+        let mut random = move || {
+            n += 1;
+            mix(n, 1)
+        };
+        let mut group = c.benchmark_group(format!("read {name}"));
+        group.throughput(Throughput::Elements(1));
+        group.bench_function("cell", |b| {
+            b.iter(|| {
+                let r = random();
+                let code = Code::from_cell(depth, [(r % SIDE) as u32, (r >> 32) as u32 % SIDE as u32, 0]);
+                black_box(file.value_at(code.expect("inside")).expect("good"))
+            });
+        });
+        group.bench_function("directory", |b| {
+            b.iter(|| {
+                let r = random();
+                let code = Code::from_cell(depth, [(r % SIDE) as u32, (r >> 32) as u32 % SIDE as u32, 0]);
+                black_box(file.find_segment(code.expect("inside")))
+            });
+        });
+        let mut tile = vec![[0u8; 1]; 1 << 16];
+        group.throughput(Throughput::Elements(1 << 16));
+        for level in [depth, depth - 1, depth - 2] {
+            group.bench_function(format!("tile at level {level}"), |b| {
+                b.iter(|| {
+                    let tiles = 1u64 << (level - 8);
+                    let r = random();
+                    let (x, y) = (r % tiles, (r >> 32) % tiles);
+                    let bounds = Bounds { min: [x << 8, y << 8, 0], max: [(x + 1) << 8, (y + 1) << 8, 1] };
+                    file.window(level, &bounds, [255], &mut tile, None).expect("good");
+                    black_box(tile.as_bytes()[0])
+                });
+            });
+        }
+    }
+}
+
+criterion_group!(benches, building, reading);
+criterion_main!(benches);

@@ -1,0 +1,115 @@
+//! `spinney build`
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::bail;
+use spinney::import::raster::{self, ImportOptions};
+use spinney::store::Output;
+use spinney::value::{Kind, Rule};
+
+use super::progress::Work;
+use super::{Global, Result, quantity};
+
+/// Make a tree of a picture, or of several on one grid.
+///
+/// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one .goblin file that
+/// holds them at every level of detail. What the files say about their pixels (coordinates, nodata, palette, names)
+/// is kept; options overrule it.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Raster files; of several, the last lies on top
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    /// The file to make; - is standard output
+    #[arg(short, long, value_name = "OUT.goblin")]
+    output: PathBuf,
+    /// What the values mean: categorical (classes, counted) or continuous (amounts, averaged) [default: from the
+    /// file]
+    #[arg(long)]
+    kind: Option<Kind>,
+    /// The value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest [default:
+    /// mean of amounts, majority of classes]
+    #[arg(long)]
+    rule: Option<Rule>,
+    /// Channels to take, counted from 1, in this order [default: all]
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    band: Option<Vec<usize>>,
+    /// The number that means nothing is there [default: from the file]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    nodata: Option<f64>,
+    /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the picture]
+    #[arg(long, value_name = "N")]
+    depth: Option<u8>,
+    /// Coordinate system of the pixels, by its EPSG number [default: from the file]
+    #[arg(long, value_name = "NUMBER")]
+    epsg: Option<u32>,
+    /// Where the pixels lie: x = a col + b row + c, y = d col + e row + f [default: from the file]
+    #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform, allow_hyphen_values = true)]
+    transform: Option<[f64; 6]>,
+    /// Layer of an OpenEXR file, by name [default: the first]
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+    /// Memory to use, such as 256M or 2G; what does not fit goes to a temporary file beside the output
+    #[arg(long, value_name = "BYTES", default_value = "512M", value_parser = quantity::parse_bytes)]
+    memory: u64,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  spinney build world.tif -o world.goblin
+  spinney build landcover.tif -o landcover.goblin --kind categorical --nodata 0
+  spinney build scene.tif -o colour.goblin --band 4,3,2
+  spinney build N46E007.hgt N46E008.hgt -o alps.goblin --memory 1G
+  spinney build scan.png -o scan.goblin --epsg 3857 --transform 0.5,0,1000,0,-0.5,2000
+  spinney build world.tif -o - | ssh host 'cat > world.goblin'
+
+The output appears under its name only when it is complete; until then, an older file of that name stays.";
+
+pub(crate) fn run(args: Args, global: &Global) -> Result {
+    let start = Instant::now();
+    if let Some(input) = args.inputs.iter().find(|input| is_same_file(input, &args.output)) {
+        bail!("{}: is an input and the output; choose another output", input.display());
+    }
+    let Args { inputs, output: path, kind, rule, band: bands, nodata, depth, epsg, transform, layer, memory } =
+        args;
+    let memory = Some(memory);
+    let options = ImportOptions { kind, rule, bands, nodata, depth, epsg, transform, layer, memory };
+    let import = raster::plan(&inputs, &options)?;
+    for (heading, text) in import.description() {
+        global.say(format_args!("{heading:<10} {text}"));
+    }
+    let raw = import.raw_bytes();
+    let output = Output::create(&path)?;
+    let work = Work::start(global, "cells")?;
+    import.build(output, &work)?;
+    work.finish();
+    let time = format!("{:.1} s", start.elapsed().as_secs_f64());
+    match std::fs::metadata(&path) {
+        Ok(file) if path != Path::new("-") => {
+            let percent = 100.0 * file.len() as f64 / raw as f64;
+            let (size, raw) = (quantity::bytes(file.len()), quantity::bytes(raw));
+            let name = path.display();
+            global.say(format_args!(
+                "{:<10} {name}: {size}, {percent:.1} % of {raw} of samples, in {time}",
+                "output"
+            ));
+        }
+        _ => global.say(format_args!("{:<10} standard output, in {time}", "output")),
+    }
+    Ok(())
+}
+
+/// Whether two paths lead to one file, which is there.
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    match (a.canonicalize(), b.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => false,
+    }
+}
+
+fn parse_transform(text: &str) -> Result<[f64; 6], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    numbers.ok().and_then(|numbers| numbers.try_into().ok()).ok_or("expected six numbers: a,b,c,d,e,f".into())
+}

@@ -1,0 +1,44 @@
+//! `spinney dump`: small trees in full.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+
+use super::{open, print_text};
+
+const EXAMPLES: &str = "Examples:
+  spinney dump classic.goblin            the literature's table
+  spinney dump classic.goblin --df       the DF-expression
+  spinney dump classic.goblin --codes    FD code and value of every leaf";
+
+/// Print a small tree in full
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Tree file
+    file: PathBuf,
+    /// Print the DF-expression: G (or M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves
+    #[arg(long, conflicts_with = "codes")]
+    df: bool,
+    /// Print a line per leaf: path, FD code, value
+    #[arg(long)]
+    codes: bool,
+    /// Refuse trees of more records
+    #[arg(long, default_value_t = 1_000_000)]
+    most: u64,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let tree = open(&args.file)?;
+    let mut text = if args.df {
+        tree.df_text(args.most)?
+    } else if args.codes {
+        tree.leaf_codes(args.most)?
+    } else {
+        tree.classic_table(args.most)?
+    };
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    print_text(&text)
+}

@@ -1,0 +1,165 @@
+//! `spinney info`: what is in a file.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::query::Tree;
+
+use super::{open, print_json, print_text};
+
+/// Tell what is in a file
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Tree file
+    file: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let tree = open(&args.file)?;
+    if args.json { print_json(&as_json(&*tree)?) } else { print_text(&as_text(&*tree)?) }
+}
+
+/// Bytes of the picture as plain samples.
+fn raw_bytes(tree: &dyn Tree) -> u64 {
+    tree.header().extent.iter().product::<u64>().saturating_mul(tree.header().value.size() as u64)
+}
+
+fn tree_name(tree: &dyn Tree) -> &'static str {
+    if tree.header().axes == 2 { "quadtree" } else { "octree" }
+}
+
+fn as_json(tree: &dyn Tree) -> Result<serde_json::Value> {
+    let header = tree.header();
+    let metadata = tree.metadata();
+    let stats = tree.statistics(None)?;
+    let axes = header.axes as usize;
+    let levels: Vec<_> = metadata
+        .counts
+        .levels()
+        .iter()
+        .enumerate()
+        .map(|(level, [void, leaf, inner])| json!({ "level": level, "void": void, "leaf": leaf, "inner": inner }))
+        .collect();
+    let sections: serde_json::Map<_, _> =
+        tree.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
+    let channels: Vec<_> = stats
+        .channels
+        .iter()
+        .map(|c| json!({ "min": c.min, "max": c.max, "mean": c.mean, "deviation": c.deviation }))
+        .collect();
+    let classes: Vec<_> = stats
+        .classes
+        .iter()
+        .map(|(value, cells)| {
+            let colour = metadata.palette.as_ref().and_then(|palette| palette.colours.get(*value as usize));
+            let name = metadata.class_names.get(&(*value as i64));
+            json!({ "value": value, "cells": cells, "name": name, "colour": colour })
+        })
+        .collect();
+    Ok(json!({
+        "file": tree.path().display().to_string(),
+        "format": "Goblin",
+        "codec": header.codec.name(),
+        "tree": tree_name(tree),
+        "value": header.value.to_string(),
+        "size": header.extent[..axes],
+        "depth": header.shape.depth,
+        "kind": header.kind.name(),
+        "rule": header.rule.name(),
+        "transform": metadata.frame.affine(),
+        "epsg": metadata.frame.epsg,
+        "crs": metadata.frame.crs_name,
+        "nodata": metadata.nodata,
+        "bands": metadata.band_names,
+        "scale_offset": metadata.scale_offset,
+        "bytes": tree.file_size(),
+        "raw_bytes": raw_bytes(tree),
+        "sections": sections,
+        "segments": tree.segments(),
+        "records": metadata.counts.records(),
+        "stored_records": tree.stored_records(),
+        "levels": levels,
+        "cells": stats.cells,
+        "void_cells": stats.void_cells,
+        "channels": channels,
+        "classes": classes,
+        "provenance": metadata.provenance,
+        "tags": metadata.tags,
+    }))
+}
+
+fn as_text(tree: &dyn Tree) -> Result<String> {
+    use std::fmt::Write;
+    let header = tree.header();
+    let metadata = tree.metadata();
+    let stats = tree.statistics(None)?;
+    let mut text = String::new();
+    let size: Vec<String> = header.extent[..header.axes as usize].iter().map(u64::to_string).collect();
+    writeln!(text, "{}: Goblin {}, codec {}", tree.path().display(), tree_name(tree), header.codec.name())?;
+    writeln!(text, "size        {} cells of {}, depth {}", size.join(" x "), header.value, header.shape.depth)?;
+    writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;
+    let [a, b, c, d, e, f] = metadata.frame.affine();
+    writeln!(text, "transform   {a}, {b}, {c}, {d}, {e}, {f}")?;
+    let name = metadata.frame.crs_name.as_deref();
+    match (metadata.frame.epsg, name) {
+        (Some(epsg), Some(name)) => writeln!(text, "crs         EPSG:{epsg} ({name})")?,
+        (Some(epsg), None) => writeln!(text, "crs         EPSG:{epsg}")?,
+        (None, Some(name)) => writeln!(text, "crs         {name}")?,
+        (None, None) => {}
+    }
+    if let Some(nodata) = metadata.nodata {
+        writeln!(text, "nodata      {nodata}")?;
+    }
+    let raw = raw_bytes(tree);
+    let ratio = raw as f64 / tree.file_size().max(1) as f64;
+    writeln!(text, "bytes       {}; plain samples would be {raw}, {ratio:.1} times as many", tree.file_size())?;
+    let sections: Vec<String> = tree.sections().iter().map(|(name, bytes)| format!("{name} {bytes}")).collect();
+    writeln!(text, "            {}", sections.join(", "))?;
+    writeln!(
+        text,
+        "records     {} in {} segments, {} of the tree",
+        tree.stored_records(),
+        tree.segments(),
+        metadata.counts.records()
+    )?;
+    writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
+    for (i, channel) in stats.channels.iter().enumerate().filter(|_| stats.classes.is_empty()) {
+        writeln!(
+            text,
+            "channel {}   min {}, max {}, mean {:.6}, deviation {:.6}",
+            i + 1,
+            channel.min,
+            channel.max,
+            channel.mean,
+            channel.deviation
+        )?;
+    }
+    if !stats.classes.is_empty() {
+        writeln!(text, "classes     {}", stats.classes.len())?;
+        for (value, cells) in stats.classes.iter().take(32) {
+            let colour = metadata.palette.as_ref().and_then(|palette| palette.colours.get(*value as usize));
+            let colour = colour.map(|[r, g, b, _]| format!("  #{r:02x}{g:02x}{b:02x}")).unwrap_or_default();
+            let name = metadata.class_names.get(&(*value as i64)).map(String::as_str).unwrap_or_default();
+            writeln!(text, "{value:>8} {cells:>14} cells{colour}  {name}")?;
+        }
+        if stats.classes.len() > 32 {
+            writeln!(text, "         and {} more", stats.classes.len() - 32)?;
+        }
+    }
+    writeln!(text, "level           VOID           LEAF          INNER")?;
+    for (level, [void, leaf, inner]) in metadata.counts.levels().iter().enumerate() {
+        writeln!(text, "{level:>5} {void:>14} {leaf:>14} {inner:>14}")?;
+    }
+    for line in &metadata.provenance {
+        writeln!(text, "from        {line}")?;
+    }
+    for (name, value) in &metadata.tags {
+        let value: String = value.chars().take(200).collect();
+        writeln!(text, "tag         {name} = {value}")?;
+    }
+    Ok(text)
+}

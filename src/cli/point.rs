@@ -1,0 +1,161 @@
+//! `spinney point`: single cells, a few from the command line or many from standard input.
+
+use std::io::{self, BufRead, Write};
+use std::path::PathBuf;
+
+use anyhow::{Context as _, Result, bail, ensure};
+use rayon::prelude::*;
+use spinney::query::Tree;
+
+use super::open;
+
+const EXAMPLES: &str = "Examples:
+  spinney point relief.goblin 7.66,45.98 -- -70.0,-33.4
+  spinney point --cells world.goblin 21600,5000
+  spinney point relief.goblin < coordinates.csv > heights.txt
+
+A line of the answer has a point's samples, or `void`. Lines of standard input are `X,Y` or `X Y`.";
+
+/// Ask for the values of single cells
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Tree file
+    file: PathBuf,
+    /// Points, X,Y or X,Y,Z; read from standard input if there are none
+    #[arg(value_name = "X,Y", allow_hyphen_values = true)]
+    points: Vec<String>,
+    /// Level of detail: the answer is the average of the block around the point
+    #[arg(long)]
+    level: Option<u8>,
+    /// Points are columns and rows of the deepest level, not world coordinates
+    #[arg(long)]
+    cells: bool,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let tree = open(&args.file)?;
+    let depth = tree.depth();
+    let level = args.level.unwrap_or(depth);
+    ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
+    let points = Points { tree: &*tree, level, cells: args.cells };
+    let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
+    if !args.points.is_empty() {
+        let lines = args.points.join("\n");
+        out.write_all(&points.answer(lines.as_bytes(), 1)?)?;
+    } else {
+        points.stream(io::stdin().lock(), &mut out)?;
+    }
+    Ok(out.flush()?)
+}
+
+struct Points<'a> {
+    tree: &'a dyn Tree,
+    level: u8,
+    cells: bool,
+}
+
+/// Bytes of input answered at a time, by all threads.
+const BATCH: usize = 4 << 20;
+
+impl Points<'_> {
+    fn stream(&self, mut input: impl BufRead, out: &mut impl Write) -> Result<()> {
+        let mut rest: Vec<u8> = Vec::new();
+        let mut line = 1;
+        loop {
+            let before = rest.len();
+            let read = io::Read::take(&mut input, BATCH as u64);
+            let count = io::Read::read_to_end(&mut { read }, &mut rest).context("standard input")?;
+            let whole = match rest[before..].iter().rposition(|byte| *byte == b'\n') {
+                _ if count == 0 => rest.len(),
+                Some(end) => before + end + 1,
+                None => {
+                    ensure!(rest.len() < 2 * BATCH, "standard input, line {line}: a line of more than {BATCH} bytes");
+                    continue;
+                }
+            };
+            // The threads take parts of the batch, cut at ends of lines.
+            let parts = split_lines(&rest[..whole], rayon::current_num_threads() * 4);
+            let starts = parts.iter().scan(line, |next, part| {
+                let start = *next;
+                *next += part.iter().filter(|byte| **byte == b'\n').count() as u64;
+                Some(start)
+            });
+            let parts: Vec<_> = parts.iter().copied().zip(starts).collect();
+            let answers: Result<Vec<_>> = parts.par_iter().map(|(part, line)| self.answer(part, *line)).collect();
+            for answer in answers? {
+                out.write_all(&answer)?;
+            }
+            line += rest[..whole].iter().filter(|byte| **byte == b'\n').count() as u64;
+            rest.drain(..whole);
+            if count == 0 {
+                return Ok(());
+            }
+        }
+    }
+
+    /// An answer per line of input.
+    fn answer(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
+        let channels = self.tree.header().value.channels as usize;
+        let mut answers = Vec::with_capacity(lines.len());
+        let text = std::str::from_utf8(lines).context("standard input is not text")?;
+        let shift = self.tree.depth() - self.level;
+        for (i, line) in text.lines().enumerate() {
+            let line = line.trim();
+            if line.is_empty() {
+                continue;
+            }
+            let mut point = [0.0; 3];
+            let mut numbers = 0;
+            for word in line.split([',', ' ', '\t', ';']).filter(|word| !word.is_empty()) {
+                let number = word.parse().ok().filter(|number: &f64| number.is_finite());
+                match (number, point.get_mut(numbers)) {
+                    (Some(number), Some(place)) => *place = number,
+                    _ => bail!("point {}: `{line}` is not X,Y", first + i as u64),
+                }
+                numbers += 1;
+            }
+            ensure!(numbers >= 2, "point {}: `{line}` is not X,Y", first + i as u64);
+            let cell = if self.cells {
+                point
+            } else {
+                self.tree.metadata().frame.to_cells(point).context("the file's transform has no inverse")?
+            };
+            let outside = cell.iter().any(|number| *number < 0.0);
+            let cell = cell.map(|number| number.floor() as u64 >> shift);
+            let mut value = [0.0; 4];
+            if !outside && self.tree.point(cell, self.level, &mut value)? {
+                for (channel, number) in value[..channels].iter().enumerate() {
+                    if channel > 0 {
+                        answers.push(b',');
+                    }
+                    write_number(*number, &mut answers);
+                }
+            } else {
+                answers.extend(b"void");
+            }
+            answers.push(b'\n');
+        }
+        Ok(answers)
+    }
+}
+
+/// Whole numbers, which most are, without the detour over floating-point printing.
+fn write_number(number: f64, text: &mut Vec<u8>) {
+    let whole = number as i64;
+    let written = if whole as f64 == number { write!(text, "{whole}") } else { write!(text, "{}", number as f32) };
+    debug_assert!(written.is_ok(), "writing to memory");
+}
+
+fn split_lines(bytes: &[u8], parts: usize) -> Vec<&[u8]> {
+    let mut rest = bytes;
+    let mut list = Vec::new();
+    while !rest.is_empty() {
+        let aim = (bytes.len() / parts).max(1).min(rest.len());
+        let end = rest[aim - 1..].iter().position(|byte| *byte == b'\n').map_or(rest.len(), |more| aim + more);
+        let (part, after) = rest.split_at(end);
+        list.push(part);
+        rest = after;
+    }
+    list
+}

@@ -1,0 +1,129 @@
+//! `spinney stats`: exact statistics of any part.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::query::{Statistics, Tree};
+use spinney::space::{Bounds, is_geographic};
+
+use super::place::Part;
+use super::{open, print_json};
+
+const EXAMPLES: &str = "Examples:
+  spinney stats relief.goblin --bbox 5,44,17,48
+  spinney stats landcover.goblin --window 0,0,4096,4096 --json";
+
+/// Exact statistics of any part
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Tree file
+    file: PathBuf,
+    #[command(flatten)]
+    part: Part,
+    /// Bins of the histogram of the first channel, where the file does not count classes; 0 for none
+    #[arg(long, default_value_t = 16)]
+    bins: usize,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let tree = open(&args.file)?;
+    let bounds = args.part.bounds(&*tree)?;
+    let stats = tree.statistics(bounds)?;
+    let picture = Bounds { min: [0; 3], max: tree.header().extent };
+    let bounds = bounds.unwrap_or(picture).intersect(&picture);
+    let histogram = match stats.channels.first() {
+        Some(first) if stats.classes.is_empty() && first.min < first.max && (1..=65536).contains(&args.bins) => {
+            let bins = tree.histogram(&bounds, first.min, first.max, args.bins)?;
+            let width = (first.max - first.min) / args.bins as f64;
+            bins.into_iter().enumerate().map(|(i, cells)| (first.min + i as f64 * width, cells)).collect()
+        }
+        _ => Vec::new(),
+    };
+    if args.json { print_json(&as_json(&*tree, &stats, &histogram)) } else { print(&*tree, &stats, &histogram) }
+}
+
+/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true.
+fn cell_area(tree: &dyn Tree) -> Option<f64> {
+    let frame = &tree.metadata().frame;
+    let epsg = frame.epsg.filter(|epsg| *epsg != 3857 && !is_geographic(u16::try_from(*epsg).unwrap_or(0)))?;
+    let name = frame.crs_name.as_deref().unwrap_or_default().to_lowercase();
+    let [a, b, _, d, e, _] = frame.affine();
+    let feet = name.contains("ft") || name.contains("foot") || name.contains("feet") || (2222..=2289).contains(&epsg);
+    (!feet).then_some((a * e - b * d).abs())
+}
+
+fn class_name(tree: &dyn Tree, value: f64) -> Option<&str> {
+    tree.metadata().class_names.get(&(value as i64)).map(String::as_str)
+}
+
+fn as_json(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {
+    let area = cell_area(tree);
+    let channels: Vec<_> = stats
+        .channels
+        .iter()
+        .map(|c| json!({ "min": c.min, "max": c.max, "mean": c.mean, "deviation": c.deviation }))
+        .collect();
+    let class = |(value, cells): &(f64, u64)| {
+        json!({
+            "value": value,
+            "name": class_name(tree, *value),
+            "cells": cells,
+            "area_m2": area.map(|area| area * *cells as f64),
+        })
+    };
+    let bin = |(from, cells): &(f64, u64)| json!({ "from": from, "cells": cells });
+    json!({
+        "cells": stats.cells,
+        "void_cells": stats.void_cells,
+        "area_m2": area.map(|area| area * stats.cells as f64),
+        "channels": channels,
+        "classes": stats.classes.iter().map(class).collect::<Vec<_>>(),
+        "histogram": histogram.iter().map(bin).collect::<Vec<_>>(),
+        "segments_read": stats.segments_read,
+    })
+}
+
+fn print(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> Result<()> {
+    use std::fmt::Write;
+    let mut text = String::new();
+    let area = cell_area(tree);
+    writeln!(text, "cells      {}, and {} VOID", stats.cells, stats.void_cells)?;
+    if let Some(area) = area {
+        writeln!(text, "area       {:.0} m2", area * stats.cells as f64)?;
+    }
+    if stats.classes.is_empty() {
+        for (i, channel) in stats.channels.iter().enumerate() {
+            let name = tree.metadata().band_names.get(i).filter(|name| !name.is_empty());
+            writeln!(
+                text,
+                "channel {}  min {}  max {}  mean {:.6}  deviation {:.6}{}",
+                i + 1,
+                channel.min,
+                channel.max,
+                channel.mean,
+                channel.deviation,
+                name.map(|name| format!("  ({name})")).unwrap_or_default()
+            )?;
+        }
+        let most = histogram.iter().map(|(_, cells)| *cells).max().unwrap_or(0).max(1);
+        for (from, cells) in histogram {
+            let bar = "#".repeat((*cells * 40 / most) as usize);
+            writeln!(text, "{from:>14.4} {cells:>14} {bar}")?;
+        }
+    } else {
+        for (value, cells) in &stats.classes {
+            let share = 100.0 * *cells as f64 / stats.cells as f64;
+            write!(text, "{value:>8} {cells:>14} cells {share:>8.4} %")?;
+            if let Some(area) = area {
+                write!(text, " {:>16.0} m2", area * *cells as f64)?;
+            }
+            writeln!(text, "  {}", class_name(tree, *value).unwrap_or_default())?;
+        }
+    }
+    super::print_text(&text)
+}

@@ -1,0 +1,34 @@
+//! `spinney verify`: every checksum and every rule of the tree.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+
+use super::progress::Work;
+use super::{Global, open, print_text};
+
+/// Check every checksum and every rule of the tree
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Tree files
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
+    let work = Work::start(global, "cells")?;
+    let mut good = true;
+    for file in &args.files {
+        let tree = open(file)?;
+        let findings = tree.verify(256 << 20, &work)?;
+        for finding in &findings {
+            print_text(&format!("{}: {}: {}\n", file.display(), finding.place, finding.problem))?;
+        }
+        if findings.is_empty() && !global.quiet {
+            print_text(&format!("{}: good\n", file.display()))?;
+        }
+        good &= findings.is_empty();
+    }
+    Ok(if good { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}

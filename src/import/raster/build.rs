@@ -1,0 +1,48 @@
+//! From an import to its tree.
+
+use super::plan::Import;
+use super::slabs::BLOCK;
+use super::{Order, RasterInfo, RasterSlabs, spill};
+use crate::space::Quad;
+use crate::store::goblin::build_slabs;
+use crate::store::{Output, folder};
+use crate::value::Value;
+use crate::{Progress, Result};
+
+impl Import {
+    /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
+    ///
+    /// A picture that comes from the top down and is too wide for the memory goes to a temporary file in the
+    /// output's folder first.
+    ///
+    /// # Errors
+    /// If the input cannot be read or the output not be written, or on interruption; nothing is left behind then.
+    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
+        let half = self.memory / 2;
+        let in_bands = self.info().order == Order::Bands;
+        let raster = if in_bands && bands_memory(self.raster.info(), self.value.size()) > half {
+            spill(self.raster, folder(output.path()), half / 2, progress)?
+        } else {
+            self.raster
+        };
+        let mut slabs = RasterSlabs::new(raster, half / 2);
+        crate::with_value_type!(self.value, V => {
+            let nodata = self.nodata.and_then(V::splat_f64);
+            build_slabs::<Quad, V>(&mut slabs, nodata, &self.options, output, progress)
+        }, else unreachable!("an import has a type that trees can have"))
+    }
+}
+
+/// Bytes that building from bands of rows takes: two bands, and the parts of the tree along the width that wait for
+/// the rows below them.
+///
+/// Of each block no more than 4096 records wait. A row of blocks waits at the lowest level, two rows merged at the
+/// next one, and so on: above the second level segments have been cut off, so that each level up has a quarter of
+/// the records. Together that is at most four rows of blocks.
+fn bands_memory(info: &RasterInfo, value_size: usize) -> u64 {
+    const WAITING: u64 = 4 * 4096;
+    // Four values, states and a link.
+    let record = 4 * value_size as u64 + 4;
+    let band = info.width * BLOCK * (info.pixel_bytes() as u64 + 1);
+    2 * band + info.width.div_ceil(BLOCK) * WAITING * record
+}

@@ -1,0 +1,258 @@
+//! From files and wishes to what will be built.
+
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+
+use super::validity::as_stored;
+use super::{OpenOptions, Pixels, Raster, RasterInfo, bands, mosaic, open};
+use crate::space::{Dimension, Frame, Quad, Region};
+use crate::store::goblin::{BuildOptions, Metadata, depth_for};
+use crate::value::{Kind, Rule, SampleType, ValueType};
+use crate::{Error, Result};
+
+/// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
+pub const DEFAULT_MEMORY: u64 = 512 << 20;
+
+/// What the user wants of an import; whatever is not said comes from the files.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ImportOptions {
+    /// What the samples mean.
+    pub kind: Option<Kind>,
+    /// How averages at coarse detail are made.
+    pub rule: Option<Rule>,
+    /// Channels to take, counted from 1.
+    pub bands: Option<Vec<usize>>,
+    /// The number that means VOID.
+    pub nodata: Option<f64>,
+    /// Levels of the tree, at least as many as the picture needs.
+    pub depth: Option<u8>,
+    /// EPSG number of the coordinate system.
+    pub epsg: Option<u32>,
+    /// Where the pixels lie: the numbers of [`Frame::planar`]. Of several inputs, where all together lie.
+    pub transform: Option<[f64; 6]>,
+    /// The layer of OpenEXR files.
+    pub layer: Option<String>,
+    /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if not
+    /// said.
+    pub memory: Option<u64>,
+}
+
+/// Files that are open and understood, ready to be built: see [`Import::build`].
+pub struct Import {
+    pub(super) raster: Box<dyn Raster>,
+    pub(super) value: ValueType,
+    pub(super) nodata: Option<f64>,
+    pub(super) options: BuildOptions,
+    pub(super) memory: u64,
+    description: Vec<(&'static str, String)>,
+}
+
+impl Import {
+    /// What was understood: a heading and what there is to say, line by line.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// The picture as it will be read.
+    pub fn info(&self) -> &RasterInfo {
+        self.raster.info()
+    }
+
+    /// What will be built.
+    pub fn options(&self) -> &BuildOptions {
+        &self.options
+    }
+
+    /// Type of the tree's values.
+    pub fn value_type(&self) -> ValueType {
+        self.value
+    }
+
+    /// Bytes of all samples, as they would be without compression.
+    pub fn raw_bytes(&self) -> u64 {
+        self.info().width * self.info().height * self.value.size() as u64
+    }
+}
+
+/// Opens raster files and decides how their tree is built. Several files become one picture: see
+/// [`mosaic`](super::mosaic).
+///
+/// # Errors
+/// If a file cannot be read, the files do not fit together, or the options do not fit them.
+pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
+    let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
+    // Readers rarely need their share, but all together must not need more than half of the memory.
+    let share = memory / 2 / inputs.len().max(1) as u64;
+    let open_options = OpenOptions { memory: share, layer: options.layer.clone() };
+    let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
+        let raster = open(path, &open_options)?;
+        let raster = match &options.bands {
+            Some(chosen) => bands::select(raster, chosen)?,
+            None => raster,
+        };
+        let mut info = raster.info().clone();
+        info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
+        info.frame.epsg = options.epsg.or(info.frame.epsg);
+        Ok(Box::new(Retold { raster, info }))
+    };
+    let rasters = inputs.iter().map(open_one).collect::<Result<Vec<_>>>()?;
+    let raster = mosaic(rasters)?;
+    let info = raster.info();
+    let value = bands::value_type(raster.path(), info)?;
+    let frame = frame(info, options)?;
+    let (kind, kind_why) = kind(info, options);
+    let rule = options.rule.unwrap_or(kind.default_rule());
+    let depth = depth(info, options)?;
+    let metadata = Metadata {
+        frame,
+        nodata: info.nodata,
+        palette: info.palette.clone(),
+        class_names: info.class_names.iter().cloned().collect(),
+        band_names: if info.band_names.iter().all(String::is_empty) {
+            Vec::new()
+        } else {
+            info.band_names.clone()
+        },
+        scale_offset: if info.scale_offset.iter().all(|pair| *pair == (1.0, 0.0)) {
+            Vec::new()
+        } else {
+            info.scale_offset.clone()
+        },
+        alpha: info.alpha.map(|alpha| alpha as u8),
+        provenance: provenance(inputs, info, options),
+        tags: info.tags.iter().cloned().collect(),
+        ..Metadata::default()
+    };
+    let description = {
+        let plural = if value.channels == 1 { "" } else { "s" };
+        let stored = &info.stored_sample;
+        let nodata = match (options.nodata, info.nodata) {
+            (Some(number), None) => format!("none: {} cannot hold {number}", value.sample.name()),
+            (Some(_), Some(number)) => format!("{number}, as you said"),
+            (None, Some(number)) => number.to_string(),
+            (None, None) => "none".into(),
+        };
+        let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
+        let mut lines = vec![
+            ("input", inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")),
+            ("layout", info.layout.clone()),
+            ("size", format!("{} x {} pixels", info.width, info.height)),
+            (
+                "samples",
+                format!("{} channel{plural} of {} (stored as {stored})", value.channels, value.sample.name()),
+            ),
+            ("CRS", crs(&metadata.frame)),
+            ("transform", if metadata.frame.is_identity() { "none".into() } else { affine }),
+            ("nodata", nodata),
+        ];
+        if let Some(palette) = &metadata.palette {
+            lines.push(("palette", format!("{} colours", palette.colours.len())));
+        }
+        lines.push(("kind", format!("{kind}: {kind_why}")));
+        let default = if options.rule.is_some() { "as you said".into() } else { format!("usual for {kind}") };
+        lines.push(("rule", format!("{rule}, {default}")));
+        lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
+        lines
+    };
+    let nodata = info.nodata;
+    let options = BuildOptions { rule, kind, depth, memory: memory / 4, metadata };
+    Ok(Import { raster, value, nodata, options, memory, description })
+}
+
+/// A raster of which the user knows more than its file tells.
+struct Retold {
+    raster: Box<dyn Raster>,
+    info: RasterInfo,
+}
+
+impl Raster for Retold {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        self.raster.path()
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.raster.read(region, pixels)
+    }
+}
+
+fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
+    let mut frame = info.frame.clone();
+    if let Some(transform) = options.transform {
+        frame.matrix = Frame::planar(transform).matrix;
+        if transform.iter().any(|number| !number.is_finite()) || frame.to_cells([0.0; 3]).is_none() {
+            let expected = "six numbers that map columns and rows to a plane: a,b,c,d,e,f";
+            return Err(Error::invalid("transform", format!("{transform:?}"), expected));
+        }
+    }
+    if options.epsg.is_some() {
+        // The file's words may be about another system than the user's number.
+        frame.crs_name = None;
+    }
+    Ok(frame)
+}
+
+fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
+    let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
+    match (options.kind, info.kind) {
+        (Some(kind), _) => (kind, "as you said"),
+        (None, Some(kind @ Kind::Categorical)) if info.palette.is_some() => (kind, "it has a palette"),
+        (None, Some(kind)) => (kind, "as the file's samples tell"),
+        (None, None) if small => (Kind::Continuous, "8-bit grey; for classes say --kind categorical"),
+        (None, None) => (Kind::Continuous, "the usual for such samples"),
+    }
+}
+
+fn depth(info: &RasterInfo, options: &ImportOptions) -> Result<u8> {
+    let least = depth_for([info.width, info.height, 1]);
+    let most = Quad::MAX_DEPTH;
+    let size = format!("{} x {} pixels", info.width, info.height);
+    if least > most {
+        return Err(Error::invalid("size", size, format!("at most 2^{most} pixels along a side")));
+    }
+    match options.depth {
+        None => Ok(least),
+        Some(depth) if (least..=most).contains(&depth) => Ok(depth),
+        Some(depth) => {
+            Err(Error::invalid("depth", depth.to_string(), format!("{least} to {most} for {size}")))
+        }
+    }
+}
+
+fn crs(frame: &Frame) -> String {
+    match (frame.epsg, &frame.crs_name) {
+        (Some(epsg), Some(name)) => format!("EPSG:{epsg} ({name})"),
+        (Some(epsg), None) => format!("EPSG:{epsg}"),
+        (None, Some(name)) => name.clone(),
+        (None, None) => "none".into(),
+    }
+}
+
+/// A line per input, and one for what the user said.
+fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Vec<String> {
+    let mut lines: Vec<String> =
+        inputs.iter().map(|path| format!("raster {} ({})", path.display(), info.layout)).collect();
+    let mut said = Vec::new();
+    let mut say = |name: &str, value: Option<&dyn Display>| {
+        said.extend(value.map(|value| format!("{name} {value}")));
+    };
+    let numbers = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    let bands =
+        options.bands.as_ref().map(|bands| bands.iter().map(usize::to_string).collect::<Vec<_>>().join(","));
+    let transform = options.transform.map(|transform| numbers(&transform));
+    say("kind", options.kind.as_ref().map(|kind| kind as _));
+    say("rule", options.rule.as_ref().map(|rule| rule as _));
+    say("bands", bands.as_ref().map(|bands| bands as _));
+    say("nodata", options.nodata.as_ref().map(|nodata| nodata as _));
+    say("depth", options.depth.as_ref().map(|depth| depth as _));
+    say("epsg", options.epsg.as_ref().map(|epsg| epsg as _));
+    say("transform", transform.as_ref().map(|transform| transform as _));
+    say("layer", options.layer.as_ref().map(|layer| layer as _));
+    if !said.is_empty() {
+        lines.push(format!("imported with {}", said.join(", ")));
+    }
+    lines
+}

@@ -1,0 +1,185 @@
+//! Windows, points, statistics and searches against the simplest model: an array of cells.
+
+mod common;
+
+use common::{Cells, Random, goblin};
+use spinney::query::{Condition, FoundBlock};
+use spinney::space::{Bounds, Code, Oct, Quad};
+use spinney::store::goblin::{Goblin, Layout, depth_for};
+use spinney::tree::MemTree;
+use spinney::value::{Kind, Rule, Sample, Value};
+
+/// A box somewhere in, across or outside a space of `side` cells per axis.
+fn some_bounds<D: Layout>(random: &mut Random, side: u64) -> Bounds {
+    let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
+    for axis in 0..D::AXES {
+        bounds.min[axis] = random.below(side + side / 4 + 1);
+        bounds.max[axis] = bounds.min[axis] + 1 + random.below(side.min(90));
+    }
+    bounds
+}
+
+fn cells_of(bounds: &Bounds) -> impl Iterator<Item = [u64; 3]> {
+    let Bounds { min, max } = *bounds;
+    (min[2]..max[2])
+        .flat_map(move |z| (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| [x, y, z])))
+}
+
+fn windows<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+    let cells = Cells::<V>::random(seed, size, 20, true);
+    let file = goblin::<D, V>(&cells, rule, kind);
+    let depth = depth_for(size);
+    let tree = MemTree::<D, V>::from_cells(depth, rule, |cell| cells.get(cell.map(u64::from)));
+    let mut random = Random(seed);
+    let fill: V = common::value(77);
+    for level in 0..=depth {
+        for _ in 0..6 {
+            let bounds = some_bounds::<D>(&mut random, 1 << level);
+            let len = bounds.volume() as usize;
+            let (mut values, mut valid) = (vec![fill.to_wire(); len], vec![true; len]);
+            file.window(level, &bounds, fill, &mut values, Some(&mut valid)).unwrap();
+            let mut plain = vec![V::default().to_wire(); len];
+            file.window(level, &bounds, fill, &mut plain, None).unwrap();
+            for (i, cell) in cells_of(&bounds).enumerate() {
+                let code = Code::<D>::from_cell(level, cell.map(|cell| cell as u32));
+                let expected = code.and_then(|code| tree.value_at(code));
+                assert_eq!(valid[i], expected.is_some(), "level {level} cell {cell:?}");
+                assert!(V::from_wire(values[i]).same(expected.unwrap_or(fill)), "level {level} cell {cell:?}");
+                assert!(V::from_wire(plain[i]).same(expected.unwrap_or(fill)), "level {level} cell {cell:?}");
+                if let Some(code) = code.filter(|_| i % 37 == 0) {
+                    assert_eq!(file.value_at(code).unwrap(), expected);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn any_window_at_any_level() {
+    windows::<Quad, [u8; 1]>(1, [700, 500, 1], Rule::Majority, Kind::Categorical);
+    windows::<Quad, [u8; 1]>(3, [2100, 1300, 1], Rule::Majority, Kind::Categorical);
+    windows::<Quad, [u8; 3]>(2, [300, 900, 1], Rule::Mean, Kind::Continuous);
+    windows::<Quad, [f32; 1]>(4, [513, 1, 1], Rule::Mean, Kind::Continuous);
+    windows::<Oct, [u8; 1]>(5, [90, 70, 80], Rule::Mean, Kind::Continuous);
+    windows::<Oct, [u16; 1]>(6, [200, 140, 20], Rule::Majority, Kind::Categorical);
+}
+
+#[test]
+fn an_aligned_tile_needs_few_segments() {
+    let cells = Cells::<[u8; 1]>::random(8, [3000, 2500, 1], 200, false);
+    let file = goblin::<Quad, [u8; 1]>(&cells, Rule::Mean, Kind::Continuous);
+    assert!(file.segments() > 50);
+    let mut tile = vec![0u8; 1 << 16];
+    for level in 8..=12 {
+        for (y, x) in (0..1u64 << (level - 8)).flat_map(|y| (0..1u64 << (level - 8)).map(move |x| (y, x))) {
+            let bounds = Bounds { min: [x << 8, y << 8, 0], max: [(x + 1) << 8, (y + 1) << 8, 1] };
+            let values = zerocopy::FromBytes::mut_from_bytes(&mut tile).unwrap();
+            let segments = file.window::<>(level, &bounds, [0], values, None).unwrap();
+            assert!(segments <= 5, "level {level} tile {x},{y}: {segments} segments");
+        }
+    }
+}
+
+fn statistics<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+    let cells = Cells::<V>::random(seed, size, 12, seed % 2 == 0);
+    let file = goblin::<D, V>(&cells, rule, kind);
+    let mut random = Random(seed);
+    for round in 0..20 {
+        let bounds = some_bounds::<D>(&mut random, size[0].max(size[1]));
+        let bounds = (round > 0).then_some(bounds);
+        let picture = Bounds { min: [0; 3], max: size };
+        let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let found = file.statistics(bounds).unwrap();
+        let values: Vec<V> = cells_of(&inside).filter_map(|cell| cells.get(cell)).collect();
+        assert_eq!(found.cells, values.len() as u64);
+        assert_eq!(found.void_cells, inside.volume() - found.cells);
+        for (channel, stats) in found.channels.iter().enumerate() {
+            let numbers = || values.iter().map(|value| value.samples()[channel].to_f64());
+            let mean = numbers().sum::<f64>() / values.len() as f64;
+            let variance = numbers().map(|n| (n - mean) * (n - mean)).sum::<f64>() / values.len() as f64;
+            assert_eq!(stats.min, numbers().fold(f64::INFINITY, f64::min));
+            assert_eq!(stats.max, numbers().fold(f64::NEG_INFINITY, f64::max));
+            assert!((stats.mean - mean).abs() < 1e-9 * (1.0 + mean.abs()), "{} {mean}", stats.mean);
+            assert!((stats.deviation - variance.sqrt()).abs() < 1e-6, "{} {}", stats.deviation, variance.sqrt());
+        }
+        if V::CHANNELS == 1 && kind == Kind::Categorical {
+            let mut counts: Vec<(f64, u64)> = Vec::new();
+            let mut numbers: Vec<f64> = values.iter().map(|value| value.samples()[0].to_f64()).collect();
+            numbers.sort_by(f64::total_cmp);
+            for number in numbers {
+                match counts.last_mut() {
+                    Some((last, count)) if *last == number => *count += 1,
+                    _ => counts.push((number, 1)),
+                }
+            }
+            assert_eq!(found.classes, counts);
+        }
+        let (low, high) = (-50.0, 120.0);
+        let mut bins = vec![0; 7];
+        for value in &values {
+            let bin = (value.samples()[0].to_f64() - low) * (7.0 / (high - low));
+            bins[(bin.max(0.0) as usize).min(6)] += 1;
+        }
+        assert_eq!(file.histogram(&inside, low, high, 7).unwrap(), bins);
+    }
+}
+
+#[test]
+fn statistics_are_those_of_the_cells() {
+    statistics::<Quad, [u8; 1]>(2, [900, 500, 1], Rule::Majority, Kind::Categorical);
+    statistics::<Quad, [i16; 1]>(3, [300, 600, 1], Rule::Mean, Kind::Continuous);
+    statistics::<Quad, [f32; 3]>(4, [400, 300, 1], Rule::Mean, Kind::Continuous);
+    statistics::<Quad, [u16; 1]>(5, [600, 300, 1], Rule::Dominant, Kind::Categorical);
+    statistics::<Oct, [u8; 1]>(6, [60, 80, 40], Rule::Mean, Kind::Continuous);
+}
+
+fn search<D: Layout, V: Value>(seed: u64, size: [u64; 3], kind: Kind, condition: Condition) {
+    let cells = Cells::<V>::random(seed, size, 6, true);
+    let file: Goblin<D, V> = goblin::<D, V>(&cells, kind.default_rule(), kind);
+    let meets = |cell: [u64; 3]| {
+        let number = cells.get(cell).map(|value| value.samples()[0].to_f64());
+        number.is_some_and(|number| match condition {
+            Condition::Above(bound) => number > bound,
+            Condition::Below(bound) => number < bound,
+            Condition::Equal(wanted) => number == wanted,
+        })
+    };
+    let mut random = Random(seed);
+    for round in 0..8 {
+        let picture = Bounds { min: [0; 3], max: size };
+        let bounds = (round > 0).then(|| some_bounds::<D>(&mut random, size[0]));
+        let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let mut blocks: Vec<FoundBlock> = Vec::new();
+        file.find(condition, bounds, &mut |block| {
+            blocks.push(block);
+            Ok(true)
+        })
+        .unwrap();
+        let mut covered = std::collections::HashSet::new();
+        for block in &blocks {
+            for cell in cells_of(&block.bounds) {
+                assert!(inside.contains(&Bounds { min: cell, max: cell.map(|c| c + 1) }));
+                assert!(meets(cell) && covered.insert(cell));
+            }
+            // No larger block would do.
+            let code: Code<D> = block.code.parse().unwrap();
+            if let Some(parent) = code.parent() {
+                let depth = file.header().shape.depth;
+                let mut around = common::cells_below(parent, depth).map(|cell| cell.map(u64::from));
+                let within = |c: [u64; 3]| inside.contains(&Bounds { min: c, max: c.map(|c| c + 1) });
+                assert!(!around.all(|cell| within(cell) && meets(cell)), "{} could be larger", block.code);
+            }
+        }
+        let codes: Vec<u64> = blocks.iter().map(|b| b.code.parse::<Code<D>>().unwrap().bits()).collect();
+        assert!(codes.is_sorted());
+        assert_eq!(covered.len(), cells_of(&inside).filter(|cell| meets(*cell)).count());
+    }
+}
+
+#[test]
+fn searches_find_all_and_the_largest() {
+    search::<Quad, [u8; 1]>(1, [500, 600, 1], Kind::Categorical, Condition::Equal(3.0));
+    search::<Quad, [u8; 1]>(2, [600, 500, 1], Kind::Categorical, Condition::Above(1.0));
+    search::<Quad, [f32; 1]>(3, [300, 300, 1], Kind::Continuous, Condition::Below(-11.0));
+    search::<Oct, [u8; 1]>(4, [40, 70, 66], Kind::Continuous, Condition::Above(2.0));
+}
