@@ -134,12 +134,11 @@ impl<D: Layout, V: Value> Block<D, V> {
                 let values = &children.value[range.clone()];
                 let place = parents.expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
                 let first = states[0];
-                if first != INNER && states.iter().all(|state| *state == first) {
-                    if first == VOID || values.iter().all(|value| value.same(values[0])) {
-                        parents.state[place] = first;
-                        parents.value[place] = values[0];
-                        continue;
-                    }
+                let alike = first != INNER && states.iter().all(|state| *state == first);
+                if alike && (first == VOID || values.iter().all(|value| value.same(values[0]))) {
+                    parents.state[place] = first;
+                    parents.value[place] = values[0];
+                    continue;
                 }
                 let known_below = if below.is_empty() { &[] } else { &below[range.clone()] };
                 let (of, representative) = averaging.merge(states, values, known_below, cells);

@@ -257,6 +257,7 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
     }
 
     /// Some nodes of a source, at the level of blocks or uniform above it.
+    #[allow(clippy::type_complexity)] // a list of places: a name for it would hide more than it says
     fn nodes<S>(
         &mut self,
         source: &S,

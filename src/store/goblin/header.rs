@@ -31,7 +31,7 @@ impl Codec {
     }
 }
 
-/// What the first 64 bytes of a file say.
+/// What the first 60 bytes of a file say.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     /// 2 for a quadtree, 3 for an octree.
