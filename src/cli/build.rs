@@ -52,7 +52,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
     /// Memory to use, such as 256M or 2G; what does not fit goes to a temporary file beside the output
-    #[arg(long, value_name = "BYTES", default_value = "512M", value_parser = quantity::parse_bytes)]
+    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
     memory: u64,
 }
 

@@ -24,7 +24,10 @@ impl Part {
         if let Some([x, y, width, height]) = self.window.as_deref() {
             let end = |start: &u64, length: &u64| start.checked_add(*length).context("--window: too large");
             let max = [end(x, width)?, end(y, height)?, depth_of_z];
-            ensure!(*width > 0 && *height > 0, "--window: {width} columns by {height} rows, at least 1 by 1 needed");
+            ensure!(
+                *width > 0 && *height > 0,
+                "--window: {width} columns by {height} rows, at least 1 by 1 needed"
+            );
             return Ok(Some(Bounds { min: [*x, *y, 0], max }));
         }
         let Some([west, south, east, north]) = self.bbox.as_deref() else { return Ok(None) };
@@ -32,7 +35,8 @@ impl Part {
         let frame = &tree.metadata().frame;
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for corner in [[*west, *south], [*east, *south], [*west, *north], [*east, *north]] {
-            let cell = frame.to_cells([corner[0], corner[1], 0.0]).context("the file's transform has no inverse")?;
+            let cell =
+                frame.to_cells([corner[0], corner[1], 0.0]).context("the file's transform has no inverse")?;
             for axis in 0..2 {
                 low[axis] = low[axis].min(cell[axis]);
                 high[axis] = high[axis].max(cell[axis]);
@@ -41,10 +45,8 @@ impl Part {
         // Edges that are a rounding error beside a cell's edge mean that edge.
         let first = |cell: f64| (cell + 1e-6).floor().max(0.0) as u64;
         let end = |cell: f64| (cell - 1e-6).ceil().max(0.0) as u64;
-        let bounds = Bounds {
-            min: [first(low[0]), first(low[1]), 0],
-            max: [end(high[0]), end(high[1]), depth_of_z],
-        };
+        let bounds =
+            Bounds { min: [first(low[0]), first(low[1]), 0], max: [end(high[0]), end(high[1]), depth_of_z] };
         let picture = Bounds { min: [0; 3], max: tree.header().extent };
         let inside = bounds.intersect(&picture);
         ensure!(!inside.is_empty(), "--bbox: outside the picture, {}", world_box(tree));

@@ -38,11 +38,13 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             return Ok(0);
         }
         let side = 1u64 << level;
-        let space = Bounds { min: [0; 3], max: std::array::from_fn(|axis| if axis < D::AXES { side } else { 1 }) };
+        let space =
+            Bounds { min: [0; 3], max: std::array::from_fn(|axis| if axis < D::AXES { side } else { 1 }) };
         let size = bounds.size();
         let fill = fill.to_wire();
         let strides = [1, size[0] as usize, (size[0] * size[1]) as usize];
-        let mut painter = Painter { tree: self, level, bounds: *bounds, strides, fill, values, valid, seen: Vec::new() };
+        let mut painter =
+            Painter { tree: self, level, bounds: *bounds, strides, fill, values, valid, seen: Vec::new() };
         if !space.contains(bounds) {
             painter.values.fill(fill);
             if let Some(valid) = &mut painter.valid {
@@ -109,8 +111,9 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
     ) -> Result<()> {
         let record = &records[at];
         let below = self.level - level - 1;
-        let inside = (0..D::AXES)
-            .all(|axis| self.bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= self.bounds.max[axis]);
+        let inside = (0..D::AXES).all(|axis| {
+            self.bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= self.bounds.max[axis]
+        });
         let shape = &self.tree.header().shape;
         if inside && shape.cut_level(segment.code().level()) >= self.level {
             return self.whole(segment, records, at, below, self.place(min));
@@ -129,9 +132,11 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
                 }
                 next += skip;
             }
-            let child_min: [u64; 3] = std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
+            let child_min: [u64; 3] =
+                std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
             let extent = |axis: usize| if axis < D::AXES { 1 << below } else { 1 };
-            let whole = Bounds { min: child_min, max: std::array::from_fn(|axis| child_min[axis] + extent(axis)) };
+            let whole =
+                Bounds { min: child_min, max: std::array::from_fn(|axis| child_min[axis] + extent(axis)) };
             let part = whole.intersect(&self.bounds);
             if part.is_empty() {
                 continue;
@@ -177,10 +182,12 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
         let end = at + record.skip() as usize;
         let mut next = at + 1;
         for child in 0..D::CHILDREN {
-            let offset = (0..D::AXES).map(|axis| ((child >> axis & 1) << below) * self.strides[axis]).sum::<usize>();
+            let offset =
+                (0..D::AXES).map(|axis| ((child >> axis & 1) << below) * self.strides[axis]).sum::<usize>();
             match (states >> (2 * child)) as u8 & 3 {
                 INNER => {
-                    let skip = records.get(next).filter(|_| next < end).map_or(0, |record| record.skip() as usize);
+                    let skip =
+                        records.get(next).filter(|_| next < end).map_or(0, |record| record.skip() as usize);
                     if skip == 0 || next + skip > end {
                         return Err(self.tree.bad_skip(segment, at));
                     }

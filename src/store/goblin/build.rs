@@ -279,7 +279,9 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         };
         let built: Result<Vec<Built<D, V>>> = batch.par_iter().map(build).collect();
         built?.into_iter().try_for_each(|built| self.push(built))?;
-        let cells = |(code, _): &(Code<D>, _)| 1u64 << (D::AXES * (self.plan.shape.depth - code.level()) as usize).min(63);
+        let cells = |(code, _): &(Code<D>, _)| {
+            1u64 << (D::AXES * (self.plan.shape.depth - code.level()) as usize).min(63)
+        };
         progress.advance(batch.iter().map(cells).sum(), total);
         Ok(())
     }

@@ -301,11 +301,8 @@ impl Trailer {
             return Err(corrupt(format!("{count} sections"), "as many as fit the trailer"));
         };
         for raw in list {
-            let section = Section {
-                offset: raw.offset.get(),
-                length: raw.length.get(),
-                checksum: raw.checksum.get(),
-            };
+            let section =
+                Section { offset: raw.offset.get(), length: raw.length.get(), checksum: raw.checksum.get() };
             let end = section.offset.checked_add(section.length);
             if end.is_none_or(|end| end > file_length) {
                 return Err(corrupt(

@@ -101,7 +101,11 @@ pub(crate) fn child_places<D: Layout, V: Value>(
 
 /// Where the record of one INNER child is: as [`child_places`], but looks at no sibling behind it.
 #[inline]
-pub(super) fn child_place<D: Layout, V: Value>(records: &[D::Record<V>], place: usize, child: usize) -> Option<usize> {
+pub(super) fn child_place<D: Layout, V: Value>(
+    records: &[D::Record<V>],
+    place: usize,
+    child: usize,
+) -> Option<usize> {
     let record = &records[place];
     let end = place + record.skip() as usize;
     let mut next = place + 1;
