@@ -169,7 +169,7 @@ fn options_overrule_the_file() {
         rule: Some(spinney::value::Rule::Max),
         ..ImportOptions::default()
     };
-    let import = plan(&[path.clone()], &options).unwrap();
+    let import = plan(std::slice::from_ref(&path), &options).unwrap();
     let text: String =
         import.description().iter().map(|(heading, text)| format!("{heading}: {text}\n")).collect();
     for expected in ["300 x 200", "u16", "EPSG:3857", "2, 0, 10, 0, -2, 20", "nodata: 7", "max", "12 levels"]
@@ -187,7 +187,7 @@ fn options_overrule_the_file() {
     let (_, valid) = cells_of::<[u16; 1]>(&target);
     assert!(!valid[63] && valid[0] && valid[62] && valid[72]);
 
-    let refused = |options: ImportOptions| plan(&[path.clone()], &options).err();
+    let refused = |options: ImportOptions| plan(std::slice::from_ref(&path), &options).err();
     let is_invalid = |error: Option<Error>| matches!(error, Some(Error::Invalid { .. }));
     assert!(is_invalid(refused(ImportOptions { depth: Some(8), ..options.clone() })));
     assert!(is_invalid(refused(ImportOptions { depth: Some(30), ..options.clone() })));
@@ -195,7 +195,8 @@ fn options_overrule_the_file() {
     assert!(is_invalid(refused(ImportOptions { bands: Some(vec![2]), ..options.clone() })));
     assert!(is_invalid(plan(&[], &options).err()));
     // A number that the samples cannot be is no nodata number at all.
-    let import = plan(&[path.clone()], &ImportOptions { nodata: Some(-1.0), ..options.clone() }).unwrap();
+    let import =
+        plan(std::slice::from_ref(&path), &ImportOptions { nodata: Some(-1.0), ..options.clone() }).unwrap();
     assert_eq!(import.options().metadata.nodata, None);
     assert!(import.description().iter().any(|(_, text)| text.contains("u16 cannot hold -1")));
 }

@@ -10,7 +10,8 @@ use spinney::query::Tree;
 use super::open;
 
 const EXAMPLES: &str = "Examples:
-  spinney point relief.goblin 7.66,45.98 -- -70.0,-33.4
+  spinney point relief.goblin 7.66,45.98
+  spinney point relief.goblin -- -70.0,-33.4 7.66,45.98
   spinney point --cells world.goblin 21600,5000
   spinney point relief.goblin < coordinates.csv > heights.txt
 
@@ -23,7 +24,7 @@ pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     /// Points, X,Y or X,Y,Z; read from standard input if there are none
-    #[arg(value_name = "X,Y", allow_hyphen_values = true)]
+    #[arg(value_name = "X,Y")]
     points: Vec<String>,
     /// Level of detail: the answer is the average of the block around the point
     #[arg(long)]
