@@ -84,7 +84,7 @@ fn an_aligned_tile_needs_few_segments() {
 }
 
 fn statistics<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
-    let cells = Cells::<V>::random(seed, size, 12, seed % 2 == 0);
+    let cells = Cells::<V>::random(seed, size, 12, seed.is_multiple_of(2));
     let file = goblin::<D, V>(&cells, rule, kind);
     let mut random = Random(seed);
     for round in 0..20 {
