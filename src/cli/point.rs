@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
 use spinney::query::Tree;
+use spinney::value::SampleType;
 
 use super::open;
 
@@ -102,6 +103,7 @@ impl Points<'_> {
     /// An answer per line of input.
     fn answer(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
         let channels = self.tree.header().value.channels as usize;
+        let is_double = self.tree.header().value.sample == SampleType::F64;
         let mut answers = Vec::with_capacity(lines.len());
         let text = std::str::from_utf8(lines).context("standard input is not text")?;
         let shift = self.tree.depth() - self.level;
@@ -134,7 +136,7 @@ impl Points<'_> {
                     if channel > 0 {
                         answers.push(b',');
                     }
-                    write_number(*number, &mut answers);
+                    write_number(*number, is_double, &mut answers);
                 }
             } else {
                 answers.extend(b"void");
@@ -146,10 +148,15 @@ impl Points<'_> {
 }
 
 /// Whole numbers, which most are, without the detour over floating-point printing.
-fn write_number(number: f64, text: &mut Vec<u8>) {
+fn write_number(number: f64, is_double: bool, text: &mut Vec<u8>) {
     let whole = number as i64;
-    let written =
-        if whole as f64 == number { write!(text, "{whole}") } else { write!(text, "{}", number as f32) };
+    let written = if whole as f64 == number {
+        write!(text, "{whole}")
+    } else if is_double {
+        write!(text, "{number}")
+    } else {
+        write!(text, "{}", number as f32)
+    };
     debug_assert!(written.is_ok(), "writing to memory");
 }
 

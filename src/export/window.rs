@@ -104,7 +104,7 @@ pub fn export_window(
         width,
         height,
         value: header.value,
-        alpha: metadata.alpha.is_some_and(|alpha| alpha + 1 == header.value.channels),
+        alpha: metadata.alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(header.value.channels)),
         void: may_be_void,
         frame: has_frame.then_some(frame),
         nodata: fill.filter(|_| may_be_void || metadata.nodata.is_some()),

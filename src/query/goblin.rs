@@ -33,7 +33,10 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Tree>> 
 
 impl<D: Layout, V: Value> Goblin<D, V> {
     fn in_memory(&self, most: u64) -> Result<MemTree<D, V>> {
-        let records = self.stored_records();
+        // The total in the trailer may be wrong.
+        let records = (0..self.segments())
+            .map(|index| Ok(u64::from(self.entry(index)?.records)))
+            .sum::<Result<u64>>()?;
         if records > most {
             let expected = format!("at most {most} to be shown in full");
             return Err(Error::invalid("tree", format!("{records} records"), expected));

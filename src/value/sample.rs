@@ -96,7 +96,8 @@ impl Sum for i128 {
     }
     fn variance(sum: i128, squares: i128, cells: u64) -> f64 {
         // Exact until the last division, where the numbers are not beyond all bounds.
-        let exact = squares.checked_mul(cells as i128).zip(sum.checked_mul(sum)).map(|(a, b)| (a - b) as f64);
+        let products = squares.checked_mul(cells as i128).zip(sum.checked_mul(sum));
+        let exact = products.and_then(|(a, b)| a.checked_sub(b)).map(|exact| exact as f64);
         let n = cells as f64;
         exact.map_or_else(|| f64::variance(sum as f64, squares as f64, cells), |exact| exact / (n * n))
     }

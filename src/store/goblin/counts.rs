@@ -38,6 +38,6 @@ impl LevelCounts {
 
     /// INNER nodes of all levels: the records of the tree.
     pub fn records(&self) -> u64 {
-        self.levels.iter().map(|level| level[2]).sum()
+        self.levels.iter().fold(0, |sum, level| sum.saturating_add(level[2]))
     }
 }

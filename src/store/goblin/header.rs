@@ -132,12 +132,17 @@ impl Header {
         if shape.depth > most {
             return Err(number("depth", raw.depth, &format!("at most {most}")));
         }
+        // So that a block of 2^reach cells along each axis has at most 2^24 cells.
+        let most = 24 / raw.axes;
         let fits = (1..shape.reach).contains(&shape.stride)
-            && shape.reach <= 12
+            && shape.reach <= most
             && shape.reach.is_multiple_of(shape.stride)
             && (1..=1 << 20).contains(&shape.light);
         if !fits {
-            return Err(corrupt(format!("segments {shape:?}"), "stride < reach <= 12, light <= 2^20"));
+            return Err(corrupt(
+                format!("segments {shape:?}"),
+                &format!("stride < reach <= {most}, light <= 2^20"),
+            ));
         }
         let extent = raw.extent.map(|cells| cells.get());
         let side = 1u64 << shape.depth;

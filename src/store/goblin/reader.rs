@@ -16,7 +16,7 @@ use super::segment::{Bytes, Segment, child_place, child_places};
 use crate::space::{Code, Dimension};
 use crate::store::{Mapped, Positioned, Storage};
 use crate::tree::{Child, Source};
-use crate::value::{Tally, Value};
+use crate::value::{Sum, Tally, Value};
 use crate::{Error, Result};
 
 /// How to read a file.
@@ -61,6 +61,8 @@ pub struct Goblin<D: Layout, V: Value> {
     directory: Option<Vec<u8>>,
     /// One bit per segment that was found to be good.
     checked: Vec<AtomicU64>,
+    /// Bytes of those segments.
+    claimed: AtomicU64,
     check: bool,
     cache: Mutex<Cache>,
     types: PhantomData<(D, V)>,
@@ -143,17 +145,16 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         };
         let checked = (0..trailer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let cache = Mutex::new(Cache { most: options.cache, ..Cache::default() });
-        let path = path.to_path_buf();
-        let check = options.check;
         Ok(Goblin {
-            path,
+            path: path.to_path_buf(),
             storage,
             header,
             trailer,
             metadata,
             directory,
             checked,
-            check,
+            claimed: AtomicU64::new(0),
+            check: options.check,
             cache,
             types: PhantomData,
         })
@@ -236,7 +237,19 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     /// If there is no such entry.
     pub fn entry(&self, index: usize) -> Result<Entry<D, V>> {
         let size = entry_size(V::CHANNELS);
-        Entry::from_bytes(&self.path, index, &self.directory()[index * size..][..size])
+        let entry = Entry::<D, V>::from_bytes(&self.path, index, &self.directory()[index * size..][..size])?;
+        let height = self.header.shape.depth.checked_sub(entry.code.level());
+        let cells = height.map_or(0, |height| 1 << (D::AXES * height as usize));
+        let zone = &entry.zone;
+        // No square of an integer sample is larger than 2^64: sums of any zones cannot overflow.
+        let most = zone.cells as f64 * 2f64.powi(64);
+        let mut sums = zone.sum.as_ref().iter().chain(zone.squares.as_ref());
+        if zone.cells > cells || !(V::TYPE.sample.is_float() || sums.all(|sum| sum.to_f64().abs() <= most)) {
+            let found = format!("statistics of {} cells with sums {:?}", zone.cells, zone.sum);
+            let expected = format!("those of at most {cells} cells");
+            return Err(self.corrupt(format!("directory entry {index}"), found, &expected));
+        }
+        Ok(entry)
     }
 
     /// The number of the deepest segment among those of `code` and its ancestors; two searches, O(log segments).
@@ -277,7 +290,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     /// If there is no such segment.
     pub fn segment(&self, index: usize) -> Result<Segment<'_, D, V>> {
         let bit = 1u64 << (index % 64);
-        if self.checked[index / 64].load(Ordering::Relaxed) & bit != 0 {
+        let is_checked = || self.checked[index / 64].load(Ordering::Relaxed) & bit != 0;
+        if is_checked() {
             return self.load(index);
         }
         // The entry's own checksum is looked at before any of its numbers is used.
@@ -298,6 +312,12 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         if shape.segment_level(entry.code.level()) != entry.code.level() {
             return Err(self.corrupt(place(), format!("level {}", entry.code.level()), "a segment's level"));
         }
+        // Segments lie beside each other. Else a small file could claim many large ones, and take hours to walk.
+        let room = self.trailer.directory.offset - HEADER_SIZE as u64;
+        // (Another thread may have claimed this one meanwhile.)
+        if self.claimed.load(Ordering::Acquire) + entry.length > room && !is_checked() {
+            return Err(self.corrupt(place(), "bytes of another segment", "segments that do not overlap"));
+        }
         let segment = self.load(index)?;
         if self.check {
             let checksum = crc32c::crc32c(segment.all_bytes());
@@ -311,7 +331,14 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             let expected = format!("{}, all records", entry.records);
             return Err(self.corrupt(place(), format!("a first skip of {skip}"), &expected));
         }
-        self.checked[index / 64].fetch_or(bit, Ordering::Relaxed);
+        let counted = segment.classes().iter().try_fold(0u64, |sum, (_, cells)| sum.checked_add(*cells));
+        if entry.classes > 0 && counted != Some(entry.zone.cells) {
+            let expected = format!("{}, as the directory has it", entry.zone.cells);
+            return Err(self.corrupt(place(), format!("class counts of {counted:?} cells"), &expected));
+        }
+        if self.checked[index / 64].fetch_or(bit, Ordering::Relaxed) & bit == 0 {
+            self.claimed.fetch_add(entry.length, Ordering::Release);
+        }
         Ok(segment)
     }
 

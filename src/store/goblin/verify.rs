@@ -65,6 +65,9 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     }
 }
 
+/// Findings that are collected before checking is given up.
+const MOST_FINDINGS: usize = 100;
+
 struct Checker<'a, D: Layout, V: Value> {
     file: &'a Goblin<D, V>,
     findings: Vec<Finding>,
@@ -73,7 +76,7 @@ struct Checker<'a, D: Layout, V: Value> {
 
 impl<D: Layout, V: Value> Checker<'_, D, V> {
     fn add(&mut self, place: String, problem: String) {
-        if self.findings.len() < 100 {
+        if self.findings.len() < MOST_FINDINGS {
             self.findings.push(Finding { place, problem });
         }
     }
@@ -85,6 +88,9 @@ impl<D: Layout, V: Value> Checker<'_, D, V> {
             }
         }
         for index in 0..self.file.segments() {
+            if self.findings.len() == MOST_FINDINGS {
+                break;
+            }
             match self.file.segment(index) {
                 Err(error @ Error::Io { .. }) => return Err(error),
                 Err(error) => self.add(format!("segment {index}"), error.to_string()),
