@@ -1,5 +1,7 @@
 //! Places as people give them: windows, boxes, points, in cells or in the world.
 
+use std::str::FromStr;
+
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use spinney::query::Tree;
@@ -10,24 +12,29 @@ use spinney::space::Bounds;
 #[group(multiple = false)]
 pub(crate) struct Part {
     /// Window in cells: first column, first row, columns, rows
-    #[arg(long, value_name = "COL,ROW,W,H", value_delimiter = ',', num_args = 4, allow_hyphen_values = true)]
-    window: Option<Vec<u64>>,
+    #[arg(long, value_name = "COL,ROW,W,H", value_parser = four::<u64>, allow_hyphen_values = true)]
+    window: Option<[u64; 4]>,
     /// Box in world coordinates: west, south, east, north
-    #[arg(long, value_name = "W,S,E,N", value_delimiter = ',', num_args = 4, allow_hyphen_values = true)]
-    bbox: Option<Vec<f64>>,
+    #[arg(long, value_name = "W,S,E,N", value_parser = four::<f64>, allow_hyphen_values = true)]
+    bbox: Option<[f64; 4]>,
+}
+
+fn four<T: FromStr>(text: &str) -> Result<[T; 4], String> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "expected four numbers: a,b,c,d".into())
 }
 
 impl Part {
     /// The cells of the deepest level that are meant; `None`: all.
     pub(crate) fn bounds(&self, tree: &dyn Tree) -> Result<Option<Bounds>> {
         let depth_of_z = tree.header().extent[2];
-        if let Some([x, y, width, height]) = self.window.as_deref() {
+        if let Some([x, y, width, height]) = &self.window {
             let end = |start: &u64, length: &u64| start.checked_add(*length).context("--window: too large");
             let max = [end(x, width)?, end(y, height)?, depth_of_z];
             ensure!(*width > 0 && *height > 0, "--window: {width} columns by {height} rows, at least 1 by 1 needed");
             return Ok(Some(Bounds { min: [*x, *y, 0], max }));
         }
-        let Some([west, south, east, north]) = self.bbox.as_deref() else { return Ok(None) };
+        let Some([west, south, east, north]) = &self.bbox else { return Ok(None) };
         ensure!(west < east && south < north, "--bbox: west must be less than east, south less than north");
         let frame = &tree.metadata().frame;
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);

@@ -11,7 +11,7 @@ use spinney::value::SampleType;
 use super::open;
 
 const EXAMPLES: &str = "Examples:
-  spinney point relief.goblin 7.66,45.98 -- -70.0,-33.4
+  spinney point relief.goblin 7.66,45.98 -70.0,-33.4
   spinney point --cells world.goblin 21600,5000
   spinney point relief.goblin < coordinates.csv > heights.txt
 
