@@ -36,7 +36,8 @@ fn sample(picture: Picture, x: u64, y: u64) -> u8 {
     match picture {
         Picture::Uniform => 7,
         Picture::Coastline => {
-            let wave = |period: f64, size: f64| ((x as f64 / period).sin() + (y as f64 / period * 1.3).cos()) * size;
+            let wave =
+                |period: f64, size: f64| ((x as f64 / period).sin() + (y as f64 / period * 1.3).cos()) * size;
             (wave(700.0, 1.0) + wave(150.0, 0.4) + wave(31.0, 0.15) + wave(7.0, 0.06) > 0.4) as u8
         }
         Picture::Speckle => (mix(x, y) % 12) as u8,
@@ -119,7 +120,8 @@ fn building(c: &mut Criterion) {
 
 fn reading(c: &mut Criterion) {
     for (name, picture, kind) in PICTURES.into_iter().skip(1) {
-        let file = Goblin::<Quad, [u8; 1]>::from_bytes(build::<[u8; 1]>(&mut Rows::new(picture), kind)).expect("open");
+        let file = Goblin::<Quad, [u8; 1]>::from_bytes(build::<[u8; 1]>(&mut Rows::new(picture), kind))
+            .expect("open");
         let depth = depth_for([SIDE, SIDE, 1]);
         let mut n = 0u64;
         let mut random = move || {

@@ -5,8 +5,8 @@
 //! Trstenjak, Zalik and Guid on octrees from boundary models (in Slovene).
 
 use spinney::space::{Code, Dimension, Oct, Quad};
-use spinney::store::goblin::{BuildOptions, Goblin, INNER, Metadata, Record, build};
 use spinney::store::Output;
+use spinney::store::goblin::{BuildOptions, Goblin, INNER, Metadata, Record, build};
 use spinney::tree::{Child, MemTree, Source, df};
 use spinney::value::{Kind, Rule};
 
@@ -39,6 +39,7 @@ fn picture_file() -> Goblin<Quad, [u8; 1]> {
 }
 
 /// All nodes in preorder, with their codes.
+#[allow(clippy::type_complexity)] // a list of nodes: a name for it would hide more than it says
 fn nodes<S: Source>(source: &S) -> Vec<(Code<S::Dim>, Child<S::Value, S::Node>)> {
     let mut pending = vec![(Code::ROOT, source.root().unwrap())];
     let mut nodes = Vec::new();

@@ -44,7 +44,10 @@ fn windows<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: Kin
                 let code = Code::<D>::from_cell(level, cell.map(|cell| cell as u32));
                 let expected = code.and_then(|code| tree.value_at(code));
                 assert_eq!(valid[i], expected.is_some(), "level {level} cell {cell:?}");
-                assert!(V::from_wire(values[i]).same(expected.unwrap_or(fill)), "level {level} cell {cell:?}");
+                assert!(
+                    V::from_wire(values[i]).same(expected.unwrap_or(fill)),
+                    "level {level} cell {cell:?}"
+                );
                 assert!(V::from_wire(plain[i]).same(expected.unwrap_or(fill)), "level {level} cell {cell:?}");
                 if let Some(code) = code.filter(|_| i % 37 == 0) {
                     assert_eq!(file.value_at(code).unwrap(), expected);
@@ -74,7 +77,7 @@ fn an_aligned_tile_needs_few_segments() {
         for (y, x) in (0..1u64 << (level - 8)).flat_map(|y| (0..1u64 << (level - 8)).map(move |x| (y, x))) {
             let bounds = Bounds { min: [x << 8, y << 8, 0], max: [(x + 1) << 8, (y + 1) << 8, 1] };
             let values = zerocopy::FromBytes::mut_from_bytes(&mut tile).unwrap();
-            let segments = file.window::<>(level, &bounds, [0], values, None).unwrap();
+            let segments = file.window(level, &bounds, [0], values, None).unwrap();
             assert!(segments <= 5, "level {level} tile {x},{y}: {segments} segments");
         }
     }
@@ -100,7 +103,12 @@ fn statistics<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: 
             assert_eq!(stats.min, numbers().fold(f64::INFINITY, f64::min));
             assert_eq!(stats.max, numbers().fold(f64::NEG_INFINITY, f64::max));
             assert!((stats.mean - mean).abs() < 1e-9 * (1.0 + mean.abs()), "{} {mean}", stats.mean);
-            assert!((stats.deviation - variance.sqrt()).abs() < 1e-6, "{} {}", stats.deviation, variance.sqrt());
+            assert!(
+                (stats.deviation - variance.sqrt()).abs() < 1e-6,
+                "{} {}",
+                stats.deviation,
+                variance.sqrt()
+            );
         }
         if V::CHANNELS == 1 && kind == Kind::Categorical {
             let mut counts: Vec<(f64, u64)> = Vec::new();

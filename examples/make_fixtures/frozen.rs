@@ -38,16 +38,22 @@ pub(crate) fn frame() -> Frame {
 /// Builds one of [`FILES`] at `path`.
 pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
     let colours = island::COLOURS.to_vec();
-    let class_names = island::NAMES.iter().enumerate().map(|(i, name)| (i as i64, name.to_string())).collect();
+    let class_names =
+        island::NAMES.iter().enumerate().map(|(i, name)| (i as i64, name.to_string())).collect();
     let small = [island::WIDTH.div_ceil(STEP) as u64, island::HEIGHT.div_ceil(STEP) as u64, 1];
     let coarse = |[x, y, _]: [u32; 3]| {
         let inside = (x as u64) < small[0] && (y as u64) < small[1];
         inside.then(|| y as usize * STEP * island::WIDTH + x as usize * STEP)
     };
     match name {
-        "classic" => file::<Quad, [u8; 1]>(path, [8, 8, 1], Rule::Dominant, Kind::Categorical, Metadata::default(), |c| {
-            Some([CLASSIC[c[1] as usize][c[0] as usize]])
-        }),
+        "classic" => file::<Quad, [u8; 1]>(
+            path,
+            [8, 8, 1],
+            Rule::Dominant,
+            Kind::Categorical,
+            Metadata::default(),
+            |c| Some([CLASSIC[c[1] as usize][c[0] as usize]]),
+        ),
         "classes" => {
             let metadata = Metadata {
                 frame: frame(),
@@ -87,18 +93,27 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 coarse(cell).map(|i| picture[i])
             })
         }
-        "ball" => file::<Oct, [u8; 1]>(path, [32; 3], Rule::Mean, Kind::Continuous, Metadata::default(), |cell| {
-            let square = |x: u32| (2 * x as i64 - 31) * (2 * x as i64 - 31);
-            (cell.into_iter().map(square).sum::<i64>() <= 29 * 29).then_some([255])
-        }),
+        "ball" => {
+            file::<Oct, [u8; 1]>(path, [32; 3], Rule::Mean, Kind::Continuous, Metadata::default(), |cell| {
+                let square = |x: u32| (2 * x as i64 - 31) * (2 * x as i64 - 31);
+                (cell.into_iter().map(square).sum::<i64>() <= 29 * 29).then_some([255])
+            })
+        }
         // One block with more records than a light one may have, in a tree deep enough for it to be cut.
-        "segments" => file::<Quad, [u8; 1]>(path, [1000, 300, 1], Rule::Mean, Kind::Continuous, Metadata::default(), |[x, y, _]| {
-            if x >= 1000 || y >= 300 {
-                return None;
-            }
-            let speckled = (256..512).contains(&x) && y < 256;
-            Some([if speckled { ((x / 2 + y / 2) % 2 * 100) as u8 } else { (x / 256 * 40) as u8 }])
-        }),
+        "segments" => file::<Quad, [u8; 1]>(
+            path,
+            [1000, 300, 1],
+            Rule::Mean,
+            Kind::Continuous,
+            Metadata::default(),
+            |[x, y, _]| {
+                if x >= 1000 || y >= 300 {
+                    return None;
+                }
+                let speckled = (256..512).contains(&x) && y < 256;
+                Some([if speckled { ((x / 2 + y / 2) % 2 * 100) as u8 } else { (x / 256 * 40) as u8 }])
+            },
+        ),
         other => panic!("no frozen file is called {other}"),
     }
 }

@@ -52,7 +52,9 @@ pub(crate) struct Island {
 
 /// A number from 0 to 1 for a point of a whole-numbered grid.
 fn corner(x: i64, y: i64, seed: u64) -> f64 {
-    let mut z = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F) ^ seed;
+    let mut z = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
+        ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F)
+        ^ seed;
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     (z ^ (z >> 31)) as u32 as f64 / u32::MAX as f64
@@ -135,7 +137,11 @@ fn cover(i: usize, height: &[f64], sea: &[bool]) -> Cover {
     let wobble = layered(x / 20.0, y / 20.0, 5, 4) - 0.5;
     match height[i] {
         depth if sea[i] => {
-            if depth < -90.0 + 40.0 * wobble { Cover::Unknown } else { Cover::ShallowSea }
+            if depth < -90.0 + 40.0 * wobble {
+                Cover::Unknown
+            } else {
+                Cover::ShallowSea
+            }
         }
         h if h <= 0.0 => Cover::Lake,
         h if h < 12.0 + 30.0 * wobble => Cover::Beach,

@@ -52,7 +52,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
     /// Memory to use, such as 256M or 2G; what does not fit goes to a temporary file beside the output
-    #[arg(long, value_name = "BYTES", default_value = "512M", value_parser = quantity::parse_bytes)]
+    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
     memory: u64,
 }
 
@@ -81,8 +81,9 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
         global.say(format_args!("{heading:<10} {text}"));
     }
     let raw = import.raw_bytes();
-    let output = Output::create(&path)?;
+    // Ears before hands: no moment in which Ctrl-C would leave a temporary file.
     let work = Work::start(global, "cells")?;
+    let output = Output::create(&path)?;
     import.build(output, &work)?;
     work.finish();
     let time = format!("{:.1} s", start.elapsed().as_secs_f64());

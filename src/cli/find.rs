@@ -7,8 +7,8 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::query::Condition;
 
-use super::place::Part;
 use super::open;
+use super::place::Part;
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
@@ -79,7 +79,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             });
             writeln!(out, "{object}")
         } else {
-            let numbers = |list: &[u64; 3]| list[..axes].iter().map(u64::to_string).collect::<Vec<_>>().join(",");
+            let numbers =
+                |list: &[u64; 3]| list[..axes].iter().map(u64::to_string).collect::<Vec<_>>().join(",");
             let value = block.value.map_or(String::new(), |value| format!(" {value}"));
             let (min, size) = (numbers(&block.bounds.min), numbers(&size));
             writeln!(out, "{} {} {min} {size}{value}", block.code, block.level)

@@ -48,7 +48,9 @@ pub(crate) struct Args {
 fn size(text: &str) -> Result<(u64, u64), String> {
     let parts = text.split_once(['x', 'X', ',']);
     let parts = parts.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
-    parts.filter(|(width, height)| *width > 0 && *height > 0).ok_or_else(|| "expected WxH, as in 1024x512".into())
+    parts
+        .filter(|(width, height)| *width > 0 && *height > 0)
+        .ok_or_else(|| "expected WxH, as in 1024x512".into())
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {

@@ -100,7 +100,13 @@ fn as_text(tree: &dyn Tree) -> Result<String> {
     let mut text = String::new();
     let size: Vec<String> = header.extent[..header.axes as usize].iter().map(u64::to_string).collect();
     writeln!(text, "{}: Goblin {}, codec {}", tree.path().display(), tree_name(tree), header.codec.name())?;
-    writeln!(text, "size        {} cells of {}, depth {}", size.join(" x "), header.value, header.shape.depth)?;
+    writeln!(
+        text,
+        "size        {} cells of {}, depth {}",
+        size.join(" x "),
+        header.value,
+        header.shape.depth
+    )?;
     writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;
     let [a, b, c, d, e, f] = metadata.frame.affine();
     writeln!(text, "transform   {a}, {b}, {c}, {d}, {e}, {f}")?;
@@ -116,8 +122,13 @@ fn as_text(tree: &dyn Tree) -> Result<String> {
     }
     let raw = raw_bytes(tree);
     let ratio = raw as f64 / tree.file_size().max(1) as f64;
-    writeln!(text, "bytes       {}; plain samples would be {raw}, {ratio:.1} times as many", tree.file_size())?;
-    let sections: Vec<String> = tree.sections().iter().map(|(name, bytes)| format!("{name} {bytes}")).collect();
+    writeln!(
+        text,
+        "bytes       {}; plain samples would be {raw}, {ratio:.1} times as many",
+        tree.file_size()
+    )?;
+    let sections: Vec<String> =
+        tree.sections().iter().map(|(name, bytes)| format!("{name} {bytes}")).collect();
     writeln!(text, "            {}", sections.join(", "))?;
     writeln!(
         text,

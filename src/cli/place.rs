@@ -10,29 +10,33 @@ use spinney::space::Bounds;
 #[group(multiple = false)]
 pub(crate) struct Part {
     /// Window in cells: first column, first row, columns, rows
-    #[arg(long, value_name = "COL,ROW,W,H", value_delimiter = ',', num_args = 4, allow_hyphen_values = true)]
-    window: Option<Vec<u64>>,
+    #[arg(long, value_name = "COL,ROW,W,H", value_parser = four::<u64>)]
+    window: Option<[u64; 4]>,
     /// Box in world coordinates: west, south, east, north
-    #[arg(long, value_name = "W,S,E,N", value_delimiter = ',', num_args = 4, allow_hyphen_values = true)]
-    bbox: Option<Vec<f64>>,
+    #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = four::<f64>)]
+    bbox: Option<[f64; 4]>,
 }
 
 impl Part {
     /// The cells of the deepest level that are meant; `None`: all.
     pub(crate) fn bounds(&self, tree: &dyn Tree) -> Result<Option<Bounds>> {
         let depth_of_z = tree.header().extent[2];
-        if let Some([x, y, width, height]) = self.window.as_deref() {
-            let end = |start: &u64, length: &u64| start.checked_add(*length).context("--window: too large");
+        if let Some([x, y, width, height]) = self.window {
+            let end = |start: u64, length: u64| start.checked_add(length).context("--window: too large");
             let max = [end(x, width)?, end(y, height)?, depth_of_z];
-            ensure!(*width > 0 && *height > 0, "--window: {width} columns by {height} rows, at least 1 by 1 needed");
-            return Ok(Some(Bounds { min: [*x, *y, 0], max }));
+            ensure!(
+                width > 0 && height > 0,
+                "--window: {width} columns by {height} rows, at least 1 by 1 needed"
+            );
+            return Ok(Some(Bounds { min: [x, y, 0], max }));
         }
-        let Some([west, south, east, north]) = self.bbox.as_deref() else { return Ok(None) };
+        let Some([west, south, east, north]) = self.bbox else { return Ok(None) };
         ensure!(west < east && south < north, "--bbox: west must be less than east, south less than north");
         let frame = &tree.metadata().frame;
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for corner in [[*west, *south], [*east, *south], [*west, *north], [*east, *north]] {
-            let cell = frame.to_cells([corner[0], corner[1], 0.0]).context("the file's transform has no inverse")?;
+        for corner in [[west, south], [east, south], [west, north], [east, north]] {
+            let cell =
+                frame.to_cells([corner[0], corner[1], 0.0]).context("the file's transform has no inverse")?;
             for axis in 0..2 {
                 low[axis] = low[axis].min(cell[axis]);
                 high[axis] = high[axis].max(cell[axis]);
@@ -41,15 +45,21 @@ impl Part {
         // Edges that are a rounding error beside a cell's edge mean that edge.
         let first = |cell: f64| (cell + 1e-6).floor().max(0.0) as u64;
         let end = |cell: f64| (cell - 1e-6).ceil().max(0.0) as u64;
-        let bounds = Bounds {
-            min: [first(low[0]), first(low[1]), 0],
-            max: [end(high[0]), end(high[1]), depth_of_z],
-        };
+        let bounds =
+            Bounds { min: [first(low[0]), first(low[1]), 0], max: [end(high[0]), end(high[1]), depth_of_z] };
         let picture = Bounds { min: [0; 3], max: tree.header().extent };
         let inside = bounds.intersect(&picture);
         ensure!(!inside.is_empty(), "--bbox: outside the picture, {}", world_box(tree));
         Ok(Some(inside))
     }
+}
+
+/// Four numbers with commas between them.
+fn four<T: std::str::FromStr>(text: &str) -> std::result::Result<[T; 4], String> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    numbers
+        .and_then(|numbers| numbers.try_into().ok())
+        .ok_or_else(|| "expected four numbers, as in 1,2,3,4".into())
 }
 
 /// West, south, east and north of the whole picture, for people.

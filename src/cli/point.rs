@@ -10,7 +10,8 @@ use spinney::query::Tree;
 use super::open;
 
 const EXAMPLES: &str = "Examples:
-  spinney point relief.goblin 7.66,45.98 -- -70.0,-33.4
+  spinney point relief.goblin 7.66,45.98
+  spinney point relief.goblin -- -70.0,-33.4 7.66,45.98
   spinney point --cells world.goblin 21600,5000
   spinney point relief.goblin < coordinates.csv > heights.txt
 
@@ -23,7 +24,7 @@ pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
     /// Points, X,Y or X,Y,Z; read from standard input if there are none
-    #[arg(value_name = "X,Y", allow_hyphen_values = true)]
+    #[arg(value_name = "X,Y")]
     points: Vec<String>,
     /// Level of detail: the answer is the average of the block around the point
     #[arg(long)]
@@ -70,7 +71,10 @@ impl Points<'_> {
                 _ if count == 0 => rest.len(),
                 Some(end) => before + end + 1,
                 None => {
-                    ensure!(rest.len() < 2 * BATCH, "standard input, line {line}: a line of more than {BATCH} bytes");
+                    ensure!(
+                        rest.len() < 2 * BATCH,
+                        "standard input, line {line}: a line of more than {BATCH} bytes"
+                    );
                     continue;
                 }
             };
@@ -82,7 +86,8 @@ impl Points<'_> {
                 Some(start)
             });
             let parts: Vec<_> = parts.iter().copied().zip(starts).collect();
-            let answers: Result<Vec<_>> = parts.par_iter().map(|(part, line)| self.answer(part, *line)).collect();
+            let answers: Result<Vec<_>> =
+                parts.par_iter().map(|(part, line)| self.answer(part, *line)).collect();
             for answer in answers? {
                 out.write_all(&answer)?;
             }
@@ -143,7 +148,8 @@ impl Points<'_> {
 /// Whole numbers, which most are, without the detour over floating-point printing.
 fn write_number(number: f64, text: &mut Vec<u8>) {
     let whole = number as i64;
-    let written = if whole as f64 == number { write!(text, "{whole}") } else { write!(text, "{}", number as f32) };
+    let written =
+        if whole as f64 == number { write!(text, "{whole}") } else { write!(text, "{}", number as f32) };
     debug_assert!(written.is_ok(), "writing to memory");
 }
 
@@ -152,7 +158,8 @@ fn split_lines(bytes: &[u8], parts: usize) -> Vec<&[u8]> {
     let mut list = Vec::new();
     while !rest.is_empty() {
         let aim = (bytes.len() / parts).max(1).min(rest.len());
-        let end = rest[aim - 1..].iter().position(|byte| *byte == b'\n').map_or(rest.len(), |more| aim + more);
+        let end =
+            rest[aim - 1..].iter().position(|byte| *byte == b'\n').map_or(rest.len(), |more| aim + more);
         let (part, after) = rest.split_at(end);
         list.push(part);
         rest = after;

@@ -15,7 +15,7 @@ pub(crate) fn parse_bytes(text: &str) -> Result<u64, String> {
     };
     let number: f64 = number.parse().map_err(|_| "expected a number such as 256M or 1G")?;
     let bytes = number * 1024f64.powi(power);
-    if bytes < 1.0 || bytes > 1e18 { Err("out of range".into()) } else { Ok(bytes as u64) }
+    if !(1.0..=1e18).contains(&bytes) { Err("out of range".into()) } else { Ok(bytes as u64) }
 }
 
 /// Bytes with three digits or so: `14.8 MiB`.

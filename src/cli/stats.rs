@@ -37,23 +37,33 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let picture = Bounds { min: [0; 3], max: tree.header().extent };
     let bounds = bounds.unwrap_or(picture).intersect(&picture);
     let histogram = match stats.channels.first() {
-        Some(first) if stats.classes.is_empty() && first.min < first.max && (1..=65536).contains(&args.bins) => {
+        Some(first)
+            if stats.classes.is_empty() && first.min < first.max && (1..=65536).contains(&args.bins) =>
+        {
             let bins = tree.histogram(&bounds, first.min, first.max, args.bins)?;
             let width = (first.max - first.min) / args.bins as f64;
             bins.into_iter().enumerate().map(|(i, cells)| (first.min + i as f64 * width, cells)).collect()
         }
         _ => Vec::new(),
     };
-    if args.json { print_json(&as_json(&*tree, &stats, &histogram)) } else { print(&*tree, &stats, &histogram) }
+    if args.json {
+        print_json(&as_json(&*tree, &stats, &histogram))
+    } else {
+        print(&*tree, &stats, &histogram)
+    }
 }
 
 /// Square metres of a cell, in projected systems that count in metres and keep areas nearly true.
 fn cell_area(tree: &dyn Tree) -> Option<f64> {
     let frame = &tree.metadata().frame;
-    let epsg = frame.epsg.filter(|epsg| *epsg != 3857 && !is_geographic(u16::try_from(*epsg).unwrap_or(0)))?;
+    let epsg =
+        frame.epsg.filter(|epsg| *epsg != 3857 && !is_geographic(u16::try_from(*epsg).unwrap_or(0)))?;
     let name = frame.crs_name.as_deref().unwrap_or_default().to_lowercase();
     let [a, b, _, d, e, _] = frame.affine();
-    let feet = name.contains("ft") || name.contains("foot") || name.contains("feet") || (2222..=2289).contains(&epsg);
+    let feet = name.contains("ft")
+        || name.contains("foot")
+        || name.contains("feet")
+        || (2222..=2289).contains(&epsg);
     (!feet).then_some((a * e - b * d).abs())
 }
 

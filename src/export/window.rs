@@ -46,16 +46,23 @@ pub fn export_window(
     let depth = tree.depth();
     let size = request.bounds.size();
     if request.bounds.is_empty() {
-        return Err(Error::invalid("window", format!("{} x {} cells", size[0], size[1]), "at least one cell"));
+        return Err(Error::invalid(
+            "window",
+            format!("{} x {} cells", size[0], size[1]),
+            "at least one cell",
+        ));
     }
     let level = match request.detail {
         Detail::Level(level) if level <= depth => level,
-        Detail::Level(level) => return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}"))),
+        Detail::Level(level) => {
+            return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
+        }
         Detail::Size(width, height) => {
             if width == 0 || height == 0 {
                 return Err(Error::invalid("size", format!("{width}x{height}"), "at least 1x1"));
             }
-            let fine = |level: u8| size[0] >> (depth - level) >= width && size[1] >> (depth - level) >= height;
+            let fine =
+                |level: u8| size[0] >> (depth - level) >= width && size[1] >> (depth - level) >= height;
             (0..=depth).find(|level| fine(*level)).unwrap_or(depth)
         }
     };
@@ -75,7 +82,12 @@ pub fn export_window(
         }
         Detail::Size(width, height) => {
             let origin = [request.bounds.min[0] as f64 / scale, request.bounds.min[1] as f64 / scale];
-            (width, height, origin, [size[0] as f64 / scale / width as f64, size[1] as f64 / scale / height as f64])
+            (
+                width,
+                height,
+                origin,
+                [size[0] as f64 / scale / width as f64, size[1] as f64 / scale / height as f64],
+            )
         }
     };
     let header = tree.header();
@@ -172,7 +184,9 @@ impl Sampler<'_> {
         let mean = self.tree.header().rule == Rule::Mean && self.tree.header().kind == Kind::Continuous;
         let spans = |axis: usize, first: u64, count: u64, min: u64, max: u64| -> Vec<Span> {
             (first..first + count)
-                .map(|i| Span::new(self.origin[axis] + i as f64 * self.step[axis], self.step[axis], mean, min, max))
+                .map(|i| {
+                    Span::new(self.origin[axis] + i as f64 * self.step[axis], self.step[axis], mean, min, max)
+                })
                 .collect()
         };
         let columns = spans(0, 0, self.width, self.source.min[0], self.source.max[0]);

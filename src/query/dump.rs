@@ -2,10 +2,10 @@
 
 use std::fmt::Write;
 
+use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::tree::{Child, MemTree, Source};
 use crate::value::{Sample, Value};
-use crate::Result;
 
 /// The literature's table of a Goblin tree: a line per record with its number (from 1, in preorder), the children's
 /// values, and the number of the record to go on with when this one's detail is skipped.

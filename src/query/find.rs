@@ -31,7 +31,9 @@ impl Condition {
     fn of_zone<V: Value>(self, zone: &Tally<V>) -> Option<bool> {
         let (min, max) = (zone.min.samples()[0].to_f64(), zone.max.samples()[0].to_f64());
         match self {
-            Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => Some(self.met_by(min)),
+            Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => {
+                Some(self.met_by(min))
+            }
             Condition::Equal(wanted) if wanted < min || wanted > max => Some(false),
             Condition::Equal(_) if min == max => Some(true),
             _ => None,

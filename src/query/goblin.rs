@@ -5,9 +5,9 @@ use std::path::Path;
 use zerocopy::FromBytes;
 
 use super::any::Tree;
+use super::dump;
 use super::find::{Condition, FoundBlock};
 use super::stats::Statistics;
-use super::dump;
 use crate::space::{Bounds, Code, Oct, Quad};
 use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata, OpenOptions, read_header};
 use crate::tree::{MemTree, df};
@@ -94,7 +94,11 @@ impl<D: Layout, V: Value> Tree for Goblin<D, V> {
         let wires = bounds.volume() as usize;
         let length = bytes.len();
         let values = <[V::Wire]>::mut_from_bytes_with_elems(bytes, wires).map_err(|_| {
-            Error::invalid("window buffer", format!("{length} bytes"), format!("{wires} values of {}", V::TYPE))
+            Error::invalid(
+                "window buffer",
+                format!("{length} bytes"),
+                format!("{wires} values of {}", V::TYPE),
+            )
         })?;
         let fill = V::from_channels(|_| V::Sample::from_f64_lossy(fill));
         Goblin::window(self, level, bounds, fill, values, valid).map(|_| ())

@@ -1,9 +1,9 @@
 //! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is cut.
 
+use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::goblin::{Goblin, Layout};
 use crate::value::{Sample, Sum, Tally, Value, channelwise_max, channelwise_min};
-use crate::Result;
 
 use super::walk::{Visitor, walk};
 
@@ -79,7 +79,8 @@ fn summary<V: Value>(tally: &Tally<V>, volume: u64, segments_read: u64) -> Stati
         min: number(&tally.min, channel),
         max: number(&tally.max, channel),
         mean: tally.sum.as_ref()[channel].to_f64() / tally.cells as f64,
-        deviation: Sum::variance(tally.sum.as_ref()[channel], tally.squares.as_ref()[channel], tally.cells).sqrt(),
+        deviation: Sum::variance(tally.sum.as_ref()[channel], tally.squares.as_ref()[channel], tally.cells)
+            .sqrt(),
     };
     let classes = if V::CHANNELS == 1 { &tally.classes[..] } else { &[] };
     Statistics {

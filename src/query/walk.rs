@@ -1,10 +1,10 @@
 //! Walks the part of a tree that lies in a box, asking at every zone whether its statistics will do.
 
+use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::goblin::{CUT, Goblin, INNER, LEAF, Layout, Record, Segment, VOID, child_places};
 use crate::tree::Child;
 use crate::value::Value;
-use crate::Result;
 
 /// What wants to know about a box of cells.
 pub(super) trait Visitor<D: Layout, V: Value> {
@@ -94,9 +94,12 @@ impl<D: Layout, V: Value> Walk<'_, D, V> {
                         visitor.outside()?;
                         continue;
                     }
-                    let own = shape.is_candidate(child.level()).then(|| self.tree.find_segment(child)).flatten();
+                    let own =
+                        shape.is_candidate(child.level()).then(|| self.tree.find_segment(child)).flatten();
                     match (own, place) {
-                        (Some(own), _) if own != segment.index() && self.tree.segment(own)?.code() == child => {
+                        (Some(own), _)
+                            if own != segment.index() && self.tree.segment(own)?.code() == child =>
+                        {
                             self.segment(child, Some(own), visitor)?;
                         }
                         (_, Some(place)) => self.node(segment, records, *place as usize, child, visitor)?,

@@ -38,11 +38,13 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             return Ok(0);
         }
         let side = 1u64 << level;
-        let space = Bounds { min: [0; 3], max: std::array::from_fn(|axis| if axis < D::AXES { side } else { 1 }) };
+        let space =
+            Bounds { min: [0; 3], max: std::array::from_fn(|axis| if axis < D::AXES { side } else { 1 }) };
         let size = bounds.size();
         let fill = fill.to_wire();
         let strides = [1, size[0] as usize, (size[0] * size[1]) as usize];
-        let mut painter = Painter { tree: self, level, bounds: *bounds, strides, fill, values, valid, seen: Vec::new() };
+        let mut painter =
+            Painter { tree: self, level, bounds: *bounds, strides, fill, values, valid, seen: Vec::new() };
         if !space.contains(bounds) {
             painter.values.fill(fill);
             if let Some(valid) = &mut painter.valid {
@@ -109,13 +111,13 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
     ) -> Result<()> {
         let record = &records[at];
         let below = self.level - level - 1;
-        let inside = (0..D::AXES)
-            .all(|axis| self.bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= self.bounds.max[axis]);
-        if below == 0 && inside && self.valid.is_none() {
-            self.cells(record, min);
-            return Ok(());
-        }
+        let inside = (0..D::AXES).all(|axis| {
+            self.bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= self.bounds.max[axis]
+        });
         let shape = &self.tree.header().shape;
+        if inside && shape.cut_level(segment.code().level()) >= self.level {
+            return self.whole(segment, records, at, below, self.place(min));
+        }
         // The children may own segments that reach deeper.
         let jump = shape.is_candidate(level + 1) && shape.cut_level(segment.code().level()) < self.level;
         let end = at + record.skip() as usize;
@@ -130,10 +132,12 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
                 }
                 next += skip;
             }
-            let child_min: [u64; 3] = std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
+            let child_min: [u64; 3] =
+                std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
             let extent = |axis: usize| if axis < D::AXES { 1 << below } else { 1 };
-            let whole = Bounds { min: child_min, max: std::array::from_fn(|axis| child_min[axis] + extent(axis)) };
-            let part = if inside { whole } else { whole.intersect(&self.bounds) };
+            let whole =
+                Bounds { min: child_min, max: std::array::from_fn(|axis| child_min[axis] + extent(axis)) };
+            let part = whole.intersect(&self.bounds);
             if part.is_empty() {
                 continue;
             }
@@ -159,15 +163,60 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
         code.and_then(|code| self.tree.find_segment(code)).is_some_and(|index| index != segment.index())
     }
 
-    /// All children of a node just above the window's level, as single cells.
-    #[inline]
-    fn cells(&mut self, record: &D::Record<V>, min: [u64; 3]) {
-        let start = self.place(min);
+    /// Draws a node that lies wholly in the window and needs no other segment: the hot path of tiles. Its first cell
+    /// goes to `start`; its children have `2^below` cells along each axis.
+    fn whole(
+        &mut self,
+        segment: &Segment<'_, D, V>,
+        records: &[D::Record<V>],
+        at: usize,
+        below: u8,
+        start: usize,
+    ) -> Result<()> {
+        let record = &records[at];
         let states = record.states();
+        if below == 0 {
+            self.cells(record, states, start);
+            return Ok(());
+        }
+        let end = at + record.skip() as usize;
+        let mut next = at + 1;
         for child in 0..D::CHILDREN {
-            let place = (0..D::AXES).fold(start, |place, axis| place + (child >> axis & 1) * self.strides[axis]);
-            let void = states >> (2 * child) & 3 == VOID as u32;
-            self.values[place] = if void { self.fill } else { record.value(child).to_wire() };
+            let offset =
+                (0..D::AXES).map(|axis| ((child >> axis & 1) << below) * self.strides[axis]).sum::<usize>();
+            match (states >> (2 * child)) as u8 & 3 {
+                INNER => {
+                    let skip =
+                        records.get(next).filter(|_| next < end).map_or(0, |record| record.skip() as usize);
+                    if skip == 0 || next + skip > end {
+                        return Err(self.tree.bad_skip(segment, at));
+                    }
+                    self.whole(segment, records, next, below - 1, start + offset)?;
+                    next += skip;
+                }
+                CUT => return Err(self.tree.bad_cut(segment.code())),
+                state => {
+                    let value = (state != VOID).then(|| record.value(child));
+                    let side = 1 << below;
+                    self.fill(start + offset, [side, side, if D::AXES > 2 { side } else { 1 }], value);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The children of a record as single cells, in pairs along x.
+    #[inline]
+    fn cells(&mut self, record: &D::Record<V>, states: u32, start: usize) {
+        for pair in 0..D::CHILDREN / 2 {
+            let place = start + (pair & 1) * self.strides[1] + (pair >> 1) * self.strides[2];
+            let is_void = |child: usize| states >> (2 * child) & 3 == VOID as u32;
+            let wire = |child: usize| if is_void(child) { self.fill } else { record.value(child).to_wire() };
+            let both = [wire(2 * pair), wire(2 * pair + 1)];
+            self.values[place..place + 2].copy_from_slice(&both);
+            if let Some(valid) = &mut self.valid {
+                valid[place..place + 2].copy_from_slice(&[!is_void(2 * pair), !is_void(2 * pair + 1)]);
+            }
         }
     }
 
@@ -178,11 +227,13 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
     }
 
     /// Gives all cells of a part one value.
-    #[inline]
     fn paint(&mut self, part: &Bounds, value: Option<V>) {
+        self.fill(self.place(part.min), part.size().map(|size| size as usize), value);
+    }
+
+    #[inline]
+    fn fill(&mut self, start: usize, [width, height, depth]: [usize; 3], value: Option<V>) {
         let wire = value.map_or(self.fill, V::to_wire);
-        let [width, height, depth] = part.size().map(|size| size as usize);
-        let start = self.place(part.min);
         for z in 0..depth {
             for y in 0..height {
                 let row = start + z * self.strides[2] + y * self.strides[1];

@@ -85,7 +85,9 @@ pub fn from_text<D: Dimension, V: Value>(
                 let list = &rest[..end];
                 rest = &rest[end + 1..];
                 let value = parse_value(list);
-                Symbol::Leaf(value.ok_or_else(|| bad(position, list, &format!("a value of type {}", V::TYPE)))?)
+                Symbol::Leaf(
+                    value.ok_or_else(|| bad(position, list, &format!("a value of type {}", V::TYPE)))?,
+                )
             }
             _ => {
                 let digit = letter.to_digit(10).and_then(|digit| V::splat_f64(digit as f64));
@@ -144,7 +146,11 @@ pub fn to_packed<S: Source>(source: &S) -> Result<Packed<S::Value>> {
 ///
 /// # Errors
 /// If the bits or the values do not make one tree of at most `depth` levels.
-pub fn from_packed<D: Dimension, V: Value>(packed: &Packed<V>, depth: u8, rule: Rule) -> Result<MemTree<D, V>> {
+pub fn from_packed<D: Dimension, V: Value>(
+    packed: &Packed<V>,
+    depth: u8,
+    rule: Rule,
+) -> Result<MemTree<D, V>> {
     let bad = |found: String, expected: &str| Error::invalid("packed DF-expression", found, expected);
     if packed.bits.len() != packed.symbols.div_ceil(4) {
         let found = format!("{} bytes for {} symbols", packed.bits.len(), packed.symbols);

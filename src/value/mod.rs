@@ -9,5 +9,5 @@ mod tally;
 pub use palette::Palette;
 pub use rule::{Kind, Rule};
 pub use sample::{Sample, SampleType, Sum, Value, ValueType};
-pub(crate) use tally::{channelwise_max, channelwise_min, dominant, most_frequent};
 pub use tally::{Tally, representative};
+pub(crate) use tally::{channelwise_max, channelwise_min, dominant, most_frequent};

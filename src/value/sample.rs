@@ -129,10 +129,16 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     const TYPE: SampleType;
     /// How it stands on disk: little-endian at any address.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
-    /// Sum over one block of cells (at most 2^18), without overflow.
+    /// Sum over one block of cells (at most 2^18), without overflow, and twice it.
     type BlockSum: Copy + Debug + Default + Add<Output = Self::BlockSum> + Into<Self::TotalSum> + Send + Sync;
     /// Sum of squares over one block of cells, without overflow.
-    type BlockSquare: Copy + Debug + Default + Add<Output = Self::BlockSquare> + Into<Self::TotalSum> + Send + Sync;
+    type BlockSquare: Copy
+        + Debug
+        + Default
+        + Add<Output = Self::BlockSquare>
+        + Into<Self::TotalSum>
+        + Send
+        + Sync;
     /// Sum over any number of cells, and of squares.
     type TotalSum: Sum;
 
@@ -167,11 +173,11 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
 }
 
 macro_rules! integer_sample {
-    ($type:ident, $variant:ident, $wire:ty, $square:ty, $to:expr, $from:expr) => {
+    ($type:ident, $variant:ident, $wire:ty, $sum:ty, $square:ty, $to:expr, $from:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
             type Wire = $wire;
-            type BlockSum = i64;
+            type BlockSum = $sum;
             type BlockSquare = $square;
             type TotalSum = i128;
 
@@ -193,8 +199,8 @@ macro_rules! integer_sample {
                 (number as $type as f64 == number).then_some(number as $type)
             }
             #[inline]
-            fn block_sum(self, cells: u32) -> i64 {
-                self as i64 * cells as i64
+            fn block_sum(self, cells: u32) -> $sum {
+                self as $sum * cells as $sum
             }
             #[inline]
             fn block_square(self, cells: u32) -> $square {
@@ -214,9 +220,9 @@ macro_rules! integer_sample {
                 (2 * sum + cells).div_euclid(2 * cells) as $type
             }
             #[inline]
-            fn block_mean(sum: i64, cells: u32) -> $type {
-                let twice = 2 * cells as i64;
-                let half_up = 2 * sum + cells as i64;
+            fn block_mean(sum: $sum, cells: u32) -> $type {
+                let twice = 2 * cells as $sum;
+                let half_up = 2 * sum + cells as $sum;
                 if cells.is_power_of_two() {
                     (half_up >> twice.trailing_zeros()) as $type
                 } else {
@@ -238,11 +244,11 @@ macro_rules! integer_sample {
     };
 }
 
-integer_sample!(u8, U8, u8, i64, |x| x, |x| x);
-integer_sample!(u16, U16, U16, i64, U16::new, |x: U16| x.get());
-integer_sample!(i16, I16, I16, i64, I16::new, |x: I16| x.get());
-integer_sample!(u32, U32, U32, i128, U32::new, |x: U32| x.get());
-integer_sample!(i32, I32, I32, i128, I32::new, |x: I32| x.get());
+integer_sample!(u8, U8, u8, i32, i64, |x| x, |x| x);
+integer_sample!(u16, U16, U16, i64, i64, U16::new, |x: U16| x.get());
+integer_sample!(i16, I16, I16, i64, i64, I16::new, |x: I16| x.get());
+integer_sample!(u32, U32, U32, i64, i128, U32::new, |x: U32| x.get());
+integer_sample!(i32, I32, I32, i64, i128, I32::new, |x: I32| x.get());
 
 macro_rules! float_sample {
     ($type:ident, $variant:ident, $wire:ty) => {

@@ -41,15 +41,32 @@ impl<V: Value> Tally<V> {
 
     /// Of `cells` cells of one value.
     pub fn leaf(value: V, cells: u64, count_classes: bool) -> Tally<V> {
-        let mut tally = Tally { cells, min: value, max: value, ..Tally::void() };
-        for (channel, sample) in value.samples().iter().enumerate() {
-            tally.sum.as_mut()[channel] = <V::Sample as Sample>::total_sum(*sample).times(cells);
-            tally.squares.as_mut()[channel] = sample.square().times(cells);
+        Tally {
+            cells,
+            min: value,
+            max: value,
+            sum: Self::leaf_sums(value, cells),
+            squares: Self::leaf_squares(value, cells),
+            classes: if count_classes { vec![(value, cells)] } else { Vec::new() },
         }
-        if count_classes {
-            tally.classes.push((value, cells));
+    }
+
+    /// Sums of `cells` cells of one value.
+    pub(crate) fn leaf_sums(value: V, cells: u64) -> V::TotalSums {
+        let mut sums = V::TotalSums::default();
+        for (sum, sample) in sums.as_mut().iter_mut().zip(value.samples()) {
+            *sum = sample.total_sum().times(cells);
         }
-        tally
+        sums
+    }
+
+    /// Sums of their squares.
+    pub(crate) fn leaf_squares(value: V, cells: u64) -> V::TotalSums {
+        let mut sums = V::TotalSums::default();
+        for (sum, sample) in sums.as_mut().iter_mut().zip(value.samples()) {
+            *sum = sample.square().times(cells);
+        }
+        sums
     }
 
     /// Of the cells of all the parts; their number must be a power of two for the sums of floating samples to be

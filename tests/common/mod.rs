@@ -5,8 +5,10 @@ use std::path::PathBuf;
 
 use spinney::Result;
 use spinney::space::{Cell, Code, Dimension};
-use spinney::store::goblin::{BuildOptions, Goblin, Layout, Metadata, Slab, Slabs, build, build_slabs, depth_for};
 use spinney::store::Output;
+use spinney::store::goblin::{
+    BuildOptions, Goblin, Layout, Metadata, Slab, Slabs, build, build_slabs, depth_for,
+};
 use spinney::value::{Kind, Rule, Sample, SampleType, Value};
 use zerocopy::IntoBytes;
 

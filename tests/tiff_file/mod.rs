@@ -1,4 +1,5 @@
 //! Small TIFF files, made by hand so that every tag is as a test wants it.
+#![allow(dead_code)] // each test file uses some of it
 
 use std::io::Write;
 

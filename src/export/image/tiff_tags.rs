@@ -1,6 +1,5 @@
 //! The container of TIFF: tags, directories, and the tags that place a picture in the world.
 
-
 use crate::space::Frame;
 
 /// A tag's value.

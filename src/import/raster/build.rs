@@ -46,3 +46,47 @@ fn bands_memory(info: &RasterInfo, value_size: usize) -> u64 {
     let band = info.width * BLOCK * (info.pixel_bytes() as u64 + 1);
     2 * band + info.width.div_ceil(BLOCK) * WAITING * record
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::fake::Fake;
+    use super::super::{DEFAULT_MEMORY, Raster};
+    use super::*;
+    use crate::store::goblin::{BuildOptions, Metadata};
+    use crate::value::{Kind, Rule, SampleType};
+
+    fn bytes_of(raster: Box<dyn Raster>, memory: u64, path: &Path) -> Vec<u8> {
+        let metadata = Metadata::default();
+        let options = BuildOptions { rule: Rule::Mean, kind: Kind::Continuous, depth: 11, memory, metadata };
+        let output = Output::create(path).unwrap();
+        build_slabs::<Quad, [u8; 1]>(&mut RasterSlabs::new(raster, memory), None, &options, output, &())
+            .unwrap();
+        std::fs::read(path).unwrap()
+    }
+
+    #[test]
+    fn spilling_and_memory_do_not_change_the_bytes() {
+        let (width, height) = (1500, 1100);
+        let fake = |order| -> Box<dyn Raster> {
+            let info = RasterInfo { order, ..RasterInfo::plain([width, height], SampleType::U8, 1) };
+            let pixel = |i: u64| ((i % width) * (i / width) / 900) as u8;
+            Box::new(Fake::new(info, (0..width * height).map(pixel).collect()))
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.goblin");
+        let direct = bytes_of(fake(Order::Anywhere), 64 << 20, &path);
+        for memory in [0, 1 << 20, 64 << 20] {
+            let spilled = spill(fake(Order::Bands), folder.path(), memory, &()).unwrap();
+            assert!(bytes_of(spilled, memory, &path) == direct, "{memory}");
+        }
+    }
+
+    #[test]
+    fn wide_pictures_need_more_than_narrow_ones() {
+        let needed = |width| bands_memory(&RasterInfo::plain([width, 10], SampleType::U8, 1), 1);
+        assert_eq!(needed(256), 2 * 256 * 256 * 2 + 4 * 4096 * 8);
+        assert!(needed(43200) < DEFAULT_MEMORY / 2 && needed(1 << 20) > DEFAULT_MEMORY / 2);
+    }
+}

@@ -11,7 +11,7 @@ use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Result};
 
 /// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
-pub const DEFAULT_MEMORY: u64 = 512 << 20;
+pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
 /// What the user wants of an import; whatever is not said comes from the files.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -78,6 +78,8 @@ pub(super) fn sample_bytes(number: f64, sample: SampleType) -> Option<Vec<u8>> {
 pub(super) fn as_stored(number: f64, sample: SampleType) -> Option<f64> {
     match sample {
         SampleType::F32 => Some(f64::from(f32::from_f64_lossy(number))),
+        // NaN is equal to nothing, but may well be meant.
+        SampleType::F64 => Some(number),
         _ => sample_bytes(number, sample).map(|_| number),
     }
 }

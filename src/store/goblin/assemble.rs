@@ -36,14 +36,7 @@ struct Group<D: Layout, V: Value> {
 
 impl<D: Layout, V: Value> Assembler<D, V> {
     pub(super) fn new(shape: Shape, rule: Rule, extent: [u64; 3]) -> Self {
-        Assembler {
-            shape,
-            rule,
-            extent,
-            groups: HashMap::new(),
-            root: None,
-            counts: LevelCounts::default(),
-        }
+        Assembler { shape, rule, extent, groups: HashMap::new(), root: None, counts: LevelCounts::default() }
     }
 
     /// Whether a node has cells within the extent.

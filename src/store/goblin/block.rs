@@ -8,12 +8,10 @@
 use super::counts::LevelCounts;
 use super::part::Part;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
+use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::tree::{Child, Source};
-use crate::value::{
-    Rule, Sample, Tally, Value, channelwise_max, channelwise_min, dominant, most_frequent,
-};
-use crate::Result;
+use crate::value::{Rule, Sample, Tally, Value, channelwise_max, channelwise_min, dominant, most_frequent};
 
 /// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level above.
 struct Level<V> {
@@ -37,7 +35,8 @@ impl<D: Layout, V: Value> Block<D, V> {
     /// The block under `code` of a tree of `depth` levels, from all its cells in Z order.
     pub(super) fn from_cells(code: Code<D>, height: u8, state: Vec<u8>, value: Vec<V>) -> Self {
         debug_assert_eq!(state.len(), 1 << (D::AXES * height as usize));
-        let mut levels: Vec<Level<V>> = (0..height).map(|level| Level::new(1 << (D::AXES * level as usize))).collect();
+        let mut levels: Vec<Level<V>> =
+            (0..height).map(|level| Level::new(1 << (D::AXES * level as usize))).collect();
         levels.push(Level { state, value, records: Vec::new(), expanded: None });
         Block { code, height, levels }
     }
@@ -100,10 +99,9 @@ impl<D: Layout, V: Value> Block<D, V> {
                 None
             }
         };
-        let mut tally = self.tally();
-        if count_classes {
-            tally.classes = classes.unwrap_or_else(|| self.classes());
-        }
+        let classes = classes.or_else(|| count_classes.then(|| self.classes()));
+        let mut tally = self.tally(classes.as_deref());
+        tally.classes = classes.unwrap_or_default();
         let root = &self.levels[0];
         let child = match root.state[0] {
             VOID => Child::Void,
@@ -128,30 +126,26 @@ impl<D: Layout, V: Value> Block<D, V> {
             let (upper, lower) = self.levels.split_at_mut(index);
             let (parents, children) = (&mut upper[index - 1], &lower[0]);
             let mut known = vec![A::Of::default(); parents.state.len()];
-            for (group, states) in children.state.chunks_exact(D::CHILDREN).enumerate() {
-                let start = group * D::CHILDREN;
-                let range = start..start + D::CHILDREN;
-                let values = &children.value[range.clone()];
+            let groups =
+                children.state.chunks_exact(D::CHILDREN).zip(children.value.chunks_exact(D::CHILDREN));
+            for (group, (states, values)) in groups.enumerate() {
                 let place = parents.expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
                 let first = states[0];
-                if first != INNER && states.iter().all(|state| *state == first) {
-                    if first == VOID || values.iter().all(|value| value.same(values[0])) {
-                        parents.state[place] = first;
-                        parents.value[place] = values[0];
-                        continue;
-                    }
+                let uniform = first != INNER
+                    && states.iter().all(|state| *state == first)
+                    && (first == VOID || values.iter().all(|value| value.same(values[0])));
+                if uniform {
+                    parents.state[place] = first;
+                    parents.value[place] = values[0];
+                    continue;
                 }
-                let known_below = if below.is_empty() { &[] } else { &below[range.clone()] };
+                let range = group * D::CHILDREN..(group + 1) * D::CHILDREN;
+                let known_below = below.get(range.clone()).unwrap_or(&[]);
                 let (of, representative) = averaging.merge(states, values, known_below, cells);
                 known[place] = of;
                 parents.state[place] = INNER;
                 parents.value[place] = representative;
-                let records = if children.records.is_empty() {
-                    0
-                } else {
-                    children.records[range].iter().sum()
-                };
-                parents.records[place] = records + 1;
+                parents.records[place] = 1 + children.records.get(range).unwrap_or(&[]).iter().sum::<u32>();
             }
             below = known;
         }
@@ -202,41 +196,56 @@ impl<D: Layout, V: Value> Block<D, V> {
     fn for_leaves(&self, mut leaf: impl FnMut(V, u32)) {
         for (index, level) in self.levels.iter().enumerate() {
             let cells = self.cells_at(index);
-            let no_places = Vec::new();
-            let expanded = match &level.expanded {
-                Some(expanded) => expanded,
-                None if index + 1 == self.levels.len() => &no_places,
-                None => continue,
-            };
-            let mut expanded = expanded.iter().map(|place| *place as usize).peekable();
-            for (place, (state, value)) in level.state.iter().zip(&level.value).enumerate() {
-                if expanded.next_if_eq(&place).is_none() && *state == LEAF {
-                    leaf(*value, cells);
+            let leaves = level.state.iter().zip(&level.value);
+            match &level.expanded {
+                Some(expanded) => {
+                    let mut expanded = expanded.iter().map(|place| *place as usize).peekable();
+                    for (place, (state, value)) in leaves.enumerate() {
+                        if expanded.next_if_eq(&place).is_none() && *state == LEAF {
+                            leaf(*value, cells);
+                        }
+                    }
                 }
+                None if index + 1 < self.levels.len() => {}
+                // The level of the cells, mostly without VOID.
+                None if !level.state.contains(&VOID) => level.value.iter().for_each(|value| leaf(*value, 1)),
+                None => leaves.filter(|(state, _)| **state == LEAF).for_each(|(_, value)| leaf(*value, 1)),
             }
         }
     }
 
-    /// What is below the block's root, but for class counts.
-    fn tally(&self) -> Tally<V> {
-        let (mut min, mut max, mut count) = (None, None, 0u64);
+    /// What is below the block's root, but for class counts; from these where they are known and sums are exact.
+    fn tally(&self, classes: Option<&[(V, u64)]>) -> Tally<V> {
+        let is_float = V::Sample::TYPE.is_float();
+        if let Some(classes) = classes.filter(|_| !is_float) {
+            let classes = classes.iter().map(|(value, cells)| Tally::leaf(*value, *cells, false));
+            return classes.fold(Tally::void(), |sum, class| Tally::merge(&[&sum, &class]));
+        }
+        let mut count = 0u64;
+        // Some leaf's value, to start from.
+        let (mut min, mut max) = (V::default(), V::default());
+        let any = self.levels.iter().find_map(|level| {
+            level.state.iter().position(|state| *state == LEAF).map(|place| level.value[place])
+        });
+        if let Some(value) = any {
+            (min, max) = (value, value);
+        }
         let mut sums = V::BlockSums::default();
         let mut squares = V::BlockSquares::default();
         self.for_leaves(|value, cells| {
             count += cells as u64;
-            min = Some(min.map_or(value, |min| channelwise_min(min, value)));
-            max = Some(max.map_or(value, |max| channelwise_max(max, value)));
-            if !V::Sample::TYPE.is_float() {
+            min = channelwise_min(min, value);
+            max = channelwise_max(max, value);
+            if !is_float {
                 sums = V::add_block_sums(sums, value.block_sums(cells));
                 squares = V::add_block_squares(squares, value.block_squares(cells));
             }
         });
-        let (sum, squares) = if V::Sample::TYPE.is_float() {
-            (self.pairwise(|leaf| leaf.sum), self.pairwise(|leaf| leaf.squares))
+        let (sum, squares) = if is_float {
+            (self.pairwise(Tally::leaf_sums), self.pairwise(Tally::leaf_squares))
         } else {
             (V::widen(sums), V::widen_squares(squares))
         };
-        let (min, max) = (min.unwrap_or_default(), max.unwrap_or_default());
         Tally { cells: count, min, max, sum, squares, classes: Vec::new() }
     }
 
@@ -249,7 +258,7 @@ impl<D: Layout, V: Value> Block<D, V> {
     }
 
     /// Adds something of every leaf, pairwise in Z order: see [`Tally`].
-    fn pairwise(&self, of_leaf: impl Fn(Tally<V>) -> V::TotalSums) -> V::TotalSums {
+    fn pairwise(&self, of_leaf: impl Fn(V, u64) -> V::TotalSums) -> V::TotalSums {
         let mut below: Vec<V::TotalSums> = Vec::new();
         for (index, level) in self.levels.iter().enumerate().rev() {
             let cells = self.cells_at(index) as u64;
@@ -258,7 +267,7 @@ impl<D: Layout, V: Value> Block<D, V> {
             if is_last || level.expanded.is_some() {
                 for (sum, (state, value)) in sums.iter_mut().zip(level.state.iter().zip(&level.value)) {
                     if *state == LEAF {
-                        *sum = of_leaf(Tally::leaf(*value, cells, false));
+                        *sum = of_leaf(*value, cells);
                     }
                 }
             }

@@ -257,6 +257,7 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
     }
 
     /// Some nodes of a source, at the level of blocks or uniform above it.
+    #[allow(clippy::type_complexity)] // a list of places: a name for it would hide more than it says
     fn nodes<S>(
         &mut self,
         source: &S,
@@ -278,7 +279,9 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         };
         let built: Result<Vec<Built<D, V>>> = batch.par_iter().map(build).collect();
         built?.into_iter().try_for_each(|built| self.push(built))?;
-        let cells = |(code, _): &(Code<D>, _)| 1u64 << (D::AXES * (self.plan.shape.depth - code.level()) as usize).min(63);
+        let cells = |(code, _): &(Code<D>, _)| {
+            1u64 << (D::AXES * (self.plan.shape.depth - code.level()) as usize).min(63)
+        };
         progress.advance(batch.iter().map(cells).sum(), total);
         Ok(())
     }

@@ -4,9 +4,9 @@ use zerocopy::FromBytes;
 
 use super::block::Block;
 use super::record::{LEAF, Layout, VOID};
+use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::value::Value;
-use crate::Result;
 
 /// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
 #[derive(Clone, Debug, Default)]
@@ -46,10 +46,16 @@ pub(super) enum Found<D: Dimension, V: Value> {
 
 impl Slab {
     /// What the cells under a node look like. `nodata` is the value that means VOID; NaN always does.
-    pub(super) fn find<D: Layout, V: Value>(&self, code: Code<D>, height: u8, nodata: Option<V>) -> Found<D, V> {
+    pub(super) fn find<D: Layout, V: Value>(
+        &self,
+        code: Code<D>,
+        height: u8,
+        nodata: Option<V>,
+    ) -> Found<D, V> {
         let cells = <[V::Wire]>::ref_from_bytes(&self.bytes).expect("whole values");
         let side = 1u64 << height;
-        let first: [u64; 3] = std::array::from_fn(|axis| ((code.cell()[axis] as u64) << height) - self.origin[axis]);
+        let first: [u64; 3] =
+            std::array::from_fn(|axis| ((code.cell()[axis] as u64) << height) - self.origin[axis]);
         let size: [usize; 3] = std::array::from_fn(|axis| {
             let most = if axis < D::AXES { side } else { 1 };
             (self.size[axis] - first[axis]).min(most) as usize
@@ -64,30 +70,36 @@ impl Slab {
             let start = rows.clone().next().map_or(0, |(_, _, row)| row.start);
             let value = V::from_wire(cells[start]);
             let valid = self.valid.as_ref().is_none_or(|valid| valid[start]) && !is_void(value);
-            let whole = size.iter().take(D::AXES).all(|cells| *cells as u64 == side);
-            if whole || !valid {
+            let is_whole = size.iter().take(D::AXES).all(|cells| *cells as u64 == side);
+            if is_whole || !valid {
                 return Found::Uniform(valid.then_some(value));
             }
         }
-        let mut state = vec![VOID; 1 << (D::AXES * height as usize)];
-        let mut value = vec![V::default(); state.len()];
-        let spread: Vec<u32> = (0..side as u32).map(|x| spread::<D>(x)).collect();
         let never_void = self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float();
+        let cells_in_block = 1 << (D::AXES * height as usize);
+        let whole = never_void && size.iter().product::<usize>() == cells_in_block;
+        let mut state = vec![if whole { LEAF } else { VOID }; cells_in_block];
+        let mut value = vec![V::default(); cells_in_block];
+        // Places of pairs along x, which stay together in Z order.
+        let spread: Vec<u32> = (0..side as u32).map(|x| spread::<D>(x)).collect();
         for (y, z, row) in rows {
             let row_place = spread[y] << 1 | if D::AXES > 2 { spread[z] << 2 } else { 0 };
-            let places = spread[..size[0]].iter().map(|x| (row_place | x) as usize);
-            if never_void {
-                for (place, wire) in places.zip(&cells[row]) {
-                    value[place] = V::from_wire(*wire);
-                    state[place] = LEAF;
+            let pairs = spread.iter().step_by(2).map(|x| (row_place | x) as usize);
+            if whole {
+                for (place, pair) in pairs.zip(cells[row].chunks(2)) {
+                    for (value, wire) in value[place..].iter_mut().zip(pair) {
+                        *value = V::from_wire(*wire);
+                    }
                 }
-            } else {
-                let valid = self.valid.as_ref().map(|valid| &valid[row.clone()]);
-                for ((i, place), wire) in places.enumerate().zip(&cells[row]) {
+                continue;
+            }
+            let valid = self.valid.as_ref().map(|valid| &valid[row.clone()]);
+            for (i, (place, pair)) in pairs.zip(cells[row].chunks(2)).enumerate() {
+                for (j, wire) in pair.iter().enumerate() {
                     let cell = V::from_wire(*wire);
-                    if valid.is_none_or(|valid| valid[i]) && !is_void(cell) {
-                        value[place] = cell;
-                        state[place] = LEAF;
+                    if never_void || valid.is_none_or(|valid| valid[2 * i + j]) && !is_void(cell) {
+                        value[place + j] = cell;
+                        state[place + j] = LEAF;
                     }
                 }
             }

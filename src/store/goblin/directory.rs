@@ -103,10 +103,7 @@ impl<D: Dimension, V: Value> Entry<D, V> {
             crc32c::crc32c_append(crc32c::crc32c_append(crc32c::crc32c(before), &[0; 4]), after)
         };
         if checksum != raw.entry_checksum.get() {
-            return Err(corrupt(
-                format!("checksum {checksum:08x}"),
-                format!("{:08x}", raw.entry_checksum),
-            ));
+            return Err(corrupt(format!("checksum {checksum:08x}"), format!("{:08x}", raw.entry_checksum)));
         }
         let code = Code::from_bits(raw.code.get())
             .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;

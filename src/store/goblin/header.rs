@@ -31,7 +31,7 @@ impl Codec {
     }
 }
 
-/// What the first 64 bytes of a file say.
+/// What the first 60 bytes of a file say.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     /// 2 for a quadtree, 3 for an octree.
@@ -301,11 +301,8 @@ impl Trailer {
             return Err(corrupt(format!("{count} sections"), "as many as fit the trailer"));
         };
         for raw in list {
-            let section = Section {
-                offset: raw.offset.get(),
-                length: raw.length.get(),
-                checksum: raw.checksum.get(),
-            };
+            let section =
+                Section { offset: raw.offset.get(), length: raw.length.get(), checksum: raw.checksum.get() };
             let end = section.offset.checked_add(section.length);
             if end.is_none_or(|end| end > file_length) {
                 return Err(corrupt(

@@ -63,15 +63,16 @@ fn config() -> impl bincode::config::Config {
 
 impl Metadata {
     pub(super) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        bincode::serde::encode_to_vec((VERSION, self), config()).ok().filter(|bytes| bytes.len() <= LIMIT).ok_or_else(
-            || Error::TooLarge {
+        bincode::serde::encode_to_vec((VERSION, self), config())
+            .ok()
+            .filter(|bytes| bytes.len() <= LIMIT)
+            .ok_or_else(|| Error::TooLarge {
                 path: path.to_path_buf(),
                 what: "the metadata (palette, names, tags)".into(),
                 needed: LIMIT as u64 + 1,
                 limit: LIMIT as u64,
                 advice: "leave out tags or class names".into(),
-            },
-        )
+            })
     }
 
     pub(super) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {

@@ -12,7 +12,7 @@ use super::directory::{Entry, code_bits, entry_size};
 use super::header::{HEADER_SIZE, Header, Section, TAIL, Trailer};
 use super::metadata::Metadata;
 use super::record::{CUT, INNER, LEAF, Layout, Record, VOID};
-use super::segment::{Bytes, Segment, child_places};
+use super::segment::{Bytes, Segment, child_place, child_places};
 use crate::space::{Code, Dimension};
 use crate::store::{Mapped, Positioned, Storage};
 use crate::tree::{Child, Source};
@@ -112,7 +112,12 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         let header = read_header(path, &*storage)?;
         if header.axes as usize != D::AXES || header.value != V::TYPE {
             let found = format!("{} axes, values {}", header.axes, header.value);
-            return Err(Error::corrupt(path, "header", found, format!("{} axes, values {}", D::AXES, V::TYPE)));
+            return Err(Error::corrupt(
+                path,
+                "header",
+                found,
+                format!("{} axes, values {}", D::AXES, V::TYPE),
+            ));
         }
         let length = storage.len();
         let tail = length.min(TAIL as u64);
@@ -128,9 +133,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             let checksum = crc32c::crc32c(&bytes);
             let found = format!("checksum {checksum:08x}");
             let good = checksum == section.checksum;
-            good.then_some(bytes).ok_or_else(|| {
-                Error::corrupt(path, name, found, format!("{:08x}", section.checksum))
-            })
+            good.then_some(bytes)
+                .ok_or_else(|| Error::corrupt(path, name, found, format!("{:08x}", section.checksum)))
         };
         let metadata = Metadata::from_bytes(path, &section(trailer.metadata, "metadata")?)?;
         let directory = match storage.bytes() {
@@ -141,7 +145,18 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         let cache = Mutex::new(Cache { most: options.cache, ..Cache::default() });
         let path = path.to_path_buf();
         let check = options.check;
-        Ok(Goblin { path, storage, header, trailer, metadata, directory, checked, check, cache, types: PhantomData })
+        Ok(Goblin {
+            path,
+            storage,
+            header,
+            trailer,
+            metadata,
+            directory,
+            checked,
+            check,
+            cache,
+            types: PhantomData,
+        })
     }
 
     /// The file, for messages.
@@ -236,7 +251,11 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             let mut low = 0;
             while low < high {
                 let middle = low + (high - low) / 2;
-                if code_bits(directory, middle, size) <= code.bits() { low = middle + 1 } else { high = middle }
+                if code_bits(directory, middle, size) <= code.bits() {
+                    low = middle + 1
+                } else {
+                    high = middle
+                }
             }
             let index = low.checked_sub(1)?;
             let before = Code::from_bits(code_bits(directory, index, size))?;
@@ -302,7 +321,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         let raw = &self.directory()[index * size..][..size];
         let number = |at: usize| u64::from_le_bytes(raw[at..at + 8].try_into().expect("8 bytes"));
         let code = Code::from_bits(number(0));
-        let code = code.ok_or_else(|| self.corrupt(format!("directory entry {index}"), "a code", "an FD code"))?;
+        let code =
+            code.ok_or_else(|| self.corrupt(format!("directory entry {index}"), "a code", "an FD code"))?;
         let (offset, length) = (number(8), number(16) as usize);
         let records = u32::from_le_bytes(raw[24..28].try_into().expect("4 bytes"));
         let bytes = if self.storage.bytes().is_some() {
@@ -344,7 +364,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             Child::Leaf(value) => return Ok(Child::Leaf(value)),
             Child::Void => return Ok(Child::Void),
         };
-        let segment = self.find_segment(code).ok_or_else(|| self.corrupt("directory".into(), "no root", "one"))?;
+        let segment =
+            self.find_segment(code).ok_or_else(|| self.corrupt("directory".into(), "no root", "one"))?;
         let segment = self.segment(segment)?;
         let records = segment.records();
         let mut record = 0;
@@ -357,9 +378,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
                 VOID => return Ok(Child::Void),
                 LEAF => return Ok(Child::Leaf(value)),
                 INNER => {
-                    let places = child_places::<D, V>(records, record);
-                    let place = places.and_then(|places| places.as_ref()[step]);
-                    record = place.ok_or_else(|| self.bad_skip(&segment, record))? as usize;
+                    let place = child_place::<D, V>(records, record, step);
+                    record = place.ok_or_else(|| self.bad_skip(&segment, record))?;
                 }
                 _ => return Err(self.bad_cut(code.ancestor(level + 1))),
             }
@@ -408,7 +428,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
 
     /// Whether classes are counted per zone.
     pub fn counts_classes(&self) -> bool {
-        self.header.kind == crate::value::Kind::Categorical || self.header.rule == crate::value::Rule::Majority
+        self.header.kind == crate::value::Kind::Categorical
+            || self.header.rule == crate::value::Rule::Majority
     }
 }
 
@@ -428,7 +449,8 @@ impl<D: Layout, V: Value> Source for Goblin<D, V> {
             Child::Leaf(value) => Child::Leaf(value),
             Child::Inner { representative, .. } => {
                 let segment = self.find_segment(Code::ROOT);
-                let segment = segment.ok_or_else(|| self.corrupt("directory".into(), "no root", "one"))? as u32;
+                let segment =
+                    segment.ok_or_else(|| self.corrupt("directory".into(), "no root", "one"))? as u32;
                 let node = Handle { code: Code::ROOT, segment, record: 0 };
                 self.segment(segment as usize)?;
                 Child::Inner { representative, node }
@@ -498,7 +520,8 @@ impl Cache {
             self.held -= old.len() as u64;
         }
         while self.held > self.most && self.segments.len() > 1 {
-            let oldest = self.segments.iter().filter(|(i, _)| **i != index).min_by_key(|(_, (used, _))| *used);
+            let oldest =
+                self.segments.iter().filter(|(i, _)| **i != index).min_by_key(|(_, (used, _))| *used);
             let Some(oldest) = oldest.map(|(index, _)| *index) else { return };
             if let Some((_, bytes)) = self.segments.remove(&oldest) {
                 self.held -= bytes.len() as u64;

@@ -98,3 +98,23 @@ pub(crate) fn child_places<D: Layout, V: Value>(
     });
     good.then_some(places)
 }
+
+/// Where the record of one INNER child is: as [`child_places`], but looks at no sibling behind it.
+#[inline]
+pub(super) fn child_place<D: Layout, V: Value>(
+    records: &[D::Record<V>],
+    place: usize,
+    child: usize,
+) -> Option<usize> {
+    let record = &records[place];
+    let end = place + record.skip() as usize;
+    let mut next = place + 1;
+    for before in 0..child {
+        if record.state(before) == INNER {
+            let skip = records.get(next)?.skip() as usize;
+            next = next.checked_add(skip.max(1))?;
+        }
+    }
+    let skip = records.get(next).filter(|_| next < end)?.skip() as usize;
+    (skip > 0 && next + skip <= end).then_some(next)
+}

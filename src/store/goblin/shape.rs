@@ -31,7 +31,7 @@ impl Shape {
         let blocks = self.block_level();
         let level = level.min(blocks);
         let up = (blocks - level).next_multiple_of(self.stride);
-        blocks.checked_sub(up).unwrap_or(0)
+        blocks.saturating_sub(up)
     }
 
     /// The level of the segment that cuts off below a candidate's own.

@@ -65,7 +65,8 @@ impl Sorter {
         let spill_error = || Error::io(&self.folder, "use a temporary file for the directory");
         self.items.sort_unstable_by_key(|(key, _)| *key);
         let mut last = self.items.into_iter().peekable();
-        let mut runs: Vec<_> = self.runs.into_iter().map(|run| (BufReader::new(run.file), run.items)).collect();
+        let mut runs: Vec<_> =
+            self.runs.into_iter().map(|run| (BufReader::new(run.file), run.items)).collect();
         let read = |(file, left): &mut (BufReader<_>, u64)| -> io::Result<Option<(u64, Vec<u8>)>> {
             if *left == 0 {
                 return Ok(None);

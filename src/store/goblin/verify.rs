@@ -55,7 +55,8 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             checker.add("directory".into(), found);
         }
         if self.root_place()? != root && !root.value().is_some_and(|value| value.is_nan()) {
-            checker.add("trailer".into(), format!("root {:?}, the leaves make it {root:?}", self.root_place()?));
+            checker
+                .add("trailer".into(), format!("root {:?}, the leaves make it {root:?}", self.root_place()?));
         }
         if self.metadata().counts != counts {
             checker.add("metadata".into(), "node counts that differ from the tree's".into());
@@ -110,9 +111,13 @@ impl<D: Layout, V: Value> SegmentSink<D, V> for Checker<'_, D, V> {
     fn segment(&mut self, should: Sealed<D, V>) -> Result<()> {
         let place = format!("segment {}", should.code);
         let index = self.file.find_segment(should.code);
-        let index = index.filter(|index| self.file.entry(*index).is_ok_and(|entry| entry.code == should.code));
+        let index =
+            index.filter(|index| self.file.entry(*index).is_ok_and(|entry| entry.code == should.code));
         let Some(index) = index else {
-            self.add(place, format!("missing; the tree has {} records below that node", should.records.len()));
+            self.add(
+                place,
+                format!("missing; the tree has {} records below that node", should.records.len()),
+            );
             return Ok(());
         };
         self.seen += 1;

@@ -130,4 +130,3 @@ impl Write for Checked<'_> {
         self.out.flush()
     }
 }
-
