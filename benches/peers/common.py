@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import statistics
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data" / "raster" / "large"
 WORK = ROOT / "benches" / "peers" / "work"
-SPINNEY = ROOT / "target" / "release" / "spinney"
+SPINNEY = Path(os.environ.get("SPINNEY", ROOT / "target" / "release" / "spinney"))
 SHORELINE = DATA / "shoreline_43200x21600_u8.tif"
 CLASSES = DATA / "classes12_8192x4096_u8.tif"
 EARTH = DATA / "earth_8192x4096_rgb.jpg"
@@ -19,6 +20,9 @@ RELIEF = DATA / "relief_4320x2160_i16.tif"
 
 def start(data=True):
     """Leaves, saying so, if the data are not there."""
+    # Jobs in the background inherit ignored interrupts.
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
     if data and not DATA.is_dir():
         print("skipped: no test data in ../shared/data/raster/large")
         sys.exit(0)
@@ -48,7 +52,8 @@ def once(command, stdin=None, stdout=subprocess.DEVNULL):
 
 
 def runs(command, times=3, **more):
-    """Medians of several runs."""
+    """Medians of several runs; of RUNS if that is in the environment."""
+    times = min(times, int(os.environ.get("RUNS", times)))
     return [statistics.median(column) for column in zip(*(once(command, **more) for _ in range(times)))]
 
 
