@@ -1,0 +1,231 @@
+//! Rates of questions to tree files, on one thread: windows of 256 x 256 cells, single cells, statistics.
+//!
+//! `cargo bench --bench rates -- [--levels N] FILE...`
+//!
+//! Files are warm. With `--levels`, windows come from the N finest levels only.
+
+use std::error::Error;
+use std::hint::black_box;
+use std::path::Path;
+use std::time::Instant;
+
+use spinney::query::open;
+use spinney::space::{Bounds, Code, Quad};
+use spinney::store::goblin::{Goblin, OpenOptions};
+use spinney::value::Value;
+use spinney::with_value_type;
+
+const SIDE: u64 = 256;
+const WINDOWS: usize = 4000;
+const PASSES: usize = 5;
+const CELLS: usize = 1_000_000;
+const BOXES: usize = 300;
+const BOX_SIDE: u64 = 4096;
+
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
+fn main() -> Outcome<()> {
+    let mut finest = u8::MAX;
+    let mut files = Vec::new();
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--bench" => {}
+            "--levels" => finest = arguments.next().ok_or("--levels: a number is missing")?.parse()?,
+            _ => files.push(argument),
+        }
+    }
+    if files.is_empty() {
+        println!("rates: no files given, nothing to measure");
+    }
+    for file in &files {
+        let path = Path::new(file);
+        let value = open(path, &OpenOptions::default())?.header().value;
+        with_value_type!(value, V => measure::<V>(path, finest)?, else return Err("unknown type of values".into()));
+    }
+    Ok(())
+}
+
+/// The same numbers every time.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, end: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((u128::from(z ^ (z >> 31)) * u128::from(end)) >> 64) as u64
+    }
+}
+
+/// Nanoseconds of processor time of this thread, so that other processes do not count.
+fn processor_time() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    text.split(' ').next()?.parse().ok()
+}
+
+/// Seconds of work: processor time where the system tells, else time.
+fn seconds(work: impl FnOnce() -> Outcome<()>) -> Outcome<f64> {
+    let (processor, clock) = (processor_time(), Instant::now());
+    work()?;
+    Ok(match (processor, processor_time()) {
+        (Some(start), Some(end)) if end > start => (end - start) as f64 * 1e-9,
+        _ => clock.elapsed().as_secs_f64(),
+    })
+}
+
+fn median(numbers: &mut [f64]) -> f64 {
+    quantile(numbers, 0.5)
+}
+
+fn quantile(numbers: &mut [f64], share: f64) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers[((numbers.len() - 1) as f64 * share).round() as usize]
+}
+
+fn measure<V: Value>(path: &Path, finest: u8) -> Outcome<()>
+where
+    Quad: spinney::store::goblin::Layout,
+{
+    let tree = Goblin::<Quad, V>::open(path, &OpenOptions::default())?;
+    println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
+    windows(&tree, finest, true)?;
+    windows(&tree, finest, false)?;
+    cells(&tree)?;
+    statistics(&tree)
+}
+
+fn extent<V: Value>(tree: &Goblin<Quad, V>, level: u8) -> [u64; 2] {
+    let shift = tree.header().shape.depth - level;
+    [0, 1].map(|axis| tree.header().extent[axis].div_ceil(1 << shift))
+}
+
+fn window_at(random: &mut Random, [width, height]: [u64; 2], aligned: bool) -> Bounds {
+    let mut start = |size: u64| {
+        if aligned { random.below(size.div_ceil(SIDE)) * SIDE } else { random.below(size.saturating_sub(SIDE) + 1) }
+    };
+    let min = [start(width), start(height), 0];
+    Bounds { min, max: [min[0] + SIDE, min[1] + SIDE, 1] }
+}
+
+/// What is known of the windows of one level.
+#[derive(Default)]
+struct Level {
+    micros: Vec<f64>,
+    segments: usize,
+}
+
+fn windows<V: Value>(tree: &Goblin<Quad, V>, finest: u8, aligned: bool) -> Outcome<()> {
+    let depth = tree.header().shape.depth;
+    let first = (depth + 1).saturating_sub(finest).max(8.min(depth));
+    let mut random = Random(1);
+    let places: Vec<(u8, Bounds)> = (0..WINDOWS)
+        .map(|_| {
+            let level = first + random.below(u64::from(depth - first) + 1) as u8;
+            (level, window_at(&mut random, extent(tree, level), aligned))
+        })
+        .collect();
+    let fill = V::from_channels(|_| Default::default());
+    let mut values = vec![fill.to_wire(); (SIDE * SIDE) as usize];
+    let mut rates = Vec::new();
+    // A window's time is the median of the passes: other processes interrupt now and then.
+    let mut times = vec![[0.0; PASSES]; WINDOWS];
+    let mut levels: Vec<Level> = (first..=depth).map(|_| Level::default()).collect();
+    for pass in 0..=PASSES {
+        let took = seconds(|| {
+            for ((level, bounds), times) in places.iter().zip(&mut times) {
+                let start = Instant::now();
+                let segments = tree.window(*level, bounds, fill, &mut values, None)?;
+                black_box(&values);
+                if pass > 0 {
+                    times[pass - 1] = start.elapsed().as_secs_f64() * 1e6;
+                }
+                let known = &mut levels[usize::from(level - first)];
+                known.segments = known.segments.max(segments);
+            }
+            Ok(())
+        })?;
+        if pass > 0 {
+            rates.push(WINDOWS as f64 / took);
+        }
+    }
+    for ((level, _), times) in places.iter().zip(&mut times) {
+        levels[usize::from(level - first)].micros.push(median(times));
+    }
+    let mut all: Vec<f64> = levels.iter().flat_map(|level| level.micros.iter().copied()).collect();
+    let name = if aligned { "aligned" } else { "unaligned" };
+    println!(
+        "  {name} windows: {:.0}/s, median {:.1} us, p99 {:.1} us, at most {} segments",
+        median(&mut rates),
+        median(&mut all),
+        quantile(&mut all, 0.99),
+        levels.iter().map(|level| level.segments).max().unwrap_or(0),
+    );
+    let mut means = Vec::new();
+    for (known, number) in levels.iter_mut().zip(first..) {
+        if known.micros.is_empty() {
+            continue;
+        }
+        let mean = known.micros.iter().sum::<f64>() / known.micros.len() as f64;
+        means.push(mean);
+        println!(
+            "    level {number}: mean {mean:.1} us, median {:.1} us, p99 {:.1} us, at most {} segments",
+            median(&mut known.micros),
+            quantile(&mut known.micros, 0.99),
+            known.segments,
+        );
+    }
+    let slowest = means.iter().copied().fold(0.0, f64::max);
+    println!("    slowest level / median level: {:.2}", slowest / median(&mut means));
+    Ok(())
+}
+
+fn cells<V: Value>(tree: &Goblin<Quad, V>) -> Outcome<()> {
+    let depth = tree.header().shape.depth;
+    let [width, height] = extent(tree, depth);
+    let mut random = Random(2);
+    let places: Vec<[u32; 3]> =
+        (0..CELLS).map(|_| [random.below(width) as u32, random.below(height) as u32, 0]).collect();
+    let mut nanos = Vec::new();
+    for pass in 0..=PASSES {
+        let took = seconds(|| {
+            for cell in &places {
+                let code = Code::from_cell(depth, *cell).ok_or("inside")?;
+                black_box(tree.value_at(code)?);
+            }
+            Ok(())
+        })?;
+        if pass > 0 {
+            nanos.push(took * 1e9 / CELLS as f64);
+        }
+    }
+    println!("  single cells: {:.0} ns each", median(&mut nanos));
+    Ok(())
+}
+
+fn statistics<V: Value>(tree: &Goblin<Quad, V>) -> Outcome<()> {
+    let [width, height] = extent(tree, tree.header().shape.depth);
+    let side = BOX_SIDE.min(width / 2).min(height / 2);
+    let mut random = Random(3);
+    let places: Vec<Bounds> = (0..BOXES)
+        .map(|_| {
+            let min = [random.below(width - side + 1), random.below(height - side + 1), 0];
+            Bounds { min, max: [min[0] + side, min[1] + side, 1] }
+        })
+        .collect();
+    let mut rates = Vec::new();
+    for pass in 0..=PASSES {
+        let took = seconds(|| {
+            for bounds in &places {
+                black_box(tree.statistics(Some(*bounds))?);
+            }
+            Ok(())
+        })?;
+        if pass > 0 {
+            rates.push(BOXES as f64 / took);
+        }
+    }
+    println!("  statistics of {side} x {side} cells: {:.0}/s", median(&mut rates));
+    Ok(())
+}
