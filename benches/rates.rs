@@ -103,7 +103,11 @@ fn extent<V: Value>(tree: &Goblin<Quad, V>, level: u8) -> [u64; 2] {
 
 fn window_at(random: &mut Random, [width, height]: [u64; 2], aligned: bool) -> Bounds {
     let mut start = |size: u64| {
-        if aligned { random.below(size.div_ceil(SIDE)) * SIDE } else { random.below(size.saturating_sub(SIDE) + 1) }
+        if aligned {
+            random.below(size.div_ceil(SIDE)) * SIDE
+        } else {
+            random.below(size.saturating_sub(SIDE) + 1)
+        }
     };
     let min = [start(width), start(height), 0];
     Bounds { min, max: [min[0] + SIDE, min[1] + SIDE, 1] }

@@ -184,7 +184,7 @@ fn boxes_are_in_world_coordinates() {
     spinney(&["build", "-q", &fixture("classic.png"), "-o", &placed]).args(transform).assert().success();
     spinney(&["get", &placed, &part, "--bbox", "1030,1970,1070,1990"]).assert().success();
     assert_eq!(std::fs::read(&part).unwrap(), [3, 3, 3, 1, 3, 3, 2, 1]);
-    assert_eq!(output(&["point", &placed, "1035,1995", "-5,7"]), "3\nvoid\n");
+    assert_eq!(output(&["point", &placed, "--", "1035,1995", "-5,7"]), "3\nvoid\n");
     assert!(complaint(&["get", &placed, &part, "--bbox", "0,0,10,10"], 1).contains("1000,1920,1080,2000"));
     complaint(&["get", &placed, &part, "--bbox", "10,0,0,10"], 1);
 }

@@ -450,23 +450,25 @@ fn metadata_that_ask_for_much() {
     // bincode's 64-bit lengths start with 253.
     let huge: Vec<u8> = [253].into_iter().chain((1u64 << 60).to_le_bytes()).collect();
     let length = good().metadata.len();
-    for at in 0..length {
+    // Only opening reads them.
+    let opens_or_not = |craft: &Craft| drop(Goblin::<Quad, [u8; 1]>::from_bytes(craft.bytes()));
+    for at in (0..length).step_by(7) {
         let mut craft = good();
         craft.metadata.splice(at..at + 1, huge.iter().copied());
-        survives::<Quad, [u8; 1]>(&craft.bytes(), &format!("a length of 2^60 at {at} of the metadata"));
+        opens_or_not(&craft);
         craft.metadata.truncate(at);
         refused(&craft, "metadata cut short");
     }
     for count in [17 << 20, 60 << 20] {
         let mut craft = good();
         craft.metadata = vec![0; count];
-        survives::<Quad, [u8; 1]>(&craft.bytes(), "metadata of zeros");
+        opens_or_not(&craft);
     }
-    for at in 0..length {
+    for at in (0..length).step_by(7) {
         for wrong in [0, 1, 127, 250, 255] {
             let mut craft = good();
             craft.metadata[at] = wrong;
-            survives::<Quad, [u8; 1]>(&craft.bytes(), &format!("{wrong} at {at} of the metadata"));
+            opens_or_not(&craft);
         }
     }
 }

@@ -21,11 +21,16 @@ impl Work {
     ///
     /// `unit` is what is counted, in the plural.
     pub(crate) fn start(global: &Global, unit: &'static str) -> Result<Work> {
-        ctrlc::try_set_handler(|| {
+        let handler = || {
             if INTERRUPTED.swap(true, Ordering::Relaxed) {
                 process::exit(130);
             }
-        })?;
+        };
+        match ctrlc::try_set_handler(handler) {
+            // Whoever started the program in the background wants Ctrl-C ignored: leave it so.
+            Ok(()) | Err(ctrlc::Error::MultipleHandlers) => {}
+            Err(error) => return Err(error.into()),
+        }
         let bar = if global.quiet || !io::stderr().is_terminal() {
             ProgressBar::hidden()
         } else {
