@@ -191,7 +191,13 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
                     if skip == 0 || next + skip > end {
                         return Err(self.tree.bad_skip(segment, at));
                     }
-                    self.whole(segment, records, next, below - 1, start + offset)?;
+                    if below == 1 {
+                        // Three of four records are such: not worth a call.
+                        let record = &records[next];
+                        self.cells(record, record.states(), start + offset);
+                    } else {
+                        self.whole(segment, records, next, below - 1, start + offset)?;
+                    }
                     next += skip;
                 }
                 CUT => return Err(self.tree.bad_cut(segment.code())),
@@ -206,14 +212,17 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
     }
 
     /// The children of a record as single cells, in pairs along x.
-    #[inline]
+    #[inline(always)]
     fn cells(&mut self, record: &D::Record<V>, states: u32, start: usize) {
+        // Any bit of a child's state: it is not VOID.
+        let some = states | states >> 1;
+        let is_void = |child: usize| some >> (2 * child) & 1 == 0;
         for pair in 0..D::CHILDREN / 2 {
             let place = start + (pair & 1) * self.strides[1] + (pair >> 1) * self.strides[2];
-            let is_void = |child: usize| states >> (2 * child) & 3 == VOID as u32;
             let wire = |child: usize| if is_void(child) { self.fill } else { record.value(child).to_wire() };
-            let both = [wire(2 * pair), wire(2 * pair + 1)];
-            self.values[place..place + 2].copy_from_slice(&both);
+            let cells = &mut self.values[place..place + 2];
+            cells[0] = wire(2 * pair);
+            cells[1] = wire(2 * pair + 1);
             if let Some(valid) = &mut self.valid {
                 valid[place..place + 2].copy_from_slice(&[!is_void(2 * pair), !is_void(2 * pair + 1)]);
             }

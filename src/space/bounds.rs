@@ -12,27 +12,32 @@ pub struct Bounds {
 
 impl Bounds {
     /// Nodes along each axis.
+    #[inline]
     pub fn size(&self) -> [u64; 3] {
         std::array::from_fn(|axis| self.max[axis].saturating_sub(self.min[axis]))
     }
 
     /// Number of nodes.
+    #[inline]
     pub fn volume(&self) -> u64 {
         self.size().into_iter().fold(1, u64::saturating_mul)
     }
 
     /// Whether there are none.
+    #[inline]
     pub fn is_empty(&self) -> bool {
         self.size().contains(&0)
     }
 
     /// What is in both.
+    #[inline]
     pub fn intersect(&self, other: &Bounds) -> Bounds {
         let min: [u64; 3] = std::array::from_fn(|axis| self.min[axis].max(other.min[axis]));
         Bounds { min, max: std::array::from_fn(|axis| self.max[axis].min(other.max[axis]).max(min[axis])) }
     }
 
     /// Whether all of `other` is inside.
+    #[inline]
     pub fn contains(&self, other: &Bounds) -> bool {
         (0..3).all(|axis| self.min[axis] <= other.min[axis] && other.max[axis] <= self.max[axis])
     }

@@ -29,11 +29,13 @@ impl<D: Dimension> Code<D> {
     pub const ROOT: Code<D> = Code { bits: 0, dimension: PhantomData };
 
     /// The integer that is stored and sorted.
+    #[inline]
     pub fn bits(self) -> u64 {
         self.bits
     }
 
     /// The code with these bits, if they are one: the level is within bounds and all unused bits are zero.
+    #[inline]
     pub fn from_bits(bits: u64) -> Option<Code<D>> {
         let code = Code { bits, dimension: PhantomData };
         let valid = code.level() <= D::MAX_DEPTH && bits & code.unused() == 0 && bits >> 63 == 0;
@@ -41,16 +43,19 @@ impl<D: Dimension> Code<D> {
     }
 
     /// 0 for the root, the tree's depth for single cells.
+    #[inline]
     pub fn level(self) -> u8 {
         (self.bits & LEVEL_MASK) as u8
     }
 
     /// Where the path bits of the step from `level` to `level + 1` start.
+    #[inline]
     fn shift(level: u8) -> u32 {
         63 - D::AXES as u32 * (level as u32 + 1)
     }
 
     /// All bits below the path, but for the level.
+    #[inline]
     fn unused(self) -> u64 {
         ((1u64 << (63 - D::AXES as u32 * self.level() as u32)) - 1) & !LEVEL_MASK
     }
@@ -59,6 +64,7 @@ impl<D: Dimension> Code<D> {
     ///
     /// # Panics
     /// If this code is already at the deepest possible level, or there is no such child.
+    #[inline]
     pub fn child(self, child: usize) -> Code<D> {
         assert!(self.level() < D::MAX_DEPTH && child < D::CHILDREN);
         Code { bits: (self.bits | (child as u64) << Self::shift(self.level())) + 1, dimension: PhantomData }
@@ -73,6 +79,7 @@ impl<D: Dimension> Code<D> {
     ///
     /// # Panics
     /// If `level` is deeper than this node.
+    #[inline]
     pub fn ancestor(self, level: u8) -> Code<D> {
         assert!(level <= self.level());
         let path = !((1u64 << (63 - D::AXES as u32 * level as u32)) - 1);
@@ -83,12 +90,14 @@ impl<D: Dimension> Code<D> {
     ///
     /// # Panics
     /// If this node is not deeper than `level`.
+    #[inline]
     pub fn step(self, level: u8) -> usize {
         assert!(level < self.level());
         (self.bits >> Self::shift(level)) as usize & (D::CHILDREN - 1)
     }
 
     /// Whether `other` is this node or below it.
+    #[inline]
     pub fn contains(self, other: Code<D>) -> bool {
         self.level() <= other.level() && other.ancestor(self.level()) == self
     }
@@ -100,6 +109,7 @@ impl<D: Dimension> Code<D> {
     }
 
     /// The deepest node that contains both.
+    #[inline]
     pub fn common_ancestor(self, other: Code<D>) -> Code<D> {
         let most = self.level().min(other.level());
         let differ = (self.bits ^ other.bits) & !LEVEL_MASK;
@@ -108,6 +118,7 @@ impl<D: Dimension> Code<D> {
     }
 
     /// The node at `level` with these coordinates; `None` where there is none.
+    #[inline]
     pub fn from_cell(level: u8, cell: Cell) -> Option<Code<D>> {
         let fits = |axis: usize| (cell[axis] as u64) < if axis < D::AXES { 1 << level } else { 1 };
         if level > D::MAX_DEPTH || !(0..3).all(fits) {
@@ -119,6 +130,7 @@ impl<D: Dimension> Code<D> {
     }
 
     /// Coordinates of the node at its own level.
+    #[inline]
     pub fn cell(self) -> Cell {
         let path = self.path();
         std::array::from_fn(|axis| if axis < D::AXES { gather::<D>(path >> axis) } else { 0 })

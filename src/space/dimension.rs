@@ -38,6 +38,7 @@ impl Dimension for Quad {
     const TREE_NAME: &'static str = "quadtree";
     type Array<T: Copy + Debug + Send + Sync> = [T; 4];
 
+    #[inline]
     fn array<T: Copy + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> [T; 4] {
         std::array::from_fn(make)
     }
@@ -49,6 +50,7 @@ impl Dimension for Oct {
     const TREE_NAME: &'static str = "octree";
     type Array<T: Copy + Debug + Send + Sync> = [T; 8];
 
+    #[inline]
     fn array<T: Copy + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> [T; 8] {
         std::array::from_fn(make)
     }
