@@ -1,7 +1,7 @@
 //! The pictures in `fixtures/` are read as what they were made from.
 
 #[path = "../examples/make_fixtures/frozen.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // of the example, which writes the files too
 mod frozen;
 #[path = "../examples/make_fixtures/island.rs"]
 mod island;

@@ -195,9 +195,10 @@ fn assemble<D: Dimension, V: Value>(symbols: &[Symbol<V>], depth: u8, rule: Rule
     if depth > D::MAX_DEPTH {
         return Err(Error::invalid("depth", depth.to_string(), format!("at most {}", D::MAX_DEPTH)));
     }
-    let mut expression = Expression::<D, V> { depth, root: Child::Void, nodes: Vec::new() };
+    // First as it is written, then condensed.
+    let mut expression = MemTree::<D, V> { depth, root: Child::Void, inner: Vec::new() };
     let mut place = 0;
-    expression.root = expression.read(symbols, &mut place, 0)?;
+    expression.root = read(&mut expression, symbols, &mut place, 0)?;
     if place < symbols.len() {
         let found = format!("{} more symbols after the tree's end", symbols.len() - place);
         return Err(Error::invalid("DF-expression", found, "one tree"));
@@ -205,54 +206,33 @@ fn assemble<D: Dimension, V: Value>(symbols: &[Symbol<V>], depth: u8, rule: Rule
     MemTree::from_source(&expression, rule)
 }
 
-/// An expression as a source, not condensed.
-struct Expression<D: Dimension, V: Value> {
-    depth: u8,
-    root: Child<V, usize>,
-    nodes: Vec<D::Array<Child<V, usize>>>,
-}
-
-impl<D: Dimension, V: Value> Expression<D, V> {
-    fn read(&mut self, symbols: &[Symbol<V>], place: &mut usize, level: u8) -> Result<Child<V, usize>> {
-        let symbol = symbols.get(*place).ok_or_else(|| {
-            let found = format!("its end after {} symbols", symbols.len());
-            Error::invalid("DF-expression", found, "children for every inner node")
-        })?;
-        *place += 1;
-        Ok(match symbol {
-            Symbol::Void => Child::Void,
-            Symbol::Leaf(value) => Child::Leaf(*value),
-            Symbol::Inner => {
-                if level == self.depth {
-                    let found = format!("an inner node at level {level} (symbol {place})");
-                    let expected = format!("a depth of at most {}", self.depth);
-                    return Err(Error::invalid("DF-expression", found, expected));
-                }
-                let mut children = D::array(|_| Child::Void);
-                for child in children.as_mut() {
-                    *child = self.read(symbols, place, level + 1)?;
-                }
-                self.nodes.push(children);
-                Child::Inner { representative: V::default(), node: self.nodes.len() - 1 }
+/// Reads the expression of one node.
+fn read<D: Dimension, V: Value>(
+    tree: &mut MemTree<D, V>,
+    symbols: &[Symbol<V>],
+    place: &mut usize,
+    level: u8,
+) -> Result<Child<V, usize>> {
+    let symbol = symbols.get(*place).ok_or_else(|| {
+        let found = format!("its end after {} symbols", symbols.len());
+        Error::invalid("DF-expression", found, "children for every inner node")
+    })?;
+    *place += 1;
+    Ok(match symbol {
+        Symbol::Void => Child::Void,
+        Symbol::Leaf(value) => Child::Leaf(*value),
+        Symbol::Inner => {
+            if level == tree.depth {
+                let found = format!("an inner node at level {level} (symbol {place})");
+                let expected = format!("a depth of at most {}", tree.depth);
+                return Err(Error::invalid("DF-expression", found, expected));
             }
-        })
-    }
-}
-
-impl<D: Dimension, V: Value> Source for Expression<D, V> {
-    type Dim = D;
-    type Value = V;
-    type Node = usize;
-
-    fn depth(&self) -> u8 {
-        self.depth
-    }
-
-    fn root(&self) -> Result<Child<V, usize>> {
-        Ok(self.root)
-    }
-
-    fn children(&self, node: usize) -> Result<D::Array<Child<V, usize>>> {
-        Ok(self.nodes[node])
-    }
+            let mut children = D::array(|_| Child::Void);
+            for child in children.as_mut() {
+                *child = read(tree, symbols, place, level + 1)?;
+            }
+            tree.inner.push(children);
+            Child::Inner { representative: V::default(), node: tree.inner.len() - 1 }
+        }
+    })
 }

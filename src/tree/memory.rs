@@ -9,10 +9,10 @@ use super::source::{Child, Source};
 /// A tree whose nodes all lie in memory; always condensed (no INNER node has equal LEAF or only VOID children).
 #[derive(Clone, Debug)]
 pub struct MemTree<D: Dimension, V: Value> {
-    depth: u8,
-    root: Child<V, usize>,
+    pub(super) depth: u8,
+    pub(super) root: Child<V, usize>,
     /// Inner nodes, children before parents.
-    inner: Vec<D::Array<Child<V, usize>>>,
+    pub(super) inner: Vec<D::Array<Child<V, usize>>>,
 }
 
 impl<D: Dimension, V: Value> MemTree<D, V> {
@@ -23,7 +23,7 @@ impl<D: Dimension, V: Value> MemTree<D, V> {
     pub fn from_cells(depth: u8, rule: Rule, cell: impl Fn(Cell) -> Option<V>) -> MemTree<D, V> {
         assert!(depth <= D::MAX_DEPTH);
         let mut builder = Builder::<D, V>::new(rule);
-        let (root, _) = builder.from_cells(Code::ROOT, depth, &cell);
+        let (root, _) = builder.cells(Code::ROOT, depth, &cell);
         MemTree { depth, root, inner: builder.inner }
     }
 
@@ -33,7 +33,7 @@ impl<D: Dimension, V: Value> MemTree<D, V> {
     /// If the source fails. It is for small trees: all nodes go to memory.
     pub fn from_source<S: Source<Dim = D, Value = V>>(source: &S, rule: Rule) -> Result<MemTree<D, V>> {
         let mut builder = Builder::<D, V>::new(rule);
-        let (root, _) = builder.from_source(source, source.root()?, source.depth())?;
+        let (root, _) = builder.places(source, source.root()?, source.depth())?;
         Ok(MemTree { depth: source.depth(), root, inner: builder.inner })
     }
 
@@ -86,17 +86,15 @@ impl<D: Dimension, V: Value> Builder<D, V> {
         Builder { rule, inner: Vec::new() }
     }
 
-    #[allow(clippy::wrong_self_convention)]
-    fn from_cells(&mut self, code: Code<D>, depth: u8, cell: &impl Fn(Cell) -> Option<V>) -> Built<V> {
+    fn cells(&mut self, code: Code<D>, depth: u8, cell: &impl Fn(Cell) -> Option<V>) -> Built<V> {
         if code.level() == depth {
             return self.uniform(cell(code.cell()), 1);
         }
-        let parts = (0..D::CHILDREN).map(|i| self.from_cells(code.child(i), depth, cell)).collect();
+        let parts = (0..D::CHILDREN).map(|i| self.cells(code.child(i), depth, cell)).collect();
         self.join(parts)
     }
 
-    #[allow(clippy::wrong_self_convention)]
-    fn from_source<S: Source<Dim = D, Value = V>>(
+    fn places<S: Source<Dim = D, Value = V>>(
         &mut self,
         source: &S,
         place: Child<V, S::Node>,
@@ -107,7 +105,7 @@ impl<D: Dimension, V: Value> Builder<D, V> {
                 let children = source.children(node)?;
                 let parts = children.as_ref().iter();
                 let parts: Result<_> =
-                    parts.map(|child| self.from_source(source, *child, height.saturating_sub(1))).collect();
+                    parts.map(|child| self.places(source, *child, height.saturating_sub(1))).collect();
                 Ok(self.join(parts?))
             }
             _ => Ok(self.uniform(place.value(), 1 << (D::AXES * height as usize))),

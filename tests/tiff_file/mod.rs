@@ -5,7 +5,6 @@ use std::io::Write;
 
 /// The values of a tag.
 #[derive(Clone)]
-#[allow(dead_code)] // each test file needs some
 pub(crate) enum Values {
     Short(Vec<u16>),
     Long(Vec<u32>),
