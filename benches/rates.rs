@@ -1,6 +1,6 @@
 //! Rates of questions to tree files, on one thread: windows of 256 x 256 cells, single cells, statistics.
 //!
-//! `cargo bench --bench rates -- [--levels N] FILE...`
+//! `cargo bench --bench rates -- [--levels N] [--only aligned|unaligned|cells|statistics] FILE...`
 //!
 //! Files are warm. With `--levels`, windows come from the N finest levels only.
 
@@ -26,12 +26,14 @@ type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn main() -> Outcome<()> {
     let mut finest = u8::MAX;
+    let mut only = None;
     let mut files = Vec::new();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--bench" => {}
             "--levels" => finest = arguments.next().ok_or("--levels: a number is missing")?.parse()?,
+            "--only" => only = Some(arguments.next().ok_or("--only: a question is missing")?),
             _ => files.push(argument),
         }
     }
@@ -41,7 +43,7 @@ fn main() -> Outcome<()> {
     for file in &files {
         let path = Path::new(file);
         let value = open(path, &OpenOptions::default())?.header().value;
-        with_value_type!(value, V => measure::<V>(path, finest)?, else return Err("unknown type of values".into()));
+        with_value_type!(value, V => measure::<V>(path, finest, only.as_deref())?, else return Err("unknown type of values".into()));
     }
     Ok(())
 }
@@ -84,16 +86,25 @@ fn quantile(numbers: &mut [f64], share: f64) -> f64 {
     numbers[((numbers.len() - 1) as f64 * share).round() as usize]
 }
 
-fn measure<V: Value>(path: &Path, finest: u8) -> Outcome<()>
+fn measure<V: Value>(path: &Path, finest: u8, only: Option<&str>) -> Outcome<()>
 where
     Quad: spinney::store::goblin::Layout,
 {
     let tree = Goblin::<Quad, V>::open(path, &OpenOptions::default())?;
     println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
-    windows(&tree, finest, true)?;
-    windows(&tree, finest, false)?;
-    cells(&tree)?;
-    statistics(&tree)
+    let asked = |question: &str| only.is_none_or(|only| only == question);
+    for aligned in [true, false] {
+        if asked(if aligned { "aligned" } else { "unaligned" }) {
+            windows(&tree, finest, aligned)?;
+        }
+    }
+    if asked("cells") {
+        cells(&tree)?;
+    }
+    if asked("statistics") {
+        statistics(&tree)?;
+    }
+    Ok(())
 }
 
 fn extent<V: Value>(tree: &Goblin<Quad, V>, level: u8) -> [u64; 2] {

@@ -125,15 +125,15 @@ impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D, V> {
         Ok(true)
     }
 
-    fn block(&mut self, code: Code<D>, value: Option<V>, part: &Bounds, inside: bool) -> Result<()> {
+    fn block(&mut self, code: Code<D>, value: Option<V>, _: u64, part: Option<&Bounds>) -> Result<()> {
         let number = value.map(|value| value.samples()[0].to_f64());
-        match number.filter(|number| self.condition.met_by(*number)) {
-            None => self.miss(),
-            Some(number) if inside => {
+        match (number.filter(|number| self.condition.met_by(*number)), part) {
+            (None, _) => self.miss(),
+            (Some(number), None) => {
                 self.pending.push((code, Some(number)));
                 Ok(())
             }
-            Some(number) => self.split(code, number, part),
+            (Some(number), Some(part)) => self.split(code, number, part),
         }
     }
 
@@ -154,6 +154,4 @@ impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D, V> {
     fn outside(&mut self) -> Result<()> {
         self.miss()
     }
-
-    fn enter_segment(&mut self) {}
 }

@@ -139,9 +139,8 @@ impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
         Ok(true)
     }
 
-    fn block(&mut self, _: Code<D>, value: Option<V>, part: &Bounds, _: bool) -> Result<()> {
+    fn block(&mut self, _: Code<D>, value: Option<V>, cells: u64, _: Option<&Bounds>) -> Result<()> {
         let Some(value) = value else { return Ok(()) };
-        let cells = part.volume();
         if let Some(classes) = &mut self.classes {
             classes.add(value, cells);
             return Ok(());
@@ -158,14 +157,6 @@ impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
             tally.sum.as_mut()[channel] = tally.sum.as_ref()[channel] + sum;
             tally.squares.as_mut()[channel] = tally.squares.as_ref()[channel] + square;
         }
-        Ok(())
-    }
-
-    fn leave(&mut self, _: Code<D>) -> Result<()> {
-        Ok(())
-    }
-
-    fn outside(&mut self) -> Result<()> {
         Ok(())
     }
 
@@ -199,21 +190,11 @@ impl<D: Layout, V: Value> Visitor<D, V> for Histogram<'_, D, V> {
         Ok(first == last)
     }
 
-    fn block(&mut self, _: Code<D>, value: Option<V>, part: &Bounds, _: bool) -> Result<()> {
+    fn block(&mut self, _: Code<D>, value: Option<V>, cells: u64, _: Option<&Bounds>) -> Result<()> {
         if let Some(value) = value {
             let bin = self.bin(value);
-            self.bins[bin] += part.volume();
+            self.bins[bin] += cells;
         }
         Ok(())
     }
-
-    fn leave(&mut self, _: Code<D>) -> Result<()> {
-        Ok(())
-    }
-
-    fn outside(&mut self) -> Result<()> {
-        Ok(())
-    }
-
-    fn enter_segment(&mut self) {}
 }

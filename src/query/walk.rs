@@ -10,14 +10,18 @@ use crate::value::Value;
 pub(super) trait Visitor<D: Layout, V: Value> {
     /// Whether the statistics of a zone that lies wholly in the box will do; otherwise the walk goes into it.
     fn zone(&mut self, code: Code<D>, segment: usize) -> Result<bool>;
-    /// A uniform block (`None` is VOID) of which so many cells lie in the box, or all if `inside`.
-    fn block(&mut self, code: Code<D>, value: Option<V>, part: &Bounds, inside: bool) -> Result<()>;
+    /// A uniform block (`None` is VOID) of which so many cells lie in the box; if not all do, `part` has those that do.
+    fn block(&mut self, code: Code<D>, value: Option<V>, cells: u64, part: Option<&Bounds>) -> Result<()>;
     /// The walk has gone through all children of a node.
-    fn leave(&mut self, code: Code<D>) -> Result<()>;
+    fn leave(&mut self, _: Code<D>) -> Result<()> {
+        Ok(())
+    }
     /// A block that lies outside the box.
-    fn outside(&mut self) -> Result<()>;
+    fn outside(&mut self) -> Result<()> {
+        Ok(())
+    }
     /// The walk goes into a segment's records.
-    fn enter_segment(&mut self);
+    fn enter_segment(&mut self) {}
 }
 
 /// Walks all of `bounds` (cells of the deepest level), in FD order.
@@ -27,10 +31,12 @@ pub(super) fn walk<D: Layout, V: Value>(
     visitor: &mut impl Visitor<D, V>,
 ) -> Result<()> {
     let walk = Walk { tree, bounds };
+    let whole = node_bounds(Code::<D>::ROOT, tree.header().shape.depth);
+    let space = (!bounds.contains(&whole)).then_some(whole);
     match tree.root_place()? {
-        Child::Void => walk.uniform(Code::ROOT, None, visitor),
-        Child::Leaf(value) => walk.uniform(Code::ROOT, Some(value), visitor),
-        Child::Inner { .. } => walk.segment(Code::ROOT, tree.find_segment(Code::ROOT), visitor),
+        Child::Void => walk.uniform(Code::ROOT, None, space.as_ref(), visitor),
+        Child::Leaf(value) => walk.uniform(Code::ROOT, Some(value), space.as_ref(), visitor),
+        Child::Inner { .. } => walk.segment(Code::ROOT, tree.find_segment(Code::ROOT), space, visitor),
     }
 }
 
@@ -51,59 +57,112 @@ pub(super) fn node_bounds<D: Layout>(code: Code<D>, depth: u8) -> Bounds {
     }
 }
 
+/// A child's part of a node's cells.
+#[inline]
+fn child_bounds<D: Layout>(node: &Bounds, child: usize) -> Bounds {
+    let mut bounds = *node;
+    for axis in 0..D::AXES {
+        let middle = node.min[axis].midpoint(node.max[axis]);
+        if child >> axis & 1 == 0 {
+            bounds.max[axis] = middle;
+        } else {
+            bounds.min[axis] = middle;
+        }
+    }
+    bounds
+}
+
+/// A node with a record.
+struct Node<D> {
+    /// Its record's number in the segment.
+    at: usize,
+    code: Code<D>,
+    /// Its cells, unless all of them lie in the box.
+    space: Option<Bounds>,
+    /// Whether all that is below it is in the segment.
+    light: bool,
+}
+
 impl<D: Layout, V: Value> Walk<'_, D, V> {
-    fn uniform(&self, code: Code<D>, value: Option<V>, visitor: &mut impl Visitor<D, V>) -> Result<()> {
-        let whole = node_bounds(code, self.tree.header().shape.depth);
-        let part = whole.intersect(self.bounds);
-        if part.is_empty() { visitor.outside() } else { visitor.block(code, value, &part, part == whole) }
+    /// A uniform block; `space` has its cells unless all of them lie in the box.
+    #[inline]
+    fn uniform(
+        &self,
+        code: Code<D>,
+        value: Option<V>,
+        space: Option<&Bounds>,
+        visitor: &mut impl Visitor<D, V>,
+    ) -> Result<()> {
+        let Some(space) = space else {
+            let size = u32::from(self.tree.header().shape.depth.saturating_sub(code.level()));
+            return visitor.block(code, value, 1 << (D::AXES as u32 * size), None);
+        };
+        let part = space.intersect(self.bounds);
+        if part.is_empty() {
+            visitor.outside()
+        } else {
+            visitor.block(code, value, part.volume(), Some(&part))
+        }
     }
 
     /// A node that owns a segment.
-    fn segment(&self, code: Code<D>, index: Option<usize>, visitor: &mut impl Visitor<D, V>) -> Result<()> {
+    fn segment(
+        &self,
+        code: Code<D>,
+        index: Option<usize>,
+        space: Option<Bounds>,
+        visitor: &mut impl Visitor<D, V>,
+    ) -> Result<()> {
         let index = index.ok_or_else(|| self.tree.bad_cut(code))?;
-        let whole = node_bounds(code, self.tree.header().shape.depth);
-        if self.bounds.contains(&whole) && visitor.zone(code, index)? {
+        if space.is_none() && visitor.zone(code, index)? {
             return Ok(());
         }
         visitor.enter_segment();
         let segment = self.tree.segment(index)?;
-        self.node(&segment, segment.records(), 0, code, visitor)
+        self.node(&segment, segment.records(), Node { at: 0, code, space, light: false }, visitor)
     }
 
     fn node(
         &self,
         segment: &Segment<'_, D, V>,
         records: &[D::Record<V>],
-        at: usize,
-        code: Code<D>,
+        node: Node<D>,
         visitor: &mut impl Visitor<D, V>,
     ) -> Result<()> {
+        let Node { at, code, space, light } = node;
         let shape = &self.tree.header().shape;
-        let record = records[at];
+        let record = &records[at];
         let places = child_places::<D, V>(records, at).ok_or_else(|| self.tree.bad_skip(segment, at))?;
         if code.level() >= shape.depth {
             return Err(self.tree.bad_skip(segment, at));
         }
+        let candidates = !light && shape.is_candidate(code.level() + 1);
         for (step, place) in places.as_ref().iter().enumerate() {
             let child = code.child(step);
+            let space = space.map(|space| child_bounds::<D>(&space, step));
+            let space = space.filter(|space| !self.bounds.contains(space));
             match record.state(step) {
-                VOID => self.uniform(child, None, visitor)?,
-                LEAF => self.uniform(child, Some(record.value(step)), visitor)?,
+                VOID => self.uniform(child, None, space.as_ref(), visitor)?,
+                LEAF => self.uniform(child, Some(record.value(step)), space.as_ref(), visitor)?,
                 state => {
                     debug_assert!(state == INNER || state == CUT);
-                    if node_bounds(child, shape.depth).intersect(self.bounds).is_empty() {
+                    if space.is_some_and(|space| space.intersect(self.bounds).is_empty()) {
                         visitor.outside()?;
                         continue;
                     }
-                    let own =
-                        shape.is_candidate(child.level()).then(|| self.tree.find_segment(child)).flatten();
-                    match (own, place) {
+                    let deepest = candidates.then(|| self.tree.find_segment(child)).flatten();
+                    match (deepest, place) {
                         (Some(own), _)
                             if own != segment.index() && self.tree.segment(own)?.code() == child =>
                         {
-                            self.segment(child, Some(own), visitor)?;
+                            self.segment(child, Some(own), space, visitor)?;
                         }
-                        (_, Some(place)) => self.node(segment, records, *place as usize, child, visitor)?,
+                        (deepest, Some(place)) => {
+                            // A node that might own a segment and does not is light.
+                            let light = light || deepest == Some(segment.index());
+                            let node = Node { at: *place as usize, code: child, space, light };
+                            self.node(segment, records, node, visitor)?;
+                        }
                         _ => return Err(self.tree.bad_cut(child)),
                     }
                 }

@@ -59,6 +59,9 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     }
 }
 
+/// Times a state: a record's states where all children have this one.
+const ALIKE: u32 = 0x5555_5555;
+
 struct Painter<'a, D: Layout, V: Value> {
     tree: &'a Goblin<D, V>,
     level: u8,
@@ -94,13 +97,17 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
                 }
                 let size = self.level - code.level();
                 let min = code.cell().map(|cell| (cell as u64) << size);
-                self.node(&node.segment, node.segment.records(), node.record, code.level(), min)?;
+                // A node that might own a segment and does not is light: all that is below it is in this one.
+                let light =
+                    self.tree.header().shape.segment_level(code.level()) > node.segment.code().level();
+                self.node(&node.segment, node.segment.records(), node.record, code.level(), min, light)?;
             }
         }
         Ok(())
     }
 
-    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`.
+    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`; if it is `light`,
+    /// nothing below it is in another segment.
     fn node(
         &mut self,
         segment: &Segment<'_, D, V>,
@@ -108,6 +115,7 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
         at: usize,
         level: u8,
         min: [u64; 3],
+        light: bool,
     ) -> Result<()> {
         let record = &records[at];
         let below = self.level - level - 1;
@@ -115,11 +123,12 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
             self.bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= self.bounds.max[axis]
         });
         let shape = &self.tree.header().shape;
-        if inside && shape.cut_level(segment.code().level()) >= self.level {
+        let complete = light || shape.cut_level(segment.code().level()) >= self.level;
+        if inside && complete {
             return self.whole(segment, records, at, below, self.place(min));
         }
         // The children may own segments that reach deeper.
-        let jump = shape.is_candidate(level + 1) && shape.cut_level(segment.code().level()) < self.level;
+        let jump = !complete && shape.is_candidate(level + 1);
         let end = at + record.skip() as usize;
         let mut next = at + 1;
         for child in 0..D::CHILDREN {
@@ -143,7 +152,9 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
             }
             match state {
                 VOID => self.paint(&part, None),
-                INNER if below > 0 && !jump => self.node(segment, records, place, level + 1, child_min)?,
+                INNER if below > 0 && !jump => {
+                    self.node(segment, records, place, level + 1, child_min, light)?;
+                }
                 INNER | CUT if below > 0 => {
                     if state == CUT && !self.deeper(segment, level + 1, child_min, below) {
                         let code = Code::from_cell(level + 1, child_min.map(|cell| (cell >> below) as u32));
@@ -174,59 +185,110 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
         start: usize,
     ) -> Result<()> {
         let record = &records[at];
-        let states = record.states();
-        if below == 0 {
-            self.cells(record, states, start);
-            return Ok(());
+        match below {
+            0 => {
+                self.cells(record.wires(), record.states(), start);
+                return Ok(());
+            }
+            1 => return self.patch(segment, records, at, start),
+            _ => {}
         }
         let end = at + record.skip() as usize;
         let mut next = at + 1;
         for child in 0..D::CHILDREN {
-            let offset =
-                (0..D::AXES).map(|axis| ((child >> axis & 1) << below) * self.strides[axis]).sum::<usize>();
-            match (states >> (2 * child)) as u8 & 3 {
+            let start = start + self.offset(child, 1 << below);
+            match record.state(child) {
                 INNER => {
                     let skip =
                         records.get(next).filter(|_| next < end).map_or(0, |record| record.skip() as usize);
                     if skip == 0 || next + skip > end {
                         return Err(self.tree.bad_skip(segment, at));
                     }
-                    if below == 1 {
-                        // Three of four records are such: not worth a call.
-                        let record = &records[next];
-                        self.cells(record, record.states(), start + offset);
-                    } else {
-                        self.whole(segment, records, next, below - 1, start + offset)?;
-                    }
+                    self.whole(segment, records, next, below - 1, start)?;
                     next += skip;
                 }
                 CUT => return Err(self.tree.bad_cut(segment.code())),
                 state => {
                     let value = (state != VOID).then(|| record.value(child));
                     let side = 1 << below;
-                    self.fill(start + offset, [side, side, if D::AXES > 2 { side } else { 1 }], value);
+                    self.fill(start, [side, side, if D::AXES > 2 { side } else { 1 }], value);
                 }
             }
         }
         Ok(())
     }
 
-    /// The children of a record as single cells, in pairs along x.
+    /// A node of four cells along each axis, where nearly all records of a detailed tile are. Which of its children are
+    /// uniform is as good as random, so nothing here branches on it: a wrong guess costs more than four cells.
+    fn patch(
+        &mut self,
+        segment: &Segment<'_, D, V>,
+        records: &[D::Record<V>],
+        at: usize,
+        start: usize,
+    ) -> Result<()> {
+        let record = &records[at];
+        let states = record.states();
+        let under = records.get(at + 1..at + record.skip() as usize).unwrap_or(&[]);
+        let mut next = 0;
+        for child in 0..D::CHILDREN {
+            let state = record.state(child);
+            let below = under.get(next).unwrap_or(record);
+            let value = record.wires()[child];
+            let uniform = D::array(|_| value);
+            let (wires, states, skip) = if state == INNER {
+                (below.wires(), below.states(), below.skip())
+            } else {
+                (uniform.as_ref(), u32::from(state) * ALIKE, 0)
+            };
+            self.cells(wires, states, start + self.offset(child, 2));
+            next += skip as usize;
+        }
+        if states & states >> 1 & ALIKE != 0 {
+            return Err(self.tree.bad_cut(segment.code()));
+        }
+        if next == under.len() { Ok(()) } else { Err(self.tree.bad_skip(segment, at)) }
+    }
+
+    /// The children of a node as single cells, in pairs along x.
     #[inline(always)]
-    fn cells(&mut self, record: &D::Record<V>, states: u32, start: usize) {
-        // Any bit of a child's state: it is not VOID.
-        let some = states | states >> 1;
-        let is_void = |child: usize| some >> (2 * child) & 1 == 0;
-        for pair in 0..D::CHILDREN / 2 {
-            let place = start + (pair & 1) * self.strides[1] + (pair >> 1) * self.strides[2];
-            let wire = |child: usize| if is_void(child) { self.fill } else { record.value(child).to_wire() };
-            let cells = &mut self.values[place..place + 2];
-            cells[0] = wire(2 * pair);
-            cells[1] = wire(2 * pair + 1);
+    fn cells(&mut self, wires: &[V::Wire], states: u32, start: usize) {
+        // Either bit of a child's state: it is not VOID.
+        let some = (states | states >> 1) & ALIKE;
+        if some << (32 - 2 * D::CHILDREN) != ALIKE << (32 - 2 * D::CHILDREN) || self.valid.is_some() {
+            return self.cells_and_void(wires, some, start);
+        }
+        for (pair, wires) in wires[..D::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
+            let place = self.pair_place(pair, start);
+            self.values[place..place + 2].copy_from_slice(wires);
+        }
+    }
+
+    /// As [`Self::cells`], where some may be VOID or flags are asked for; one bit in two of `some` is set for a child
+    /// that is not VOID. Apart from it to keep the usual case small.
+    #[inline(never)]
+    fn cells_and_void(&mut self, wires: &[V::Wire], some: u32, start: usize) {
+        for (pair, wires) in wires[..D::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
+            let place = self.pair_place(pair, start);
+            let flags = [0, 1].map(|child| some >> (4 * pair + 2 * child) & 1 != 0);
+            self.values[place..place + 2]
+                .copy_from_slice(&[0, 1].map(|child| if flags[child] { wires[child] } else { self.fill }));
             if let Some(valid) = &mut self.valid {
-                valid[place..place + 2].copy_from_slice(&[!is_void(2 * pair), !is_void(2 * pair + 1)]);
+                valid[place..place + 2].copy_from_slice(&flags);
             }
         }
+    }
+
+    /// Where a pair of children that are cells goes.
+    #[inline]
+    fn pair_place(&self, pair: usize, start: usize) -> usize {
+        start + (pair & 1) * self.strides[1] + (pair >> 1) * self.strides[2]
+    }
+
+    /// Places in `values` from a node's first cell to a child's, whose children have `side` cells along each axis.
+    #[inline]
+    fn offset(&self, child: usize, side: usize) -> usize {
+        (0..D::AXES).map(|axis| (child >> axis & 1) * side * self.strides[axis]).sum()
     }
 
     /// Where a cell's value goes.
@@ -240,17 +302,35 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
         self.fill(self.place(part.min), part.size().map(|size| size as usize), value);
     }
 
-    #[inline]
-    fn fill(&mut self, start: usize, [width, height, depth]: [usize; 3], value: Option<V>) {
+    fn fill(&mut self, start: usize, size: [usize; 3], value: Option<V>) {
         let wire = value.map_or(self.fill, V::to_wire);
-        for z in 0..depth {
-            for y in 0..height {
-                let row = start + z * self.strides[2] + y * self.strides[1];
-                self.values[row..row + width].fill(wire);
-                if let Some(valid) = &mut self.valid {
-                    valid[row..row + width].fill(value.is_some());
-                }
-            }
+        let strides = self.strides;
+        // Small blocks are many: stores of a known length save them a call for each row.
+        match size[0] {
+            4 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[wire; 4])),
+            8 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[wire; 8])),
+            16 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[wire; 16])),
+            _ => rows(self.values, start, size, strides, |row| row.fill(wire)),
+        }
+        if let Some(valid) = &mut self.valid {
+            rows(valid, start, size, strides, |row| row.fill(value.is_some()));
+        }
+    }
+}
+
+/// Does something to each row of a block of `size` cells.
+#[inline(always)]
+fn rows<T>(
+    cells: &mut [T],
+    start: usize,
+    [width, height, depth]: [usize; 3],
+    strides: [usize; 3],
+    mut each: impl FnMut(&mut [T]),
+) {
+    for z in 0..depth {
+        for y in 0..height {
+            let row = start + z * strides[2] + y * strides[1];
+            each(&mut cells[row..row + width]);
         }
     }
 }

@@ -154,9 +154,10 @@ pub(crate) fn channelwise_max<V: Value>(a: V, b: V) -> V {
     })
 }
 
-/// The value with the highest count, the first of several.
-pub(crate) fn most_frequent<V>(counts: impl Iterator<Item = (V, u64)>) -> Option<V> {
-    counts.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(value, _)| value)
+/// The value with the highest count, the least of several.
+pub(crate) fn most_frequent<V: Value>(counts: impl Iterator<Item = (V, u64)>) -> Option<V> {
+    let rank = |a: &(V, u64), b: &(V, u64)| a.1.cmp(&b.1).then_with(|| b.0.order(a.0));
+    counts.max_by(rank).map(|(value, _)| value)
 }
 
 /// Adds two lists of counts that are in ascending order of values.

@@ -331,18 +331,35 @@ impl<V: Value> Averaging<V> for Means {
     }
 }
 
-/// [`Rule::Majority`]: counts per class, as a range of one arena.
+/// [`Rule::Majority`]: counts per class, as a range of one arena; in any order.
 struct Majorities<V> {
     arena: Vec<(V, u64)>,
 }
 
+/// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with 200
+/// classes at random.
+const FEW: u32 = 64;
+
 impl<V: Value> Majorities<V> {
-    /// The counts of a node.
+    /// The counts of a node, by ascending value.
     fn list(&self, (start, len): (u32, u32), level: &Level<V>, cells: u32) -> Vec<(V, u64)> {
         match level.state[0] {
             VOID => Vec::new(),
             LEAF => vec![(level.value[0], cells as u64)],
-            _ => self.arena[start as usize..][..len as usize].to_vec(),
+            _ => {
+                let mut counts = self.arena[start as usize..][..len as usize].to_vec();
+                sum_by_value(&mut counts);
+                counts
+            }
+        }
+    }
+
+    /// Adds to the list that begins at `start` and is the arena's last.
+    #[inline]
+    fn add(&mut self, start: usize, value: V, cells: u64) {
+        match self.arena[start..].iter_mut().find(|(other, _)| other.same(value)) {
+            Some((_, sum)) => *sum += cells,
+            None => self.arena.push((value, cells)),
         }
     }
 }
@@ -352,20 +369,32 @@ impl<V: Value> Averaging<V> for Majorities<V> {
 
     fn merge(&mut self, states: &[u8], values: &[V], known: &[Self::Of], cells: u32) -> (Self::Of, V) {
         let start = self.arena.len();
+        let few = known.iter().map(|(_, len)| len).sum::<u32>() <= FEW;
         for (i, state) in states.iter().enumerate() {
             match *state {
+                LEAF if few => self.add(start, values[i], cells as u64),
                 LEAF => self.arena.push((values[i], cells as u64)),
                 INNER => {
                     let (first, len) = known[i];
-                    self.arena.extend_from_within(first as usize..(first + len) as usize);
+                    let range = first as usize..(first + len) as usize;
+                    if few {
+                        for place in range {
+                            let (value, cells) = self.arena[place];
+                            self.add(start, value, cells);
+                        }
+                    } else {
+                        self.arena.extend_from_within(range);
+                    }
                 }
                 _ => {}
             }
         }
-        let len = sum_by_value_in(&mut self.arena[start..]);
-        self.arena.truncate(start + len);
+        if !few {
+            let len = sum_by_value_in(&mut self.arena[start..]);
+            self.arena.truncate(start + len);
+        }
         let majority = most_frequent(self.arena[start..].iter().copied()).unwrap_or_default();
-        ((start as u32, len as u32), majority)
+        ((start as u32, (self.arena.len() - start) as u32), majority)
     }
 }
 

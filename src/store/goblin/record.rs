@@ -22,6 +22,8 @@ pub trait Record<V: Value>:
     fn new(states: u32, values: impl Fn(usize) -> V, skip: u32) -> Self;
     /// Value (LEAF) or representative (INNER, CUT) of a child; the default value for VOID.
     fn value(&self, child: usize) -> V;
+    /// The children's values as they stand on disk, child 0 first.
+    fn wires(&self) -> &[V::Wire];
     /// Two bits per child, child 0 lowest.
     fn states(&self) -> u32;
     /// How many records this node's subtree occupies in its segment, this one included.
@@ -72,6 +74,10 @@ impl<V: Value> Record<V> for QuadRecord<V::Wire> {
         V::from_wire(self.values[child & 3])
     }
     #[inline]
+    fn wires(&self) -> &[V::Wire] {
+        &self.values
+    }
+    #[inline]
     fn states(&self) -> u32 {
         self.states as u32
     }
@@ -104,6 +110,10 @@ impl<V: Value> Record<V> for OctRecord<V::Wire> {
     #[inline]
     fn value(&self, child: usize) -> V {
         V::from_wire(self.values[child & 7])
+    }
+    #[inline]
+    fn wires(&self) -> &[V::Wire] {
+        &self.values
     }
     #[inline]
     fn states(&self) -> u32 {
