@@ -1,8 +1,9 @@
 //! Rates of questions to tree files, on one thread: windows of 256 x 256 cells, single cells, statistics.
 //!
-//! `cargo bench --bench rates -- [--levels N] [--only aligned|unaligned|cells|statistics] FILE...`
+//! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics] [--windows LIST] FILE...`
 //!
-//! Files are warm. With `--levels`, windows come from the N finest levels only.
+//! Files are warm. LIST has a window a line, `UP COLUMN ROW`: levels above the finest, and the first cell; without it,
+//! aligned windows at random levels are read.
 
 use std::error::Error;
 use std::hint::black_box;
@@ -25,14 +26,16 @@ const BOX_SIDE: u64 = 4096;
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn main() -> Outcome<()> {
-    let mut finest = u8::MAX;
+    let mut listed = None;
     let mut only = None;
     let mut files = Vec::new();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--bench" => {}
-            "--levels" => finest = arguments.next().ok_or("--levels: a number is missing")?.parse()?,
+            "--windows" => {
+                listed = Some(read_list(&arguments.next().ok_or("--windows: a file is missing")?)?)
+            }
             "--only" => only = Some(arguments.next().ok_or("--only: a question is missing")?),
             _ => files.push(argument),
         }
@@ -43,7 +46,7 @@ fn main() -> Outcome<()> {
     for file in &files {
         let path = Path::new(file);
         let value = open(path, &OpenOptions::default())?.header().value;
-        with_value_type!(value, V => measure::<V>(path, finest, only.as_deref())?, else return Err("unknown type of values".into()));
+        with_value_type!(value, V => measure::<V>(path, listed.as_deref(), only.as_deref())?, else return Err("unknown type of values".into()));
     }
     Ok(())
 }
@@ -86,17 +89,22 @@ fn quantile(numbers: &mut [f64], share: f64) -> f64 {
     numbers[((numbers.len() - 1) as f64 * share).round() as usize]
 }
 
-fn measure<V: Value>(path: &Path, finest: u8, only: Option<&str>) -> Outcome<()>
+fn measure<V: Value>(path: &Path, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()>
 where
     Quad: spinney::store::goblin::Layout,
 {
     let tree = Goblin::<Quad, V>::open(path, &OpenOptions::default())?;
     println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
     let asked = |question: &str| only.is_none_or(|only| only == question);
-    for aligned in [true, false] {
-        if asked(if aligned { "aligned" } else { "unaligned" }) {
-            windows(&tree, finest, aligned)?;
-        }
+    let depth = tree.header().shape.depth;
+    if asked("windows") {
+        let listed = listed.map(|listed| {
+            listed.iter().map(|[up, column, row]| (depth - *up as u8, window_from([*column, *row]))).collect()
+        });
+        windows(&tree, "aligned", &listed.unwrap_or_else(|| random_windows(&tree, true)))?;
+    }
+    if asked("unaligned") {
+        windows(&tree, "unaligned", &random_windows(&tree, false))?;
     }
     if asked("cells") {
         cells(&tree)?;
@@ -120,8 +128,31 @@ fn window_at(random: &mut Random, [width, height]: [u64; 2], aligned: bool) -> B
             random.below(size.saturating_sub(SIDE) + 1)
         }
     };
-    let min = [start(width), start(height), 0];
-    Bounds { min, max: [min[0] + SIDE, min[1] + SIDE, 1] }
+    window_from([start(width), start(height)])
+}
+
+fn window_from([column, row]: [u64; 2]) -> Bounds {
+    Bounds { min: [column, row, 0], max: [column + SIDE, row + SIDE, 1] }
+}
+
+/// Windows at random places of random levels with more than one window.
+fn random_windows<V: Value>(tree: &Goblin<Quad, V>, aligned: bool) -> Vec<(u8, Bounds)> {
+    let depth = tree.header().shape.depth;
+    let first = 8.min(depth);
+    let mut random = Random(1);
+    let mut one = || {
+        let level = first + random.below(u64::from(depth - first) + 1) as u8;
+        (level, window_at(&mut random, extent(tree, level), aligned))
+    };
+    (0..WINDOWS).map(|_| one()).collect()
+}
+
+fn read_list(file: &str) -> Outcome<Vec<[u64; 3]>> {
+    let line = |line: &str| -> Outcome<[u64; 3]> {
+        let numbers: Vec<u64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
+        numbers.try_into().map_err(|_| "a window is three numbers".into())
+    };
+    std::fs::read_to_string(file)?.lines().map(line).collect()
 }
 
 /// What is known of the windows of one level.
@@ -131,21 +162,14 @@ struct Level {
     segments: usize,
 }
 
-fn windows<V: Value>(tree: &Goblin<Quad, V>, finest: u8, aligned: bool) -> Outcome<()> {
+fn windows<V: Value>(tree: &Goblin<Quad, V>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
     let depth = tree.header().shape.depth;
-    let first = (depth + 1).saturating_sub(finest).max(8.min(depth));
-    let mut random = Random(1);
-    let places: Vec<(u8, Bounds)> = (0..WINDOWS)
-        .map(|_| {
-            let level = first + random.below(u64::from(depth - first) + 1) as u8;
-            (level, window_at(&mut random, extent(tree, level), aligned))
-        })
-        .collect();
+    let first = places.iter().map(|(level, _)| *level).min().unwrap_or(depth);
     let fill = V::from_channels(|_| Default::default());
     let mut values = vec![fill.to_wire(); (SIDE * SIDE) as usize];
     let mut rates = Vec::new();
     // A window's time is the median of the passes: other processes interrupt now and then.
-    let mut times = vec![[0.0; PASSES]; WINDOWS];
+    let mut times = vec![[0.0; PASSES]; places.len()];
     let mut levels: Vec<Level> = (first..=depth).map(|_| Level::default()).collect();
     for pass in 0..=PASSES {
         let took = seconds(|| {
@@ -162,14 +186,13 @@ fn windows<V: Value>(tree: &Goblin<Quad, V>, finest: u8, aligned: bool) -> Outco
             Ok(())
         })?;
         if pass > 0 {
-            rates.push(WINDOWS as f64 / took);
+            rates.push(places.len() as f64 / took);
         }
     }
     for ((level, _), times) in places.iter().zip(&mut times) {
         levels[usize::from(level - first)].micros.push(median(times));
     }
     let mut all: Vec<f64> = levels.iter().flat_map(|level| level.micros.iter().copied()).collect();
-    let name = if aligned { "aligned" } else { "unaligned" };
     println!(
         "  {name} windows: {:.0}/s, median {:.1} us, p99 {:.1} us, at most {} segments",
         median(&mut rates),
