@@ -21,7 +21,7 @@ where
             (Child::Leaf(x), Child::Leaf(y)) => assert!(x.same(y), "{code}: {x:?} and {y:?}"),
             (Child::Inner { representative: x, node: m }, Child::Inner { representative: y, node: n }) => {
                 assert!(x.same(y), "{code}: representatives {x:?} and {y:?}");
-                let (m, n) = (a.children(m).unwrap(), b.children(n).unwrap());
+                let (m, n) = (a.children(&m).unwrap(), b.children(&n).unwrap());
                 let pairs = m.as_ref().iter().zip(n.as_ref()).enumerate();
                 pending.extend(pairs.map(|(i, (m, n))| (code.child(i), *m, *n)));
             }
@@ -125,7 +125,7 @@ fn codes_come_in_preorder() {
         assert!(before < Some(code.bits()));
         before = Some(code.bits());
         if let Child::Inner { node, .. } = place {
-            let children = tree.children(node).unwrap();
+            let children = tree.children(&node).unwrap();
             pending.extend((0..Oct::CHILDREN).rev().map(|i| (code.child(i), children[i])));
         }
     }

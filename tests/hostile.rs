@@ -26,7 +26,7 @@ fn walk<D: Layout, V: Value>(file: &Goblin<D, V>) -> Result<String> {
     while let Some(place) = pending.pop() {
         writeln!(text, "{:?}", place.value()).unwrap();
         if let Child::Inner { node, .. } = place {
-            pending.extend(file.children(node)?.as_ref());
+            pending.extend(file.children(&node)?.as_ref());
         }
     }
     Ok(digest(&text))

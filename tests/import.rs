@@ -56,7 +56,7 @@ fn cells_of<V: Value>(path: &Path) -> (Vec<u8>, Vec<bool>) {
         match place {
             Child::Void => {}
             Child::Inner { node, .. } => {
-                let children = file.children(node).unwrap();
+                let children = file.children(&node).unwrap();
                 pending.extend(children.into_iter().enumerate().map(|(i, child)| (code.child(i), child)));
             }
             Child::Leaf(value) => {

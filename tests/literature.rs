@@ -44,10 +44,10 @@ fn nodes<S: Source>(source: &S) -> Vec<(Code<S::Dim>, Child<S::Value, S::Node>)>
     let mut pending = vec![(Code::ROOT, source.root().unwrap())];
     let mut nodes = Vec::new();
     while let Some((code, place)) = pending.pop() {
-        nodes.push((code, place));
+        nodes.push((code, place.clone()));
         if let Child::Inner { node, .. } = place {
-            let children = source.children(node).unwrap();
-            pending.extend((0..S::Dim::CHILDREN).rev().map(|i| (code.child(i), children.as_ref()[i])));
+            let children = source.children(&node).unwrap();
+            pending.extend((0..S::Dim::CHILDREN).rev().map(|i| (code.child(i), children.as_ref()[i].clone())));
         }
     }
     nodes
@@ -191,7 +191,7 @@ fn goblin_table_from_the_tree() {
     for (number, (code, place)) in inner.iter().enumerate() {
         let Child::Inner { node, .. } = place else { unreachable!() };
         let mut fields: Vec<i32> = Vec::new();
-        for child in tree.children(*node).unwrap() {
+        for child in tree.children(node).unwrap() {
             let [value] = child.value().unwrap();
             fields.push(if child.is_inner() { -(value as i32) } else { value as i32 });
         }
@@ -243,7 +243,7 @@ fn autumnal_table_from_the_tree() {
     let number = |code: Code<Quad>| inner.iter().position(|(other, _)| *other == code).unwrap() as i32 + 1;
     for (i, (code, place)) in inner.iter().enumerate() {
         let Child::Inner { representative, node } = place else { unreachable!() };
-        let children = tree.children(*node).unwrap();
+        let children = tree.children(node).unwrap();
         let mut fields: Vec<i32> = Vec::new();
         for (c, child) in children.iter().enumerate() {
             let leaf = child.value().unwrap()[0] as i32;

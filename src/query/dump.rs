@@ -48,7 +48,7 @@ fn number<D: Dimension, V: Value>(
     positive: &mut bool,
 ) -> Result<()> {
     let place = rows.len();
-    let children = tree.children(node)?.as_ref().to_vec();
+    let children = tree.children(&node)?.as_ref().to_vec();
     rows.push((children.clone(), 0));
     for child in children {
         *positive &= V::CHANNELS == 1 && child.value().is_none_or(|value| value.samples()[0].to_f64() > 0.0);
@@ -71,8 +71,8 @@ pub(super) fn leaf_codes<S: Source>(source: &S) -> Result<String> {
                 let _ = writeln!(text, "{code} {} {}", code.bits(), show(value));
             }
             Child::Inner { node, .. } => {
-                let children = source.children(node)?;
-                pending.extend(children.as_ref().iter().enumerate().rev().map(|(i, c)| (code.child(i), *c)));
+                let children = source.children(&node)?;
+                pending.extend(children.as_ref().iter().enumerate().rev().map(|(i, c)| (code.child(i), c.clone())));
             }
         }
     }

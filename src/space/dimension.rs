@@ -18,10 +18,16 @@ pub trait Dimension: Copy + Debug + Default + Eq + Send + Sync + 'static {
     const TREE_NAME: &'static str;
 
     /// One item per child.
-    type Array<T: Copy + Debug + Send + Sync>: Copy + Debug + AsRef<[T]> + AsMut<[T]> + Send + Sync;
+    type Array<T: Clone + Debug + Send + Sync>: Clone
+        + Debug
+        + AsRef<[T]>
+        + AsMut<[T]>
+        + IntoIterator<Item = T>
+        + Send
+        + Sync;
 
     /// Makes an array from a function of the child number.
-    fn array<T: Copy + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> Self::Array<T>;
+    fn array<T: Clone + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> Self::Array<T>;
 }
 
 /// Two axes: a quadtree.
@@ -36,10 +42,10 @@ impl Dimension for Quad {
     const AXES: usize = 2;
     const MAX_DEPTH: u8 = 29;
     const TREE_NAME: &'static str = "quadtree";
-    type Array<T: Copy + Debug + Send + Sync> = [T; 4];
+    type Array<T: Clone + Debug + Send + Sync> = [T; 4];
 
     #[inline]
-    fn array<T: Copy + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> [T; 4] {
+    fn array<T: Clone + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> [T; 4] {
         std::array::from_fn(make)
     }
 }
@@ -48,10 +54,10 @@ impl Dimension for Oct {
     const AXES: usize = 3;
     const MAX_DEPTH: u8 = 19;
     const TREE_NAME: &'static str = "octree";
-    type Array<T: Copy + Debug + Send + Sync> = [T; 8];
+    type Array<T: Clone + Debug + Send + Sync> = [T; 8];
 
     #[inline]
-    fn array<T: Copy + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> [T; 8] {
+    fn array<T: Clone + Debug + Send + Sync>(make: impl FnMut(usize) -> T) -> [T; 8] {
         std::array::from_fn(make)
     }
 }

@@ -184,7 +184,9 @@ fn walk<S: Source>(source: &S, mut symbol: impl FnMut(Symbol<S::Value>)) -> Resu
             Child::Leaf(value) => symbol(Symbol::Leaf(value)),
             Child::Inner { node, .. } => {
                 symbol(Symbol::Inner);
-                pending.extend(source.children(node)?.as_ref().iter().rev());
+                let first = pending.len();
+                pending.extend(source.children(&node)?);
+                pending[first..].reverse();
             }
         }
     }

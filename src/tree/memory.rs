@@ -68,8 +68,8 @@ impl<D: Dimension, V: Value> Source for MemTree<D, V> {
         Ok(self.root)
     }
 
-    fn children(&self, node: usize) -> Result<D::Array<Child<V, usize>>> {
-        Ok(self.inner[node])
+    fn children(&self, node: &usize) -> Result<D::Array<Child<V, usize>>> {
+        Ok(self.inner[*node].clone())
     }
 }
 
@@ -102,10 +102,9 @@ impl<D: Dimension, V: Value> Builder<D, V> {
     ) -> Result<Built<V>> {
         match place {
             Child::Inner { node, .. } => {
-                let children = source.children(node)?;
-                let parts = children.as_ref().iter();
+                let parts = source.children(&node)?.into_iter();
                 let parts: Result<_> =
-                    parts.map(|child| self.places(source, *child, height.saturating_sub(1))).collect();
+                    parts.map(|child| self.places(source, child, height.saturating_sub(1))).collect();
                 Ok(self.join(parts?))
             }
             _ => Ok(self.uniform(place.value(), 1 << (D::AXES * height as usize))),

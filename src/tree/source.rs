@@ -49,7 +49,7 @@ pub trait Source {
     /// Type of the values.
     type Value: Value;
     /// Handle of an inner node.
-    type Node: Copy + Debug + Send + Sync;
+    type Node: Clone + Debug + Send + Sync;
 
     /// Number of levels below the root; nodes at this level are single cells and never INNER.
     fn depth(&self) -> u8;
@@ -61,6 +61,6 @@ pub trait Source {
     #[allow(clippy::type_complexity)] // an array of children: a name for it would hide more than it says
     fn children(
         &self,
-        node: Self::Node,
+        node: &Self::Node,
     ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>>;
 }

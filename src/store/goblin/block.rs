@@ -55,18 +55,18 @@ impl<D: Layout, V: Value> Block<D, V> {
             let mut expanded = Vec::new();
             let mut deeper = Vec::new();
             for (group, node) in nodes.iter().enumerate() {
-                for (i, child) in source.children(*node)?.as_ref().iter().enumerate() {
+                for (i, child) in source.children(node)?.into_iter().enumerate() {
                     let place = group * D::CHILDREN + i;
                     match child {
                         Child::Void => {}
                         Child::Inner { node, .. } if below > 0 => {
                             expanded.push(place as u32);
-                            deeper.push(*node);
+                            deeper.push(node);
                         }
                         Child::Leaf(value) | Child::Inner { representative: value, .. } => {
                             if !value.is_nan() {
                                 level.state[place] = LEAF;
-                                level.value[place] = *value;
+                                level.value[place] = value;
                             }
                         }
                     }

@@ -151,8 +151,11 @@ where
     while let Some((code, place)) = pending.pop() {
         match place {
             Child::Inner { node, .. } if code.level() < shape.block_level() => {
-                let children = source.children(node)?;
-                pending.extend(children.as_ref().iter().enumerate().rev().map(|(i, c)| (code.child(i), *c)));
+                let children = source.children(&node)?;
+                let below = children.into_iter().enumerate().map(|(i, child)| (code.child(i), child));
+                pending.extend(below);
+                let first = pending.len() - <S::Dim as crate::space::Dimension>::CHILDREN;
+                pending[first..].reverse();
             }
             _ => batch.push((code, place)),
         }
@@ -273,7 +276,7 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         let plan = self.plan;
         let build = |(code, place): &(Code<D>, Child<V, S::Node>)| match place {
             Child::Inner { node, .. } if code.level() < plan.shape.depth => {
-                Ok(plan.mixed(Block::from_source(source, *code, height, *node)?))
+                Ok(plan.mixed(Block::from_source(source, *code, height, node.clone())?))
             }
             _ => Ok(plan.uniform(*code, place.value().filter(|value| !value.is_nan()))),
         };

@@ -485,7 +485,7 @@ impl<D: Layout, V: Value> Source for Goblin<D, V> {
         })
     }
 
-    fn children(&self, node: Handle<D>) -> Result<D::Array<Child<V, Handle<D>>>> {
+    fn children(&self, node: &Handle<D>) -> Result<D::Array<Child<V, Handle<D>>>> {
         let segment = self.segment(node.segment as usize)?;
         let records = segment.records();
         let at = node.record as usize;
