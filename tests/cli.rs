@@ -295,6 +295,13 @@ fn verify_tells_good_from_damaged() {
     let run = spinney(&["verify", &bad]).assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stdout).into_owned();
     assert!(text.lines().any(|line| line.contains("segment")), "{text}");
+    // A file that cannot be opened does not keep the others from being checked.
+    let missing = trees.name("missing.goblin");
+    let run = spinney(&["verify", &missing, &bad, &trees.classic]).assert().code(1);
+    let (out, err) = (run.get_output().stdout.clone(), run.get_output().stderr.clone());
+    let (out, err) = (String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap());
+    assert!(err.lines().count() == 1 && err.contains(&missing), "{err}");
+    assert!(out.contains(&bad) && out.ends_with(&format!("{}: good\n", trees.classic)), "{out}");
 }
 
 #[test]
