@@ -244,6 +244,9 @@ fn statistics() {
     assert!(output(&["stats", &trees.classic]).contains("cells      64"));
     assert!(output(&["stats", &trees.octree]).contains("channel 1"));
     assert!(json(&["stats", &trees.octree, "--json"])["histogram"].as_array().unwrap().len() == 16);
+    let bins = |bins: &str| json(&["stats", &trees.octree, "--json", "--bins", bins])["histogram"].clone();
+    assert_eq!((bins("0").as_array().unwrap().len(), bins("65536").as_array().unwrap().len()), (0, 65536));
+    assert!(complaint(&["stats", &trees.octree, "--bins", "65537"], 2).contains("65536"));
 }
 
 #[test]

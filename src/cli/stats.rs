@@ -22,9 +22,9 @@ pub(crate) struct Args {
     file: PathBuf,
     #[command(flatten)]
     part: Part,
-    /// Bins of the histogram of the first channel, where the file does not count classes; 0 for none
-    #[arg(long, default_value_t = 16)]
-    bins: usize,
+    /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
+    bins: u32,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -37,11 +37,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let picture = Bounds { min: [0; 3], max: tree.header().extent };
     let bounds = bounds.unwrap_or(picture).intersect(&picture);
     let histogram = match stats.channels.first() {
-        Some(first)
-            if stats.classes.is_empty() && first.min < first.max && (1..=65536).contains(&args.bins) =>
-        {
-            let bins = tree.histogram(&bounds, first.min, first.max, args.bins)?;
-            let width = (first.max - first.min) / args.bins as f64;
+        Some(first) if stats.classes.is_empty() && first.min < first.max && args.bins > 0 => {
+            let bins = tree.histogram(&bounds, first.min, first.max, args.bins as usize)?;
+            let width = (first.max - first.min) / f64::from(args.bins);
             bins.into_iter().enumerate().map(|(i, cells)| (first.min + i as f64 * width, cells)).collect()
         }
         _ => Vec::new(),
