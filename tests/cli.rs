@@ -221,10 +221,10 @@ fn points() {
     let many = "3,0\n".repeat(1_500_000);
     let run = spinney(&["point", "--cells", &trees.classic]).write_stdin(many).assert().success();
     assert!(run.get_output().stdout == "3\n".repeat(1_500_000).into_bytes());
-    let run = spinney(&["point", "--cells", &trees.classic]).write_stdin("0,0\n1,1\nhere\n").assert().code(1);
+    let run = spinney(&["point", "--cells", &trees.classic]).write_stdin("0,0\n\nhere\n").assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
-    assert!(text.contains('3') && text.contains("`here`"), "{text}");
-    complaint(&["point", &trees.classic, "1,2,3,4"], 1);
+    assert!(text.contains("standard input, line 3: `here`"), "{text}");
+    assert!(complaint(&["point", &trees.classic, "1,1", "1,2,3,4"], 1).contains("point 2: `1,2,3,4`"));
     complaint(&["point", &trees.classic, "nan,1"], 1);
     complaint(&["point", &trees.classic, "--level", "4", "1,1"], 1);
     assert_eq!(output(&["point", "--cells", &trees.octree, "0,0,10", "12,0,0"]), "void\nvoid\n");
