@@ -203,6 +203,20 @@ fn get_refuses_what_makes_no_sense() {
     complaint(&["get", &trees.classic, &out, "--window", "0,0,0,1"], 1);
     complaint(&["get", &trees.classic, &out, "--window", "1,2,3"], 2);
     complaint(&["get", &trees.octree, &out, "--slice", "10"], 1);
+    // Rows that would not fit in memory.
+    let most = u64::MAX.to_string();
+    for request in [
+        ["--window", "0,0,4000000000,1"],
+        ["--window", &format!("0,0,{most},{most}")],
+        ["--size", "4000000000x10"],
+        ["--size", &format!("{most}x{most}")],
+    ] {
+        for format in ["png", "tif", "exr", "npy", "raw"] {
+            let file = if format == "exr" { fixture("v1/elevation.goblin") } else { trees.classic.clone() };
+            let text = complaint(&["get", &file, &out, "--format", format, request[0], request[1]], 1);
+            assert!(text.contains("a row of") && text.contains("fewer columns"), "{request:?}: {text}");
+        }
+    }
     assert!(!trees.path("out.png").exists());
 }
 
