@@ -120,6 +120,16 @@ fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
         assert!(bytes == place.old || bytes == new, "{} bytes", bytes.len());
         assert!(open(&place.output, &Default::default()).is_ok());
     }
+    // What the killed ones left behind, the next one removes, except what somebody is writing.
+    let left = |random: &str| place.folder.path().join(format!(".out.goblin.{random}.partial"));
+    std::fs::write(left("abc123"), "left behind").unwrap();
+    std::fs::write(left("not-ours"), "somebody's").unwrap();
+    let busy = std::fs::File::create(left("DEF456")).unwrap();
+    busy.lock().unwrap();
+    assert!(build(&place.picture, &place.output).wait().unwrap().success());
+    let expected = [".out.goblin.DEF456.partial", ".out.goblin.not-ours.partial"];
+    assert_eq!(place.files()[..2], expected);
+    assert_eq!(place.files()[2..], ["large.tif", "out.goblin", "small.tif"]);
     // Both are whole.
     for bytes in [&place.old, &new] {
         std::fs::write(&place.output, bytes).unwrap();
