@@ -255,7 +255,14 @@ fn statistics() {
     }
     let part = json(&["stats", &trees.classic, "--json", "--window", "3,1,4,2"]);
     assert_eq!((&part["cells"], &part["channels"][0]["mean"]), (&8.into(), &2.375.into()));
-    assert!(output(&["stats", &trees.classic]).contains("cells      64"));
+    let text = output(&["stats", &trees.classic]);
+    assert!(text.contains("cells      64") && text.contains("area       unknown: no EPSG number"), "{text}");
+    let degrees = trees.name("degrees.goblin");
+    let place = ["--epsg", "4326", "--transform", "1,0,7,0,-1,50", "--kind", "categorical"];
+    spinney(&["build", "-q", &fixture("classic.png"), "-o", &degrees]).args(place).assert().success();
+    let text = output(&["stats", &degrees]);
+    assert!(text.contains("area       unknown: cells of degrees"), "{text}");
+    assert!(json(&["stats", &degrees, "--json"])["area_m2"].is_null());
     assert!(output(&["stats", &trees.octree]).contains("channel 1"));
     assert!(json(&["stats", &trees.octree, "--json"])["histogram"].as_array().unwrap().len() == 16);
     let bins = |bins: &str| json(&["stats", &trees.octree, "--json", "--bins", bins])["histogram"].clone();
@@ -319,6 +326,14 @@ fn verify_tells_good_from_damaged() {
     let (out, err) = (String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap());
     assert!(err.lines().count() == 1 && err.contains(&missing), "{err}");
     assert!(out.contains(&bad) && out.ends_with(&format!("{}: good\n", trees.classic)), "{out}");
+}
+
+#[test]
+fn help_has_examples() {
+    for command in ["build", "info", "get", "point", "stats", "find", "dump", "verify"] {
+        let text = output(&[command, "--help"]);
+        assert!(text.contains("Examples:") && text.contains(&format!("  spinney {command} ")), "{command}");
+    }
 }
 
 #[test]

@@ -10,8 +10,16 @@ use spinney::Error;
 use super::progress::Work;
 use super::{Global, complain, print_text};
 
+const EXAMPLES: &str = "Examples:
+  spinney verify world.goblin
+  spinney verify --quiet *.goblin || echo damaged
+
+A line of the answer has a file and `good`, or the place and kind of a damage. All files are checked, also after one that
+cannot be read; the exit code is 1 if any was not good.";
+
 /// Check every checksum and every rule of the tree
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Tree files
     #[arg(required = true)]
