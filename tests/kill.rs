@@ -15,7 +15,7 @@ use spinney::store::Output;
 use spinney::value::{SampleType, ValueType};
 use tempfile::TempDir;
 
-const SIDE: u64 = 5000;
+const SIDE: u64 = 4000;
 
 /// A folder with a picture that takes a while and the tree of a small one.
 struct Place {
@@ -141,7 +141,7 @@ fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
 #[test]
 fn a_full_disk_is_told_and_nothing_is_left() {
     let place = Place::new();
-    for blocks in [0, 1, 100, 20_000] {
+    for blocks in [0, 1, 100, 10_000] {
         let run = build_within(blocks, &place);
         let text = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(1), "{blocks} blocks: {text}");
