@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command as Process, Stdio};
 
 use assert_cmd::Command;
-use common::{Cells, goblin_bytes};
+use common::{CLASSIC, Cells, goblin_bytes};
 use serde_json::Value as Json;
 use spinney::import::raster::{self, Pixels};
 use spinney::space::{Oct, Region};
@@ -39,18 +39,6 @@ fn complaint(arguments: &[&str], code: i32) -> String {
 fn fixture(name: &str) -> String {
     format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"))
 }
-
-/// The picture of the literature's tables.
-const CLASSIC: [[u8; 8]; 8] = [
-    [1, 1, 1, 3, 3, 1, 1, 1],
-    [1, 1, 3, 3, 3, 3, 1, 1],
-    [1, 1, 3, 3, 3, 2, 1, 1],
-    [1, 1, 1, 2, 2, 2, 2, 2],
-    [1, 1, 1, 1, 2, 2, 2, 2],
-    [1, 1, 1, 1, 2, 2, 2, 2],
-    [1, 1, 1, 1, 1, 1, 1, 2],
-    [1, 1, 1, 1, 1, 1, 1, 1],
-];
 
 /// A folder with the trees that are asked.
 struct Trees {
