@@ -14,8 +14,8 @@ const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
   spinney stats landcover.goblin --window 0,0,4096,4096 --json
 
-Areas in square metres are told for projected coordinate systems that count in metres, except Web Mercator. Cells of
-degrees differ in area.";
+Areas in square metres are told for projected coordinate systems that count in metres, except Web
+Mercator. Cells of degrees differ in area.";
 
 /// Exact statistics of any part
 #[derive(clap::Args)]

@@ -14,8 +14,8 @@ const EXAMPLES: &str = "Examples:
   spinney verify world.goblin
   spinney verify --quiet *.goblin || echo damaged
 
-A line of the answer has a file and `good`, or the place and kind of a damage. All files are checked, also after one that
-cannot be read; the exit code is 1 if any was not good.";
+A line of the answer has a file and `good`, or the place and kind of a damage. All files are
+checked, also after one that cannot be read; the exit code is 1 if any was not good.";
 
 /// Check every checksum and every rule of the tree
 #[derive(clap::Args)]
