@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command as Process, Stdio};
 
 use assert_cmd::Command;
-use common::{Cells, goblin_bytes};
+use common::{CLASSIC, Cells, goblin_bytes};
 use serde_json::Value as Json;
 use spinney::import::raster::{self, Pixels};
 use spinney::space::{Oct, Region};
@@ -39,18 +39,6 @@ fn complaint(arguments: &[&str], code: i32) -> String {
 fn fixture(name: &str) -> String {
     format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"))
 }
-
-/// The picture of the literature's tables.
-const CLASSIC: [[u8; 8]; 8] = [
-    [1, 1, 1, 3, 3, 1, 1, 1],
-    [1, 1, 3, 3, 3, 3, 1, 1],
-    [1, 1, 3, 3, 3, 2, 1, 1],
-    [1, 1, 1, 2, 2, 2, 2, 2],
-    [1, 1, 1, 1, 2, 2, 2, 2],
-    [1, 1, 1, 1, 2, 2, 2, 2],
-    [1, 1, 1, 1, 1, 1, 1, 2],
-    [1, 1, 1, 1, 1, 1, 1, 1],
-];
 
 /// A folder with the trees that are asked.
 struct Trees {
@@ -203,6 +191,20 @@ fn get_refuses_what_makes_no_sense() {
     complaint(&["get", &trees.classic, &out, "--window", "0,0,0,1"], 1);
     complaint(&["get", &trees.classic, &out, "--window", "1,2,3"], 2);
     complaint(&["get", &trees.octree, &out, "--slice", "10"], 1);
+    // Rows that would not fit in memory.
+    let most = u64::MAX.to_string();
+    for request in [
+        ["--window", "0,0,4000000000,1"],
+        ["--window", &format!("0,0,{most},{most}")],
+        ["--size", "4000000000x10"],
+        ["--size", &format!("{most}x{most}")],
+    ] {
+        for format in ["png", "tif", "exr", "npy", "raw"] {
+            let file = if format == "exr" { fixture("v1/elevation.goblin") } else { trees.classic.clone() };
+            let text = complaint(&["get", &file, &out, "--format", format, request[0], request[1]], 1);
+            assert!(text.contains("a row of") && text.contains("fewer columns"), "{request:?}: {text}");
+        }
+    }
     assert!(!trees.path("out.png").exists());
 }
 
@@ -221,10 +223,10 @@ fn points() {
     let many = "3,0\n".repeat(1_500_000);
     let run = spinney(&["point", "--cells", &trees.classic]).write_stdin(many).assert().success();
     assert!(run.get_output().stdout == "3\n".repeat(1_500_000).into_bytes());
-    let run = spinney(&["point", "--cells", &trees.classic]).write_stdin("0,0\n1,1\nhere\n").assert().code(1);
+    let run = spinney(&["point", "--cells", &trees.classic]).write_stdin("0,0\n\nhere\n").assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
-    assert!(text.contains('3') && text.contains("`here`"), "{text}");
-    complaint(&["point", &trees.classic, "1,2,3,4"], 1);
+    assert!(text.contains("standard input, line 3: `here`"), "{text}");
+    assert!(complaint(&["point", &trees.classic, "1,1", "1,2,3,4"], 1).contains("point 2: `1,2,3,4`"));
     complaint(&["point", &trees.classic, "nan,1"], 1);
     complaint(&["point", &trees.classic, "--level", "4", "1,1"], 1);
     assert_eq!(output(&["point", "--cells", &trees.octree, "0,0,10", "12,0,0"]), "void\nvoid\n");
@@ -241,9 +243,19 @@ fn statistics() {
     }
     let part = json(&["stats", &trees.classic, "--json", "--window", "3,1,4,2"]);
     assert_eq!((&part["cells"], &part["channels"][0]["mean"]), (&8.into(), &2.375.into()));
-    assert!(output(&["stats", &trees.classic]).contains("cells      64"));
+    let text = output(&["stats", &trees.classic]);
+    assert!(text.contains("cells      64") && text.contains("area       unknown: no EPSG number"), "{text}");
+    let degrees = trees.name("degrees.goblin");
+    let place = ["--epsg", "4326", "--transform", "1,0,7,0,-1,50", "--kind", "categorical"];
+    spinney(&["build", "-q", &fixture("classic.png"), "-o", &degrees]).args(place).assert().success();
+    let text = output(&["stats", &degrees]);
+    assert!(text.contains("area       unknown: cells of degrees"), "{text}");
+    assert!(json(&["stats", &degrees, "--json"])["area_m2"].is_null());
     assert!(output(&["stats", &trees.octree]).contains("channel 1"));
     assert!(json(&["stats", &trees.octree, "--json"])["histogram"].as_array().unwrap().len() == 16);
+    let bins = |bins: &str| json(&["stats", &trees.octree, "--json", "--bins", bins])["histogram"].clone();
+    assert_eq!((bins("0").as_array().unwrap().len(), bins("65536").as_array().unwrap().len()), (0, 65536));
+    assert!(complaint(&["stats", &trees.octree, "--bins", "65537"], 2).contains("65536"));
 }
 
 #[test]
@@ -295,6 +307,21 @@ fn verify_tells_good_from_damaged() {
     let run = spinney(&["verify", &bad]).assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stdout).into_owned();
     assert!(text.lines().any(|line| line.contains("segment")), "{text}");
+    // A file that cannot be opened does not keep the others from being checked.
+    let missing = trees.name("missing.goblin");
+    let run = spinney(&["verify", &missing, &bad, &trees.classic]).assert().code(1);
+    let (out, err) = (run.get_output().stdout.clone(), run.get_output().stderr.clone());
+    let (out, err) = (String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap());
+    assert!(err.lines().count() == 1 && err.contains(&missing), "{err}");
+    assert!(out.contains(&bad) && out.ends_with(&format!("{}: good\n", trees.classic)), "{out}");
+}
+
+#[test]
+fn help_has_examples() {
+    for command in ["build", "info", "get", "point", "stats", "find", "dump", "verify"] {
+        let text = output(&[command, "--help"]);
+        assert!(text.contains("Examples:") && text.contains(&format!("  spinney {command} ")), "{command}");
+    }
 }
 
 #[test]

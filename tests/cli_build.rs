@@ -29,7 +29,7 @@ fn small() -> tempfile::TempDir {
     folder
 }
 
-/// A picture of 2^15 x 2^15 pixels: one in 64 chunks is a ramp, the others are of one value each.
+/// A picture of 2^15 x 2^13 pixels: one in 64 chunks is a ramp, the others are of one value each.
 fn large(folder: &Path, tiled: bool) -> PathBuf {
     let chunk = |pixel: &dyn Fn(u32, u32) -> u8, width: u32, height: u32| {
         let pixels: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect();
@@ -37,16 +37,16 @@ fn large(folder: &Path, tiled: bool) -> PathBuf {
         encoder.write_all(&pixels).unwrap();
         encoder.finish().unwrap()
     };
-    let side: u32 = 1 << 15;
-    let [width, height] = if tiled { [1024, 1024] } else { [side, 32] };
+    let [columns, rows]: [u32; 2] = [1 << 15, 1 << 13];
+    let [width, height] = if tiled { [1024, 1024] } else { [columns, 32] };
     let ramp = chunk(&|x, y| ((x / 3 + y / 5) % 256) as u8, width, height);
     let flat: Vec<Vec<u8>> = (0..5).map(|value| chunk(&|_, _| value, width, height)).collect();
-    let count = (side / width * (side / height)) as usize;
+    let count = (columns / width * (rows / height)) as usize;
     let chunks: Vec<Vec<u8>> =
         (0..count).map(|i| if i % 64 == 5 { ramp.clone() } else { flat[i / 3 % 5].clone() }).collect();
     let ifd = Ifd::grey(0, 0, Vec::new())
-        .tag(256, Values::Long(vec![side]))
-        .tag(257, Values::Long(vec![side]))
+        .tag(256, Values::Long(vec![columns]))
+        .tag(257, Values::Long(vec![rows]))
         .short(259, &[8]);
     let ifd = if tiled {
         ifd.short(322, &[width as u16]).short(323, &[height as u16])

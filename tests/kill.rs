@@ -15,7 +15,7 @@ use spinney::store::Output;
 use spinney::value::{SampleType, ValueType};
 use tempfile::TempDir;
 
-const SIDE: u64 = 5000;
+const SIDE: u64 = 4000;
 
 /// A folder with a picture that takes a while and the tree of a small one.
 struct Place {
@@ -120,6 +120,16 @@ fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
         assert!(bytes == place.old || bytes == new, "{} bytes", bytes.len());
         assert!(open(&place.output, &Default::default()).is_ok());
     }
+    // What the killed ones left behind, the next one removes, except what somebody is writing.
+    let left = |random: &str| place.folder.path().join(format!(".out.goblin.{random}.partial"));
+    std::fs::write(left("abc123"), "left behind").unwrap();
+    std::fs::write(left("not-ours"), "somebody's").unwrap();
+    let busy = std::fs::File::create(left("DEF456")).unwrap();
+    busy.lock().unwrap();
+    assert!(build(&place.picture, &place.output).wait().unwrap().success());
+    let expected = [".out.goblin.DEF456.partial", ".out.goblin.not-ours.partial"];
+    assert_eq!(place.files()[..2], expected);
+    assert_eq!(place.files()[2..], ["large.tif", "out.goblin", "small.tif"]);
     // Both are whole.
     for bytes in [&place.old, &new] {
         std::fs::write(&place.output, bytes).unwrap();
@@ -131,7 +141,7 @@ fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
 #[test]
 fn a_full_disk_is_told_and_nothing_is_left() {
     let place = Place::new();
-    for blocks in [0, 1, 100, 20_000] {
+    for blocks in [0, 1, 100, 10_000] {
         let run = build_within(blocks, &place);
         let text = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(1), "{blocks} blocks: {text}");

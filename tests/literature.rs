@@ -4,28 +4,19 @@
 //! "The survey" is P. Slavik's survey of hierarchical data structures (in Czech); "the 1991 papers" are those of
 //! Trstenjak, Zalik and Guid on octrees from boundary models (in Slovene).
 
+mod common;
+
+use common::CLASSIC;
 use spinney::space::{Code, Dimension, Oct, Quad};
 use spinney::store::Output;
 use spinney::store::goblin::{BuildOptions, Goblin, INNER, Metadata, Record, build};
 use spinney::tree::{Child, MemTree, Source, df};
 use spinney::value::{Kind, Rule};
 
-/// The picture behind the two ten-record tables, row 0 in the north.
-const PICTURE: [[u8; 8]; 8] = [
-    [1, 1, 1, 3, 3, 1, 1, 1],
-    [1, 1, 3, 3, 3, 3, 1, 1],
-    [1, 1, 3, 3, 3, 2, 1, 1],
-    [1, 1, 1, 2, 2, 2, 2, 2],
-    [1, 1, 1, 1, 2, 2, 2, 2],
-    [1, 1, 1, 1, 2, 2, 2, 2],
-    [1, 1, 1, 1, 1, 1, 1, 2],
-    [1, 1, 1, 1, 1, 1, 1, 1],
-];
-
 const PREORDER: &str = "GG1G13331G3312GG31331G3222G11221G221G1211";
 
 fn picture() -> MemTree<Quad, [u8; 1]> {
-    MemTree::from_cells(3, Rule::Dominant, |[x, y, _]| Some([PICTURE[y as usize][x as usize]]))
+    MemTree::from_cells(3, Rule::Dominant, |[x, y, _]| Some([CLASSIC[y as usize][x as usize]]))
 }
 
 fn picture_file() -> Goblin<Quad, [u8; 1]> {
@@ -163,7 +154,7 @@ fn preorder_of_the_picture() {
     for y in 0..8 {
         for x in 0..8 {
             let code = Code::from_cell(3, [x, y, 0]).unwrap();
-            assert_eq!(again.value_at(code), Some([PICTURE[y as usize][x as usize]]));
+            assert_eq!(again.value_at(code), Some([CLASSIC[y as usize][x as usize]]));
         }
     }
 }
@@ -279,7 +270,7 @@ fn reads_to_find_a_cell() {
             for step in code.digits() {
                 let fields = GOBLIN[record - 1];
                 if fields[step] > 0 {
-                    assert_eq!(fields[step], PICTURE[y as usize][x as usize] as i32);
+                    assert_eq!(fields[step], CLASSIC[y as usize][x as usize] as i32);
                     break;
                 }
                 record += 1;

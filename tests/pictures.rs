@@ -330,7 +330,9 @@ fn truncated_files_are_errors() {
     let options = OpenOptions { memory: 1 << 20, ..OpenOptions::default() };
     for file in small_files(folder.path()) {
         let bytes = fs::read(&file).unwrap();
-        for length in 0..bytes.len() {
+        // Everywhere in the headers and at the end, in places between.
+        let (start, end) = (300, bytes.len().saturating_sub(100));
+        for length in (0..bytes.len()).filter(|cut| *cut < start || *cut > end || cut % 7 == 0) {
             fs::write(&path, &bytes[..length]).unwrap();
             let result = read(&path, &options);
             assert!(result.is_err(), "{} of {} bytes of {}", length, bytes.len(), file.display());
@@ -350,7 +352,7 @@ fn altered_files_do_no_harm() {
     };
     for file in small_files(folder.path()) {
         let bytes = fs::read(&file).unwrap();
-        for _ in 0..600 {
+        for _ in 0..250 {
             let mut altered = bytes.clone();
             for _ in 0..=random(3) {
                 // Headers matter most.

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{Cells, Random, goblin};
-use spinney::query::{Condition, FoundBlock};
+use spinney::query::{Condition, FoundBlock, Tree};
 use spinney::space::{Bounds, Code, Oct, Quad};
 use spinney::store::goblin::{Goblin, Layout, depth_for};
 use spinney::tree::MemTree;
@@ -65,6 +65,15 @@ fn any_window_at_any_level() {
     windows::<Quad, [f32; 1]>(4, [513, 1, 1], Rule::Mean, Kind::Continuous);
     windows::<Oct, [u8; 1]>(5, [90, 70, 80], Rule::Mean, Kind::Continuous);
     windows::<Oct, [u16; 1]>(6, [200, 140, 20], Rule::Majority, Kind::Categorical);
+}
+
+#[test]
+fn the_picture_has_a_size_at_every_level() {
+    let cells = Cells::<[u8; 1]>::random(7, [70, 33, 1], 9, false);
+    let file = goblin::<Quad, [u8; 1]>(&cells, Rule::Mean, Kind::Continuous);
+    let size = |level| file.extent_at(level).max;
+    assert_eq!([size(0), size(3), size(6), size(7)], [[1, 1, 1], [5, 3, 1], [35, 17, 1], [70, 33, 1]]);
+    assert_eq!([size(8), size(255)], [size(7); 2]);
 }
 
 #[test]

@@ -8,8 +8,13 @@ use spinney::query::Tree;
 
 use super::{open, print_json, print_text};
 
+const EXAMPLES: &str = "Examples:
+  spinney info world.goblin
+  spinney info world.goblin --json > world.json";
+
 /// Tell what is in a file
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Tree file
     file: PathBuf,

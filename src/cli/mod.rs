@@ -119,11 +119,16 @@ pub(crate) fn main() -> ExitCode {
         Err(error) => {
             let code = exit_code(&error);
             if code != BROKEN_PIPE {
-                let _ = writeln!(io::stderr(), "spinney: {error:#}");
+                complain(&error);
             }
             ExitCode::from(code)
         }
     }
+}
+
+/// A line about a failure.
+fn complain(error: &anyhow::Error) {
+    let _ = writeln!(io::stderr(), "spinney: {error:#}");
 }
 
 /// What a shell reports of a program that wrote to a closed pipe: no failure to tell about.

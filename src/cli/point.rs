@@ -40,7 +40,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let depth = tree.depth();
     let level = args.level.unwrap_or(depth);
     ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
-    let points = Points { tree: &*tree, level, cells: args.cells };
+    let from = if args.points.is_empty() { "standard input, line" } else { "point" };
+    let points = Points { tree: &*tree, level, cells: args.cells, from };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
         let lines = args.points.join("\n");
@@ -55,6 +56,8 @@ struct Points<'a> {
     tree: &'a dyn Tree,
     level: u8,
     cells: bool,
+    /// What a point's number counts, for people.
+    from: &'static str,
 }
 
 /// Bytes of input answered at a time, by all threads.
@@ -118,11 +121,11 @@ impl Points<'_> {
                 let number = word.parse().ok().filter(|number: &f64| number.is_finite());
                 match (number, point.get_mut(numbers)) {
                     (Some(number), Some(place)) => *place = number,
-                    _ => bail!("point {}: `{line}` is not X,Y", first + i as u64),
+                    _ => bail!("{} {}: `{line}` is not X,Y", self.from, first + i as u64),
                 }
                 numbers += 1;
             }
-            ensure!(numbers >= 2, "point {}: `{line}` is not X,Y", first + i as u64);
+            ensure!(numbers >= 2, "{} {}: `{line}` is not X,Y", self.from, first + i as u64);
             let cell = if self.cells {
                 point
             } else {

@@ -12,7 +12,10 @@ use super::{open, print_json};
 
 const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
-  spinney stats landcover.goblin --window 0,0,4096,4096 --json";
+  spinney stats landcover.goblin --window 0,0,4096,4096 --json
+
+Areas in square metres are told for projected coordinate systems that count in metres, except Web
+Mercator. Cells of degrees differ in area.";
 
 /// Exact statistics of any part
 #[derive(clap::Args)]
@@ -22,9 +25,9 @@ pub(crate) struct Args {
     file: PathBuf,
     #[command(flatten)]
     part: Part,
-    /// Bins of the histogram of the first channel, where the file does not count classes; 0 for none
-    #[arg(long, default_value_t = 16)]
-    bins: usize,
+    /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0 for none
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
+    bins: u32,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -37,11 +40,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let picture = Bounds { min: [0; 3], max: tree.header().extent };
     let bounds = bounds.unwrap_or(picture).intersect(&picture);
     let histogram = match stats.channels.first() {
-        Some(first)
-            if stats.classes.is_empty() && first.min < first.max && (1..=65536).contains(&args.bins) =>
-        {
-            let bins = tree.histogram(&bounds, first.min, first.max, args.bins)?;
-            let width = (first.max - first.min) / args.bins as f64;
+        Some(first) if stats.classes.is_empty() && first.min < first.max && args.bins > 0 => {
+            let bins = tree.histogram(&bounds, first.min, first.max, args.bins as usize)?;
+            let width = (first.max - first.min) / f64::from(args.bins);
             bins.into_iter().enumerate().map(|(i, cells)| (first.min + i as f64 * width, cells)).collect()
         }
         _ => Vec::new(),
@@ -53,18 +54,23 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
 }
 
-/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true.
-fn cell_area(tree: &dyn Tree) -> Option<f64> {
+/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true; otherwise why not.
+fn cell_area(tree: &dyn Tree) -> Result<f64, &'static str> {
     let frame = &tree.metadata().frame;
-    let epsg =
-        frame.epsg.filter(|epsg| *epsg != 3857 && !is_geographic(u16::try_from(*epsg).unwrap_or(0)))?;
+    let epsg = frame.epsg.ok_or("no EPSG number tells how large a cell is")?;
+    if epsg == 3857 {
+        return Err("Web Mercator does not keep areas");
+    }
+    if is_geographic(u16::try_from(epsg).unwrap_or(0)) {
+        return Err("cells of degrees differ in area; build from a raster in a projected system");
+    }
     let name = frame.crs_name.as_deref().unwrap_or_default().to_lowercase();
     let [a, b, _, d, e, _] = frame.affine();
     let feet = name.contains("ft")
         || name.contains("foot")
         || name.contains("feet")
         || (2222..=2289).contains(&epsg);
-    (!feet).then_some((a * e - b * d).abs())
+    if feet { Err("the coordinate system counts in feet") } else { Ok((a * e - b * d).abs()) }
 }
 
 fn class_name(tree: &dyn Tree, value: f64) -> Option<&str> {
@@ -72,7 +78,7 @@ fn class_name(tree: &dyn Tree, value: f64) -> Option<&str> {
 }
 
 fn as_json(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {
-    let area = cell_area(tree);
+    let area = cell_area(tree).ok();
     let channels: Vec<_> = stats
         .channels
         .iter()
@@ -103,8 +109,9 @@ fn print(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> Resul
     let mut text = String::new();
     let area = cell_area(tree);
     writeln!(text, "cells      {}, and {} VOID", stats.cells, stats.void_cells)?;
-    if let Some(area) = area {
-        writeln!(text, "area       {:.0} m2", area * stats.cells as f64)?;
+    match area {
+        Ok(area) => writeln!(text, "area       {:.0} m2", area * stats.cells as f64)?,
+        Err(reason) => writeln!(text, "area       unknown: {reason}")?,
     }
     if stats.classes.is_empty() {
         for (i, channel) in stats.channels.iter().enumerate() {
@@ -129,7 +136,7 @@ fn print(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> Resul
         for (value, cells) in &stats.classes {
             let share = 100.0 * *cells as f64 / stats.cells as f64;
             write!(text, "{value:>8} {cells:>14} cells {share:>8.4} %")?;
-            if let Some(area) = area {
+            if let Ok(area) = area {
                 write!(text, " {:>16.0} m2", area * *cells as f64)?;
             }
             writeln!(text, "  {}", class_name(tree, *value).unwrap_or_default())?;

@@ -5,11 +5,21 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 
+use spinney::Error;
+
 use super::progress::Work;
-use super::{Global, open, print_text};
+use super::{Global, complain, print_text};
+
+const EXAMPLES: &str = "Examples:
+  spinney verify world.goblin
+  spinney verify --quiet *.goblin || echo damaged
+
+A line of the answer has a file and `good`, or the place and kind of a damage. All files are
+checked, also after one that cannot be read; the exit code is 1 if any was not good.";
 
 /// Check every checksum and every rule of the tree
 #[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Tree files
     #[arg(required = true)]
@@ -20,8 +30,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     let work = Work::start(global, "cells")?;
     let mut good = true;
     for file in &args.files {
-        let tree = open(file)?;
-        let findings = tree.verify(256 << 20, &work)?;
+        let tree = spinney::query::open(file, &Default::default());
+        let findings = match tree.and_then(|tree| tree.verify(256 << 20, &work)) {
+            Ok(findings) => findings,
+            Err(Error::Interrupted) => return Err(Error::Interrupted.into()),
+            Err(error) => {
+                // The other files are still to be checked.
+                complain(&error.into());
+                good = false;
+                continue;
+            }
+        };
         for finding in &findings {
             print_text(&format!("{}: {}: {}\n", file.display(), finding.place, finding.problem))?;
         }

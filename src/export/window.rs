@@ -16,7 +16,7 @@ pub struct WindowRequest {
     pub detail: Detail,
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
     pub nodata: Option<f64>,
-    /// Bytes of samples held at a time.
+    /// Bytes to hold at a time; what one row of the output needs must fit.
     pub memory: u64,
 }
 
@@ -35,7 +35,8 @@ pub enum Detail {
 /// centre.
 ///
 /// # Errors
-/// If the window is empty, the format cannot hold the values, the tree is damaged, or on interruption.
+/// If the window is empty, one row needs more memory than is allowed, the format cannot hold the values, the tree is
+/// damaged, or on interruption.
 pub fn export_window(
     tree: &dyn Tree,
     request: &WindowRequest,
@@ -92,6 +93,16 @@ pub fn export_window(
     };
     let header = tree.header();
     let metadata = tree.metadata();
+    let row_bytes = row_bytes(header.value, source.size()[0], request.detail, step[1]);
+    if row_bytes > request.memory {
+        return Err(Error::TooLarge {
+            path: tree.path().to_path_buf(),
+            what: format!("a row of {width} pixels of the output"),
+            needed: row_bytes,
+            limit: request.memory,
+            advice: "ask for fewer columns or a coarser level".into(),
+        });
+    }
     let may_be_void = tree.statistics(Some(request.bounds))?.cells < request.bounds.volume();
     let fill = request.nodata.or(fill_for(tree)?);
     let mut frame = metadata.frame.coarser(shift).shifted([origin[0], origin[1], source.min[2] as f64]);
@@ -113,8 +124,7 @@ pub fn export_window(
     };
     let mut writer = create(output, format, &spec)?;
     let sampler = Sampler { tree, level, source, origin, step, fill: fill.unwrap_or(0.0), width };
-    let row_bytes = source.size()[0] * (header.value.size() as u64 + 1);
-    let rows = (request.memory / row_bytes.max(1) / 2).clamp(1, 256).min(height);
+    let rows = (request.memory / row_bytes / 2).clamp(1, 256).min(height);
     let mut row = 0;
     while row < height {
         progress.check()?;
@@ -124,10 +134,24 @@ pub fn export_window(
             Detail::Size(..) => sampler.resample(row, count)?,
         };
         writer.write_rows(&bytes, may_be_void.then_some(&valid))?;
-        progress.advance(count * width, height * width);
+        progress.advance(count * width, height.saturating_mul(width));
         row += count;
     }
     writer.finish()
+}
+
+/// What a row of the output needs: the cells it is made of, `step` rows of them if it is resampled, and its pixels.
+fn row_bytes(value: ValueType, cells: u64, detail: Detail, step: f64) -> u64 {
+    // A flag tells whether there is a value.
+    let pixel = value.size() as u64 + 1;
+    let row = cells.saturating_mul(pixel);
+    match detail {
+        Detail::Level(_) => row,
+        Detail::Size(width, _) => {
+            let lines = step.ceil() as u64 + 1;
+            row.saturating_mul(lines).saturating_add(width.saturating_mul(pixel + size_of::<Span>() as u64))
+        }
+    }
 }
 
 /// A number for VOID cells: the file's own, NaN for floating samples, or one that no cell has; `None` if every number

@@ -35,9 +35,10 @@ pub trait Tree: Send + Sync {
         self.header().shape.depth
     }
 
-    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID.
+    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID. Below the
+    /// cells there is nothing finer: such a level counts as [`Tree::depth`].
     fn extent_at(&self, level: u8) -> Bounds {
-        let shift = self.depth() - level;
+        let shift = self.depth().saturating_sub(level);
         Bounds { min: [0; 3], max: self.header().extent.map(|cells| cells.div_ceil(1 << shift)) }
     }
 

@@ -1,6 +1,6 @@
 //! Writing a file so that nobody ever sees half of it.
 
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,8 @@ use crate::{Error, Result};
 ///
 /// A file is written under a temporary name in the target's folder and takes the target's place only in
 /// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it. Dropping the
-/// output without committing removes the temporary file.
+/// output without committing removes the temporary file; if the process is killed, the next output of that name
+/// does.
 pub struct Output {
     path: PathBuf,
     sink: Sink,
@@ -35,12 +36,8 @@ impl Output {
             let is_folder = io::Error::from(io::ErrorKind::IsADirectory);
             return Err(Error::io(path, "create a file")(is_folder));
         } else {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let file = tempfile::Builder::new()
-                .prefix(&format!(".{name}."))
-                .suffix(".partial")
-                .tempfile_in(folder(path))
-                .map_err(Error::io(path, "create a temporary file beside the target"))?;
+            let file =
+                temporary(path).map_err(Error::io(path, "create a temporary file beside the target"))?;
             Sink::File(BufWriter::with_capacity(BUFFER, file))
         };
         Ok(Output { path: path.to_path_buf(), sink })
@@ -94,6 +91,49 @@ impl Write for Output {
         match &mut self.sink {
             Sink::File(file) => file.flush(),
             Sink::Stdout(out) => out.flush(),
+        }
+    }
+}
+
+/// Letters and digits between a temporary file's prefix and suffix.
+const RANDOM: usize = 6;
+
+const SUFFIX: &str = ".partial";
+
+/// A file beside the target, with a lock that tells others that it is being written.
+fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let prefix = format!(".{}.", target.file_name().unwrap_or_default().to_string_lossy());
+    let folder = folder(target);
+    remove_left_behind(folder, &prefix);
+    loop {
+        let file =
+            tempfile::Builder::new().prefix(&prefix).suffix(SUFFIX).rand_bytes(RANDOM).tempfile_in(folder)?;
+        // Before it is locked, another process may take it for one that was left behind. Where there are no locks,
+        // nobody takes anything.
+        let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
+        if !taken && file.path().exists() {
+            return Ok(file);
+        }
+    }
+}
+
+/// Removes what processes that were killed have left: temporary files for the same target that nobody holds a lock
+/// on. What cannot be removed stays, which is no reason to fail.
+fn remove_left_behind(folder: &Path, prefix: &str) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let random = name.to_str().and_then(|name| name.strip_prefix(prefix)?.strip_suffix(SUFFIX));
+        let is_ours = random.is_some_and(|random| {
+            random.len() == RANDOM && random.bytes().all(|byte| byte.is_ascii_alphanumeric())
+        });
+        if !is_ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        // The lock is held while the file is removed, so that its maker cannot take it meanwhile.
+        if let Ok(file) = File::open(entry.path())
+            && file.try_lock().is_ok()
+        {
+            let _ = std::fs::remove_file(entry.path());
         }
     }
 }

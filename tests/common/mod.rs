@@ -12,6 +12,18 @@ use spinney::store::goblin::{
 use spinney::value::{Kind, Rule, Sample, SampleType, Value};
 use zerocopy::IntoBytes;
 
+/// The picture behind the literature's two ten-record tables, row 0 in the north.
+pub const CLASSIC: [[u8; 8]; 8] = [
+    [1, 1, 1, 3, 3, 1, 1, 1],
+    [1, 1, 3, 3, 3, 3, 1, 1],
+    [1, 1, 3, 3, 3, 2, 1, 1],
+    [1, 1, 1, 2, 2, 2, 2, 2],
+    [1, 1, 1, 1, 2, 2, 2, 2],
+    [1, 1, 1, 1, 2, 2, 2, 2],
+    [1, 1, 1, 1, 1, 1, 1, 2],
+    [1, 1, 1, 1, 1, 1, 1, 1],
+];
+
 /// Test data that may be absent: `../shared/data`, or where `SPINNEY_DATA` points.
 pub fn shared_data() -> Option<PathBuf> {
     let folder = std::env::var_os("SPINNEY_DATA").map(PathBuf::from);
