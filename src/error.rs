@@ -11,14 +11,14 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused an operation on a file.
-    #[error("{}: cannot {doing}: {source}", path.display())]
+    #[error("{}: cannot {doing}: {cause}", path.display())]
     Io {
         /// The file (or `-` for a standard stream).
         path: PathBuf,
         /// What was being done, as a verb phrase: "open", "write the directory".
         doing: &'static str,
         /// The operating system's answer.
-        source: io::Error,
+        cause: io::Error,
     },
     /// The file's bytes break the rules of its format.
     #[error("{}: {place}: found {found}, expected {expected}; the file is damaged or not what its name says", path.display())]
@@ -75,7 +75,7 @@ impl Error {
     /// An operating-system error while `doing` something to `path`; use with `map_err`.
     pub fn io(path: impl Into<PathBuf>, doing: &'static str) -> impl FnOnce(io::Error) -> Error {
         let path = path.into();
-        move |source| Error::Io { path, doing, source }
+        move |cause| Error::Io { path, doing, cause }
     }
 
     /// Bytes of `path` that break the format's rules.

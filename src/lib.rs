@@ -3,6 +3,7 @@
 mod error;
 pub mod export;
 pub mod import;
+pub mod ops;
 mod progress;
 pub mod query;
 pub mod space;

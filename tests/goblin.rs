@@ -23,7 +23,7 @@ where
                 assert!(x.same(y), "{code}: representatives {x:?} and {y:?}");
                 let (m, n) = (a.children(&m).unwrap(), b.children(&n).unwrap());
                 let pairs = m.as_ref().iter().zip(n.as_ref()).enumerate();
-                pending.extend(pairs.map(|(i, (m, n))| (code.child(i), *m, *n)));
+                pending.extend(pairs.map(|(i, (m, n))| (code.child(i), m.clone(), n.clone())));
             }
             other => panic!("{code}: {other:?}"),
         }

@@ -38,7 +38,8 @@ fn nodes<S: Source>(source: &S) -> Vec<(Code<S::Dim>, Child<S::Value, S::Node>)>
         nodes.push((code, place.clone()));
         if let Child::Inner { node, .. } = place {
             let children = source.children(&node).unwrap();
-            pending.extend((0..S::Dim::CHILDREN).rev().map(|i| (code.child(i), children.as_ref()[i].clone())));
+            pending
+                .extend((0..S::Dim::CHILDREN).rev().map(|i| (code.child(i), children.as_ref()[i].clone())));
         }
     }
     nodes

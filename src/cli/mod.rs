@@ -138,7 +138,7 @@ fn exit_code(error: &anyhow::Error) -> u8 {
     let is_broken_pipe = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
     match error.downcast_ref() {
         Some(spinney::Error::Interrupted) => 130,
-        Some(spinney::Error::Io { source, .. }) if is_broken_pipe(source) => BROKEN_PIPE,
+        Some(spinney::Error::Io { cause, .. }) if is_broken_pipe(cause) => BROKEN_PIPE,
         _ if error.downcast_ref().is_some_and(is_broken_pipe) => BROKEN_PIPE,
         _ => 1,
     }

@@ -72,7 +72,9 @@ pub(super) fn leaf_codes<S: Source>(source: &S) -> Result<String> {
             }
             Child::Inner { node, .. } => {
                 let children = source.children(&node)?;
-                pending.extend(children.as_ref().iter().enumerate().rev().map(|(i, c)| (code.child(i), c.clone())));
+                pending.extend(
+                    children.as_ref().iter().enumerate().rev().map(|(i, c)| (code.child(i), c.clone())),
+                );
             }
         }
     }

@@ -1,11 +1,13 @@
 //! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is cut.
 
+use zerocopy::{FromBytes, IntoBytes};
+
 use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::goblin::{Goblin, Layout};
 use crate::value::{Sample, Sum, Tally, Value, channelwise_max, channelwise_min};
 
-use super::walk::{Visitor, walk};
+use super::walk::{BadSkip, Visitor, leaves, walk};
 
 /// Statistics of the cells of a box that are not VOID.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -54,7 +56,7 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         walk(self, if bounds == picture { &space } else { &bounds }, &mut gather)?;
         let Gather { classes, mut tally, segments, .. } = gather;
         if let Some(classes) = classes {
-            for (value, cells) in classes.counts {
+            for (value, cells) in classes.finish() {
                 tally = Tally::merge(&[&tally, &Tally::leaf(value, cells, true)]);
             }
         }
@@ -96,16 +98,38 @@ fn summary<V: Value>(tally: &Tally<V>, volume: u64, segments_read: u64) -> Stati
 struct Classes<V> {
     counts: Vec<(V, u64)>,
     last: usize,
+    /// Cells of each value that is one byte, still to be added.
+    bytes: Vec<u64>,
 }
 
 impl<V> Default for Classes<V> {
     fn default() -> Self {
-        Classes { counts: Vec::new(), last: 0 }
+        Classes { counts: Vec::new(), last: 0, bytes: vec![0; 256] }
     }
 }
 
 impl<V: Value> Classes<V> {
+    #[inline]
     fn add(&mut self, value: V, cells: u64) {
+        if let [byte] = value.to_wire().as_bytes() {
+            self.bytes[*byte as usize] += cells;
+        } else {
+            self.add_sorted(value, cells);
+        }
+    }
+
+    fn finish(mut self) -> Vec<(V, u64)> {
+        for (byte, cells) in std::mem::take(&mut self.bytes).into_iter().enumerate() {
+            if cells > 0
+                && let Ok(wire) = V::Wire::read_from_bytes(&[byte as u8])
+            {
+                self.add_sorted(V::from_wire(wire), cells);
+            }
+        }
+        self.counts
+    }
+
+    fn add_sorted(&mut self, value: V, cells: u64) {
         if !self.counts.get(self.last).is_some_and(|(last, _)| last.same(value)) {
             self.last = match self.counts.binary_search_by(|(other, _)| other.order(value)) {
                 Ok(place) => place,
@@ -140,10 +164,27 @@ impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
     }
 
     fn block(&mut self, _: Code<D>, value: Option<V>, cells: u64, _: Option<&Bounds>) -> Result<()> {
-        let Some(value) = value else { return Ok(()) };
+        if let Some(value) = value {
+            self.count(value, cells);
+        }
+        Ok(())
+    }
+
+    fn subtree(&mut self, records: &[D::Record<V>], levels: u8) -> Option<Result<(), BadSkip>> {
+        Some(leaves::<D, V>(records, levels, |value, cells| self.count(value, cells)))
+    }
+
+    fn enter_segment(&mut self) {
+        self.segments += 1;
+    }
+}
+
+impl<D: Layout, V: Value> Gather<'_, D, V> {
+    #[inline]
+    fn count(&mut self, value: V, cells: u64) {
         if let Some(classes) = &mut self.classes {
             classes.add(value, cells);
-            return Ok(());
+            return;
         }
         let tally = &mut self.tally;
         if tally.cells == 0 {
@@ -157,11 +198,6 @@ impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
             tally.sum.as_mut()[channel] = tally.sum.as_ref()[channel] + sum;
             tally.squares.as_mut()[channel] = tally.squares.as_ref()[channel] + square;
         }
-        Ok(())
-    }
-
-    fn enter_segment(&mut self) {
-        self.segments += 1;
     }
 }
 

@@ -12,6 +12,11 @@ pub(super) trait Visitor<D: Layout, V: Value> {
     fn zone(&mut self, code: Code<D>, segment: usize) -> Result<bool>;
     /// A uniform block (`None` is VOID) of which so many cells lie in the box; if not all do, `part` has those that do.
     fn block(&mut self, code: Code<D>, value: Option<V>, cells: u64, part: Option<&Bounds>) -> Result<()>;
+    /// The records of a whole subtree that lies in the box, none of it in another segment, and its levels: whether the
+    /// visitor has taken all of it at once. Otherwise the walk goes through them.
+    fn subtree(&mut self, _: &[D::Record<V>], _: u8) -> Option<Result<(), BadSkip>> {
+        None
+    }
     /// The walk has gone through all children of a node.
     fn leave(&mut self, _: Code<D>) -> Result<()> {
         Ok(())
@@ -23,6 +28,48 @@ pub(super) trait Visitor<D: Layout, V: Value> {
     /// The walk goes into a segment's records.
     fn enter_segment(&mut self) {}
 }
+
+/// The records of a subtree contradict each other.
+pub(super) struct BadSkip;
+
+/// Hands out all leaves of a whole subtree with their cells, in one go over its records.
+pub(super) fn leaves<D: Layout, V: Value>(
+    records: &[D::Record<V>],
+    levels: u8,
+    mut leaf: impl FnMut(V, u64),
+) -> Result<(), BadSkip> {
+    // Ends of the subtrees that the record is in.
+    let mut ends = [records.len(); MOST_LEVELS + 1];
+    let mut level = 0;
+    let mut inner = 0;
+    for (i, record) in records.iter().enumerate() {
+        while i >= ends[level] {
+            level -= 1;
+        }
+        let end = i + record.skip() as usize;
+        if level >= levels as usize || end <= i || end > ends[level] {
+            return Err(BadSkip);
+        }
+        let height = levels as usize - level - 1;
+        let cells = 1u64 << (D::AXES * height);
+        let states = record.states();
+        for child in 0..D::CHILDREN {
+            match (states >> (2 * child)) as u8 & 3 {
+                VOID => {}
+                LEAF => leaf(record.value(child), cells),
+                INNER if height > 0 => inner += 1,
+                _ => return Err(BadSkip),
+            }
+        }
+        level += 1;
+        ends[level] = end;
+    }
+    // One record for each INNER child, and the root's.
+    if inner + 1 == records.len() { Ok(()) } else { Err(BadSkip) }
+}
+
+/// Levels of the deepest trees.
+const MOST_LEVELS: usize = 32;
 
 /// Walks all of `bounds` (cells of the deepest level), in FD order.
 pub(super) fn walk<D: Layout, V: Value>(
@@ -119,7 +166,8 @@ impl<D: Layout, V: Value> Walk<'_, D, V> {
         }
         visitor.enter_segment();
         let segment = self.tree.segment(index)?;
-        self.node(&segment, segment.records(), Node { at: 0, code, space, light: false }, visitor)
+        let light = code.level() >= self.tree.header().shape.block_level();
+        self.node(&segment, segment.records(), Node { at: 0, code, space, light }, visitor)
     }
 
     fn node(
@@ -131,6 +179,13 @@ impl<D: Layout, V: Value> Walk<'_, D, V> {
     ) -> Result<()> {
         let Node { at, code, space, light } = node;
         let shape = &self.tree.header().shape;
+        if light && space.is_none() {
+            let subtree = records.get(at..at + records[at].skip() as usize).unwrap_or(&[]);
+            let levels = shape.depth.saturating_sub(code.level());
+            if let Some(taken) = visitor.subtree(subtree, levels) {
+                return taken.map_err(|_| self.tree.bad_skip(segment, at));
+            }
+        }
         let record = &records[at];
         let places = child_places::<D, V>(records, at).ok_or_else(|| self.tree.bad_skip(segment, at))?;
         if code.level() >= shape.depth {

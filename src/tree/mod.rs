@@ -5,4 +5,4 @@ mod memory;
 mod source;
 
 pub use memory::MemTree;
-pub use source::{Child, Source};
+pub use source::{Child, Source, Stored};

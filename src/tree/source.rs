@@ -3,7 +3,8 @@
 use std::fmt::Debug;
 
 use crate::Result;
-use crate::space::Dimension;
+use crate::space::{Code, Dimension};
+use crate::store::goblin::{Goblin, Layout};
 use crate::value::Value;
 
 /// What stands at one place of a tree.
@@ -38,6 +39,15 @@ impl<V: Copy, N> Child<V, N> {
     }
 }
 
+/// A node of a file, with all that is below it.
+#[derive(Clone, Copy)]
+pub struct Stored<'a, D: Layout, V: Value> {
+    /// The file.
+    pub file: &'a Goblin<D, V>,
+    /// The node.
+    pub code: Code<D>,
+}
+
 /// Everything that can be walked from the root down: a mapped file, a tree in memory, a view of either.
 ///
 /// This is the `classify` and `subdivide` scheme of the octree literature: a source says VOID, LEAF or INNER for a
@@ -63,4 +73,41 @@ pub trait Source {
         &self,
         node: &Self::Node,
     ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>>;
+
+    /// The file and the node in it that an INNER node is, with all that is below it, if it is one of a file: what
+    /// stores trees may then copy what is stored instead of asking for it.
+    fn stored(&self, _: &Self::Node) -> Option<Stored<'_, Self::Dim, Self::Value>>
+    where
+        Self::Dim: Layout,
+    {
+        None
+    }
+}
+
+impl<S: Source> Source for &S {
+    type Dim = S::Dim;
+    type Value = S::Value;
+    type Node = S::Node;
+
+    fn depth(&self) -> u8 {
+        (**self).depth()
+    }
+
+    fn root(&self) -> Result<Child<Self::Value, Self::Node>> {
+        (**self).root()
+    }
+
+    fn children(
+        &self,
+        node: &Self::Node,
+    ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>> {
+        (**self).children(node)
+    }
+
+    fn stored(&self, node: &Self::Node) -> Option<Stored<'_, Self::Dim, Self::Value>>
+    where
+        Self::Dim: Layout,
+    {
+        (**self).stored(node)
+    }
 }

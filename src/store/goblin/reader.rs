@@ -15,7 +15,7 @@ use super::record::{CUT, INNER, LEAF, Layout, Record, VOID};
 use super::segment::{Bytes, Segment, child_place, child_places};
 use crate::space::{Code, Dimension};
 use crate::store::{Mapped, Positioned, Storage};
-use crate::tree::{Child, Source};
+use crate::tree::{Child, Source, Stored};
 use crate::value::{Sum, Tally, Value};
 use crate::{Error, Result};
 
@@ -520,6 +520,10 @@ impl<D: Layout, V: Value> Source for Goblin<D, V> {
             };
         }
         Ok(children)
+    }
+
+    fn stored(&self, node: &Handle<D>) -> Option<Stored<'_, D, V>> {
+        Some(Stored { file: self, code: node.code })
     }
 }
 
