@@ -129,5 +129,5 @@ fn file<D: Layout + Dimension, V: Value>(
     let depth = depth_for(size);
     let tree = MemTree::<D, V>::from_cells(depth, rule, cell);
     let options = BuildOptions { rule, kind, depth, memory: 16 << 20, metadata };
-    build(&tree, size, &options, Output::create(path)?, &())
+    build(&tree, size, &options, Output::create(path)?, &()).map(|_| ())
 }

@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::bail;
 use spinney::import::raster::{self, ImportOptions};
 use spinney::store::Output;
 use spinney::value::{Kind, Rule};
 
 use super::progress::Work;
-use super::{Global, Result, quantity};
+use super::{Global, Result, check_output, quantity};
 
 /// Make a tree of a picture, or of several on one grid.
 ///
@@ -69,9 +68,7 @@ The output appears under its name only when it is complete; until then, an older
 
 pub(crate) fn run(args: Args, global: &Global) -> Result {
     let start = Instant::now();
-    if let Some(input) = args.inputs.iter().find(|input| is_same_file(input, &args.output)) {
-        bail!("{}: is an input and the output; choose another output", input.display());
-    }
+    check_output(args.inputs.iter().map(PathBuf::as_path), &args.output)?;
     let Args { inputs, output: path, kind, rule, band: bands, nodata, depth, epsg, transform, layer, memory } =
         args;
     let memory = Some(memory);
@@ -100,14 +97,6 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
         _ => global.say(format_args!("{:<10} standard output, in {time}", "output")),
     }
     Ok(())
-}
-
-/// Whether two paths lead to one file, which is there.
-fn is_same_file(a: &Path, b: &Path) -> bool {
-    match (a.canonicalize(), b.canonicalize()) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => false,
-    }
 }
 
 fn parse_transform(text: &str) -> Result<[f64; 6], String> {

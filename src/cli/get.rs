@@ -10,7 +10,7 @@ use spinney::store::Output;
 
 use super::place::Part;
 use super::progress::Work;
-use super::{Global, open};
+use super::{Global, check_output, open};
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
@@ -60,11 +60,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let Some(format) = format else {
         bail!("{}: unknown format; use .png, .tif, .exr, .npy or .raw, or --format", args.output.display());
     };
-    if args.output != Path::new("-")
-        && std::fs::canonicalize(&args.output).ok() == Some(std::fs::canonicalize(&args.file)?)
-    {
-        bail!("{}: input and output are the same file", args.output.display());
-    }
+    check_output([args.file.as_path()], &args.output)?;
     let picture = Bounds { min: [0; 3], max: tree.header().extent };
     let mut bounds = args.part.bounds(&*tree)?.unwrap_or(picture);
     if args.slice >= picture.max[2] {

@@ -1,6 +1,7 @@
 //! The command line: one module per subcommand, and what they share.
 
 mod build;
+mod combine;
 mod completions;
 mod dump;
 mod find;
@@ -11,11 +12,13 @@ mod point;
 mod progress;
 mod quantity;
 mod stats;
+mod transform;
 mod verify;
 
 use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 use spinney::query::Tree;
@@ -63,6 +66,8 @@ enum Command {
     Stats(stats::Args),
     Find(find::Args),
     Dump(dump::Args),
+    Transform(transform::Args),
+    Combine(combine::Args),
     Verify(verify::Args),
     Completions(completions::Args),
 }
@@ -77,6 +82,8 @@ impl Command {
             Command::Stats(args) => stats::run(&args),
             Command::Find(args) => find::run(&args),
             Command::Dump(args) => dump::run(&args),
+            Command::Transform(args) => transform::run(args, global),
+            Command::Combine(args) => combine::run(args, global),
             Command::Verify(args) => return verify::run(&args, global),
             Command::Completions(args) => completions::run(args),
         }
@@ -97,6 +104,32 @@ impl Global {
 /// Opens a tree file of any type.
 fn open(path: &Path) -> Result<Box<dyn Tree>> {
     Ok(spinney::query::open(path, &Default::default())?)
+}
+
+/// No input may be the output.
+fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result {
+    let same = |input: &Path| match (input.canonicalize(), output.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => false,
+    };
+    match inputs.into_iter().find(|input| same(input)) {
+        Some(input) => {
+            anyhow::bail!("{}: is an input and the output; choose another output", input.display())
+        }
+        None => Ok(()),
+    }
+}
+
+/// A line about the file that was made.
+fn tell_output(global: &Global, path: &Path, start: Instant) {
+    let time = format!("{:.1} s", start.elapsed().as_secs_f64());
+    match std::fs::metadata(path) {
+        Ok(file) if path != Path::new("-") => {
+            let size = quantity::bytes(file.len());
+            global.say(format_args!("{:<10} {}: {size}, in {time}", "output", path.display()));
+        }
+        _ => global.say(format_args!("{:<10} standard output, in {time}", "output")),
+    }
 }
 
 fn print_text(text: &str) -> Result {

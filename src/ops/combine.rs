@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 use crate::space::{Code, Dimension};
 use crate::store::goblin::Layout;
 use crate::tree::{Child, Source, Stored};
-use crate::value::{Sample, Value, channelwise_max, channelwise_min};
+use crate::value::{Sample, SampleType, Value, channelwise_max, channelwise_min};
 use crate::{Error, Result};
 
 /// Whose value counts where both have one.
@@ -18,8 +18,8 @@ pub enum Prefer {
 }
 
 /// How trees are settled into one, cell by cell; a cell is present if it is not VOID.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Operation<V> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
     /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both belong
     /// to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of neither. So 1 is
     /// the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union, 12 the complement of
@@ -29,8 +29,6 @@ pub enum Operation<V> {
         number: u8,
         /// Whose value stands where both are present.
         prefer: Prefer,
-        /// The value of cells of neither.
-        fill: V,
     },
     /// The first of any number of trees that is present.
     Over,
@@ -64,7 +62,9 @@ enum Settled<V> {
 #[derive(Clone, Debug)]
 pub struct Combined<S: Source> {
     sources: Vec<S>,
-    operation: Operation<S::Value>,
+    operation: Operation,
+    /// The value of cells that are present in neither tree.
+    fill: S::Value,
     /// Cells along each axis; cells of none of the trees are present only in here.
     extent: [u64; 3],
 }
@@ -87,7 +87,7 @@ impl<S: Source> Combined<S> {
     ///
     /// # Errors
     /// If depths differ, or the operation takes another number of trees.
-    pub fn new(sources: Vec<S>, operation: Operation<S::Value>, extent: [u64; 3]) -> Result<Combined<S>> {
+    pub fn new(sources: Vec<S>, operation: Operation, extent: [u64; 3]) -> Result<Combined<S>> {
         let takes = match operation {
             Operation::Set { number, .. } if number > 15 => {
                 return Err(Error::invalid("set operation", number.to_string(), "0 to 15"));
@@ -105,7 +105,15 @@ impl<S: Source> Combined<S> {
             let expected = format!("{depth}, as the first tree has; deepen the view of the shallower one");
             return Err(Error::invalid("depth of a tree", other.depth().to_string(), expected));
         }
-        Ok(Combined { sources, operation, extent })
+        let full = if <S::Value as Value>::Sample::TYPE == SampleType::U8 { 255.0 } else { 1.0 };
+        let fill = S::Value::from_channels(|_| Sample::from_f64_lossy(full));
+        Ok(Combined { sources, operation, fill, extent })
+    }
+
+    /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for bytes, which
+    /// says full in solids, and 1 for other types unless chosen.
+    pub fn filled_with(self, fill: S::Value) -> Combined<S> {
+        Combined { fill, ..self }
     }
 
     /// The trees.
@@ -131,7 +139,7 @@ impl<S: Source> Combined<S> {
             }
         };
         match self.operation {
-            Operation::Set { number, prefer, fill } => self.settle_set(code, places, number, prefer, fill),
+            Operation::Set { number, prefer } => self.settle_set(code, places, number, prefer),
             Operation::Over => match places {
                 [] => Settled::Void,
                 [(_, Child::Leaf(value)), ..] => Settled::Leaf(*value),
@@ -166,7 +174,6 @@ impl<S: Source> Combined<S> {
         places: &[(usize, Place<S>)],
         number: u8,
         prefer: Prefer,
-        fill: S::Value,
     ) -> Settled<S::Value> {
         let present = |tree: usize| match places.get(tree).map(|(_, place)| place) {
             None | Some(Child::Void) => (false, true),
@@ -222,7 +229,7 @@ impl<S: Source> Combined<S> {
             (true, [false, false, false]) => Settled::Void,
             (false, [true, false, false]) if let Some(value) = leaf(0) => Settled::Leaf(value),
             (false, [false, true, false]) if let Some(value) = leaf(1) => Settled::Leaf(value),
-            (false, [false, false, true]) => Settled::Leaf(fill),
+            (false, [false, false, true]) => Settled::Leaf(self.fill),
             _ if is[0] => Settled::Take(0),
             _ if is[1] => Settled::Take(1),
             _ => Settled::Split,

@@ -4,13 +4,23 @@
 //! [`Combined`] settles several sources into one, by presence or by value. Both read only what somebody asks for, and
 //! can be asked, walked and stored like any other source.
 
+mod align;
 mod area;
 mod combine;
+mod cross;
+mod data_box;
+mod files;
 mod look;
 mod map;
+mod step;
 mod view;
 
+pub use align::{Alignment, align};
 pub use combine::{Combined, CombinedNode, Operation, Prefer};
+pub use cross::{Pair, cross};
+pub use data_box::data_box;
+pub use files::{Chain, Outcome, PairOfSamples, combine, cross_files, transform};
 pub use look::{Around, ViewNode};
 pub use map::{Axis, Map};
+pub use step::{Step, Turn};
 pub use view::{Sampling, View};

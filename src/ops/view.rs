@@ -190,17 +190,37 @@ impl<S: Source> View<S> {
     ///
     /// # Errors
     /// If the map cannot be inverted, leaves a quadtree's plane, or the result needs a deeper tree than there can be.
-    pub fn transform(mut self, map: &Map) -> Result<View<S>> {
-        self.check_axes(map)?;
-        map.inverse()?;
+    pub fn transform(self, map: &Map) -> Result<View<S>> {
         let end = DVec3::from(self.extent.map(|cells| cells as f64));
         let (min, max) = map.bounding_box(DVec3::ZERO, end);
         let (min, max) = ((min + TINY).floor(), (max - TINY).ceil());
+        let extent = (max - min).max(DVec3::ONE).to_array().map(|cells| cells as u64);
+        self.mapped(map, min, extent)
+    }
+
+    /// Maps the view's cells onto a given grid of so many cells; what falls outside is not seen.
+    ///
+    /// # Errors
+    /// As [`View::transform`].
+    pub fn onto(self, map: &Map, extent: [u64; 3]) -> Result<View<S>> {
+        if extent.contains(&0) {
+            return Err(Error::invalid(
+                "size of the result",
+                show(&extent, S::Dim::AXES),
+                "at least one cell",
+            ));
+        }
+        self.mapped(map, DVec3::ZERO, extent)
+    }
+
+    fn mapped(mut self, map: &Map, min: DVec3, extent: [u64; 3]) -> Result<View<S>> {
+        self.check_axes(map)?;
+        map.inverse()?;
         let there = Map::translation((-self.origin).to_array()).then(map);
         let and_back = Map::translation(self.origin.to_array());
         self.placed = self.placed.then(&there).then(&and_back);
         self.origin += min;
-        self.extent = (max - min).max(DVec3::ONE).to_array().map(|cells| cells as u64);
+        self.extent = extent;
         self.fitted()
     }
 
@@ -248,6 +268,11 @@ impl<S: Source> View<S> {
     pub fn sampled(mut self, sampling: Sampling) -> Result<View<S>> {
         self.sampling = sampling;
         self.renewed()
+    }
+
+    /// Whether a window was taken: there may be less to see than the source has.
+    pub fn is_cut(&self) -> bool {
+        !self.windows.is_empty()
     }
 
     /// The view's frame, from the source's. By default cells stay where they are in the world, however they are

@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 
 use super::counts::LevelCounts;
+use super::directory::Entry;
 use super::part::{Part, Sealed};
 use super::record::Layout;
+use super::segment::Segment;
 use super::shape::Shape;
 use crate::Result;
 use crate::space::Code;
@@ -15,6 +17,9 @@ use crate::value::{Rule, Value};
 pub(super) trait SegmentSink<D: Layout, V: Value> {
     /// Takes one segment.
     fn segment(&mut self, segment: Sealed<D, V>) -> Result<()>;
+
+    /// Takes one segment of another file as it is; the entry has the code it gets.
+    fn copy(&mut self, segment: &Segment<'_, D, V>, entry: Entry<D, V>) -> Result<()>;
 }
 
 /// Merges parts whose siblings are complete and seals segments.

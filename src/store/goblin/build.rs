@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::assemble::{Assembler, SegmentSink};
 use super::block::Block;
 use super::cells::{Found, Slab, Slabs};
+use super::copy::Copied;
 use super::counts::LevelCounts;
 use super::header::{Codec, Header};
 use super::metadata::Metadata;
@@ -17,7 +18,7 @@ use super::writer::Writer;
 use crate::space::Code;
 use crate::store::Output;
 use crate::tree::{Child, Source};
-use crate::value::{Kind, Rule, Value};
+use crate::value::{Kind, Rule, Tally, Value};
 use crate::{Error, Progress, Result};
 
 /// What to build.
@@ -66,7 +67,8 @@ impl BuildOptions {
 /// The smallest depth whose space holds so many cells along every axis.
 pub fn depth_for(extent: [u64; 3]) -> u8 {
     let most = extent.into_iter().max().unwrap_or(1).max(1);
-    most.next_power_of_two().trailing_zeros() as u8
+    // (More than 2^63 fit in no tree, whatever is answered.)
+    most.checked_next_power_of_two().map_or(64, |side| side.trailing_zeros() as u8)
 }
 
 /// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
@@ -105,7 +107,8 @@ pub fn build_slabs<D: Layout, V: Value>(
 
 /// Builds a file from any source.
 ///
-/// `extent` is what the header tells as the picture's size; cells outside must be VOID.
+/// `extent` is what the header tells as the picture's size; cells outside must be VOID. Returns what is known of all
+/// cells. What the source has stored in a file of the same rule is copied as it is.
 ///
 /// # Errors
 /// As [`build_slabs`].
@@ -115,26 +118,36 @@ pub fn build<S>(
     options: &BuildOptions,
     output: Output,
     progress: &dyn Progress,
-) -> Result<()>
+) -> Result<Tally<S::Value>>
 where
     S: Source + Sync,
     S::Dim: Layout,
 {
     let header = options.header::<S::Dim, S::Value>(extent)?;
     let writer = Writer::new(output, &header, options.memory / 8)?;
-    let (writer, root, counts) = walk(source, options, header.shape, writer, progress)?;
+    let Walked { sink: writer, root, counts } = walk(source, options, header.shape, true, writer, progress)?;
     let metadata = Metadata { counts, ..options.metadata.clone() };
-    writer.finish(root, &metadata)
+    writer.finish(root.child, &metadata)?;
+    Ok(root.tally)
 }
 
-/// Walks a whole source and hands the segments of its tree to a sink; returns it with the root and the counts.
+/// What comes of walking a source.
+pub(super) struct Walked<D: Layout, V: Value, K> {
+    pub(super) sink: K,
+    pub(super) root: Part<D, V>,
+    pub(super) counts: LevelCounts,
+}
+
+/// Walks a whole source and hands the segments of its tree to a sink. With
+/// `copy`, segments that the source has stored are taken as they are.
 pub(super) fn walk<S, K>(
     source: &S,
     options: &BuildOptions,
     shape: Shape,
+    copy: bool,
     sink: K,
     progress: &dyn Progress,
-) -> Result<(K, Child<S::Value, ()>, LevelCounts)>
+) -> Result<Walked<S::Dim, S::Value, K>>
 where
     S: Source + Sync,
     S::Dim: Layout,
@@ -145,10 +158,23 @@ where
         return Err(Error::invalid("depth", shape.depth.to_string(), expected));
     }
     let mut builder = Builder::new(options, shape, [u64::MAX; 3], sink);
+    let stored = |code: Code<S::Dim>, place: &Child<S::Value, S::Node>| {
+        let Child::Inner { representative, node } = place else { return Ok(None) };
+        let stored = source.stored(node).filter(|stored| {
+            let header = stored.file.header();
+            copy && header.rule == options.rule && stored.file.counts_classes() == options.count_classes()
+        });
+        stored.map_or(Ok(None), |stored| Copied::of(stored, code, *representative, &shape))
+    };
     let mut pending = vec![(Code::ROOT, source.root()?)];
     let mut batch = Vec::new();
     let total = 1u64 << (<S::Dim as crate::space::Dimension>::AXES * shape.depth as usize).min(63);
     while let Some((code, place)) = pending.pop() {
+        if let Some(copied) = stored(code, &place)? {
+            builder.nodes(source, mem::take(&mut batch), total, progress)?;
+            builder.copied(copied, total, progress)?;
+            continue;
+        }
         match place {
             Child::Inner { node, .. } if code.level() < shape.block_level() => {
                 let children = source.children(&node)?;
@@ -166,7 +192,7 @@ where
     builder.nodes(source, batch, total, progress)?;
     let Builder { assembler, sink, .. } = builder;
     let counts = assembler.counts.clone();
-    Ok((sink, assembler.finish().child, counts))
+    Ok(Walked { sink, root: assembler.finish(), counts })
 }
 
 /// A block's part of the tree, its own segment, and its nodes per level.
@@ -259,6 +285,21 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         Ok(())
     }
 
+    /// What is stored somewhere below one node.
+    fn copied(&mut self, copied: Copied<'_, D, V>, total: u64, progress: &dyn Progress) -> Result<()> {
+        copied.send(&mut self.sink)?;
+        let cells = self.cells(copied.part.code);
+        self.assembler.counts.merge(&copied.counts);
+        self.assembler.push(copied.part, &mut self.sink)?;
+        progress.advance(cells, total);
+        Ok(())
+    }
+
+    /// Cells of a node, for the progress.
+    fn cells(&self, code: Code<D>) -> u64 {
+        1 << (D::AXES * (self.plan.shape.depth - code.level()) as usize).min(63)
+    }
+
     /// Some nodes of a source, at the level of blocks or uniform above it.
     #[allow(clippy::type_complexity)] // a list of places: a name for it would hide more than it says
     fn nodes<S>(
@@ -282,10 +323,7 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         };
         let built: Result<Vec<Built<D, V>>> = batch.par_iter().map(build).collect();
         built?.into_iter().try_for_each(|built| self.push(built))?;
-        let cells = |(code, _): &(Code<D>, _)| {
-            1u64 << (D::AXES * (self.plan.shape.depth - code.level()) as usize).min(63)
-        };
-        progress.advance(batch.iter().map(cells).sum(), total);
+        progress.advance(batch.iter().map(|(code, _)| self.cells(*code)).sum(), total);
         Ok(())
     }
 }

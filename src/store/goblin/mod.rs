@@ -8,6 +8,7 @@ mod assemble;
 mod block;
 mod build;
 mod cells;
+mod copy;
 mod counts;
 mod directory;
 mod header;

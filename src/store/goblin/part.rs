@@ -7,11 +7,14 @@ use crate::space::Code;
 use crate::tree::Child;
 use crate::value::{Rule, Tally, Value, representative};
 
+/// A number of records that makes a node heavy in a file of any shape.
+pub(super) const ENOUGH: u64 = u32::MAX as u64;
+
 /// A node and what coarser segments still need of the tree below it.
 pub(super) struct Part<D: Layout, V: Value> {
     pub(super) code: Code<D>,
     pub(super) child: Child<V, ()>,
-    /// Records of the whole subtree, written and forgotten ones included.
+    /// Records of the whole subtree, written and forgotten ones included; [`ENOUGH`] or more where nobody counted.
     pub(super) total: u64,
     /// Records in preorder: all of them, or those above a cut.
     pub(super) records: Vec<D::Record<V>>,
@@ -95,7 +98,7 @@ impl<D: Layout, V: Value> Part<D, V> {
 }
 
 /// Copies the records of `levels` levels of the subtree at `place`; what lies deeper is CUT.
-fn trim<D: Layout, V: Value>(
+pub(super) fn trim<D: Layout, V: Value>(
     records: &[D::Record<V>],
     place: usize,
     levels: u8,
@@ -107,13 +110,14 @@ fn trim<D: Layout, V: Value>(
     above.push(record);
     let mut next = place + 1;
     for i in 0..D::CHILDREN {
-        if record.state(i) == INNER {
+        // (Records of a file may lie.)
+        if let (INNER, Some(child)) = (record.state(i), records.get(next)) {
             if levels > 1 {
                 trim::<D, V>(records, next, levels - 1, above);
             } else {
                 states |= (CUT as u32) << (2 * i);
             }
-            next += records[next].skip() as usize;
+            next += child.skip() as usize;
         }
     }
     record.set_states(states);

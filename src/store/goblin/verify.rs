@@ -6,10 +6,12 @@
 use zerocopy::IntoBytes;
 
 use super::assemble::SegmentSink;
-use super::build::{BuildOptions, walk};
+use super::build::{BuildOptions, Walked, walk};
+use super::directory::Entry;
 use super::part::Sealed;
 use super::reader::Goblin;
 use super::record::{Layout, Record};
+use super::segment::Segment;
 use crate::value::Value;
 use crate::{Error, Progress, Result};
 
@@ -44,16 +46,18 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             memory,
             metadata: Default::default(),
         };
-        let (mut checker, root, counts) = match walk(self, &options, self.header().shape, checker, progress) {
-            Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
-                return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
-            }
-            walked => walked?,
-        };
+        let Walked { sink: mut checker, root, counts } =
+            match walk(self, &options, self.header().shape, false, checker, progress) {
+                Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
+                    return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
+                }
+                walked => walked?,
+            };
         if checker.seen != self.segments() {
             let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
             checker.add("directory".into(), found);
         }
+        let root = root.child;
         if self.root_place()? != root && !root.value().is_some_and(|value| value.is_nan()) {
             checker
                 .add("trailer".into(), format!("root {:?}, the leaves make it {root:?}", self.root_place()?));
@@ -114,6 +118,10 @@ impl<D: Layout, V: Value> Checker<'_, D, V> {
 
 /// Takes the segments as they should be.
 impl<D: Layout, V: Value> SegmentSink<D, V> for Checker<'_, D, V> {
+    fn copy(&mut self, _: &Segment<'_, D, V>, _: Entry<D, V>) -> Result<()> {
+        unreachable!("what is to be checked is made anew")
+    }
+
     fn segment(&mut self, should: Sealed<D, V>) -> Result<()> {
         let place = format!("segment {}", should.code);
         let index = self.file.find_segment(should.code);

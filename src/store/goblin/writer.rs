@@ -11,6 +11,7 @@ use super::header::{Header, Section, Trailer};
 use super::metadata::Metadata;
 use super::part::Sealed;
 use super::record::{INNER, LEAF, Layout, VOID};
+use super::segment::Segment;
 use super::sorter::Sorter;
 use crate::store::{Output, folder};
 use crate::tree::Child;
@@ -98,6 +99,13 @@ impl<D: Layout, V: Value> SegmentSink<D, V> for Writer {
             zone: tally,
         };
         self.sorter.push(code.bits(), entry.to_bytes())
+    }
+
+    fn copy(&mut self, segment: &Segment<'_, D, V>, mut entry: Entry<D, V>) -> Result<()> {
+        entry.offset = self.position;
+        self.write(segment.all_bytes(), "write a segment")?;
+        self.stored_records += u64::from(entry.records);
+        self.sorter.push(entry.code.bits(), entry.to_bytes())
     }
 }
 

@@ -1,0 +1,148 @@
+//! `spinney combine`
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail, ensure};
+use serde_json::json;
+use spinney::ops::{self, Operation, Prefer};
+use spinney::store::Output;
+
+use super::progress::Work;
+use super::{Global, Result, check_output, print_json, print_text, quantity, tell_output};
+
+/// Make one tree of several: unions, intersections, differences, one over the other, changes.
+///
+/// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and what it has
+/// stored is copied as it is. Files that lie at other places or have coarser cells (2, 4, 8, ... times as large) are put
+/// where they belong. Names, colours and rule are those of the first file.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// What to do: see below
+    operation: String,
+    /// Tree files of one kind
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// The file to make; - is standard output
+    #[arg(short, long, value_name = "OUT.goblin")]
+    output: Option<PathBuf>,
+    /// Whose value stands where a set operation finds both: a or b
+    #[arg(long, value_name = "WHOSE", default_value = "a", value_parser = ["a", "b", "first", "second"])]
+    values: String,
+    /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    fill: Option<f64>,
+    /// Print the table of `cross` as JSON
+    #[arg(long)]
+    json: bool,
+    /// Memory to use, such as 256M or 2G
+    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
+    memory: u64,
+}
+
+const EXAMPLES: &str = "\
+Set operations; a cell is present if it is not VOID. By number (1: both, 2: A only, 4: B only, 8: neither, added up)
+or by name:
+   0 none     1 and (intersection)   2 a-b (difference)   3 a     4 b-a        5 b       6 xor   7 or (union)
+   8 nor      9 xnor                10 not-b             11 a|!b 12 not (of one file, too)
+  13 b|!a    14 nand                15 all
+Operations on values:
+  over       the first file that has something; any number of files, so has union
+  mask       A where B has something
+  min max    of all files, where all have something
+  add        as min and max; sums are kept within what the type can hold
+  subtract   A minus the others, where all have something
+  equal      where A and B are the same
+  changed    where they differ: the value of B, or of A where B has none
+  cross      no tree but a table: which values of A meet which of B, in how many cells
+
+Examples:
+  spinney combine union land.goblin lakes.goblin -o surface.goblin
+  spinney combine a-b model.goblin drill.goblin -o part.goblin
+  spinney combine over patch3.goblin patch2.goblin base.goblin -o map.goblin
+  spinney combine changed 2020.goblin 2025.goblin -o changes.goblin
+  spinney combine cross 2020.goblin 2025.goblin
+  spinney combine not part.goblin -o mould.goblin";
+
+/// The sixteen by name, and other names for some.
+const SETS: [(u8, &[&str]); 16] = [
+    (0, &["none"]),
+    (1, &["and", "intersection"]),
+    (2, &["a-b", "difference"]),
+    (3, &["a"]),
+    (4, &["b-a"]),
+    (5, &["b"]),
+    (6, &["xor"]),
+    (7, &["or", "union"]),
+    (8, &["nor"]),
+    (9, &["xnor"]),
+    (10, &["not-b"]),
+    (11, &["a|!b"]),
+    (12, &["not", "not-a", "complement"]),
+    (13, &["b|!a"]),
+    (14, &["nand"]),
+    (15, &["all"]),
+];
+
+fn operation(name: &str, files: usize, prefer: Prefer) -> Option<Operation> {
+    let by_number = name.parse().ok().filter(|number| *number < 16);
+    let by_name = SETS.iter().find(|(_, names)| names.contains(&name)).map(|(number, _)| *number);
+    Some(match (name, by_number.or(by_name)) {
+        (_, Some(7)) if files != 2 && prefer == Prefer::First => Operation::Over,
+        (_, Some(number)) => Operation::Set { number, prefer },
+        ("over", _) => Operation::Over,
+        ("mask", _) => Operation::Set { number: 1, prefer: Prefer::First },
+        ("min", _) => Operation::Min,
+        ("max", _) => Operation::Max,
+        ("add", _) => Operation::Add,
+        ("subtract", _) => Operation::Subtract,
+        ("equal", _) => Operation::Equal,
+        ("changed", _) => Operation::Changed,
+        _ => return None,
+    })
+}
+
+pub(crate) fn run(args: Args, global: &Global) -> Result {
+    let start = Instant::now();
+    let Args { operation: name, files, output, values, fill, json, memory } = args;
+    if name == "cross" {
+        ensure!(output.is_none(), "cross prints a table: leave out --output");
+        return table(&files, json);
+    }
+    ensure!(!json, "--json is for the table of cross");
+    let prefer = if values == "a" || values == "first" { Prefer::First } else { Prefer::Second };
+    let Some(operation) = operation(&name, files.len(), prefer) else {
+        bail!("{name}: no such operation; `spinney help combine` lists them");
+    };
+    let path = output.context("--output is missing: where should the result go?")?;
+    check_output(files.iter().map(PathBuf::as_path), &path)?;
+    let work = Work::start(global, "cells")?;
+    let outcome = ops::combine(operation, fill, &files, Output::create(&path)?, memory, &work)?;
+    work.finish();
+    for (file, cells) in files.iter().zip(&outcome.before) {
+        global.say(format_args!("{:<10} {}: {cells} cells", "input", file.display()));
+    }
+    global.say(format_args!("{:<10} {} cells, depth {}", "result", outcome.after, outcome.depth));
+    tell_output(global, &path, start);
+    Ok(())
+}
+
+/// The table of pairs.
+fn table(files: &[PathBuf], json: bool) -> Result {
+    let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
+    let pairs = ops::cross_files(first, second)?;
+    if json {
+        let rows: Vec<_> = pairs
+            .iter()
+            .map(|(first, second, cells)| json!({ "first": first, "second": second, "cells": cells }))
+            .collect();
+        return print_json(&json!(rows));
+    }
+    let show = |value: &Option<Vec<f64>>| match value {
+        None => "-".to_string(),
+        Some(samples) => samples.iter().map(f64::to_string).collect::<Vec<_>>().join(","),
+    };
+    let rows = pairs.iter().map(|(a, b, cells)| format!("{:>12} {:>12} {cells:>16}\n", show(a), show(b)));
+    print_text(&format!("{:>12} {:>12} {:>16}\n{}", "first", "second", "cells", rows.collect::<String>()))
+}

@@ -1,0 +1,98 @@
+//! `spinney transform`
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use spinney::ops::{self, Chain, Step};
+use spinney::store::Output;
+
+use super::progress::Work;
+use super::{Global, Result, check_output, quantity, tell_output};
+
+/// Make a tree of a part of another, moved, scaled, mirrored or turned.
+///
+/// Steps are done in the order given; a chain of any length looks every cell up once, in the file as it is on disk, and
+/// memory does not grow with the picture. What lies in the file as it will lie in the result is copied as it is.
+/// Without steps the result is a condensed copy.
+///
+/// New cells that are no old ones get their value by the file's rule: the mean, or the class with the largest area, of
+/// what they cover; where axes do not stay axes, the value at their centre.
+///
+/// The picture stays where it is in the world, however its cells are arranged; with --move it moves with its cells.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Tree file
+    file: PathBuf,
+    /// What to do: see below
+    #[arg(value_name = "STEP", value_parser = step, allow_hyphen_values = false)]
+    steps: Vec<Step>,
+    /// The file to make; - is standard output
+    #[arg(short, long, value_name = "OUT.goblin")]
+    output: PathBuf,
+    /// Take the value at the centre of each new cell, also where the file's rule would average
+    #[arg(long)]
+    nearest: bool,
+    /// Move the picture in the world as its cells are moved
+    #[arg(long = "move")]
+    moves: bool,
+    /// Memory to use, such as 256M or 2G
+    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
+    memory: u64,
+}
+
+const EXAMPLES: &str = "\
+Steps:
+  window=COL,ROW,W,H       a box of cells, aligned or not; octrees: X,Y,Z,W,H,D
+  bbox=W,S,E,N             the cells in a box of the world
+  crop                     the smallest box around all data
+  translate=DX,DY[,DZ]     by cells or parts of cells; room is made on the far sides
+  scale=F  scale=FX,FY     so many times as many cells along each axis
+  rotate=DEG[@COL,ROW]     turns about a centre (the middle); clockwise, since rows go down
+  rotate=DEG,AXIS[@X,Y,Z]  octrees: AXIS is x, y, z or a direction such as 1,1,0
+  mirror=x  transpose      along an axis; columns for rows
+  axes=+y,-x,+z            where x, y and z of the result come from: all 48 symmetries
+  affine=a,b,c,d,e,f       col' = a col + b row + c, row' = d col + e row + f; or 12 numbers
+  depth=N                  coarser or finer cells, so that the tree has N levels
+  room=N                   a deeper root over the same cells
+  root=/031  nest=/2       a node becomes the root; the root becomes a node: doubles or halves the picture, with --move,
+                           and no record is touched
+  like=OTHER.goblin        onto the cells of another tree, whose place in the world is told
+
+Examples:
+  spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
+  spinney transform world.goblin bbox=5,44,17,48 scale=0.5 -o alps.goblin
+  spinney transform scan.goblin rotate=-1.3 crop -o straight.goblin
+  spinney transform map.goblin rotate=90 mirror=x -o turned.goblin
+  spinney transform bunny.goblin rotate=30,1,1,0 scale=2 -o large.goblin
+  spinney transform relief.goblin depth=10 -o coarse.goblin
+  spinney transform old.goblin like=new.goblin -o old_on_new.goblin";
+
+fn step(text: &str) -> Result<Step, String> {
+    text.parse().map_err(|error: spinney::Error| error.to_string())
+}
+
+pub(crate) fn run(args: Args, global: &Global) -> Result {
+    let start = Instant::now();
+    let Args { file, steps, output: path, nearest, moves, memory } = args;
+    let like = steps.iter().filter_map(|step| match step {
+        Step::Like(path) => Some(path.as_path()),
+        _ => None,
+    });
+    check_output([file.as_path()].into_iter().chain(like), &path)?;
+    let chain = Chain { path: file, steps, nearest, moves };
+    let work = Work::start(global, "cells")?;
+    let outcome = ops::transform(&chain, Output::create(&path)?, memory, &work)?;
+    work.finish();
+    let [width, height, depth] = outcome.extent;
+    let size =
+        if depth > 1 { format!("{width} x {height} x {depth}") } else { format!("{width} x {height}") };
+    global.say(format_args!("{:<10} {size} cells, depth {}", "size", outcome.depth));
+    global.say(format_args!("{:<10} {} before, {} after", "cells", outcome.before[0], outcome.after));
+    if let Some(expected) = outcome.expected.filter(|expected| *expected > 0.0) {
+        let error = 100.0 * (outcome.after as f64 / expected - 1.0);
+        global.say(format_args!("{:<10} {error:+.4} %", "area error"));
+    }
+    tell_output(global, Path::new(&path), start);
+    Ok(())
+}

@@ -1,0 +1,264 @@
+//! Operations on files of any type, from files to files.
+
+use std::path::{Path, PathBuf};
+
+use super::align::align;
+use super::combine::{Combined, Operation};
+use super::cross::cross;
+use super::step::Step;
+use super::view::{Sampling, View};
+use crate::space::{Frame, Oct, Quad};
+use crate::store::Output;
+use crate::store::goblin::{BuildOptions, Goblin, Header, Layout, Metadata, OpenOptions, build, read_header};
+use crate::value::{Sample, Value};
+use crate::{Error, Progress, Result, with_value_type};
+
+/// A file and the steps of what is done to it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Chain {
+    /// The file.
+    pub path: PathBuf,
+    /// What is done, in order.
+    pub steps: Vec<Step>,
+    /// Takes the value at the centre of each new cell, also where the file's rule would average.
+    pub nearest: bool,
+    /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
+    pub moves: bool,
+}
+
+/// What came of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Cells along each axis.
+    pub extent: [u64; 3],
+    /// Levels below the root.
+    pub depth: u8,
+    /// Cells of each input that are not VOID.
+    pub before: Vec<u64>,
+    /// Cells of the result that are not VOID.
+    pub after: u64,
+    /// Cells that the first input's would be after scaling, if none were cut off or decided at cells' centres.
+    pub expected: Option<f64>,
+}
+
+/// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by channel.
+pub type PairOfSamples = (Option<Vec<f64>>, Option<Vec<f64>>, u64);
+
+/// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy. `memory` is as in
+/// [`BuildOptions`].
+///
+/// # Errors
+/// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
+pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+    let job = Job { paths: vec![chain.path.clone()], chain: Some(chain), operation: None };
+    job.run(Store { output, memory, progress })
+}
+
+/// Settles files into one; those over other places or with coarser cells are aligned with the finest. `fill` is the number
+/// for [`Combined::filled_with`].
+///
+/// # Errors
+/// As [`transform`]; also if types differ or grids cannot be matched.
+pub fn combine(
+    operation: Operation,
+    fill: Option<f64>,
+    paths: &[PathBuf],
+    output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Outcome> {
+    let job = Job { paths: paths.to_vec(), chain: None, operation: Some((operation, fill)) };
+    job.run(Store { output, memory, progress })
+}
+
+/// Counts which values of one file meet which of another: see [`cross`].
+///
+/// # Errors
+/// As [`combine`]; also if there are too many pairs.
+pub fn cross_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>> {
+    let job = Job { paths: vec![first.into(), second.into()], chain: None, operation: None };
+    job.run(Cross)
+}
+
+/// What is wanted of the sources that a job makes.
+trait Want {
+    type Out;
+    fn of<D: Layout, V: Value>(
+        self,
+        files: &[Goblin<D, V>],
+        views: Vec<View<&Goblin<D, V>>>,
+        job: &Job<'_>,
+    ) -> Result<Self::Out>;
+}
+
+struct Job<'a> {
+    paths: Vec<PathBuf>,
+    chain: Option<&'a Chain>,
+    operation: Option<(Operation, Option<f64>)>,
+}
+
+fn header_of(path: &Path) -> Result<Header> {
+    read_header(path, &*OpenOptions::default().storage(path)?)
+}
+
+impl Job<'_> {
+    /// Opens the files with the types that they have.
+    fn run<W: Want>(&self, want: W) -> Result<W::Out> {
+        let first = self.paths.first().ok_or_else(|| Error::invalid("files", "none", "at least one"))?;
+        let header = header_of(first)?;
+        for path in &self.paths[1..] {
+            let other = header_of(path)?;
+            if (other.axes, other.value) != (header.axes, header.value) {
+                let kind = |header: &Header| {
+                    let tree = if header.axes == 2 { "a quadtree" } else { "an octree" };
+                    format!("{tree} of {}", header.value)
+                };
+                let expected = format!("{}, as {} is", kind(&header), first.display());
+                return Err(Error::invalid(path.display().to_string(), kind(&other), expected));
+            }
+        }
+        let unknown = || {
+            let expected = "1 to 4 channels of u8, u16 or f32, or 1 channel";
+            Error::corrupt(first, "header", format!("values {}", header.value), expected)
+        };
+        if header.axes == 2 {
+            with_value_type!(header.value, V => self.typed::<Quad, V, W>(want), else Err(unknown()))
+        } else {
+            with_value_type!(header.value, V => self.typed::<Oct, V, W>(want), else Err(unknown()))
+        }
+    }
+
+    fn typed<D: Layout, V: Value, W: Want>(&self, want: W) -> Result<W::Out> {
+        let open = |path: &PathBuf| Goblin::<D, V>::open(path, &OpenOptions::default());
+        let files: Vec<_> = self.paths.iter().map(open).collect::<Result<_>>()?;
+        let views = match self.chain {
+            Some(chain) => vec![chained(chain, &files[0])?],
+            None => aligned(&files)?,
+        };
+        want.of(&files, views, self)
+    }
+}
+
+/// Frame and extent of another file.
+fn place_of(path: &Path) -> Result<(Frame, [u64; 3])> {
+    let tree = crate::query::open(path, &OpenOptions::default())?;
+    Ok((tree.metadata().frame.clone(), tree.header().extent))
+}
+
+fn chained<'a, D: Layout, V: Value>(chain: &Chain, file: &'a Goblin<D, V>) -> Result<View<&'a Goblin<D, V>>> {
+    let header = file.header();
+    let mut view = View::new(file, header.extent)?;
+    for step in &chain.steps {
+        view = step.apply(view, &file.metadata().frame, place_of)?;
+    }
+    if chain.steps.is_empty() {
+        view = view.deepened(header.shape.depth)?;
+    }
+    if chain.nearest { Ok(view) } else { view.sampled(Sampling::Area(header.rule)) }
+}
+
+fn aligned<D: Layout, V: Value>(files: &[Goblin<D, V>]) -> Result<Vec<View<&Goblin<D, V>>>> {
+    let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
+    let trees: Vec<_> = files
+        .iter()
+        .zip(&names)
+        .map(|(file, name)| (name.as_str(), &file.metadata().frame, file.header().extent))
+        .collect();
+    let alignments = align(&trees)?;
+    // Deeper than needed if one of the files is: what it has stored fits as it is.
+    let deepest = files.iter().map(|file| file.header().shape.depth).max().unwrap_or(0);
+    files
+        .iter()
+        .zip(alignments)
+        .map(|(file, alignment)| {
+            let view = View::new(file, file.header().extent)?.onto(&alignment.map, alignment.extent)?;
+            let depth = view.depth().max(deepest);
+            view.deepened(depth)
+        })
+        .collect()
+}
+
+struct Store<'a> {
+    output: Output,
+    memory: u64,
+    progress: &'a dyn Progress,
+}
+
+impl Want for Store<'_> {
+    type Out = Outcome;
+
+    fn of<D: Layout, V: Value>(
+        self,
+        files: &[Goblin<D, V>],
+        views: Vec<View<&Goblin<D, V>>>,
+        job: &Job<'_>,
+    ) -> Result<Outcome> {
+        let header = files[0].header();
+        let first = &views[0];
+        let (extent, to_source) = (first.extent(), first.to_source());
+        let depth = views.iter().map(View::depth).max().unwrap_or(0);
+        let moves = job.chain.is_some_and(|chain| chain.moves);
+        let mut metadata =
+            Metadata { frame: first.frame(&files[0].metadata().frame, moves), ..files[0].metadata().clone() };
+        metadata.provenance.push(job.story());
+        let before: Result<Vec<u64>> = files.iter().map(|file| Ok(file.statistics(None)?.cells)).collect();
+        let before = before?;
+        let volume = to_source.0.matrix3.determinant().abs();
+        let whole = job.chain.is_some() && !first.is_cut();
+        let expected = whole.then(|| before[0] as f64 / volume);
+        let (operation, fill) = job.operation.unwrap_or((Operation::Over, None));
+        let mut source = Combined::new(views, operation, extent)?;
+        if let Some(fill) = fill {
+            let value = V::splat_f64(fill);
+            source = source.filled_with(value.ok_or_else(|| {
+                let expected = format!("a number that {} can hold", V::TYPE);
+                Error::invalid("fill value", fill.to_string(), expected)
+            })?);
+        }
+        let (rule, kind, memory) = (header.rule, header.kind, self.memory);
+        let options = BuildOptions { rule, kind, depth, memory, metadata };
+        let tally = build(&source, extent, &options, self.output, self.progress)?;
+        Ok(Outcome { extent, depth, before, after: tally.cells, expected })
+    }
+}
+
+impl Job<'_> {
+    /// A line for the result's provenance.
+    fn story(&self) -> String {
+        let names: Vec<String> = self.paths.iter().map(|path| path.display().to_string()).collect();
+        match (self.chain, self.operation) {
+            (Some(chain), _) => {
+                let steps: Vec<String> = chain.steps.iter().map(|step| format!("{step:?}")).collect();
+                format!("view of {}: {}", names.join(" "), steps.join(", "))
+            }
+            (None, Some((operation, _))) => format!("{operation:?} of {}", names.join(" ")),
+            (None, None) => names.join(" "),
+        }
+    }
+}
+
+struct Cross;
+
+impl Want for Cross {
+    type Out = Vec<PairOfSamples>;
+
+    fn of<D: Layout, V: Value>(
+        self,
+        _: &[Goblin<D, V>],
+        views: Vec<View<&Goblin<D, V>>>,
+        _: &Job<'_>,
+    ) -> Result<Self::Out> {
+        let samples = |value: Option<V>| {
+            value.map(|value| value.samples().iter().map(|sample| sample.to_f64()).collect::<Vec<f64>>())
+        };
+        let pairs = cross(&views[0], &views[1])?;
+        Ok(pairs.into_iter().map(|pair| (samples(pair.first), samples(pair.second), pair.cells)).collect())
+    }
+}
+
+impl Chain {
+    /// A file with nothing done to it yet.
+    pub fn of(path: &Path) -> Chain {
+        Chain { path: path.into(), ..Chain::default() }
+    }
+}

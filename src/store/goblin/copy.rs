@@ -1,0 +1,169 @@
+//! Takes over what a file has stored below a node, segment by segment, without making it anew.
+
+use rayon::prelude::*;
+
+use super::assemble::SegmentSink;
+use super::counts::LevelCounts;
+use super::part::{ENOUGH, Part, trim};
+use super::reader::Goblin;
+use super::record::{INNER, LEAF, Layout, Record, VOID};
+use super::segment::{Segment, child_places};
+use super::shape::Shape;
+use crate::Result;
+use crate::space::Code;
+use crate::tree::{Child, Stored};
+use crate::value::Value;
+
+/// A node of a file that owns a segment, to be copied to another node.
+pub(super) struct Copied<'a, D: Layout, V: Value> {
+    from: Stored<'a, D, V>,
+    to: Code<D>,
+    /// Segments of the node and of what is below it, a node's before its ancestors'.
+    segments: Vec<usize>,
+    /// What the ancestors need of the node.
+    pub(super) part: Part<D, V>,
+    pub(super) counts: LevelCounts,
+}
+
+impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
+    /// What is to be copied, if the node owns a segment that would look the same at its new place in a tree of this
+    /// shape.
+    pub(super) fn of(
+        from: Stored<'a, D, V>,
+        to: Code<D>,
+        representative: V,
+        shape: &Shape,
+    ) -> Result<Option<Copied<'a, D, V>>> {
+        let theirs = &from.file.header().shape;
+        let same = (theirs.reach, theirs.stride, theirs.light) == (shape.reach, shape.stride, shape.light)
+            && theirs.depth.checked_sub(from.code.level()) == shape.depth.checked_sub(to.level());
+        // A root owns a segment whether it is heavy or not.
+        if !same || !shape.is_candidate(to.level()) || from.code.level() == 0 {
+            return Ok(None);
+        }
+        let Some(first) = from.file.find_segment(from.code) else { return Ok(None) };
+        let own = from.file.segment(first)?;
+        if own.code() != from.code {
+            return Ok(None);
+        }
+        let segments = below(from.file, first, from.code)?;
+        let count = |index: &usize| count(from.file, &from.file.segment(*index)?, from.code, to);
+        let counted: Result<Vec<LevelCounts>> = segments.par_iter().map(count).collect();
+        let mut counts = LevelCounts::default();
+        counted?.iter().for_each(|counted| counts.merge(counted));
+        let mut records = Vec::new();
+        let cut = shape.cut_level(shape.parent_segment_level(to.level()));
+        trim::<D, V>(own.records(), 0, cut.saturating_sub(to.level()), &mut records);
+        let part = Part {
+            code: to,
+            child: Child::Inner { representative, node: () },
+            total: ENOUGH,
+            records,
+            tally: from.file.zone(first)?,
+        };
+        Ok(Some(Copied { from, to, segments, part, counts }))
+    }
+
+    /// Hands the segments to a sink.
+    pub(super) fn send(&self, sink: &mut impl SegmentSink<D, V>) -> Result<()> {
+        for index in &self.segments {
+            let segment = self.from.file.segment(*index)?;
+            let mut entry = self.from.file.entry(*index)?;
+            entry.code = moved(entry.code, self.from.code, self.to);
+            sink.copy(&segment, entry)?;
+        }
+        Ok(())
+    }
+}
+
+/// The node that lies below `to` as `code` lies below `from`.
+fn moved<D: Layout>(code: Code<D>, from: Code<D>, to: Code<D>) -> Code<D> {
+    (from.level()..code.level()).fold(to, |node, level| node.child(code.step(level)))
+}
+
+/// The segments of a node and of what is below it, a node's before its ancestors', as building writes them.
+fn below<D: Layout, V: Value>(file: &Goblin<D, V>, first: usize, code: Code<D>) -> Result<Vec<usize>> {
+    let mut order = Vec::new();
+    let mut open: Vec<(usize, Code<D>)> = Vec::new();
+    for index in first..file.segments() {
+        let next = file.entry(index)?.code;
+        if !code.contains(next) {
+            break;
+        }
+        while let Some((done, _)) = open.pop_if(|(_, above)| !above.contains(next)) {
+            order.push(done);
+        }
+        open.push((index, next));
+    }
+    order.extend(open.into_iter().rev().map(|(index, _)| index));
+    Ok(order)
+}
+
+/// Counts the nodes below the records that no deeper segment has, at the levels of their new place.
+fn count<D: Layout, V: Value>(
+    file: &Goblin<D, V>,
+    segment: &Segment<'_, D, V>,
+    from: Code<D>,
+    to: Code<D>,
+) -> Result<LevelCounts> {
+    let mut counts = LevelCounts::default();
+    let shape = &file.header().shape;
+    let lower = |level: u8| level + to.level() - from.level();
+    let records = segment.records();
+    let mut levels = [[0u64; 3]; 32];
+    let mut pending = vec![(segment.code(), 0)];
+    while let Some((code, at)) = pending.pop() {
+        if code.level() >= shape.block_level() {
+            count_whole::<D, V>(records, at, lower(code.level()), &mut levels);
+            continue;
+        }
+        let record = &records[at];
+        let places = child_places::<D, V>(records, at).ok_or_else(|| file.bad_skip(segment, at))?;
+        let candidates = shape.is_candidate(code.level() + 1);
+        for (step, place) in places.as_ref().iter().enumerate() {
+            let state = record.state(step);
+            let tally = &mut levels[lower(code.level() + 1) as usize & 31];
+            match state {
+                VOID => tally[0] += 1,
+                LEAF => tally[1] += 1,
+                _ => tally[2] += 1,
+            }
+            let Some(place) = place.filter(|_| state == INNER) else { continue };
+            let child = code.child(step);
+            if !candidates {
+                pending.push((child, place as usize));
+            } else if file.find_segment(child) == Some(segment.index()) {
+                // It might own a segment and does not: all that is below it is here.
+                count_whole::<D, V>(records, place as usize, lower(child.level()), &mut levels);
+            }
+        }
+    }
+    for (level, nodes) in levels.iter().enumerate() {
+        counts.add(level as u8, *nodes);
+    }
+    Ok(counts)
+}
+
+/// Counts the nodes below a record in one go over its subtree, all of which is in the segment.
+fn count_whole<D: Layout, V: Value>(
+    records: &[D::Record<V>],
+    at: usize,
+    level: u8,
+    levels: &mut [[u64; 3]; 32],
+) {
+    let end = (at + records[at].skip() as usize).min(records.len());
+    let mut ends = [end; 33];
+    let mut deep = 0;
+    for (i, record) in records.iter().enumerate().take(end).skip(at) {
+        while deep > 0 && i >= ends[deep] {
+            deep -= 1;
+        }
+        let tally = &mut levels[(level as usize + deep + 1).min(31)];
+        let states = record.states();
+        for child in 0..D::CHILDREN {
+            tally[((states >> (2 * child)) as usize & 3).min(2)] += 1;
+        }
+        deep = (deep + 1).min(32);
+        ends[deep] = i + record.skip() as usize;
+    }
+}
