@@ -4,10 +4,10 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use crate::Result;
 use crate::space::{Bounds, Code};
-use crate::store::goblin::{Goblin, Layout};
+use crate::store::goblin::{BadSkip, Goblin, Layout, each_leaf};
 use crate::value::{Sample, Sum, Tally, Value, channelwise_max, channelwise_min};
 
-use super::walk::{BadSkip, Visitor, leaves, walk};
+use super::walk::{Visitor, walk};
 
 /// Statistics of the cells of a box that are not VOID.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -171,7 +171,7 @@ impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
     }
 
     fn subtree(&mut self, records: &[D::Record<V>], levels: u8) -> Option<Result<(), BadSkip>> {
-        Some(leaves::<D, V>(records, levels, |value, cells| self.count(value, cells)))
+        Some(each_leaf::<D, V>(records, levels, |value, cells| self.count(value, cells)))
     }
 
     fn enter_segment(&mut self) {

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::space::{Bounds, Code};
-use crate::store::goblin::{CUT, Goblin, INNER, LEAF, Layout, Record, Segment, VOID, child_places};
+use crate::store::goblin::{BadSkip, CUT, Goblin, INNER, LEAF, Layout, Record, Segment, VOID, child_places};
 use crate::tree::Child;
 use crate::value::Value;
 
@@ -28,48 +28,6 @@ pub(super) trait Visitor<D: Layout, V: Value> {
     /// The walk goes into a segment's records.
     fn enter_segment(&mut self) {}
 }
-
-/// The records of a subtree contradict each other.
-pub(super) struct BadSkip;
-
-/// Hands out all leaves of a whole subtree with their cells, in one go over its records.
-pub(super) fn leaves<D: Layout, V: Value>(
-    records: &[D::Record<V>],
-    levels: u8,
-    mut leaf: impl FnMut(V, u64),
-) -> Result<(), BadSkip> {
-    // Ends of the subtrees that the record is in.
-    let mut ends = [records.len(); MOST_LEVELS + 1];
-    let mut level = 0;
-    let mut inner = 0;
-    for (i, record) in records.iter().enumerate() {
-        while i >= ends[level] {
-            level -= 1;
-        }
-        let end = i + record.skip() as usize;
-        if level >= levels as usize || end <= i || end > ends[level] {
-            return Err(BadSkip);
-        }
-        let height = levels as usize - level - 1;
-        let cells = 1u64 << (D::AXES * height);
-        let states = record.states();
-        for child in 0..D::CHILDREN {
-            match (states >> (2 * child)) as u8 & 3 {
-                VOID => {}
-                LEAF => leaf(record.value(child), cells),
-                INNER if height > 0 => inner += 1,
-                _ => return Err(BadSkip),
-            }
-        }
-        level += 1;
-        ends[level] = end;
-    }
-    // One record for each INNER child, and the root's.
-    if inner + 1 == records.len() { Ok(()) } else { Err(BadSkip) }
-}
-
-/// Levels of the deepest trees.
-const MOST_LEVELS: usize = 32;
 
 /// Walks all of `bounds` (cells of the deepest level), in FD order.
 pub(super) fn walk<D: Layout, V: Value>(

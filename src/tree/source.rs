@@ -3,8 +3,8 @@
 use std::fmt::Debug;
 
 use crate::Result;
-use crate::space::{Code, Dimension};
-use crate::store::goblin::{Goblin, Layout};
+use crate::space::Dimension;
+use crate::store::goblin::{Goblin, Handle, Layout};
 use crate::value::Value;
 
 /// What stands at one place of a tree.
@@ -45,7 +45,7 @@ pub struct Stored<'a, D: Layout, V: Value> {
     /// The file.
     pub file: &'a Goblin<D, V>,
     /// The node.
-    pub code: Code<D>,
+    pub node: Handle<D>,
 }
 
 /// Everything that can be walked from the root down: a mapped file, a tree in memory, a view of either.

@@ -5,30 +5,46 @@
 //! every node's state, value and number of records; then the levels are gone through from the top, each inner
 //! node handing its children their places, and every record is written once, where it belongs.
 
+use super::averaging::{Averaging, Local, Majorities, Means, pairwise, sum_by_value};
 use super::counts::LevelCounts;
 use super::part::Part;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
+use super::subtree::{CHECKED, count_nodes, each_leaf, each_record};
 use crate::Result;
-use crate::space::{Code, Dimension};
-use crate::tree::{Child, Source};
-use crate::value::{Rule, Sample, Tally, Value, channelwise_max, channelwise_min, dominant, most_frequent};
+use crate::space::Code;
+use crate::tree::{Child, Source, Stored};
+use crate::value::{Rule, Sample, Tally, Value, channelwise_max, channelwise_min};
 
 /// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level above.
-struct Level<V> {
-    state: Vec<u8>,
-    value: Vec<V>,
+pub(super) struct Level<V> {
+    pub(super) state: Vec<u8>,
+    pub(super) value: Vec<V>,
     /// Records of each node's subtree; empty for the level of the cells.
     records: Vec<u32>,
     /// Places, in this level, of the nodes whose children make up the next one; `None`: all of them.
     expanded: Option<Vec<u32>>,
+    /// INNER nodes that stand in a file as they are, in order.
+    spliced: Vec<Splice>,
+}
+
+/// A node whose records are taken over from a file.
+#[derive(Clone, Copy)]
+struct Splice {
+    /// Its place in its level.
+    place: u32,
+    /// Where its records are among all that were taken over.
+    start: u32,
+    len: u32,
 }
 
 /// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
-pub(super) struct Block<D: Dimension, V: Value> {
+pub(super) struct Block<D: Layout, V: Value> {
     code: Code<D>,
     /// Levels from the block's root to the cells.
     height: u8,
     levels: Vec<Level<V>>,
+    /// Records that were taken over.
+    taken: Vec<D::Record<V>>,
 }
 
 impl<D: Layout, V: Value> Block<D, V> {
@@ -37,18 +53,41 @@ impl<D: Layout, V: Value> Block<D, V> {
         debug_assert_eq!(state.len(), 1 << (D::AXES * height as usize));
         let mut levels: Vec<Level<V>> =
             (0..height).map(|level| Level::new(1 << (D::AXES * level as usize))).collect();
-        levels.push(Level { state, value, records: Vec::new(), expanded: None });
-        Block { code, height, levels }
+        levels.push(Level { state, value, records: Vec::new(), expanded: None, spliced: Vec::new() });
+        Block { code, height, levels, taken: Vec::new() }
     }
 
-    /// The block under `code`, whose root is the source's inner node `node`.
-    pub(super) fn from_source<S: Source<Dim = D, Value = V>>(
-        source: &S,
+    /// The block under `code`, whose root is the source's inner node `node`. Where `stored` gives a node of a file, its
+    /// records are taken over.
+    pub(super) fn from_source<'s, S: Source<Dim = D, Value = V>>(
+        source: &'s S,
         code: Code<D>,
         height: u8,
-        node: S::Node,
+        (representative, node): (V, S::Node),
+        stored: impl Fn(&'s S, &S::Node, u8) -> Option<Stored<'s, D, V>>,
     ) -> Result<Self> {
-        let mut levels = vec![Level { expanded: Some(vec![0]), ..Level::new(1) }];
+        let mut taken: Vec<D::Record<V>> = Vec::new();
+        let mut splice = |place: usize, node: &S::Node, below: u8| -> Result<Option<Splice>> {
+            let Some(stored) = stored(source, node, below) else { return Ok(None) };
+            let segment = stored.file.segment(stored.node.segment as usize)?;
+            let at = stored.node.record as usize;
+            let records = segment.records();
+            let records = records.get(at..at + records[at].skip() as usize).unwrap_or(&[]);
+            if each_record::<D, V>(records, below, |_, _| {}).is_err() {
+                // The usual way tells what is wrong.
+                return Ok(None);
+            }
+            let start = taken.len() as u32;
+            taken.extend_from_slice(records);
+            Ok(Some(Splice { place: place as u32, start, len: records.len() as u32 }))
+        };
+        let mut root = Level { expanded: Some(vec![0]), ..Level::new(1) };
+        if let Some(whole) = splice(0, &node, height)? {
+            root.splice(whole, representative);
+            root.expanded = Some(Vec::new());
+            return Ok(Block { code, height, levels: vec![root], taken });
+        }
+        let mut levels = vec![root];
         let mut nodes = vec![node];
         for below in (0..height).rev() {
             let mut level = Level::new(nodes.len() * D::CHILDREN);
@@ -59,9 +98,13 @@ impl<D: Layout, V: Value> Block<D, V> {
                     let place = group * D::CHILDREN + i;
                     match child {
                         Child::Void => {}
-                        Child::Inner { node, .. } if below > 0 => {
-                            expanded.push(place as u32);
-                            deeper.push(node);
+                        Child::Inner { representative, node } if below > 0 => {
+                            if let Some(whole) = splice(place, &node, below)? {
+                                level.splice(whole, representative);
+                            } else {
+                                expanded.push(place as u32);
+                                deeper.push(node);
+                            }
                         }
                         Child::Leaf(value) | Child::Inner { representative: value, .. } => {
                             if !value.is_nan() {
@@ -79,7 +122,7 @@ impl<D: Layout, V: Value> Block<D, V> {
                 break;
             }
         }
-        Ok(Block { code, height, levels })
+        Ok(Block { code, height, levels, taken })
     }
 
     /// Condenses and averages the block and turns it into records.
@@ -121,11 +164,24 @@ impl<D: Layout, V: Value> Block<D, V> {
     /// averaging knows of the root.
     fn reduce<A: Averaging<V>>(&mut self, averaging: &mut A) -> A::Of {
         let mut below: Vec<A::Of> = Vec::new();
+        let height = self.height;
+        let taken = &self.taken;
+        let splices = |level: &Level<V>, index: usize, known: &mut Vec<A::Of>, averaging: &mut A| {
+            for splice in &level.spliced {
+                known.resize(level.state.len(), A::Of::default());
+                let records = &taken[splice.start as usize..][..splice.len as usize];
+                known[splice.place as usize] = averaging.taken::<D>(records, height - index as u8);
+            }
+        };
+        if let Some(last) = self.levels.last() {
+            splices(last, self.levels.len() - 1, &mut below, averaging);
+        }
         for index in (1..self.levels.len()).rev() {
-            let cells = self.cells_at(index);
+            let cells = 1 << (D::AXES * (height as usize - index));
             let (upper, lower) = self.levels.split_at_mut(index);
             let (parents, children) = (&mut upper[index - 1], &lower[0]);
             let mut known = vec![A::Of::default(); parents.state.len()];
+            splices(parents, index - 1, &mut known, averaging);
             let groups =
                 children.state.chunks_exact(D::CHILDREN).zip(children.value.chunks_exact(D::CHILDREN));
             for (group, (states, values)) in groups.enumerate() {
@@ -160,6 +216,7 @@ impl<D: Layout, V: Value> Block<D, V> {
         }
         let mut records = vec![D::Record::<V>::new(0, |_| V::default(), 0); root.records[0] as usize];
         let mut places = vec![0u32];
+        self.put_spliced(0, &places, &mut records, counts);
         for index in 1..self.levels.len() {
             let (parents, children) = (&self.levels[index - 1], &self.levels[index]);
             let level = self.code.level() + index as u8;
@@ -187,15 +244,45 @@ impl<D: Layout, V: Value> Block<D, V> {
                     D::Record::<V>::new(states, |i| children.value[start + i], parents.records[parent]);
             }
             counts.add(level, tallied);
+            self.put_spliced(index, &below, &mut records, counts);
             places = below;
         }
         records
+    }
+
+    /// Puts the records that were taken over at a level where they belong.
+    fn put_spliced(
+        &self,
+        index: usize,
+        places: &[u32],
+        records: &mut [D::Record<V>],
+        counts: &mut LevelCounts,
+    ) {
+        for splice in &self.levels[index].spliced {
+            let taken = self.taken(splice);
+            records[places[splice.place as usize] as usize..][..taken.len()].copy_from_slice(taken);
+            let mut levels = [[0u64; 3]; 32];
+            let height = self.height - index as u8;
+            count_nodes::<D, V>(taken, height, &mut levels).expect(CHECKED);
+            for (below, nodes) in levels.into_iter().enumerate() {
+                counts.add(self.code.level() + (index + 1 + below) as u8, nodes);
+            }
+        }
+    }
+
+    fn taken(&self, splice: &Splice) -> &[D::Record<V>] {
+        &self.taken[splice.start as usize..][..splice.len as usize]
     }
 
     /// Hands out the leaves that the block was made of, before condensing, with their cells.
     fn for_leaves(&self, mut leaf: impl FnMut(V, u32)) {
         for (index, level) in self.levels.iter().enumerate() {
             let cells = self.cells_at(index);
+            for splice in &level.spliced {
+                let taken = self.taken(splice);
+                each_leaf::<D, V>(taken, self.height - index as u8, |value, cells| leaf(value, cells as u32))
+                    .expect(CHECKED);
+            }
             let leaves = level.state.iter().zip(&level.value);
             match &level.expanded {
                 Some(expanded) => {
@@ -227,7 +314,12 @@ impl<D: Layout, V: Value> Block<D, V> {
         let any = self.levels.iter().find_map(|level| {
             level.state.iter().position(|state| *state == LEAF).map(|place| level.value[place])
         });
-        if let Some(value) = any {
+        let mut any = any.or_else(|| {
+            let mut any = None;
+            self.for_leaves(|value, _| any = any.or(Some(value)));
+            any
+        });
+        if let Some(value) = any.take() {
             (min, max) = (value, value);
         }
         let mut sums = V::BlockSums::default();
@@ -271,6 +363,11 @@ impl<D: Layout, V: Value> Block<D, V> {
                     }
                 }
             }
+            for splice in &level.spliced {
+                let taken = self.taken(splice);
+                let height = self.height - index as u8;
+                sums[splice.place as usize] = pairwise_taken::<D, V>(taken, 0, height, &of_leaf);
+            }
             for (group, children) in below.chunks_exact(D::CHILDREN).enumerate() {
                 let place = level.expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
                 sums[place] = pairwise(children, V::add_sums);
@@ -289,165 +386,36 @@ impl<V: Value> Level<V> {
             value: vec![V::default(); places],
             records: vec![0; places],
             expanded: None,
-        }
-    }
-}
-
-/// A rule at work on a block, from the bottom up.
-trait Averaging<V: Value> {
-    /// What is carried up for an INNER node.
-    type Of: Copy + Default;
-
-    /// The same for the parent of these children and its representative. `known` is empty if no child is INNER;
-    /// a child has `cells` cells.
-    fn merge(&mut self, states: &[u8], values: &[V], known: &[Self::Of], cells: u32) -> (Self::Of, V);
-}
-
-/// [`Rule::Mean`]: sums, and cells that are not VOID.
-struct Means;
-
-impl<V: Value> Averaging<V> for Means {
-    type Of = (V::BlockSums, u32);
-
-    #[inline]
-    fn merge(&mut self, states: &[u8], values: &[V], known: &[Self::Of], cells: u32) -> (Self::Of, V) {
-        let mut sums = [V::BlockSums::default(); 8];
-        let mut count = 0;
-        for (i, state) in states.iter().enumerate() {
-            match *state {
-                LEAF => {
-                    sums[i] = values[i].block_sums(cells);
-                    count += cells;
-                }
-                INNER => {
-                    sums[i] = known[i].0;
-                    count += known[i].1;
-                }
-                _ => {}
-            }
-        }
-        let sum = pairwise(&sums[..states.len()], V::add_block_sums);
-        ((sum, count), V::block_mean(sum, count))
-    }
-}
-
-/// [`Rule::Majority`]: counts per class, as a range of one arena; in any order.
-struct Majorities<V> {
-    arena: Vec<(V, u64)>,
-}
-
-/// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with 200
-/// classes at random.
-const FEW: u32 = 64;
-
-impl<V: Value> Majorities<V> {
-    /// The counts of a node, by ascending value.
-    fn list(&self, (start, len): (u32, u32), level: &Level<V>, cells: u32) -> Vec<(V, u64)> {
-        match level.state[0] {
-            VOID => Vec::new(),
-            LEAF => vec![(level.value[0], cells as u64)],
-            _ => {
-                let mut counts = self.arena[start as usize..][..len as usize].to_vec();
-                sum_by_value(&mut counts);
-                counts
-            }
+            spliced: Vec::new(),
         }
     }
 
-    /// Adds to the list that begins at `start` and is the arena's last.
-    #[inline]
-    fn add(&mut self, start: usize, value: V, cells: u64) {
-        match self.arena[start..].iter_mut().find(|(other, _)| other.same(value)) {
-            Some((_, sum)) => *sum += cells,
-            None => self.arena.push((value, cells)),
-        }
+    fn splice(&mut self, splice: Splice, representative: V) {
+        let place = splice.place as usize;
+        self.state[place] = INNER;
+        self.value[place] = representative;
+        self.records[place] = splice.len;
+        self.spliced.push(splice);
     }
 }
 
-impl<V: Value> Averaging<V> for Majorities<V> {
-    type Of = (u32, u32);
-
-    fn merge(&mut self, states: &[u8], values: &[V], known: &[Self::Of], cells: u32) -> (Self::Of, V) {
-        let start = self.arena.len();
-        let few = known.iter().map(|(_, len)| len).sum::<u32>() <= FEW;
-        for (i, state) in states.iter().enumerate() {
-            match *state {
-                LEAF if few => self.add(start, values[i], cells as u64),
-                LEAF => self.arena.push((values[i], cells as u64)),
-                INNER => {
-                    let (first, len) = known[i];
-                    let range = first as usize..(first + len) as usize;
-                    if few {
-                        for place in range {
-                            let (value, cells) = self.arena[place];
-                            self.add(start, value, cells);
-                        }
-                    } else {
-                        self.arena.extend_from_within(range);
-                    }
-                }
-                _ => {}
-            }
+/// Adds something of every leaf of a subtree of records that were checked, pairwise in Z order.
+fn pairwise_taken<D: Layout, V: Value>(
+    records: &[D::Record<V>],
+    at: usize,
+    height: u8,
+    of_leaf: &impl Fn(V, u64) -> V::TotalSums,
+) -> V::TotalSums {
+    let record = &records[at];
+    let mut next = at + 1;
+    let children = D::array(|child| match record.state(child) {
+        LEAF => of_leaf(record.value(child), 1 << (D::AXES * (height as usize - 1))),
+        INNER => {
+            let sum = pairwise_taken::<D, V>(records, next, height - 1, of_leaf);
+            next += records[next].skip() as usize;
+            sum
         }
-        if !few {
-            let len = sum_by_value_in(&mut self.arena[start..]);
-            self.arena.truncate(start + len);
-        }
-        let majority = most_frequent(self.arena[start..].iter().copied()).unwrap_or_default();
-        ((start as u32, (self.arena.len() - start) as u32), majority)
-    }
-}
-
-/// The rules that look at the children alone.
-struct Local(Rule);
-
-impl<V: Value> Averaging<V> for Local {
-    type Of = ();
-
-    fn merge(&mut self, states: &[u8], values: &[V], _: &[()], _: u32) -> ((), V) {
-        let some = || states.iter().zip(values).filter(|(state, _)| **state != VOID);
-        let values = || some().map(|(_, value)| *value);
-        let representative = match self.0 {
-            Rule::Min => values().reduce(channelwise_min),
-            Rule::Max => values().reduce(channelwise_max),
-            Rule::Dominant => Some(dominant(some().map(|(state, value)| (*value, *state == INNER)))),
-            Rule::Nearest | Rule::Mean | Rule::Majority => values().next(),
-        };
-        ((), representative.unwrap_or_default())
-    }
-}
-
-/// Adds neighbours, then neighbours of those, and so on.
-#[inline]
-fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> T {
-    match items {
-        [a, b, c, d] => add(add(*a, *b), add(*c, *d)),
-        _ => {
-            let (left, right) = items.split_at(4);
-            add(pairwise(left, add), pairwise(right, add))
-        }
-    }
-}
-
-/// Sorts a list of counts by value and makes one entry of equal values.
-fn sum_by_value<V: Value>(counts: &mut Vec<(V, u64)>) {
-    let len = sum_by_value_in(counts);
-    counts.truncate(len);
-}
-
-/// The same within a slice; returns how many entries are left at its start.
-fn sum_by_value_in<V: Value>(counts: &mut [(V, u64)]) -> usize {
-    counts.sort_unstable_by(|a, b| a.0.order(b.0));
-    let mut len = 0;
-    let mut next = 0;
-    while let Some(&(value, mut sum)) = counts.get(next) {
-        next += 1;
-        while let Some((_, count)) = counts.get(next).filter(|(other, _)| other.same(value)) {
-            sum += *count;
-            next += 1;
-        }
-        counts[len] = (value, sum);
-        len += 1;
-    }
-    len
+        _ => V::TotalSums::default(),
+    });
+    pairwise(children.as_ref(), V::add_sums)
 }

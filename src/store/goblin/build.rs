@@ -17,7 +17,7 @@ use super::shape::Shape;
 use super::writer::Writer;
 use crate::space::Code;
 use crate::store::Output;
-use crate::tree::{Child, Source};
+use crate::tree::{Child, Source, Stored};
 use crate::value::{Kind, Rule, Tally, Value};
 use crate::{Error, Progress, Result};
 
@@ -158,12 +158,11 @@ where
         return Err(Error::invalid("depth", shape.depth.to_string(), expected));
     }
     let mut builder = Builder::new(options, shape, [u64::MAX; 3], sink);
+    builder.plan.copy = copy;
+    let plan = builder.plan;
     let stored = |code: Code<S::Dim>, place: &Child<S::Value, S::Node>| {
         let Child::Inner { representative, node } = place else { return Ok(None) };
-        let stored = source.stored(node).filter(|stored| {
-            let header = stored.file.header();
-            copy && header.rule == options.rule && stored.file.counts_classes() == options.count_classes()
-        });
+        let stored = plan.stored(source, node, shape.depth - code.level());
         stored.map_or(Ok(None), |stored| Copied::of(stored, code, *representative, &shape))
     };
     let mut pending = vec![(Code::ROOT, source.root()?)];
@@ -204,9 +203,33 @@ struct Plan {
     shape: Shape,
     rule: Rule,
     count_classes: bool,
+    /// Whether what sources have stored is taken as it is.
+    copy: bool,
 }
 
 impl Plan {
+    /// The node of a file that a source's node is, if its tree would look the same in the tree that is built, where its
+    /// node has so many levels below it.
+    fn stored<'s, S: Source>(
+        &self,
+        source: &'s S,
+        node: &S::Node,
+        levels: u8,
+    ) -> Option<Stored<'s, S::Dim, S::Value>>
+    where
+        S::Dim: Layout,
+    {
+        source.stored(node).filter(|stored| {
+            let (header, shape) = (stored.file.header(), stored.file.header().shape);
+            self.copy
+                && shape.depth - stored.node.code.level() == levels
+                && (shape.reach, shape.stride, shape.light)
+                    == (self.shape.reach, self.shape.stride, self.shape.light)
+                && header.rule == self.rule
+                && stored.file.counts_classes() == self.count_classes
+        })
+    }
+
     fn mixed<D: Layout, V: Value>(&self, block: Block<D, V>) -> Built<D, V> {
         let mut counts = LevelCounts::default();
         let mut part = block.build(self.rule, self.count_classes, &mut counts);
@@ -234,7 +257,7 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         let cells = 1u64 << (D::AXES * shape.reach as usize);
         let block_bytes = cells / (D::CHILDREN as u64 - 1) * size_of::<D::Record<V>>() as u64;
         Builder {
-            plan: Plan { shape, rule: options.rule, count_classes: options.count_classes() },
+            plan: Plan { shape, rule: options.rule, count_classes: options.count_classes(), copy: false },
             assembler: Assembler::new(shape, options.rule, extent),
             sink,
             batch: (options.memory / 8 / block_bytes).clamp(4, 256) as usize,
@@ -316,8 +339,10 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         let height = self.plan.shape.depth - self.plan.shape.block_level();
         let plan = self.plan;
         let build = |(code, place): &(Code<D>, Child<V, S::Node>)| match place {
-            Child::Inner { node, .. } if code.level() < plan.shape.depth => {
-                Ok(plan.mixed(Block::from_source(source, *code, height, node.clone())?))
+            Child::Inner { representative, node } if code.level() < plan.shape.depth => {
+                let stored = |source, node: &S::Node, levels| plan.stored(source, node, levels);
+                let root = (*representative, node.clone());
+                Ok(plan.mixed(Block::from_source(source, *code, height, root, stored)?))
             }
             _ => Ok(plan.uniform(*code, place.value().filter(|value| !value.is_nan()))),
         };

@@ -37,7 +37,7 @@ pub trait Slabs: Send {
 }
 
 /// A block as found in the input.
-pub(super) enum Found<D: Dimension, V: Value> {
+pub(super) enum Found<D: Layout, V: Value> {
     /// All cells alike.
     Uniform(Option<V>),
     /// Something else.

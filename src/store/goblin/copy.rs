@@ -9,6 +9,7 @@ use super::reader::Goblin;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
 use super::segment::{Segment, child_places};
 use super::shape::Shape;
+use super::subtree::count_nodes;
 use crate::Result;
 use crate::space::Code;
 use crate::tree::{Child, Stored};
@@ -26,28 +27,24 @@ pub(super) struct Copied<'a, D: Layout, V: Value> {
 }
 
 impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
-    /// What is to be copied, if the node owns a segment that would look the same at its new place in a tree of this
-    /// shape.
+    /// What is to be copied, if the node owns a segment; both trees have the same shape.
     pub(super) fn of(
         from: Stored<'a, D, V>,
         to: Code<D>,
         representative: V,
         shape: &Shape,
     ) -> Result<Option<Copied<'a, D, V>>> {
-        let theirs = &from.file.header().shape;
-        let same = (theirs.reach, theirs.stride, theirs.light) == (shape.reach, shape.stride, shape.light)
-            && theirs.depth.checked_sub(from.code.level()) == shape.depth.checked_sub(to.level());
         // A root owns a segment whether it is heavy or not.
-        if !same || !shape.is_candidate(to.level()) || from.code.level() == 0 {
+        if !shape.is_candidate(to.level()) || from.node.code.level() == 0 {
             return Ok(None);
         }
-        let Some(first) = from.file.find_segment(from.code) else { return Ok(None) };
+        let Some(first) = from.file.find_segment(from.node.code) else { return Ok(None) };
         let own = from.file.segment(first)?;
-        if own.code() != from.code {
+        if own.code() != from.node.code {
             return Ok(None);
         }
-        let segments = below(from.file, first, from.code)?;
-        let count = |index: &usize| count(from.file, &from.file.segment(*index)?, from.code, to);
+        let segments = below(from.file, first, from.node.code)?;
+        let count = |index: &usize| count(from.file, &from.file.segment(*index)?, from.node.code, to);
         let counted: Result<Vec<LevelCounts>> = segments.par_iter().map(count).collect();
         let mut counts = LevelCounts::default();
         counted?.iter().for_each(|counted| counts.merge(counted));
@@ -69,7 +66,7 @@ impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
         for index in &self.segments {
             let segment = self.from.file.segment(*index)?;
             let mut entry = self.from.file.entry(*index)?;
-            entry.code = moved(entry.code, self.from.code, self.to);
+            entry.code = moved(entry.code, self.from.node.code, self.to);
             sink.copy(&segment, entry)?;
         }
         Ok(())
@@ -110,11 +107,18 @@ fn count<D: Layout, V: Value>(
     let shape = &file.header().shape;
     let lower = |level: u8| level + to.level() - from.level();
     let records = segment.records();
-    let mut levels = [[0u64; 3]; 32];
+    let depth = shape.depth;
+    let mut levels = [[0u64; 3]; 64];
+    let whole = |code: Code<D>, at: usize, levels: &mut [[u64; 3]; 64]| {
+        let subtree = records.get(at..at + records[at].skip() as usize).unwrap_or(&[]);
+        let below = lower(code.level() + 1) as usize & 31;
+        count_nodes::<D, V>(subtree, depth.saturating_sub(code.level()), &mut levels[below..])
+            .map_err(|_| file.bad_skip(segment, at))
+    };
     let mut pending = vec![(segment.code(), 0)];
     while let Some((code, at)) = pending.pop() {
         if code.level() >= shape.block_level() {
-            count_whole::<D, V>(records, at, lower(code.level()), &mut levels);
+            whole(code, at, &mut levels)?;
             continue;
         }
         let record = &records[at];
@@ -134,7 +138,7 @@ fn count<D: Layout, V: Value>(
                 pending.push((child, place as usize));
             } else if file.find_segment(child) == Some(segment.index()) {
                 // It might own a segment and does not: all that is below it is here.
-                count_whole::<D, V>(records, place as usize, lower(child.level()), &mut levels);
+                whole(child, place as usize, &mut levels)?;
             }
         }
     }
@@ -142,28 +146,4 @@ fn count<D: Layout, V: Value>(
         counts.add(level as u8, *nodes);
     }
     Ok(counts)
-}
-
-/// Counts the nodes below a record in one go over its subtree, all of which is in the segment.
-fn count_whole<D: Layout, V: Value>(
-    records: &[D::Record<V>],
-    at: usize,
-    level: u8,
-    levels: &mut [[u64; 3]; 32],
-) {
-    let end = (at + records[at].skip() as usize).min(records.len());
-    let mut ends = [end; 33];
-    let mut deep = 0;
-    for (i, record) in records.iter().enumerate().take(end).skip(at) {
-        while deep > 0 && i >= ends[deep] {
-            deep -= 1;
-        }
-        let tally = &mut levels[(level as usize + deep + 1).min(31)];
-        let states = record.states();
-        for child in 0..D::CHILDREN {
-            tally[((states >> (2 * child)) as usize & 3).min(2)] += 1;
-        }
-        deep = (deep + 1).min(32);
-        ends[deep] = i + record.skip() as usize;
-    }
 }

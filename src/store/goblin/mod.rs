@@ -5,6 +5,7 @@
 //! parts are merged and sealed into segments, segments are appended to the file.
 
 mod assemble;
+mod averaging;
 mod block;
 mod build;
 mod cells;
@@ -19,6 +20,7 @@ mod record;
 mod segment;
 mod shape;
 mod sorter;
+mod subtree;
 mod verify;
 mod writer;
 
@@ -34,4 +36,5 @@ pub use record::{CUT, INNER, LEAF, Layout, Record, VOID};
 pub use segment::Segment;
 pub(crate) use segment::child_places;
 pub use shape::Shape;
+pub(crate) use subtree::{BadSkip, each_leaf};
 pub use verify::Finding;

@@ -73,8 +73,8 @@ pub struct Goblin<D: Layout, V: Value> {
 pub struct Handle<D: Dimension> {
     /// The node.
     pub code: Code<D>,
-    segment: u32,
-    record: u32,
+    pub(super) segment: u32,
+    pub(super) record: u32,
 }
 
 /// Where a node's record is.
@@ -523,7 +523,7 @@ impl<D: Layout, V: Value> Source for Goblin<D, V> {
     }
 
     fn stored(&self, node: &Handle<D>) -> Option<Stored<'_, D, V>> {
-        Some(Stored { file: self, code: node.code })
+        Some(Stored { file: self, node: *node })
     }
 }
 
