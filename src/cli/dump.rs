@@ -1,10 +1,9 @@
 //! `spinney dump`: small trees in full.
 
-use std::path::PathBuf;
-
 use anyhow::Result;
 
-use super::{open, print_text};
+use super::print_text;
+use super::viewed::Viewed;
 
 const EXAMPLES: &str = "Examples:
   spinney dump classic.goblin            the literature's table
@@ -15,8 +14,8 @@ const EXAMPLES: &str = "Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree file
-    file: PathBuf,
+    #[command(flatten)]
+    tree: Viewed,
     /// Print the DF-expression: G (or M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves
     #[arg(long, conflicts_with = "codes")]
     df: bool,
@@ -29,7 +28,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let tree = open(&args.file)?;
+    let tree = args.tree.open()?;
     let mut text = if args.df {
         tree.df_text(args.most)?
     } else if args.codes {

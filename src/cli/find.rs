@@ -1,14 +1,13 @@
 //! `spinney find`: the largest blocks whose cells all meet a condition.
 
 use std::io::{BufWriter, Write, stdout};
-use std::path::PathBuf;
 
 use anyhow::Result;
 use serde_json::json;
 use spinney::query::Condition;
 
-use super::open;
 use super::place::Part;
+use super::viewed::Viewed;
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
@@ -20,8 +19,8 @@ A line has the block's FD code, level, first column and row, columns and rows, a
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree file
-    file: PathBuf,
+    #[command(flatten)]
+    tree: Viewed,
     #[command(flatten)]
     condition: Wanted,
     #[command(flatten)]
@@ -50,7 +49,7 @@ struct Wanted {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let tree = open(&args.file)?;
+    let tree = args.tree.open()?;
     let bounds = args.part.bounds(&*tree)?;
     let Wanted { above, below, class } = args.condition;
     let condition = match (above, below, class) {

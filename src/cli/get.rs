@@ -10,7 +10,8 @@ use spinney::store::Output;
 
 use super::place::Part;
 use super::progress::Work;
-use super::{Global, check_output, open};
+use super::viewed::Viewed;
+use super::{Global, check_output};
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
@@ -22,8 +23,8 @@ const EXAMPLES: &str = "Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree file
-    file: PathBuf,
+    #[command(flatten)]
+    tree: Viewed,
     /// Output: .png, .tif, .exr, .npy or .raw; `-` is standard output
     output: PathBuf,
     #[command(flatten)]
@@ -54,13 +55,13 @@ fn size(text: &str) -> Result<(u64, u64), String> {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let tree = open(&args.file)?;
+    let tree = args.tree.open()?;
     let name = args.format.as_ref().map(|format| Path::new("x").with_extension(format));
     let format: Option<Format> = format_of(name.as_deref().unwrap_or(&args.output));
     let Some(format) = format else {
         bail!("{}: unknown format; use .png, .tif, .exr, .npy or .raw, or --format", args.output.display());
     };
-    check_output([args.file.as_path()], &args.output)?;
+    check_output([args.tree.file.as_path()], &args.output)?;
     let picture = Bounds { min: [0; 3], max: tree.header().extent };
     let mut bounds = args.part.bounds(&*tree)?.unwrap_or(picture);
     if args.slice >= picture.max[2] {

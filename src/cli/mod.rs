@@ -14,6 +14,7 @@ mod quantity;
 mod stats;
 mod transform;
 mod verify;
+mod viewed;
 
 use std::io::{self, Write};
 use std::path::Path;

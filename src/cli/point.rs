@@ -1,14 +1,13 @@
 //! `spinney point`: single cells, a few from the command line or many from standard input.
 
 use std::io::{self, BufRead, Write};
-use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
 use spinney::query::Tree;
 use spinney::value::SampleType;
 
-use super::open;
+use super::viewed::Viewed;
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
@@ -22,8 +21,8 @@ A line of the answer has a point's samples, or `void`. Lines of standard input a
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree file
-    file: PathBuf,
+    #[command(flatten)]
+    tree: Viewed,
     /// Points, X,Y or X,Y,Z; read from standard input if there are none
     #[arg(value_name = "X,Y")]
     points: Vec<String>,
@@ -36,7 +35,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let tree = open(&args.file)?;
+    let tree = args.tree.open()?;
     let depth = tree.depth();
     let level = args.level.unwrap_or(depth);
     ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");

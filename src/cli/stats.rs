@@ -1,14 +1,13 @@
 //! `spinney stats`: exact statistics of any part.
 
-use std::path::PathBuf;
-
 use anyhow::Result;
 use serde_json::json;
 use spinney::query::{Statistics, Tree};
 use spinney::space::{Bounds, is_geographic};
 
 use super::place::Part;
-use super::{open, print_json};
+use super::print_json;
+use super::viewed::Viewed;
 
 const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
@@ -21,8 +20,8 @@ Mercator. Cells of degrees differ in area.";
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree file
-    file: PathBuf,
+    #[command(flatten)]
+    tree: Viewed,
     #[command(flatten)]
     part: Part,
     /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0 for none
@@ -34,7 +33,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let tree = open(&args.file)?;
+    let tree = args.tree.open()?;
     let bounds = args.part.bounds(&*tree)?;
     let stats = tree.statistics(bounds)?;
     let picture = Bounds { min: [0; 3], max: tree.header().extent };

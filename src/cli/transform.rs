@@ -7,6 +7,7 @@ use spinney::ops::{self, Chain, Step};
 use spinney::store::Output;
 
 use super::progress::Work;
+use super::viewed::step;
 use super::{Global, Result, check_output, quantity, tell_output};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned.
@@ -67,10 +68,6 @@ Examples:
   spinney transform bunny.goblin rotate=30,1,1,0 scale=2 -o large.goblin
   spinney transform relief.goblin depth=10 -o coarse.goblin
   spinney transform old.goblin like=new.goblin -o old_on_new.goblin";
-
-fn step(text: &str) -> Result<Step, String> {
-    text.parse().map_err(|error: spinney::Error| error.to_string())
-}
 
 pub(crate) fn run(args: Args, global: &Global) -> Result {
     let start = Instant::now();

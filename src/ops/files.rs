@@ -1,12 +1,14 @@
 //! Operations on files of any type, from files to files.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::align::align;
 use super::combine::{Combined, Operation};
 use super::cross::cross;
 use super::step::Step;
 use super::view::{Sampling, View};
+use crate::query::{Tree, Viewed};
 use crate::space::{Frame, Oct, Quad};
 use crate::store::Output;
 use crate::store::goblin::{BuildOptions, Goblin, Header, Layout, Metadata, OpenOptions, build, read_header};
@@ -83,12 +85,8 @@ pub fn cross_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>> {
 /// What is wanted of the sources that a job makes.
 trait Want {
     type Out;
-    fn of<D: Layout, V: Value>(
-        self,
-        files: &[Goblin<D, V>],
-        views: Vec<View<&Goblin<D, V>>>,
-        job: &Job<'_>,
-    ) -> Result<Self::Out>;
+    fn of<D: Layout, V: Value>(self, views: Vec<View<Arc<Goblin<D, V>>>>, job: &Job<'_>)
+    -> Result<Self::Out>;
 }
 
 struct Job<'a> {
@@ -129,13 +127,13 @@ impl Job<'_> {
     }
 
     fn typed<D: Layout, V: Value, W: Want>(&self, want: W) -> Result<W::Out> {
-        let open = |path: &PathBuf| Goblin::<D, V>::open(path, &OpenOptions::default());
+        let open = |path: &PathBuf| Ok(Arc::new(Goblin::<D, V>::open(path, &OpenOptions::default())?));
         let files: Vec<_> = self.paths.iter().map(open).collect::<Result<_>>()?;
-        let views = match self.chain {
-            Some(chain) => vec![chained(chain, &files[0])?],
-            None => aligned(&files)?,
+        let views = match (self.chain, files.into_iter()) {
+            (Some(chain), files) => files.map(|file| chained(chain, file)).collect::<Result<_>>()?,
+            (None, files) => aligned(files.collect())?,
         };
-        want.of(&files, views, self)
+        want.of(views, self)
     }
 }
 
@@ -145,9 +143,9 @@ fn place_of(path: &Path) -> Result<(Frame, [u64; 3])> {
     Ok((tree.metadata().frame.clone(), tree.header().extent))
 }
 
-fn chained<'a, D: Layout, V: Value>(chain: &Chain, file: &'a Goblin<D, V>) -> Result<View<&'a Goblin<D, V>>> {
+fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<Goblin<D, V>>) -> Result<View<Arc<Goblin<D, V>>>> {
     let header = file.header();
-    let mut view = View::new(file, header.extent)?;
+    let mut view = View::new(file.clone(), header.extent)?;
     for step in &chain.steps {
         view = step.apply(view, &file.metadata().frame, place_of)?;
     }
@@ -157,7 +155,7 @@ fn chained<'a, D: Layout, V: Value>(chain: &Chain, file: &'a Goblin<D, V>) -> Re
     if chain.nearest { Ok(view) } else { view.sampled(Sampling::Area(header.rule)) }
 }
 
-fn aligned<D: Layout, V: Value>(files: &[Goblin<D, V>]) -> Result<Vec<View<&Goblin<D, V>>>> {
+fn aligned<D: Layout, V: Value>(files: Vec<Arc<Goblin<D, V>>>) -> Result<Vec<View<Arc<Goblin<D, V>>>>> {
     let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
     let trees: Vec<_> = files
         .iter()
@@ -168,10 +166,11 @@ fn aligned<D: Layout, V: Value>(files: &[Goblin<D, V>]) -> Result<Vec<View<&Gobl
     // Deeper than needed if one of the files is: what it has stored fits as it is.
     let deepest = files.iter().map(|file| file.header().shape.depth).max().unwrap_or(0);
     files
-        .iter()
+        .into_iter()
         .zip(alignments)
         .map(|(file, alignment)| {
-            let view = View::new(file, file.header().extent)?.onto(&alignment.map, alignment.extent)?;
+            let extent = file.header().extent;
+            let view = View::new(file, extent)?.onto(&alignment.map, alignment.extent)?;
             let depth = view.depth().max(deepest);
             view.deepened(depth)
         })
@@ -187,21 +186,17 @@ struct Store<'a> {
 impl Want for Store<'_> {
     type Out = Outcome;
 
-    fn of<D: Layout, V: Value>(
-        self,
-        files: &[Goblin<D, V>],
-        views: Vec<View<&Goblin<D, V>>>,
-        job: &Job<'_>,
-    ) -> Result<Outcome> {
-        let header = files[0].header();
+    fn of<D: Layout, V: Value>(self, views: Vec<View<Arc<Goblin<D, V>>>>, job: &Job<'_>) -> Result<Outcome> {
         let first = &views[0];
+        let header = first.source().header().clone();
         let (extent, to_source) = (first.extent(), first.to_source());
         let depth = views.iter().map(View::depth).max().unwrap_or(0);
         let moves = job.chain.is_some_and(|chain| chain.moves);
-        let mut metadata =
-            Metadata { frame: first.frame(&files[0].metadata().frame, moves), ..files[0].metadata().clone() };
+        let told = first.source().metadata();
+        let mut metadata = Metadata { frame: first.frame(&told.frame, moves), ..told.clone() };
         metadata.provenance.push(job.story());
-        let before: Result<Vec<u64>> = files.iter().map(|file| Ok(file.statistics(None)?.cells)).collect();
+        let before: Result<Vec<u64>> =
+            views.iter().map(|view| Ok(view.source().statistics(None)?.cells)).collect();
         let before = before?;
         let volume = to_source.0.matrix3.determinant().abs();
         let whole = job.chain.is_some() && !first.is_cut();
@@ -237,17 +232,38 @@ impl Job<'_> {
     }
 }
 
+/// A file seen through a chain of steps, for any question: nothing is made beforehand.
+///
+/// # Errors
+/// If the file cannot be read, or a step cannot be done.
+pub fn open_view(chain: &Chain) -> Result<Box<dyn Tree>> {
+    let job = Job { paths: vec![chain.path.clone()], chain: Some(chain), operation: None };
+    job.run(Look)
+}
+
+struct Look;
+
+impl Want for Look {
+    type Out = Box<dyn Tree>;
+
+    fn of<D: Layout, V: Value>(
+        self,
+        mut views: Vec<View<Arc<Goblin<D, V>>>>,
+        job: &Job<'_>,
+    ) -> Result<Self::Out> {
+        let view = views.swap_remove(0);
+        let moves = job.chain.is_some_and(|chain| chain.moves);
+        let frame = view.frame(&view.source().metadata().frame, moves);
+        Ok(Box::new(Viewed::new(view, frame)))
+    }
+}
+
 struct Cross;
 
 impl Want for Cross {
     type Out = Vec<PairOfSamples>;
 
-    fn of<D: Layout, V: Value>(
-        self,
-        _: &[Goblin<D, V>],
-        views: Vec<View<&Goblin<D, V>>>,
-        _: &Job<'_>,
-    ) -> Result<Self::Out> {
+    fn of<D: Layout, V: Value>(self, views: Vec<View<Arc<Goblin<D, V>>>>, _: &Job<'_>) -> Result<Self::Out> {
         let samples = |value: Option<V>| {
             value.map(|value| value.samples().iter().map(|sample| sample.to_f64()).collect::<Vec<f64>>())
         };

@@ -19,7 +19,7 @@ pub use align::{Alignment, align};
 pub use combine::{Combined, CombinedNode, Operation, Prefer};
 pub use cross::{Pair, cross};
 pub use data_box::data_box;
-pub use files::{Chain, Outcome, PairOfSamples, combine, cross_files, transform};
+pub use files::{Chain, Outcome, PairOfSamples, combine, cross_files, open_view, transform};
 pub use look::{Around, ViewNode};
 pub use map::{Axis, Map};
 pub use step::{Step, Turn};

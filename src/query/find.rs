@@ -2,10 +2,11 @@
 
 use crate::space::{Bounds, Code};
 use crate::store::goblin::{Goblin, Layout};
+use crate::tree::Source;
 use crate::value::{Sample, Tally, Value};
 use crate::{Error, Result};
 
-use super::walk::{Visitor, node_bounds, walk};
+use super::walk::{Visitor, node_bounds, walk, walk_source};
 
 /// What to look for, in the first channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,15 +69,32 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     ) -> Result<()> {
         let picture = Bounds { min: [0; 3], max: self.header().extent };
         let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
-        let mut search = Search { tree: self, condition, found, pending: Vec::new(), stopped: false };
-        let walked = walk(self, &bounds, &mut search).and_then(|()| search.miss());
-        // Stopping early looks like an interruption to the walk.
-        if search.stopped { Ok(()) } else { walked }
+        let mut search = Search::new(Some(self), self.header().shape.depth, condition, found);
+        let walked = walk(self, &bounds, &mut search);
+        search.finish(walked)
     }
 }
 
+/// [`Goblin::find`] in any source, going through all of its nodes in the box.
+pub(crate) fn source_find<S>(
+    source: &S,
+    condition: Condition,
+    bounds: &Bounds,
+    found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+) -> Result<()>
+where
+    S: Source,
+    S::Dim: Layout,
+{
+    let mut search = Search::<S::Dim, S::Value>::new(None, source.depth(), condition, found);
+    let walked = walk_source(source, bounds, &mut search);
+    search.finish(walked)
+}
+
 struct Search<'a, D: Layout, V: Value> {
-    tree: &'a Goblin<D, V>,
+    /// The file that has the zones.
+    tree: Option<&'a Goblin<D, V>>,
+    depth: u8,
     condition: Condition,
     found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a larger
@@ -85,10 +103,25 @@ struct Search<'a, D: Layout, V: Value> {
     stopped: bool,
 }
 
-impl<D: Layout, V: Value> Search<'_, D, V> {
+impl<'a, D: Layout, V: Value> Search<'a, D, V> {
+    fn new(
+        tree: Option<&'a Goblin<D, V>>,
+        depth: u8,
+        condition: Condition,
+        found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Self {
+        Search { tree, depth, condition, found, pending: Vec::new(), stopped: false }
+    }
+
+    fn finish(mut self, walked: Result<()>) -> Result<()> {
+        let walked = walked.and_then(|()| self.miss());
+        // Stopping early looks like an interruption to the walk.
+        if self.stopped { Ok(()) } else { walked }
+    }
+
     /// Something does not meet the condition: what is pending cannot grow any more.
     fn miss(&mut self) -> Result<()> {
-        let depth = self.tree.header().shape.depth;
+        let depth = self.depth;
         for (code, value) in std::mem::take(&mut self.pending) {
             let bounds = node_bounds(code, depth);
             if !(self.found)(FoundBlock { code: code.to_string(), level: code.level(), bounds, value })? {
@@ -101,7 +134,7 @@ impl<D: Layout, V: Value> Search<'_, D, V> {
 
     /// A uniform block that meets the condition but sticks out of the box: its largest parts inside.
     fn split(&mut self, code: Code<D>, value: f64, part: &Bounds) -> Result<()> {
-        let whole = node_bounds(code, self.tree.header().shape.depth);
+        let whole = node_bounds(code, self.depth);
         if part.contains(&whole) {
             self.pending.push((code, Some(value)));
             return Ok(());
@@ -115,8 +148,9 @@ impl<D: Layout, V: Value> Search<'_, D, V> {
 
 impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D, V> {
     fn zone(&mut self, code: Code<D>, segment: usize) -> Result<bool> {
-        let zone = self.tree.entry(segment)?.zone;
-        let full = zone.cells == node_bounds(code, self.tree.header().shape.depth).volume();
+        let Some(tree) = self.tree else { return Ok(false) };
+        let zone = tree.entry(segment)?.zone;
+        let full = zone.cells == node_bounds(code, self.depth).volume();
         match self.condition.of_zone(&zone) {
             Some(true) if full => self.pending.push((code, None)),
             Some(false) => self.miss()?,

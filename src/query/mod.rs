@@ -5,9 +5,11 @@ mod dump;
 mod find;
 mod goblin;
 mod stats;
+mod viewed;
 mod walk;
 mod window;
 
 pub use any::{Tree, open};
 pub use find::{Condition, FoundBlock};
 pub use stats::{ChannelStatistics, Statistics};
+pub(crate) use viewed::Viewed;

@@ -5,9 +5,10 @@ use zerocopy::{FromBytes, IntoBytes};
 use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::goblin::{BadSkip, Goblin, Layout, each_leaf};
+use crate::tree::Source;
 use crate::value::{Sample, Sum, Tally, Value, channelwise_max, channelwise_min};
 
-use super::walk::{Visitor, walk};
+use super::walk::{Visitor, walk, walk_source};
 
 /// Statistics of the cells of a box that are not VOID.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -47,20 +48,9 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         // A box that has the whole picture has the whole tree: the rest is VOID.
         let side = 1u64 << header.shape.depth;
         let space = Bounds { min: [0; 3], max: [side, side, if D::AXES > 2 { side } else { 1 }] };
-        let mut gather = Gather {
-            tree: self,
-            classes: self.counts_classes().then(Classes::default),
-            tally: Tally::void(),
-            segments: 0,
-        };
+        let mut gather = Gather::new(Some(self), self.counts_classes());
         walk(self, if bounds == picture { &space } else { &bounds }, &mut gather)?;
-        let Gather { classes, mut tally, segments, .. } = gather;
-        if let Some(classes) = classes {
-            for (value, cells) in classes.finish() {
-                tally = Tally::merge(&[&tally, &Tally::leaf(value, cells, true)]);
-            }
-        }
-        Ok(summary(&tally, bounds.volume(), segments))
+        Ok(gather.finish(bounds.volume()))
     }
 
     /// Cells of a box whose first channel lies in each of `bins` equal parts of `low ..= high`.
@@ -68,11 +58,37 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     /// # Errors
     /// If the file is damaged there.
     pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
-        let bins = vec![0; bins.max(1)];
-        let mut histogram = Histogram { tree: self, low, scale: bins.len() as f64 / (high - low), bins };
+        let mut histogram = Histogram::new(Some(self), low, high, bins);
         walk(self, bounds, &mut histogram)?;
         Ok(histogram.bins)
     }
+}
+
+/// [`Goblin::statistics`] of any source, going through all of its nodes in the box.
+pub(crate) fn source_statistics<S>(source: &S, bounds: &Bounds, count_classes: bool) -> Result<Statistics>
+where
+    S: Source,
+    S::Dim: Layout,
+{
+    let mut gather = Gather::<S::Dim, S::Value>::new(None, count_classes);
+    walk_source(source, bounds, &mut gather)?;
+    Ok(gather.finish(bounds.volume()))
+}
+
+/// [`Goblin::histogram`] of any source.
+pub(crate) fn source_histogram<S>(
+    source: &S,
+    bounds: &Bounds,
+    (low, high): (f64, f64),
+    bins: usize,
+) -> Result<Vec<u64>>
+where
+    S: Source,
+    S::Dim: Layout,
+{
+    let mut histogram = Histogram::<S::Dim, S::Value>::new(None, low, high, bins);
+    walk_source(source, bounds, &mut histogram)?;
+    Ok(histogram.bins)
 }
 
 fn summary<V: Value>(tally: &Tally<V>, volume: u64, segments_read: u64) -> Statistics {
@@ -144,7 +160,8 @@ impl<V: Value> Classes<V> {
 }
 
 struct Gather<'a, D: Layout, V: Value> {
-    tree: &'a Goblin<D, V>,
+    /// The file that has the zones.
+    tree: Option<&'a Goblin<D, V>>,
     /// If classes are counted, everything else follows from the counts.
     classes: Option<Classes<V>>,
     tally: Tally<V>,
@@ -153,12 +170,13 @@ struct Gather<'a, D: Layout, V: Value> {
 
 impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
     fn zone(&mut self, _: Code<D>, segment: usize) -> Result<bool> {
+        let Some(tree) = self.tree else { return Ok(false) };
         match &mut self.classes {
             Some(classes) => {
-                let counts = self.tree.segment(segment)?.classes();
+                let counts = tree.segment(segment)?.classes();
                 counts.into_iter().for_each(|(value, cells)| classes.add(value, cells));
             }
-            None => self.tally = Tally::merge(&[&self.tally, &self.tree.entry(segment)?.zone]),
+            None => self.tally = Tally::merge(&[&self.tally, &tree.entry(segment)?.zone]),
         }
         Ok(true)
     }
@@ -179,7 +197,22 @@ impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
     }
 }
 
-impl<D: Layout, V: Value> Gather<'_, D, V> {
+impl<'a, D: Layout, V: Value> Gather<'a, D, V> {
+    fn new(tree: Option<&'a Goblin<D, V>>, count_classes: bool) -> Self {
+        let classes = count_classes.then(Classes::default);
+        Gather { tree, classes, tally: Tally::void(), segments: 0 }
+    }
+
+    fn finish(self, volume: u64) -> Statistics {
+        let Gather { classes, mut tally, segments, .. } = self;
+        if let Some(classes) = classes {
+            for (value, cells) in classes.finish() {
+                tally = Tally::merge(&[&tally, &Tally::leaf(value, cells, true)]);
+            }
+        }
+        summary(&tally, volume, segments)
+    }
+
     #[inline]
     fn count(&mut self, value: V, cells: u64) {
         if let Some(classes) = &mut self.classes {
@@ -202,14 +235,20 @@ impl<D: Layout, V: Value> Gather<'_, D, V> {
 }
 
 struct Histogram<'a, D: Layout, V: Value> {
-    tree: &'a Goblin<D, V>,
+    /// The file that has the zones.
+    tree: Option<&'a Goblin<D, V>>,
     low: f64,
     /// Bins per unit.
     scale: f64,
     bins: Vec<u64>,
 }
 
-impl<D: Layout, V: Value> Histogram<'_, D, V> {
+impl<'a, D: Layout, V: Value> Histogram<'a, D, V> {
+    fn new(tree: Option<&'a Goblin<D, V>>, low: f64, high: f64, bins: usize) -> Self {
+        let bins = vec![0; bins.max(1)];
+        Histogram { tree, low, scale: bins.len() as f64 / (high - low), bins }
+    }
+
     fn bin(&self, value: V) -> usize {
         let place = (value.samples()[0].to_f64() - self.low) * self.scale;
         (place.max(0.0) as usize).min(self.bins.len() - 1)
@@ -218,7 +257,8 @@ impl<D: Layout, V: Value> Histogram<'_, D, V> {
 
 impl<D: Layout, V: Value> Visitor<D, V> for Histogram<'_, D, V> {
     fn zone(&mut self, _: Code<D>, segment: usize) -> Result<bool> {
-        let zone = self.tree.entry(segment)?.zone;
+        let Some(tree) = self.tree else { return Ok(false) };
+        let zone = tree.entry(segment)?.zone;
         let (first, last) = (self.bin(zone.min), self.bin(zone.max));
         if first == last {
             self.bins[first] += zone.cells;

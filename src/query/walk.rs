@@ -3,7 +3,7 @@
 use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::goblin::{BadSkip, CUT, Goblin, INNER, LEAF, Layout, Record, Segment, VOID, child_places};
-use crate::tree::Child;
+use crate::tree::{Child, Source};
 use crate::value::Value;
 
 /// What wants to know about a box of cells.
@@ -36,11 +36,12 @@ pub(super) fn walk<D: Layout, V: Value>(
     visitor: &mut impl Visitor<D, V>,
 ) -> Result<()> {
     let walk = Walk { tree, bounds };
-    let whole = node_bounds(Code::<D>::ROOT, tree.header().shape.depth);
+    let depth = tree.header().shape.depth;
+    let whole = node_bounds(Code::<D>::ROOT, depth);
     let space = (!bounds.contains(&whole)).then_some(whole);
     match tree.root_place()? {
-        Child::Void => walk.uniform(Code::ROOT, None, space.as_ref(), visitor),
-        Child::Leaf(value) => walk.uniform(Code::ROOT, Some(value), space.as_ref(), visitor),
+        Child::Void => uniform(Code::ROOT, depth, None, (space.as_ref(), bounds), visitor),
+        Child::Leaf(value) => uniform(Code::ROOT, depth, Some(value), (space.as_ref(), bounds), visitor),
         Child::Inner { .. } => walk.segment(Code::ROOT, tree.find_segment(Code::ROOT), space, visitor),
     }
 }
@@ -77,6 +78,65 @@ fn child_bounds<D: Layout>(node: &Bounds, child: usize) -> Bounds {
     bounds
 }
 
+/// Shows a uniform block; `space` has its cells unless all of them lie in the box.
+#[inline]
+fn uniform<D: Layout, V: Value>(
+    code: Code<D>,
+    depth: u8,
+    value: Option<V>,
+    (space, bounds): (Option<&Bounds>, &Bounds),
+    visitor: &mut impl Visitor<D, V>,
+) -> Result<()> {
+    let Some(space) = space else {
+        let size = usize::from(depth.saturating_sub(code.level()));
+        return visitor.block(code, value, 1 << (D::AXES * size), None);
+    };
+    let part = space.intersect(bounds);
+    if part.is_empty() { visitor.outside() } else { visitor.block(code, value, part.volume(), Some(&part)) }
+}
+
+/// Walks all of `bounds` (cells of the deepest level) of any source, in FD order. There are no zones to ask about.
+pub(super) fn walk_source<S>(
+    source: &S,
+    bounds: &Bounds,
+    visitor: &mut impl Visitor<S::Dim, S::Value>,
+) -> Result<()>
+where
+    S: Source,
+    S::Dim: Layout,
+{
+    let whole = node_bounds(Code::<S::Dim>::ROOT, source.depth());
+    let space = (!bounds.contains(&whole)).then_some(whole);
+    source_node(source, Code::ROOT, source.root()?, space, bounds, visitor)
+}
+
+fn source_node<S>(
+    source: &S,
+    code: Code<S::Dim>,
+    place: Child<S::Value, S::Node>,
+    space: Option<Bounds>,
+    bounds: &Bounds,
+    visitor: &mut impl Visitor<S::Dim, S::Value>,
+) -> Result<()>
+where
+    S: Source,
+    S::Dim: Layout,
+{
+    let node = match place {
+        Child::Inner { node, .. } if code.level() < source.depth() => node,
+        _ => return uniform(code, source.depth(), place.value(), (space.as_ref(), bounds), visitor),
+    };
+    if space.is_some_and(|space| space.intersect(bounds).is_empty()) {
+        return visitor.outside();
+    }
+    for (step, child) in source.children(&node)?.into_iter().enumerate() {
+        let space = space.map(|space| child_bounds::<S::Dim>(&space, step));
+        let space = space.filter(|space| !bounds.contains(space));
+        source_node(source, code.child(step), child, space, bounds, visitor)?;
+    }
+    visitor.leave(code)
+}
+
 /// A node with a record.
 struct Node<D> {
     /// Its record's number in the segment.
@@ -89,27 +149,6 @@ struct Node<D> {
 }
 
 impl<D: Layout, V: Value> Walk<'_, D, V> {
-    /// A uniform block; `space` has its cells unless all of them lie in the box.
-    #[inline]
-    fn uniform(
-        &self,
-        code: Code<D>,
-        value: Option<V>,
-        space: Option<&Bounds>,
-        visitor: &mut impl Visitor<D, V>,
-    ) -> Result<()> {
-        let Some(space) = space else {
-            let size = u32::from(self.tree.header().shape.depth.saturating_sub(code.level()));
-            return visitor.block(code, value, 1 << (D::AXES as u32 * size), None);
-        };
-        let part = space.intersect(self.bounds);
-        if part.is_empty() {
-            visitor.outside()
-        } else {
-            visitor.block(code, value, part.volume(), Some(&part))
-        }
-    }
-
     /// A node that owns a segment.
     fn segment(
         &self,
@@ -155,8 +194,11 @@ impl<D: Layout, V: Value> Walk<'_, D, V> {
             let space = space.map(|space| child_bounds::<D>(&space, step));
             let space = space.filter(|space| !self.bounds.contains(space));
             match record.state(step) {
-                VOID => self.uniform(child, None, space.as_ref(), visitor)?,
-                LEAF => self.uniform(child, Some(record.value(step)), space.as_ref(), visitor)?,
+                VOID => uniform(child, shape.depth, None, (space.as_ref(), self.bounds), visitor)?,
+                LEAF => {
+                    let value = Some(record.value(step));
+                    uniform(child, shape.depth, value, (space.as_ref(), self.bounds), visitor)?;
+                }
                 state => {
                     debug_assert!(state == INNER || state == CUT);
                     if space.is_some_and(|space| space.intersect(self.bounds).is_empty()) {

@@ -84,30 +84,37 @@ pub trait Source {
     }
 }
 
-impl<S: Source> Source for &S {
-    type Dim = S::Dim;
-    type Value = S::Value;
-    type Node = S::Node;
+/// What points to a source is one.
+macro_rules! source_of_pointers {
+    ($($Pointer:ty)*) => { $(
+        impl<S: Source> Source for $Pointer {
+            type Dim = S::Dim;
+            type Value = S::Value;
+            type Node = S::Node;
 
-    fn depth(&self) -> u8 {
-        (**self).depth()
-    }
+            fn depth(&self) -> u8 {
+                (**self).depth()
+            }
 
-    fn root(&self) -> Result<Child<Self::Value, Self::Node>> {
-        (**self).root()
-    }
+            fn root(&self) -> Result<Child<Self::Value, Self::Node>> {
+                (**self).root()
+            }
 
-    fn children(
-        &self,
-        node: &Self::Node,
-    ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>> {
-        (**self).children(node)
-    }
+            fn children(
+                &self,
+                node: &Self::Node,
+            ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>> {
+                (**self).children(node)
+            }
 
-    fn stored(&self, node: &Self::Node) -> Option<Stored<'_, Self::Dim, Self::Value>>
-    where
-        Self::Dim: Layout,
-    {
-        (**self).stored(node)
-    }
+            fn stored(&self, node: &Self::Node) -> Option<Stored<'_, Self::Dim, Self::Value>>
+            where
+                Self::Dim: Layout,
+            {
+                (**self).stored(node)
+            }
+        }
+    )* };
 }
+
+source_of_pointers!(&S std::sync::Arc<S>);
