@@ -20,6 +20,7 @@ use super::{Global, Result, check_output, print_json, print_text, quantity, tell
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// What to do: see below
+    #[arg(value_parser = known)]
     operation: String,
     /// Tree files of one kind
     #[arg(required = true)]
@@ -103,6 +104,12 @@ fn operation(name: &str, files: usize, prefer: Prefer) -> Option<Operation> {
     })
 }
 
+/// A name that means something.
+fn known(name: &str) -> Result<String, String> {
+    let is_known = name == "cross" || operation(name, 2, Prefer::First).is_some();
+    is_known.then(|| name.to_string()).ok_or_else(|| "no such operation; see the list in --help".into())
+}
+
 pub(crate) fn run(args: Args, global: &Global) -> Result {
     let start = Instant::now();
     let Args { operation: name, files, output, values, fill, json, memory } = args;
@@ -113,7 +120,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
     ensure!(!json, "--json is for the table of cross");
     let prefer = if values == "a" || values == "first" { Prefer::First } else { Prefer::Second };
     let Some(operation) = operation(&name, files.len(), prefer) else {
-        bail!("{name}: no such operation; `spinney help combine` lists them");
+        bail!("{name}: no such operation");
     };
     let path = output.context("--output is missing: where should the result go?")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;

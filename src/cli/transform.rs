@@ -13,7 +13,7 @@ use super::{Global, Result, check_output, quantity, tell_output};
 /// Make a tree of a part of another, moved, scaled, mirrored or turned.
 ///
 /// Steps are done in the order given; a chain of any length looks every cell up once, in the file as it is on disk, and
-/// memory does not grow with the picture. What lies in the file as it will lie in the result is copied as it is.
+/// memory does not grow with the picture (pages of the mapped file come and go). What lies in the file as it will lie in the result is copied as it is.
 /// Without steps the result is a condensed copy.
 ///
 /// New cells that are no old ones get their value by the file's rule: the mean, or the class with the largest area, of
@@ -44,7 +44,7 @@ pub(crate) struct Args {
 
 const EXAMPLES: &str = "\
 Steps:
-  window=COL,ROW,W,H       a box of cells, aligned or not; octrees: X,Y,Z,W,H,D
+  window=COL,ROW,W,H       a box of cells, aligned or not; what sticks out is VOID; octrees: X,Y,Z,W,H,D
   bbox=W,S,E,N             the cells in a box of the world
   crop                     the smallest box around all data
   translate=DX,DY[,DZ]     by cells or parts of cells; room is made on the far sides

@@ -103,7 +103,7 @@ pub fn export_window(
             advice: "ask for fewer columns or a coarser level".into(),
         });
     }
-    let may_be_void = tree.statistics(Some(request.bounds))?.cells < request.bounds.volume();
+    let may_be_void = tree.may_have_void(request.bounds)?;
     let fill = request.nodata.or(fill_for(tree)?);
     let mut frame = metadata.frame.coarser(shift).shifted([origin[0], origin[1], source.min[2] as f64]);
     for row in &mut frame.matrix {
@@ -172,8 +172,8 @@ pub fn fill_for(tree: &dyn Tree) -> Result<Option<f64>> {
     if let Some(nodata) = tree.metadata().nodata.filter(|n| n.fract() == 0.0 && (low..=high).contains(n)) {
         return Ok(Some(nodata));
     }
-    let channels = tree.statistics(None)?.channels;
-    let free = |number: f64| channels.iter().any(|channel| number < channel.min || number > channel.max);
+    let channels = tree.value_bounds()?;
+    let free = |number: f64| channels.iter().any(|(min, max)| number < *min || number > *max);
     Ok([low, high].into_iter().find(|number| channels.is_empty() || free(*number)))
 }
 

@@ -4,7 +4,7 @@ use smallvec::SmallVec;
 
 use crate::space::{Code, Dimension};
 use crate::store::goblin::Layout;
-use crate::tree::{Child, Source, Stored};
+use crate::tree::{CellBlock, Child, Source, Stored};
 use crate::value::{Sample, SampleType, Value, channelwise_max, channelwise_min};
 use crate::{Error, Result};
 
@@ -23,7 +23,7 @@ pub enum Operation {
     /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both belong
     /// to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of neither. So 1 is
     /// the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union, 12 the complement of
-    /// the first. A missing second tree is VOID.
+    /// the first, which needs no second.
     Set {
         /// The number, 0 to 15.
         number: u8,
@@ -92,8 +92,8 @@ impl<S: Source> Combined<S> {
             Operation::Set { number, .. } if number > 15 => {
                 return Err(Error::invalid("set operation", number.to_string(), "0 to 15"));
             }
-            Operation::Set { .. } => 1..=2,
-            Operation::Equal | Operation::Changed => 2..=2,
+            Operation::Set { number: 12, .. } => 1..=2,
+            Operation::Set { .. } | Operation::Equal | Operation::Changed => 2..=2,
             _ => 1..=usize::MAX,
         };
         if !takes.contains(&sources.len()) {
@@ -337,6 +337,13 @@ impl<S: Source> Source for Combined<S> {
                     None => Child::Void,
                 }))
             }
+        }
+    }
+
+    fn cells(&self, node: &Self::Node, levels: u8) -> Result<Option<CellBlock<S::Value>>> {
+        match node {
+            CombinedNode::Same(tree, node) => self.sources[*tree].cells(node, levels),
+            CombinedNode::Open(..) => Ok(None),
         }
     }
 

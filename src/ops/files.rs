@@ -82,11 +82,13 @@ pub fn cross_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>> {
     job.run(Cross)
 }
 
+/// A file and how to look at it.
+type FileView<D, V> = View<Arc<Goblin<D, V>>>;
+
 /// What is wanted of the sources that a job makes.
 trait Want {
     type Out;
-    fn of<D: Layout, V: Value>(self, views: Vec<View<Arc<Goblin<D, V>>>>, job: &Job<'_>)
-    -> Result<Self::Out>;
+    fn of<D: Layout, V: Value>(self, views: Vec<FileView<D, V>>, job: &Job<'_>) -> Result<Self::Out>;
 }
 
 struct Job<'a> {
@@ -143,7 +145,7 @@ fn place_of(path: &Path) -> Result<(Frame, [u64; 3])> {
     Ok((tree.metadata().frame.clone(), tree.header().extent))
 }
 
-fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<Goblin<D, V>>) -> Result<View<Arc<Goblin<D, V>>>> {
+fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<Goblin<D, V>>) -> Result<FileView<D, V>> {
     let header = file.header();
     let mut view = View::new(file.clone(), header.extent)?;
     for step in &chain.steps {
@@ -155,7 +157,7 @@ fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<Goblin<D, V>>) -> Resul
     if chain.nearest { Ok(view) } else { view.sampled(Sampling::Area(header.rule)) }
 }
 
-fn aligned<D: Layout, V: Value>(files: Vec<Arc<Goblin<D, V>>>) -> Result<Vec<View<Arc<Goblin<D, V>>>>> {
+fn aligned<D: Layout, V: Value>(files: Vec<Arc<Goblin<D, V>>>) -> Result<Vec<FileView<D, V>>> {
     let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
     let trees: Vec<_> = files
         .iter()
@@ -186,7 +188,7 @@ struct Store<'a> {
 impl Want for Store<'_> {
     type Out = Outcome;
 
-    fn of<D: Layout, V: Value>(self, views: Vec<View<Arc<Goblin<D, V>>>>, job: &Job<'_>) -> Result<Outcome> {
+    fn of<D: Layout, V: Value>(self, views: Vec<FileView<D, V>>, job: &Job<'_>) -> Result<Outcome> {
         let first = &views[0];
         let header = first.source().header().clone();
         let (extent, to_source) = (first.extent(), first.to_source());
@@ -246,11 +248,7 @@ struct Look;
 impl Want for Look {
     type Out = Box<dyn Tree>;
 
-    fn of<D: Layout, V: Value>(
-        self,
-        mut views: Vec<View<Arc<Goblin<D, V>>>>,
-        job: &Job<'_>,
-    ) -> Result<Self::Out> {
+    fn of<D: Layout, V: Value>(self, mut views: Vec<FileView<D, V>>, job: &Job<'_>) -> Result<Self::Out> {
         let view = views.swap_remove(0);
         let moves = job.chain.is_some_and(|chain| chain.moves);
         let frame = view.frame(&view.source().metadata().frame, moves);
@@ -263,7 +261,7 @@ struct Cross;
 impl Want for Cross {
     type Out = Vec<PairOfSamples>;
 
-    fn of<D: Layout, V: Value>(self, views: Vec<View<Arc<Goblin<D, V>>>>, _: &Job<'_>) -> Result<Self::Out> {
+    fn of<D: Layout, V: Value>(self, views: Vec<FileView<D, V>>, _: &Job<'_>) -> Result<Self::Out> {
         let samples = |value: Option<V>| {
             value.map(|value| value.samples().iter().map(|sample| sample.to_f64()).collect::<Vec<f64>>())
         };

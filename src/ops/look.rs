@@ -7,7 +7,7 @@ use super::view::{Sampling, TINY, View};
 use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::store::goblin::Layout;
-use crate::tree::{Child, Source, Stored};
+use crate::tree::{CellBlock, Child, Source, Stored};
 use crate::value::Value;
 
 type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
@@ -65,6 +65,12 @@ impl<S: Source> Below<'_, S> {
             place = self.source.children(node)?.as_ref()[step(up, [0; 3])].clone();
         }
         Ok(place)
+    }
+}
+
+impl<D: Dimension, V: Value, N: Clone + std::fmt::Debug + Send + Sync> Around<D, V, N> {
+    pub(super) fn code(&self) -> Code<D> {
+        self.code
     }
 }
 
@@ -242,6 +248,13 @@ impl<S: Source> Source for View<S> {
             }
         }
         Ok(children)
+    }
+
+    fn cells(&self, node: &Self::Node, levels: u8) -> Result<Option<CellBlock<S::Value>>> {
+        match node {
+            ViewNode::Same(node) => self.source.cells(node, levels),
+            ViewNode::Around(_) => self.draw_block(node, levels),
+        }
     }
 
     fn stored(&self, node: &Self::Node) -> Option<Stored<'_, S::Dim, S::Value>>

@@ -6,6 +6,7 @@
 
 mod align;
 mod area;
+mod block;
 mod combine;
 mod cross;
 mod data_box;

@@ -97,8 +97,10 @@ impl FromStr for Step {
             ("translate", Some(&[x, y])) => Ok(Step::Translate([x, y, 0.0])),
             ("translate", Some(&[x, y, z])) => Ok(Step::Translate([x, y, z])),
             ("translate", _) => Err(wrong("translate=DX,DY or translate=DX,DY,DZ")),
-            ("scale", Some(factors)) if factors.len() <= 3 => Ok(Step::Scale(factors.to_vec())),
-            ("scale", _) => Err(wrong("scale=F or a factor for each axis, as in scale=2,0.5")),
+            ("scale", Some(factors)) if factors.len() <= 3 && factors.iter().all(|factor| *factor > 0.0) => {
+                Ok(Step::Scale(factors.to_vec()))
+            }
+            ("scale", _) => Err(wrong("scale=F or a factor for each axis, as in scale=2,0.5; all above 0")),
             ("rotate", _) => {
                 let expected = "rotate=DEGREES, rotate=DEGREES@COL,ROW or rotate=DEGREES,AXIS@X,Y,Z";
                 let centre = centre.map(|centre| {
@@ -160,8 +162,16 @@ impl FromStr for Step {
             ("affine", _) => Err(wrong("affine=a,b,c,d,e,f or 12 numbers, row by row")),
             ("depth", _) => level().map(Step::Depth).ok_or_else(|| wrong("depth=N, a number of levels")),
             ("room", _) => level().map(Step::Room).ok_or_else(|| wrong("room=N, a number of levels")),
-            ("root", _) => Ok(Step::Root(arguments.into())),
-            ("nest", _) => Ok(Step::Nest(arguments.into())),
+            ("root" | "nest", _) => {
+                let digits = arguments.strip_prefix('/');
+                if !digits.is_some_and(|digits| digits.bytes().all(|digit| (b'0'..b'8').contains(&digit))) {
+                    return Err(wrong(
+                        "an FD code, such as root=/031: / and a child's number for each level",
+                    ));
+                }
+                let code = arguments.to_string();
+                Ok(if name == "root" { Step::Root(code) } else { Step::Nest(code) })
+            }
             ("like", _) if !arguments.is_empty() => Ok(Step::Like(arguments.into())),
             _ => Err(wrong(
                 "window=, bbox=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, room=, \

@@ -159,9 +159,14 @@ impl<S: Source> View<S> {
         }
         self.origin += DVec3::from(min.map(|min| min as f64));
         self.extent = size;
-        let to_window = self.placed.then(&Map::translation((-self.origin).to_array()));
-        self.windows.push((to_window, DVec3::from(size.map(|size| size as f64))));
+        self.cut();
         self.fitted()
+    }
+
+    /// From here on nothing outside the extent is seen, whatever steps follow.
+    fn cut(&mut self) {
+        let to_window = self.placed.then(&Map::translation((-self.origin).to_array()));
+        self.windows.push((to_window, DVec3::from(self.extent.map(|cells| cells as f64))));
     }
 
     /// Moves by so many cells, or parts of cells, along each axis. The view begins where it began: what moves before
@@ -210,7 +215,9 @@ impl<S: Source> View<S> {
                 "at least one cell",
             ));
         }
-        self.mapped(map, DVec3::ZERO, extent)
+        let mut view = self.mapped(map, DVec3::ZERO, extent)?;
+        view.cut();
+        view.renewed()
     }
 
     fn mapped(mut self, map: &Map, min: DVec3, extent: [u64; 3]) -> Result<View<S>> {

@@ -70,6 +70,22 @@ pub trait Tree: Send + Sync {
     /// If the file is damaged there.
     fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics>;
 
+    /// Whether some cells of a box may be VOID; `false` is sure. Cheaper than statistics where these are not.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
+        Ok(self.statistics(Some(bounds))?.cells < bounds.volume())
+    }
+
+    /// Bounds of all values, per channel: the least and the largest; nothing if there are none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
+        Ok(self.statistics(None)?.channels.iter().map(|channel| (channel.min, channel.max)).collect())
+    }
+
     /// Cells of a box (of the deepest level) whose first channel lies in each of `bins` equal parts of `low ..= high`.
     ///
     /// # Errors

@@ -173,6 +173,36 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
         source_statistics(&self.view, &self.within(bounds), self.file().counts_classes())
     }
 
+    fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
+        // Looking for VOID everywhere can take as long as drawing everything: a look that is not long enough says yes.
+        const PATIENCE: usize = 100_000;
+        let picture = Bounds { min: [0; 3], max: self.header.extent };
+        if !picture.contains(&bounds) {
+            return Ok(true);
+        }
+        let mut pending = vec![(Code::<D>::ROOT, self.view.root()?)];
+        for _ in 0..PATIENCE {
+            let Some((code, place)) = pending.pop() else { return Ok(false) };
+            if super::walk::node_bounds(code, self.view.depth()).intersect(&bounds).is_empty() {
+                continue;
+            }
+            match place {
+                Child::Void => return Ok(true),
+                Child::Leaf(_) => {}
+                Child::Inner { node, .. } => {
+                    let children = self.view.children(&node)?.into_iter().enumerate();
+                    pending.extend(children.map(|(step, child)| (code.child(step), child)));
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
+        // No view has values beyond its file's.
+        self.file().value_bounds()
+    }
+
     fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
         source_histogram(&self.view, bounds, (low, high), bins)
     }

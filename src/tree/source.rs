@@ -3,7 +3,7 @@
 use std::fmt::Debug;
 
 use crate::Result;
-use crate::space::Dimension;
+use crate::space::{Bounds, Dimension};
 use crate::store::goblin::{Goblin, Handle, Layout};
 use crate::value::Value;
 
@@ -48,6 +48,22 @@ pub struct Stored<'a, D: Layout, V: Value> {
     pub node: Handle<D>,
 }
 
+/// Cells of a block in Z order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellBlock<V> {
+    /// 1 for cells with a value, 0 for VOID.
+    pub present: Vec<u8>,
+    /// The values; anything where there is none.
+    pub values: Vec<V>,
+}
+
+impl<V: Value> CellBlock<V> {
+    /// So many cells that are VOID.
+    pub fn void(cells: usize) -> CellBlock<V> {
+        CellBlock { present: vec![0; cells], values: vec![V::default(); cells] }
+    }
+}
+
 /// Everything that can be walked from the root down: a mapped file, a tree in memory, a view of either.
 ///
 /// This is the `classify` and `subdivide` scheme of the octree literature: a source says VOID, LEAF or INNER for a
@@ -73,6 +89,23 @@ pub trait Source {
         &self,
         node: &Self::Node,
     ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>>;
+
+    /// All cells below an INNER node with so many levels below it, where a source has them faster than by its children.
+    ///
+    /// # Errors
+    /// If the source fails.
+    fn cells(&self, _: &Self::Node, _: u8) -> Result<Option<CellBlock<Self::Value>>> {
+        Ok(None)
+    }
+
+    /// Draws a box of cells inside the tree's space, x fastest, then y, then z: values, and which of them are not VOID.
+    /// Returns whether the source can do that.
+    ///
+    /// # Errors
+    /// If the source fails.
+    fn draw(&self, _: &Bounds, _: &mut [<Self::Value as Value>::Wire], _: &mut [bool]) -> Result<bool> {
+        Ok(false)
+    }
 
     /// The file and the node in it that an INNER node is, with all that is below it, if it is one of a file: what
     /// stores trees may then copy what is stored instead of asking for it.
@@ -112,6 +145,19 @@ macro_rules! source_of_pointers {
                 Self::Dim: Layout,
             {
                 (**self).stored(node)
+            }
+
+            fn cells(&self, node: &Self::Node, levels: u8) -> Result<Option<CellBlock<Self::Value>>> {
+                (**self).cells(node, levels)
+            }
+
+            fn draw(
+                &self,
+                bounds: &Bounds,
+                values: &mut [<Self::Value as Value>::Wire],
+                valid: &mut [bool],
+            ) -> Result<bool> {
+                (**self).draw(bounds, values, valid)
             }
         }
     )* };

@@ -9,7 +9,8 @@ use super::averaging::{Averaging, Local, Majorities, Means, pairwise, sum_by_val
 use super::counts::LevelCounts;
 use super::part::Part;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
-use super::subtree::{CHECKED, count_nodes, each_leaf, each_record};
+use super::subtree::{CHECKED, count_nodes, each_leaf};
+use super::take::{Splice, Taker};
 use crate::Result;
 use crate::space::Code;
 use crate::tree::{Child, Source, Stored};
@@ -23,18 +24,8 @@ pub(super) struct Level<V> {
     records: Vec<u32>,
     /// Places, in this level, of the nodes whose children make up the next one; `None`: all of them.
     expanded: Option<Vec<u32>>,
-    /// INNER nodes that stand in a file as they are, in order.
+    /// INNER nodes that came as a whole, in order.
     spliced: Vec<Splice>,
-}
-
-/// A node whose records are taken over from a file.
-#[derive(Clone, Copy)]
-struct Splice {
-    /// Its place in its level.
-    place: u32,
-    /// Where its records are among all that were taken over.
-    start: u32,
-    len: u32,
 }
 
 /// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
@@ -58,34 +49,21 @@ impl<D: Layout, V: Value> Block<D, V> {
     }
 
     /// The block under `code`, whose root is the source's inner node `node`. Where `stored` gives a node of a file, its
-    /// records are taken over.
+    /// records are taken over; where the source can draw a small block, so are those of its cells.
     pub(super) fn from_source<'s, S: Source<Dim = D, Value = V>>(
         source: &'s S,
         code: Code<D>,
         height: u8,
         (representative, node): (V, S::Node),
+        rule: Rule,
         stored: impl Fn(&'s S, &S::Node, u8) -> Option<Stored<'s, D, V>>,
     ) -> Result<Self> {
-        let mut taken: Vec<D::Record<V>> = Vec::new();
-        let mut splice = |place: usize, node: &S::Node, below: u8| -> Result<Option<Splice>> {
-            let Some(stored) = stored(source, node, below) else { return Ok(None) };
-            let segment = stored.file.segment(stored.node.segment as usize)?;
-            let at = stored.node.record as usize;
-            let records = segment.records();
-            let records = records.get(at..at + records[at].skip() as usize).unwrap_or(&[]);
-            if each_record::<D, V>(records, below, |_, _| {}).is_err() {
-                // The usual way tells what is wrong.
-                return Ok(None);
-            }
-            let start = taken.len() as u32;
-            taken.extend_from_slice(records);
-            Ok(Some(Splice { place: place as u32, start, len: records.len() as u32 }))
-        };
+        let mut taker = Taker { source, stored, rule, records: Vec::new() };
         let mut root = Level { expanded: Some(vec![0]), ..Level::new(1) };
-        if let Some(whole) = splice(0, &node, height)? {
-            root.splice(whole, representative);
+        if let Some((child, splice)) = taker.take(0, &node, representative, height)? {
+            root.take(child, splice);
             root.expanded = Some(Vec::new());
-            return Ok(Block { code, height, levels: vec![root], taken });
+            return Ok(Block { code, height, levels: vec![root], taken: taker.records });
         }
         let mut levels = vec![root];
         let mut nodes = vec![node];
@@ -99,11 +77,12 @@ impl<D: Layout, V: Value> Block<D, V> {
                     match child {
                         Child::Void => {}
                         Child::Inner { representative, node } if below > 0 => {
-                            if let Some(whole) = splice(place, &node, below)? {
-                                level.splice(whole, representative);
-                            } else {
-                                expanded.push(place as u32);
-                                deeper.push(node);
+                            match taker.take(place, &node, representative, below)? {
+                                Some((child, splice)) => level.take(child, splice),
+                                None => {
+                                    expanded.push(place as u32);
+                                    deeper.push(node);
+                                }
                             }
                         }
                         Child::Leaf(value) | Child::Inner { representative: value, .. } => {
@@ -122,7 +101,7 @@ impl<D: Layout, V: Value> Block<D, V> {
                 break;
             }
         }
-        Ok(Block { code, height, levels, taken })
+        Ok(Block { code, height, levels, taken: taker.records })
     }
 
     /// Condenses and averages the block and turns it into records.
@@ -390,12 +369,22 @@ impl<V: Value> Level<V> {
         }
     }
 
-    fn splice(&mut self, splice: Splice, representative: V) {
+    /// Puts a node that was taken over in its place.
+    fn take(&mut self, child: Child<V, ()>, splice: Splice) {
         let place = splice.place as usize;
-        self.state[place] = INNER;
-        self.value[place] = representative;
-        self.records[place] = splice.len;
-        self.spliced.push(splice);
+        match child {
+            Child::Void => {}
+            Child::Leaf(value) => {
+                self.state[place] = LEAF;
+                self.value[place] = value;
+            }
+            Child::Inner { representative, .. } => {
+                self.state[place] = INNER;
+                self.value[place] = representative;
+                self.records[place] = splice.len;
+                self.spliced.push(splice);
+            }
+        }
     }
 }
 

@@ -342,7 +342,7 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
             Child::Inner { representative, node } if code.level() < plan.shape.depth => {
                 let stored = |source, node: &S::Node, levels| plan.stored(source, node, levels);
                 let root = (*representative, node.clone());
-                Ok(plan.mixed(Block::from_source(source, *code, height, root, stored)?))
+                Ok(plan.mixed(Block::from_source(source, *code, height, root, plan.rule, stored)?))
             }
             _ => Ok(plan.uniform(*code, place.value().filter(|value| !value.is_nan()))),
         };

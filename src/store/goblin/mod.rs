@@ -21,6 +21,7 @@ mod segment;
 mod shape;
 mod sorter;
 mod subtree;
+mod take;
 mod verify;
 mod writer;
 

@@ -13,7 +13,7 @@ use super::header::{HEADER_SIZE, Header, Section, TAIL, Trailer};
 use super::metadata::Metadata;
 use super::record::{CUT, INNER, LEAF, Layout, Record, VOID};
 use super::segment::{Bytes, Segment, child_place, child_places};
-use crate::space::{Code, Dimension};
+use crate::space::{Bounds, Code, Dimension};
 use crate::store::{Mapped, Positioned, Storage};
 use crate::tree::{Child, Source, Stored};
 use crate::value::{Sum, Tally, Value};
@@ -520,6 +520,11 @@ impl<D: Layout, V: Value> Source for Goblin<D, V> {
             };
         }
         Ok(children)
+    }
+
+    fn draw(&self, bounds: &Bounds, values: &mut [V::Wire], valid: &mut [bool]) -> Result<bool> {
+        self.window(self.header.shape.depth, bounds, V::default(), values, Some(valid))?;
+        Ok(true)
     }
 
     fn stored(&self, node: &Handle<D>) -> Option<Stored<'_, D, V>> {

@@ -1,6 +1,6 @@
 //! One go over the records of a subtree, all of which is in one segment: no recursion, and nothing is believed.
 
-use super::record::{INNER, LEAF, Layout, Record};
+use super::record::{LEAF, Layout, Record};
 use crate::value::Value;
 
 /// The records of a subtree contradict each other.
@@ -89,10 +89,13 @@ pub(super) fn count_nodes<D: Layout, V: Value>(
 ) -> Result<(), BadSkip> {
     each_record::<D, V>(records, levels, |level, record| {
         if let Some(counts) = counts.get_mut(usize::from(level)) {
-            let states = record.states();
-            for child in 0..D::CHILDREN {
-                counts[((states >> (2 * child)) as usize & 3).min(usize::from(INNER))] += 1;
-            }
+            // No child is CUT.
+            let states = record.states() & (u32::MAX >> (32 - 2 * D::CHILDREN));
+            let inner = (states >> 1 & ALIKE).count_ones() as u64;
+            let leaves = (states & ALIKE).count_ones() as u64;
+            counts[0] += D::CHILDREN as u64 - inner - leaves;
+            counts[1] += leaves;
+            counts[2] += inner;
         }
     })
 }
