@@ -7,10 +7,12 @@ use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use common::{Cells, Random, goblin_bytes};
+use spinney::ops::{Axis, Combined, Map, Operation, Prefer, Sampling, View};
 use spinney::query::{Condition, Tree};
 use spinney::space::{Bounds, Oct, Quad};
-use spinney::store::goblin::{Goblin, Layout, OpenOptions};
-use spinney::tree::{Child, Source};
+use spinney::store::Output;
+use spinney::store::goblin::{Goblin, Layout, OpenOptions, build};
+use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{Kind, Rule, Value};
 use spinney::{Error, Result};
 
@@ -508,4 +510,41 @@ fn memory_stays_bounded() {
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     let kilobytes: u64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
     assert!(kilobytes < 1 << 20, "{peak}");
+}
+
+/// Records that say anything, unchecked: what is made of them may be nonsense, but is made or refused.
+#[test]
+fn operations_on_records_that_lie() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = OpenOptions { check: false, ..OpenOptions::default() };
+    let mut random = Random(12);
+    for round in 0..120u64 {
+        let mut bytes = map().to_vec();
+        for _ in 0..1 + round % 5 {
+            // The header is 60 bytes; the segments follow.
+            let at = 60 + random.below(bytes.len() as u64 / 2) as usize;
+            bytes[at] ^= 1 << random.below(8);
+        }
+        let Ok(file) = Goblin::<Quad, [u8; 1]>::from_storage("map".as_ref(), Box::new(bytes), &options)
+        else {
+            continue;
+        };
+        let [width, height, _] = file.header().extent;
+        let view = || View::new(&file, [width, height, 1]).unwrap();
+        let views = [
+            view(),
+            view().window([3, 5, 0], [300, 300, 1]).unwrap(),
+            view().transform(&Map::rotation(Axis::Z, 30.0, [9.0; 3])).unwrap(),
+            view().scale([0.3, 0.3, 1.0]).unwrap().sampled(Sampling::Area(Rule::Majority)).unwrap(),
+        ];
+        let view = &views[(round % 4) as usize];
+        let header = file.header();
+        let options = common::options(header.rule, header.kind, view.depth());
+        let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+        let _ = build(view, view.extent(), &options, output, &());
+        let pair = vec![&file, &file];
+        let xor = Operation::Set { number: 6, prefer: Prefer::First };
+        let combined = Combined::new(pair, xor, header.extent).unwrap();
+        let _ = MemTree::from_source(&combined, Rule::Nearest);
+    }
 }
