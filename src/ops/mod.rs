@@ -15,6 +15,7 @@ mod look;
 mod map;
 mod step;
 mod view;
+mod viewed;
 
 pub use align::{Alignment, align};
 pub use combine::{Combined, CombinedNode, Operation, Prefer};

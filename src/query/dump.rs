@@ -15,7 +15,7 @@ use crate::value::{Sample, Value};
 ///
 /// # Errors
 /// None for a tree in memory.
-pub(super) fn classic_table<D: Dimension, V: Value>(tree: &MemTree<D, V>) -> Result<String> {
+pub(crate) fn classic_table<D: Dimension, V: Value>(tree: &MemTree<D, V>) -> Result<String> {
     let mut rows = Vec::new();
     let mut positive = true;
     if let Child::Inner { node, .. } = tree.root()? {
@@ -61,7 +61,7 @@ fn number<D: Dimension, V: Value>(
 }
 
 /// A line per leaf: FD code in digits, the code's integer, the value.
-pub(super) fn leaf_codes<S: Source>(source: &S) -> Result<String> {
+pub(crate) fn leaf_codes<S: Source>(source: &S) -> Result<String> {
     let mut text = String::new();
     let mut pending = vec![(Code::<S::Dim>::ROOT, source.root()?)];
     while let Some((code, place)) = pending.pop() {

@@ -53,7 +53,7 @@ struct Walk<'a, D: Layout, V: Value> {
 
 /// The cells of a node.
 #[inline]
-pub(super) fn node_bounds<D: Layout>(code: Code<D>, depth: u8) -> Bounds {
+pub(crate) fn node_bounds<D: Layout>(code: Code<D>, depth: u8) -> Bounds {
     let size = depth - code.level();
     let cell = code.cell().map(u64::from);
     let axis = |axis: usize, cell: u64| if axis < D::AXES { cell << size } else { cell };

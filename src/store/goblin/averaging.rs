@@ -1,8 +1,8 @@
 //! The rules at work on a block: what is carried up from level to level to make representatives.
 
-use super::block::Level;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
 use super::subtree::{CHECKED, each_leaf};
+use crate::tree::Child;
 use crate::value::{Rule, Value, channelwise_max, channelwise_min, dominant, most_frequent};
 
 /// A rule at work on a block, from the bottom up.
@@ -87,11 +87,11 @@ const FEW: u32 = 64;
 
 impl<V: Value> Majorities<V> {
     /// The counts of a node, by ascending value.
-    pub(super) fn list(&self, (start, len): (u32, u32), level: &Level<V>, cells: u32) -> Vec<(V, u64)> {
-        match level.state[0] {
-            VOID => Vec::new(),
-            LEAF => vec![(level.value[0], cells as u64)],
-            _ => {
+    pub(super) fn list(&self, (start, len): (u32, u32), node: Child<V, ()>, cells: u32) -> Vec<(V, u64)> {
+        match node {
+            Child::Void => Vec::new(),
+            Child::Leaf(value) => vec![(value, cells as u64)],
+            Child::Inner { .. } => {
                 let mut counts = self.arena[start as usize..][..len as usize].to_vec();
                 sum_by_value(&mut counts);
                 counts

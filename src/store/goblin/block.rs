@@ -114,7 +114,7 @@ impl<D: Layout, V: Value> Block<D, V> {
             Rule::Majority => {
                 let mut majorities = Majorities { arena: Vec::new() };
                 let root = self.reduce(&mut majorities);
-                Some(majorities.list(root, &self.levels[0], self.cells_at(0)))
+                Some(majorities.list(root, self.root(), self.cells_at(0)))
             }
             _ => {
                 self.reduce(&mut Local(rule));
@@ -124,14 +124,19 @@ impl<D: Layout, V: Value> Block<D, V> {
         let classes = classes.or_else(|| count_classes.then(|| self.classes()));
         let mut tally = self.tally(classes.as_deref());
         tally.classes = classes.unwrap_or_default();
+        let child = self.root();
+        let records = self.records(counts);
+        Part { code: self.code, child, total: records.len() as u64, records, tally }
+    }
+
+    /// The block's root, once it is reduced.
+    fn root(&self) -> Child<V, ()> {
         let root = &self.levels[0];
-        let child = match root.state[0] {
+        match root.state[0] {
             VOID => Child::Void,
             LEAF => Child::Leaf(root.value[0]),
             _ => Child::Inner { representative: root.value[0], node: () },
-        };
-        let records = self.records(counts);
-        Part { code: self.code, child, total: records.len() as u64, records, tally }
+        }
     }
 
     /// Cells per node of the level `index` levels below the block's root.

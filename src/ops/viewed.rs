@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use zerocopy::FromBytes;
 
-use super::any::Tree;
-use super::dump;
-use super::find::{Condition, FoundBlock, source_find};
-use super::stats::{Statistics, source_histogram, source_statistics};
-use crate::ops::View;
+use super::view::View;
+use crate::query::{
+    Condition, FoundBlock, Statistics, Tree, dump, node_bounds, source_find, source_histogram,
+    source_statistics,
+};
 use crate::space::{Bounds, Code, Frame};
 use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata};
 use crate::tree::{Child, MemTree, Source, df};
@@ -76,7 +76,7 @@ where
 {
     let mut pending = vec![(Code::<S::Dim>::ROOT, source.root()?)];
     while let Some((code, place)) = pending.pop() {
-        let part = super::walk::node_bounds(code, source.depth()).intersect(bounds);
+        let part = node_bounds(code, source.depth()).intersect(bounds);
         if part.is_empty() {
             continue;
         }
@@ -183,7 +183,7 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
         let mut pending = vec![(Code::<D>::ROOT, self.view.root()?)];
         for _ in 0..PATIENCE {
             let Some((code, place)) = pending.pop() else { return Ok(false) };
-            if super::walk::node_bounds(code, self.view.depth()).intersect(&bounds).is_empty() {
+            if node_bounds(code, self.view.depth()).intersect(&bounds).is_empty() {
                 continue;
             }
             match place {
