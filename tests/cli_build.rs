@@ -214,4 +214,16 @@ fn memory_stays_within_its_budget() {
         let peak = peak_memory(&mut start(&args, folder.path()));
         assert!(peak > 0 && peak < budget + ALLOWANCE, "{} MiB with {memory}", peak >> 20);
     }
+    // Operations on the tree of the same picture: its file is small, so what is mapped does not count for much.
+    let jobs: [&[&str]; 4] = [
+        &["transform", "t.goblin", "rotate=17", "-o", "turned.goblin"],
+        &["transform", "t.goblin", "window=101,33,30000,8000", "-o", "part.goblin"],
+        &["transform", "turned.goblin", "like=t.goblin", "-o", "like.goblin"],
+        &["combine", "xor", "t.goblin", "like.goblin", "-o", "xor.goblin"],
+    ];
+    for job in jobs {
+        let arguments = [job, &["-q", "--memory", "16M"]].concat();
+        let peak = peak_memory(&mut start(&arguments, folder.path()));
+        assert!(peak < (16 << 20) + ALLOWANCE, "{} MiB for {job:?}", peak >> 20);
+    }
 }

@@ -258,13 +258,10 @@ impl<S: Source> Combined<S> {
         match self.settle(code, &places) {
             Settled::Void => Child::Void,
             Settled::Leaf(value) => Child::Leaf(value),
-            Settled::Take(at) => match places.swap_remove(at) {
-                (_, Child::Void) => Child::Void,
-                (_, Child::Leaf(value)) => Child::Leaf(value),
-                (tree, Child::Inner { representative, node }) => {
-                    Child::Inner { representative, node: CombinedNode::Same(tree, node) }
-                }
-            },
+            Settled::Take(at) => {
+                let (tree, place) = places.swap_remove(at);
+                place.map_node(|node| CombinedNode::Same(tree, node))
+            }
             Settled::Split => {
                 let representative = places.iter().find_map(|(_, place)| place.value()).unwrap_or_default();
                 Child::Inner { representative, node: CombinedNode::Open(code, places) }
@@ -306,36 +303,42 @@ impl<S: Source> Source for Combined<S> {
     }
 
     fn children(&self, node: &Self::Node) -> Result<<S::Dim as Dimension>::Array<Place<Self>>> {
+        let mut children = S::Dim::array(|_| Child::Void);
+        self.each_child(node, |step, child| {
+            children.as_mut()[step] = child;
+            Ok(())
+        })?;
+        Ok(children)
+    }
+
+    fn each_child(
+        &self,
+        node: &Self::Node,
+        mut each: impl FnMut(usize, Place<Self>) -> Result<()>,
+    ) -> Result<()> {
         match node {
-            CombinedNode::Same(tree, node) => {
-                let below = self.sources[*tree].children(node)?;
-                let mut below = below.into_iter();
-                Ok(S::Dim::array(|_| match below.next() {
-                    None | Some(Child::Void) => Child::Void,
-                    Some(Child::Leaf(value)) => Child::Leaf(value),
-                    Some(Child::Inner { representative, node }) => {
-                        Child::Inner { representative, node: CombinedNode::Same(*tree, node) }
-                    }
-                }))
-            }
+            CombinedNode::Same(tree, node) => self.sources[*tree].each_child(node, |step, child| {
+                each(step, child.map_node(|node| CombinedNode::Same(*tree, node)))
+            }),
             CombinedNode::Open(code, places) => {
                 let mut open: <S::Dim as Dimension>::Array<Open<S>> = S::Dim::array(|_| SmallVec::new());
                 for (tree, place) in places {
-                    let open = open.as_mut().iter_mut();
+                    let open = open.as_mut();
                     match place {
-                        Child::Void => open.for_each(|open| open.push((*tree, Child::Void))),
-                        Child::Leaf(value) => open.for_each(|open| open.push((*tree, Child::Leaf(*value)))),
+                        Child::Void => open.iter_mut().for_each(|open| open.push((*tree, Child::Void))),
+                        Child::Leaf(value) => {
+                            open.iter_mut().for_each(|open| open.push((*tree, Child::Leaf(*value))));
+                        }
                         Child::Inner { node, .. } => {
-                            let below = self.sources[*tree].children(node)?;
-                            open.zip(below).for_each(|(open, child)| open.push((*tree, child)));
+                            self.sources[*tree].each_child(node, |step, child| {
+                                open[step].push((*tree, child));
+                                Ok(())
+                            })?
                         }
                     }
                 }
                 let mut open = open.into_iter().enumerate();
-                Ok(S::Dim::array(|_| match open.next() {
-                    Some((step, open)) => self.place(code.child(step), open),
-                    None => Child::Void,
-                }))
+                open.try_for_each(|(step, open)| each(step, self.place(code.child(step), open)))
             }
         }
     }

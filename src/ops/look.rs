@@ -109,13 +109,8 @@ impl<S: Source> View<S> {
             let image: [i64; 3] = std::array::from_fn(|axis| first[axis] + moved.by[axis]);
             let aligned = image[..axes].iter().all(|cell| *cell >= 0 && cell & (side - 1) == 0);
             if aligned && height <= below.around.size && moved.shows_all(image, side, axes) {
-                return Ok(match below.get(image.map(|cell| cell >> height), height)? {
-                    Child::Void => Child::Void,
-                    Child::Leaf(value) => Child::Leaf(value),
-                    Child::Inner { representative, node } => {
-                        Child::Inner { representative, node: ViewNode::Same(node) }
-                    }
-                });
+                let same = below.get(image.map(|cell| cell >> height), height)?;
+                return Ok(same.map_node(ViewNode::Same));
             }
         }
         // The box of source cells that count, its ends included.
@@ -228,26 +223,28 @@ impl<S: Source> Source for View<S> {
         node: &Self::Node,
     ) -> Result<<S::Dim as Dimension>::Array<Child<S::Value, Self::Node>>> {
         let mut children = S::Dim::array(|_| Child::Void);
+        self.each_child(node, |step, child| {
+            children.as_mut()[step] = child;
+            Ok(())
+        })?;
+        Ok(children)
+    }
+
+    fn each_child(
+        &self,
+        node: &Self::Node,
+        mut each: impl FnMut(usize, Child<S::Value, Self::Node>) -> Result<()>,
+    ) -> Result<()> {
         match node {
             ViewNode::Same(node) => {
-                for (place, child) in children.as_mut().iter_mut().zip(self.source.children(node)?) {
-                    *place = match child {
-                        Child::Void => continue,
-                        Child::Leaf(value) => Child::Leaf(value),
-                        Child::Inner { representative, node } => {
-                            Child::Inner { representative, node: ViewNode::Same(node) }
-                        }
-                    };
-                }
+                self.source.each_child(node, |step, child| each(step, child.map_node(ViewNode::Same)))
             }
             ViewNode::Around(around) => {
                 let mut below = Below { source: &self.source, around, children: Default::default() };
-                for (step, place) in children.as_mut().iter_mut().enumerate() {
-                    *place = self.look(around.code.child(step), &mut below)?;
-                }
+                (0..S::Dim::CHILDREN)
+                    .try_for_each(|step| each(step, self.look(around.code.child(step), &mut below)?))
             }
         }
-        Ok(children)
     }
 
     fn cells(&self, node: &Self::Node, levels: u8) -> Result<Option<CellBlock<S::Value>>> {

@@ -33,6 +33,16 @@ impl<V: Copy, N> Child<V, N> {
         }
     }
 
+    /// The same place of a source that has other handles for its nodes.
+    #[inline]
+    pub fn map_node<M>(self, node_of: impl FnOnce(N) -> M) -> Child<V, M> {
+        match self {
+            Child::Void => Child::Void,
+            Child::Leaf(value) => Child::Leaf(value),
+            Child::Inner { representative, node } => Child::Inner { representative, node: node_of(node) },
+        }
+    }
+
     /// Whether there is more detail below.
     pub fn is_inner(&self) -> bool {
         matches!(self, Child::Inner { .. })
@@ -90,6 +100,18 @@ pub trait Source {
         node: &Self::Node,
     ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>>;
 
+    /// As [`Source::children`], one after the other: what goes through a whole tree saves the copying.
+    ///
+    /// # Errors
+    /// As [`Source::children`], or if `each` fails.
+    fn each_child(
+        &self,
+        node: &Self::Node,
+        mut each: impl FnMut(usize, Child<Self::Value, Self::Node>) -> Result<()>,
+    ) -> Result<()> {
+        self.children(node)?.into_iter().enumerate().try_for_each(|(step, child)| each(step, child))
+    }
+
     /// All cells below an INNER node with so many levels below it, where a source has them faster than by its children.
     ///
     /// # Errors
@@ -145,6 +167,14 @@ macro_rules! source_of_pointers {
                 Self::Dim: Layout,
             {
                 (**self).stored(node)
+            }
+
+            fn each_child(
+                &self,
+                node: &Self::Node,
+                each: impl FnMut(usize, Child<Self::Value, Self::Node>) -> Result<()>,
+            ) -> Result<()> {
+                (**self).each_child(node, each)
             }
 
             fn cells(&self, node: &Self::Node, levels: u8) -> Result<Option<CellBlock<Self::Value>>> {

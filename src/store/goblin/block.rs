@@ -72,7 +72,7 @@ impl<D: Layout, V: Value> Block<D, V> {
             let mut expanded = Vec::new();
             let mut deeper = Vec::new();
             for (group, node) in nodes.iter().enumerate() {
-                for (i, child) in source.children(node)?.into_iter().enumerate() {
+                source.each_child(node, |i, child| {
                     let place = group * D::CHILDREN + i;
                     match child {
                         Child::Void => {}
@@ -92,7 +92,8 @@ impl<D: Layout, V: Value> Block<D, V> {
                             }
                         }
                     }
-                }
+                    Ok(())
+                })?;
             }
             nodes = deeper;
             level.expanded = Some(expanded);

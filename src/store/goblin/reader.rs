@@ -486,40 +486,54 @@ impl<D: Layout, V: Value> Source for Goblin<D, V> {
     }
 
     fn children(&self, node: &Handle<D>) -> Result<D::Array<Child<V, Handle<D>>>> {
+        let mut children = D::array(|_| Child::Void);
+        self.each_child(node, |step, child| {
+            children.as_mut()[step] = child;
+            Ok(())
+        })?;
+        Ok(children)
+    }
+
+    fn each_child(
+        &self,
+        node: &Handle<D>,
+        mut each: impl FnMut(usize, Child<V, Handle<D>>) -> Result<()>,
+    ) -> Result<()> {
         let segment = self.segment(node.segment as usize)?;
         let records = segment.records();
         let at = node.record as usize;
-        let record = records[at];
+        let record = &records[at];
         let places = child_places::<D, V>(records, at).ok_or_else(|| self.bad_skip(&segment, at))?;
         let shape = &self.header.shape;
         let level = node.code.level() + 1;
         if level > shape.depth {
             return Err(self.corrupt(format!("node {}", node.code), "INNER", "no deeper node than a cell"));
         }
-        let mut children = D::array(|_| Child::Void);
-        for (i, child) in children.as_mut().iter_mut().enumerate() {
-            let state = record.state(i);
-            *child = match state {
-                VOID => continue,
-                LEAF => Child::Leaf(record.value(i)),
+        let candidates = shape.is_candidate(level);
+        for (step, place) in places.into_iter().enumerate() {
+            let state = record.state(step);
+            let child = match state {
+                VOID => Child::Void,
+                LEAF => Child::Leaf(record.value(step)),
                 _ => {
-                    let code = node.code.child(i);
+                    let code = node.code.child(step);
                     if level == shape.depth {
                         return Err(self.corrupt(format!("node {code}"), "INNER", "a cell, VOID or LEAF"));
                     }
-                    let own = shape.is_candidate(level).then(|| self.find_segment(code)).flatten();
+                    let own = candidates.then(|| self.find_segment(code)).flatten();
                     let node = match own {
                         Some(own) if own != segment.index && self.segment(own)?.code == code => {
                             Handle { code, segment: own as u32, record: 0 }
                         }
                         _ if state == CUT => return Err(self.bad_cut(code)),
-                        _ => Handle { code, segment: node.segment, record: places.as_ref()[i].unwrap_or(0) },
+                        _ => Handle { code, segment: node.segment, record: place.unwrap_or(0) },
                     };
-                    Child::Inner { representative: record.value(i), node }
+                    Child::Inner { representative: record.value(step), node }
                 }
             };
+            each(step, child)?;
         }
-        Ok(children)
+        Ok(())
     }
 
     fn draw(&self, bounds: &Bounds, values: &mut [V::Wire], valid: &mut [bool]) -> Result<bool> {
