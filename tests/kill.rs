@@ -169,3 +169,25 @@ fn an_interrupted_builder_leaves_nothing() {
         place.untouched();
     }
 }
+
+#[test]
+#[cfg(target_os = "linux")]
+fn devices_are_written_to_and_stay_what_they_are() {
+    use std::os::unix::fs::FileTypeExt;
+    let folder = tempfile::tempdir().unwrap();
+    let fixture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    // A pipe stands for all that is no file: a test must not put a real device at risk.
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || std::fs::read(pipe).unwrap()
+    });
+    let program = std::process::Command::new(env!("CARGO_BIN_EXE_spinney"))
+        .args(["-q", "build", fixture, "-o"])
+        .arg(&pipe)
+        .status();
+    assert!(program.unwrap().success());
+    assert!(reader.join().unwrap().starts_with(b"\x93Goblin\n"));
+    assert!(std::fs::metadata(&pipe).unwrap().file_type().is_fifo());
+}

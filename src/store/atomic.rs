@@ -19,22 +19,26 @@ pub struct Output {
 
 enum Sink {
     File(BufWriter<tempfile::NamedTempFile>),
-    Stdout(BufWriter<io::Stdout>),
+    /// Standard output, a device or a pipe: there is nothing to take the place of.
+    Stream(BufWriter<Box<dyn Write + Send>>),
 }
 
 const BUFFER: usize = 1 << 20;
 
 impl Output {
-    /// Starts a file at `path`; `-` is standard output.
+    /// Starts a file at `path`; `-` is standard output. Devices and named pipes are written to as they are.
     ///
     /// # Errors
     /// If `path` is a folder, or no file can be made in its folder.
     pub fn create(path: &Path) -> Result<Output> {
         let sink = if path == Path::new("-") {
-            Sink::Stdout(BufWriter::with_capacity(BUFFER, io::stdout()))
+            Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(io::stdout())))
         } else if path.is_dir() {
             let is_folder = io::Error::from(io::ErrorKind::IsADirectory);
             return Err(Error::io(path, "create a file")(is_folder));
+        } else if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+            let stream = File::options().write(true).open(path).map_err(Error::io(path, "open"))?;
+            Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(stream)))
         } else {
             let file =
                 temporary(path).map_err(Error::io(path, "create a temporary file beside the target"))?;
@@ -52,7 +56,7 @@ impl Output {
     pub fn file_mut(&mut self) -> Option<&mut File> {
         match &mut self.sink {
             Sink::File(file) => Some(file.get_mut().as_file_mut()),
-            Sink::Stdout(_) => None,
+            Sink::Stream(_) => None,
         }
     }
 
@@ -62,7 +66,7 @@ impl Output {
     pub fn commit(self) -> Result<()> {
         let path = self.path;
         match self.sink {
-            Sink::Stdout(mut out) => out.flush().map_err(Error::io(path, "write")),
+            Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
             Sink::File(file) => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 set_permissions(file.as_file(), &path).map_err(Error::io(&path, "set the permissions"))?;
@@ -83,14 +87,14 @@ impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.sink {
             Sink::File(file) => file.write(bytes),
-            Sink::Stdout(out) => out.write(bytes),
+            Sink::Stream(out) => out.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
             Sink::File(file) => file.flush(),
-            Sink::Stdout(out) => out.flush(),
+            Sink::Stream(out) => out.flush(),
         }
     }
 }
