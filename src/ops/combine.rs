@@ -302,15 +302,6 @@ impl<S: Source> Source for Combined<S> {
         Ok(self.place(Code::ROOT, places?))
     }
 
-    fn children(&self, node: &Self::Node) -> Result<<S::Dim as Dimension>::Array<Place<Self>>> {
-        let mut children = S::Dim::array(|_| Child::Void);
-        self.each_child(node, |step, child| {
-            children.as_mut()[step] = child;
-            Ok(())
-        })?;
-        Ok(children)
-    }
-
     fn each_child(
         &self,
         node: &Self::Node,

@@ -218,18 +218,6 @@ impl<S: Source> Source for View<S> {
         self.look(Code::ROOT, &mut below)
     }
 
-    fn children(
-        &self,
-        node: &Self::Node,
-    ) -> Result<<S::Dim as Dimension>::Array<Child<S::Value, Self::Node>>> {
-        let mut children = S::Dim::array(|_| Child::Void);
-        self.each_child(node, |step, child| {
-            children.as_mut()[step] = child;
-            Ok(())
-        })?;
-        Ok(children)
-    }
-
     fn each_child(
         &self,
         node: &Self::Node,

@@ -68,8 +68,13 @@ impl<D: Dimension, V: Value> Source for MemTree<D, V> {
         Ok(self.root)
     }
 
-    fn children(&self, node: &usize) -> Result<D::Array<Child<V, usize>>> {
-        Ok(self.inner[*node].clone())
+    fn each_child(
+        &self,
+        node: &usize,
+        mut each: impl FnMut(usize, Child<V, usize>) -> Result<()>,
+    ) -> Result<()> {
+        let mut children = self.inner[*node].as_ref().iter().enumerate();
+        children.try_for_each(|(step, child)| each(step, *child))
     }
 }
 

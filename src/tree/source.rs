@@ -98,19 +98,24 @@ pub trait Source {
     fn children(
         &self,
         node: &Self::Node,
-    ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>>;
+    ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>> {
+        let mut children = Self::Dim::array(|_| Child::Void);
+        self.each_child(node, |step, child| {
+            children.as_mut()[step] = child;
+            Ok(())
+        })?;
+        Ok(children)
+    }
 
-    /// As [`Source::children`], one after the other: what goes through a whole tree saves the copying.
+    /// Hands out the children of an inner node with their numbers, in child order.
     ///
     /// # Errors
-    /// As [`Source::children`], or if `each` fails.
+    /// If the source or `each` fails.
     fn each_child(
         &self,
         node: &Self::Node,
-        mut each: impl FnMut(usize, Child<Self::Value, Self::Node>) -> Result<()>,
-    ) -> Result<()> {
-        self.children(node)?.into_iter().enumerate().try_for_each(|(step, child)| each(step, child))
-    }
+        each: impl FnMut(usize, Child<Self::Value, Self::Node>) -> Result<()>,
+    ) -> Result<()>;
 
     /// All cells below an INNER node with so many levels below it, where a source has them faster than by its children.
     ///
@@ -153,20 +158,6 @@ macro_rules! source_of_pointers {
 
             fn root(&self) -> Result<Child<Self::Value, Self::Node>> {
                 (**self).root()
-            }
-
-            fn children(
-                &self,
-                node: &Self::Node,
-            ) -> Result<<Self::Dim as Dimension>::Array<Child<Self::Value, Self::Node>>> {
-                (**self).children(node)
-            }
-
-            fn stored(&self, node: &Self::Node) -> Option<Stored<'_, Self::Dim, Self::Value>>
-            where
-                Self::Dim: Layout,
-            {
-                (**self).stored(node)
             }
 
             fn each_child(

@@ -299,12 +299,12 @@ impl<D: Layout, V: Value> Block<D, V> {
         let any = self.levels.iter().find_map(|level| {
             level.state.iter().position(|state| *state == LEAF).map(|place| level.value[place])
         });
-        let mut any = any.or_else(|| {
+        let any = any.or_else(|| {
             let mut any = None;
             self.for_leaves(|value, _| any = any.or(Some(value)));
             any
         });
-        if let Some(value) = any.take() {
+        if let Some(value) = any {
             (min, max) = (value, value);
         }
         let mut sums = V::BlockSums::default();

@@ -485,15 +485,6 @@ impl<D: Layout, V: Value> Source for Goblin<D, V> {
         })
     }
 
-    fn children(&self, node: &Handle<D>) -> Result<D::Array<Child<V, Handle<D>>>> {
-        let mut children = D::array(|_| Child::Void);
-        self.each_child(node, |step, child| {
-            children.as_mut()[step] = child;
-            Ok(())
-        })?;
-        Ok(children)
-    }
-
     fn each_child(
         &self,
         node: &Handle<D>,
