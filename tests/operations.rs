@@ -1,8 +1,8 @@
-//! Views and set operations against arrays of cells, worked examples of the literature, and the algebra they obey.
+//! Views against arrays of cells, worked examples of the literature, and files made of views and combinations.
 
 mod common;
 
-use common::{Cells, Random, goblin};
+use common::{Cells, Random, assert_same, cells_of, goblin, made, oct_size, quad_size};
 use spinney::ops::{Axis, Combined, Map, Operation, Prefer, Sampling, View};
 use spinney::space::{Code, Oct, Quad};
 use spinney::store::goblin::{Goblin, Layout, depth_for};
@@ -11,43 +11,8 @@ use spinney::value::{Kind, Rule, Sample, Value};
 
 type Byte = [u8; 1];
 
-/// All cells of a source, by walking it.
-fn cells_of<S: Source>(source: &S, extent: [u64; 3]) -> Cells<S::Value> {
-    let tree = MemTree::<S::Dim, S::Value>::from_source(source, Rule::Nearest).unwrap();
-    let at = |cell: [u64; 3]| {
-        let code = Code::<S::Dim>::from_cell(source.depth(), cell.map(|cell| cell as u32)).unwrap();
-        tree.value_at(code)
-    };
-    made(extent, at)
-}
-
 fn seen<S: Source>(view: &View<S>) -> Cells<S::Value> {
     cells_of(view, view.extent())
-}
-
-fn made<V: Value>(size: [u64; 3], cell: impl Fn([u64; 3]) -> Option<V>) -> Cells<V> {
-    let mut cells = Vec::new();
-    for z in 0..size[2] {
-        for y in 0..size[1] {
-            cells.extend((0..size[0]).map(|x| cell([x, y, z])));
-        }
-    }
-    Cells { size, cells }
-}
-
-fn same<V: Value>(a: Option<V>, b: Option<V>) -> bool {
-    match (a, b) {
-        (Some(a), Some(b)) => a.same(b),
-        (None, None) => true,
-        _ => false,
-    }
-}
-
-fn assert_same<V: Value>(found: &Cells<V>, expected: &Cells<V>, what: &str) {
-    assert_eq!(found.size, expected.size, "{what}");
-    for (i, (found, expected)) in found.cells.iter().zip(&expected.cells).enumerate() {
-        assert!(same(*found, *expected), "{what}: cell number {i}: {found:?}, expected {expected:?}");
-    }
 }
 
 /// A cell that may lie outside.
@@ -62,14 +27,6 @@ fn sample<D: Layout, V: Value>(seed: u64, size: [u64; 3]) -> (View<MemTree<D, V>
     let depth = depth_for(size);
     let tree = MemTree::<D, V>::from_cells(depth, Rule::Mean, |cell| cells.get(cell.map(u64::from)));
     (View::new(tree, size).unwrap(), cells)
-}
-
-fn quad_size(random: &mut Random) -> [u64; 3] {
-    [1 + random.below(60), 1 + random.below(60), 1]
-}
-
-fn oct_size(random: &mut Random) -> [u64; 3] {
-    std::array::from_fn(|_| 1 + random.below(14))
 }
 
 const AXES: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
@@ -409,142 +366,6 @@ fn frames_follow_or_move() {
     let large = view.scale([2.0, 2.0, 1.0]).unwrap();
     assert_eq!(large.frame(&frame, false).to_world([80.0, 60.0, 0.0]), frame.to_world([40.0, 30.0, 0.0]));
     assert_eq!(large.frame(&frame, true).to_world([80.0, 60.0, 0.0]), frame.to_world([80.0, 60.0, 0.0]));
-}
-
-/// Two trees over one space.
-fn pair<D: Layout, V: Value>(seed: u64, size: [u64; 3]) -> (Vec<MemTree<D, V>>, Vec<Cells<V>>) {
-    let depth = depth_for(size);
-    let cells: Vec<_> = (0..2).map(|i| Cells::<V>::random(seed * 2 + i, size, 4, true)).collect();
-    let tree =
-        |cells: &Cells<V>| MemTree::from_cells(depth, Rule::Mean, |cell| cells.get(cell.map(u64::from)));
-    (cells.iter().map(tree).collect(), cells)
-}
-
-fn set_operations<D: Layout, V: Value>(seed: u64, size: [u64; 3]) {
-    let (trees, cells) = pair::<D, V>(seed, size);
-    let fill: V = common::value(99);
-    for number in 0..16u8 {
-        for prefer in [Prefer::First, Prefer::Second] {
-            let operation = Operation::Set { number, prefer };
-            let combined = Combined::new(trees.iter().collect(), operation, size).unwrap().filled_with(fill);
-            let expected = made(size, |cell| {
-                let (a, b) = (cells[0].get(cell), cells[1].get(cell));
-                let bit = match (a.is_some(), b.is_some()) {
-                    (true, true) => 0,
-                    (true, false) => 1,
-                    (false, true) => 2,
-                    (false, false) => 3,
-                };
-                let value = if prefer == Prefer::First { a.or(b) } else { b.or(a) };
-                (number >> bit & 1 > 0).then(|| value.unwrap_or(fill))
-            });
-            assert_same(
-                &cells_of(&combined, size),
-                &expected,
-                &format!("seed {seed}, operation {number}, {prefer:?}"),
-            );
-            // Nothing outside the picture.
-            let side = 1u64 << combined.depth();
-            let all = cells_of(&combined, [side, side, if D::AXES > 2 { side } else { 1 }]);
-            assert_eq!(count(&all), count(&expected), "operation {number}");
-        }
-    }
-}
-
-fn count<V>(cells: &Cells<V>) -> usize {
-    cells.cells.iter().flatten().count()
-}
-
-#[test]
-fn sixteen_set_operations() {
-    let mut random = Random(21);
-    for seed in 0..12 {
-        set_operations::<Quad, Byte>(seed, quad_size(&mut random));
-        set_operations::<Quad, [f32; 1]>(seed, quad_size(&mut random));
-        set_operations::<Oct, Byte>(seed, oct_size(&mut random));
-    }
-}
-
-#[test]
-fn algebra_of_sets() {
-    let size = [50, 41, 1];
-    let (trees, _) = pair::<Quad, Byte>(3, size);
-    let of = |number: u8, trees: Vec<MemTree<Quad, Byte>>| {
-        let combined = Combined::new(trees, Operation::Set { number, prefer: Prefer::First }, size).unwrap();
-        MemTree::<Quad, Byte>::from_source(&combined, Rule::Mean).unwrap()
-    };
-    let present = |tree: &MemTree<Quad, Byte>| {
-        let cells = cells_of(tree, size);
-        cells.cells.iter().map(Option::is_some).collect::<Vec<_>>()
-    };
-    let [a, b] = [trees[0].clone(), trees[1].clone()];
-    // De Morgan.
-    let left = of(12, vec![of(7, vec![a.clone(), b.clone()])]);
-    let right = of(1, vec![of(12, vec![a.clone()]), of(12, vec![b.clone()])]);
-    assert_eq!(present(&left), present(&right));
-    // Either white makes an intersection white (the print says both).
-    let area = |tree: &MemTree<Quad, Byte>| present(tree).iter().filter(|there| **there).count();
-    let (union, both) = (of(7, vec![a.clone(), b.clone()]), of(1, vec![a.clone(), b.clone()]));
-    assert_eq!(area(&union) + area(&both), area(&a) + area(&b));
-    assert_eq!(area(&of(6, vec![a.clone(), b.clone()])), area(&union) - area(&both));
-    let back = of(12, vec![of(12, vec![a.clone()])]);
-    assert_eq!(present(&back), present(&a));
-    assert_eq!(area(&of(15, vec![a.clone(), b])), 50 * 41);
-    assert_eq!(area(&of(0, vec![a.clone(), a])), 0);
-}
-
-fn valued<D: Layout, V: Value>(seed: u64, size: [u64; 3]) {
-    let (trees, cells) = pair::<D, V>(seed, size);
-    let number = |join: fn(f64, f64) -> f64| {
-        move |a: Option<V>, b: Option<V>| {
-            let (a, b) = (a?, b?);
-            Some(V::from_channels(|c| {
-                V::Sample::from_f64_lossy(join(a.samples()[c].to_f64(), b.samples()[c].to_f64()))
-            }))
-        }
-    };
-    type Expected<V> = Box<dyn Fn(Option<V>, Option<V>) -> Option<V>>;
-    let cases: Vec<(Operation, Expected<V>)> = vec![
-        (Operation::Over, Box::new(|a, b| a.or(b))),
-        (Operation::Min, Box::new(number(f64::min))),
-        (Operation::Max, Box::new(number(f64::max))),
-        (Operation::Add, Box::new(number(|a, b| a + b))),
-        (Operation::Subtract, Box::new(number(|a, b| a - b))),
-        (Operation::Equal, Box::new(|a, b| a.filter(|_| same(a, b)))),
-        (Operation::Changed, Box::new(|a, b| if same(a, b) { None } else { b.or(a) })),
-    ];
-    for (operation, expected) in cases {
-        let combined = Combined::new(trees.iter().collect(), operation, size).unwrap();
-        let expected = made(size, |cell| expected(cells[0].get(cell), cells[1].get(cell)));
-        assert_same(&cells_of(&combined, size), &expected, &format!("seed {seed}, {operation:?}"));
-    }
-}
-
-#[test]
-fn operations_on_values() {
-    let mut random = Random(22);
-    for seed in 0..15 {
-        valued::<Quad, Byte>(seed, quad_size(&mut random));
-        valued::<Quad, [i16; 1]>(seed, quad_size(&mut random));
-        valued::<Oct, [f32; 3]>(seed, oct_size(&mut random));
-    }
-}
-
-#[test]
-fn many_trees_over_each_other() {
-    let size = [60, 50, 1];
-    let cells: Vec<_> = (0..7).map(|seed| Cells::<Byte>::random(seed, size, 3, true)).collect();
-    let tree = |cells: &Cells<Byte>| {
-        MemTree::<Quad, Byte>::from_cells(6, Rule::Mean, |cell| cells.get(cell.map(u64::from)))
-    };
-    let trees: Vec<_> = cells.iter().map(tree).collect();
-    let over = Combined::new(trees.iter().collect(), Operation::Over, size).unwrap();
-    let expected = made(size, |cell| cells.iter().find_map(|cells| cells.get(cell)));
-    assert_same(&cells_of(&over, size), &expected, "over");
-    let max = Combined::new(trees.iter().collect(), Operation::Max, size).unwrap();
-    let expected =
-        made(size, |cell| cells.iter().map(|cells| cells.get(cell)).reduce(|a, b| Some(a?.max(b?)))?);
-    assert_same(&cells_of(&max, size), &expected, "max");
 }
 
 #[test]

@@ -9,6 +9,7 @@ use spinney::store::Output;
 use spinney::store::goblin::{
     BuildOptions, Goblin, Layout, Metadata, Slab, Slabs, build, build_slabs, depth_for,
 };
+use spinney::tree::{MemTree, Source};
 use spinney::value::{Kind, Rule, Sample, SampleType, Value};
 use zerocopy::IntoBytes;
 
@@ -162,7 +163,7 @@ pub fn goblin_bytes<D: Layout, V: Value>(cells: &Cells<V>, rule: Rule, kind: Kin
 /// The bytes of the file that a source makes.
 pub fn goblin_from_source<S>(source: &S, extent: [u64; 3], rule: Rule, kind: Kind) -> Vec<u8>
 where
-    S: spinney::tree::Source + Sync,
+    S: Source + Sync,
     S::Dim: Layout,
 {
     let folder = tempfile::tempdir().unwrap();
@@ -185,4 +186,49 @@ pub fn cells_below<D: Dimension>(code: Code<D>, depth: u8) -> impl Iterator<Item
     (0..deep).flat_map(move |k| {
         (0..side).flat_map(move |j| (0..side).map(move |i| [x * side + i, y * side + j, z0 + k]))
     })
+}
+
+/// All cells of a source, by walking it.
+pub fn cells_of<S: Source>(source: &S, extent: [u64; 3]) -> Cells<S::Value> {
+    let tree = MemTree::<S::Dim, S::Value>::from_source(source, Rule::Nearest).unwrap();
+    let at = |cell: [u64; 3]| {
+        let code = Code::<S::Dim>::from_cell(source.depth(), cell.map(|cell| cell as u32)).unwrap();
+        tree.value_at(code)
+    };
+    made(extent, at)
+}
+
+/// The cells that a function gives.
+pub fn made<V: Value>(size: [u64; 3], cell: impl Fn([u64; 3]) -> Option<V>) -> Cells<V> {
+    let mut cells = Vec::new();
+    for z in 0..size[2] {
+        for y in 0..size[1] {
+            cells.extend((0..size[0]).map(|x| cell([x, y, z])));
+        }
+    }
+    Cells { size, cells }
+}
+
+pub fn same<V: Value>(a: Option<V>, b: Option<V>) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => a.same(b),
+        (None, None) => true,
+        _ => false,
+    }
+}
+
+pub fn assert_same<V: Value>(found: &Cells<V>, expected: &Cells<V>, what: &str) {
+    assert_eq!(found.size, expected.size, "{what}");
+    for (i, (found, expected)) in found.cells.iter().zip(&expected.cells).enumerate() {
+        assert!(same(*found, *expected), "{what}: cell number {i}: {found:?}, expected {expected:?}");
+    }
+}
+
+/// A small size.
+pub fn quad_size(random: &mut Random) -> [u64; 3] {
+    [1 + random.below(60), 1 + random.below(60), 1]
+}
+
+pub fn oct_size(random: &mut Random) -> [u64; 3] {
+    std::array::from_fn(|_| 1 + random.below(14))
 }
