@@ -137,12 +137,12 @@ fn representative_of_the_worked_example() {
     let [a, b, c] = [[10u8], [20], [30]];
     let children = [Some((a, false)), Some((b, false)), Some((b, true)), Some((c, true))];
     let tally = spinney::value::Tally::<[u8; 1]>::void();
-    assert_eq!(spinney::value::representative(Rule::Dominant, &children, &tally), b);
+    assert_eq!(spinney::value::representative(Rule::Dominant, &children, &tally, 4), b);
     // Ties, which the text says nothing of: record 8 of the table needs the first (or lowest) of 1, 1, 2, 2.
     let tie = [1u8, 1, 2, 2].map(|value| Some(([value], false)));
-    assert_eq!(spinney::value::representative(Rule::Dominant, &tie, &tally), [1]);
+    assert_eq!(spinney::value::representative(Rule::Dominant, &tie, &tally, 4), [1]);
     let turned = [2u8, 2, 1, 1].map(|value| Some(([value], false)));
-    assert_eq!(spinney::value::representative(Rule::Dominant, &turned, &tally), [2]);
+    assert_eq!(spinney::value::representative(Rule::Dominant, &turned, &tally, 4), [2]);
 }
 
 #[test]

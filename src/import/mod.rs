@@ -1,4 +1,6 @@
 //! Importers: what turns other programs' files into sources and blocks of samples.
 
+#[cfg(feature = "mesh")]
+pub mod mesh;
 #[cfg(feature = "raster")]
 pub mod raster;

@@ -67,7 +67,7 @@ impl<'a, S: Source> Area<'a, S> {
     fn count(&mut self, value: S::Value, share: f64) {
         self.area += share;
         match self.rule {
-            Rule::Mean => {
+            Rule::Mean | Rule::Occupancy => {
                 for (sum, sample) in self.sums.iter_mut().zip(value.samples()) {
                     *sum += share * sample.to_f64();
                 }
@@ -85,6 +85,10 @@ impl<'a, S: Source> Area<'a, S> {
         }
     }
 
+    fn box_area(&self) -> f64 {
+        (0..S::Dim::AXES).map(|axis| self.max[axis] - self.min[axis]).product()
+    }
+
     /// The box's value; `None` is VOID.
     pub(super) fn value(self) -> Option<S::Value> {
         if self.exact.is_some() {
@@ -94,8 +98,9 @@ impl<'a, S: Source> Area<'a, S> {
             return None;
         }
         match self.rule {
-            Rule::Mean => Some(S::Value::from_channels(|channel| {
-                let mean = self.sums[channel] / self.area;
+            Rule::Mean | Rule::Occupancy => Some(S::Value::from_channels(|channel| {
+                let area = if self.rule == Rule::Occupancy { self.box_area() } else { self.area };
+                let mean = self.sums[channel] / area;
                 let is_float = <<S::Value as Value>::Sample as Sample>::TYPE.is_float();
                 Sample::from_f64_lossy(if is_float { mean } else { (mean + 0.5).floor() })
             })),

@@ -96,7 +96,7 @@ impl<D: Dimension, V: Value> Builder<D, V> {
             return self.uniform(cell(code.cell()), 1);
         }
         let parts = (0..D::CHILDREN).map(|i| self.cells(code.child(i), depth, cell)).collect();
-        self.join(parts)
+        self.join(parts, depth - code.level())
     }
 
     fn places<S: Source<Dim = D, Value = V>>(
@@ -110,7 +110,7 @@ impl<D: Dimension, V: Value> Builder<D, V> {
                 let parts = source.children(&node)?.into_iter();
                 let parts: Result<_> =
                     parts.map(|child| self.places(source, child, height.saturating_sub(1))).collect();
-                Ok(self.join(parts?))
+                Ok(self.join(parts?, height))
             }
             _ => Ok(self.uniform(place.value(), 1 << (D::AXES * height as usize))),
         }
@@ -123,7 +123,7 @@ impl<D: Dimension, V: Value> Builder<D, V> {
         }
     }
 
-    fn join(&mut self, parts: Vec<Built<V>>) -> Built<V> {
+    fn join(&mut self, parts: Vec<Built<V>>, height: u8) -> Built<V> {
         let tally = Tally::merge(&parts.iter().map(|(_, tally)| tally).collect::<Vec<_>>());
         let children = D::array(|i| parts[i].0);
         let first = parts[0].0;
@@ -137,7 +137,8 @@ impl<D: Dimension, V: Value> Builder<D, V> {
         }
         let values: Vec<_> =
             parts.iter().map(|(child, _)| child.value().map(|value| (value, child.is_inner()))).collect();
-        let representative = representative(self.rule, &values, &tally);
+        let cells = 1 << (D::AXES * height as usize);
+        let representative = representative(self.rule, &values, &tally, cells);
         self.inner.push(children);
         (Child::Inner { representative, node: self.inner.len() - 1 }, tally)
     }

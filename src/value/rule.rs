@@ -25,16 +25,19 @@ pub enum Rule {
     Max,
     /// The value of the first child, in child order, that is not VOID.
     Nearest,
+    /// How full the node is: the mean over all cells below, those that are VOID counting as zero; otherwise as
+    /// [`Rule::Mean`]. Made for solids, whose full cells are 255.
+    Occupancy,
 }
 
 impl Rule {
     /// All rules, in the order of their numbers on disk.
-    pub const ALL: [Rule; 6] =
-        [Rule::Mean, Rule::Majority, Rule::Dominant, Rule::Min, Rule::Max, Rule::Nearest];
+    pub const ALL: [Rule; 7] =
+        [Rule::Mean, Rule::Majority, Rule::Dominant, Rule::Min, Rule::Max, Rule::Nearest, Rule::Occupancy];
 
     /// The rule's name on the command line.
     pub fn name(self) -> &'static str {
-        ["mean", "majority", "dominant", "min", "max", "nearest"][self as usize]
+        ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"][self as usize]
     }
 }
 

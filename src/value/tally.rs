@@ -100,7 +100,12 @@ impl<V: Value> Tally<V> {
 
     /// Mean of each channel, rounded to the type. Not to be called without cells.
     pub fn mean(&self) -> V {
-        V::from_channels(|channel| <V::Sample as Sample>::mean(self.sum.as_ref()[channel], self.cells))
+        self.mean_over(self.cells)
+    }
+
+    /// The same over so many cells, those beyond the tally's own counting as zero.
+    fn mean_over(&self, cells: u64) -> V {
+        V::from_channels(|channel| <V::Sample as Sample>::mean(self.sum.as_ref()[channel], cells))
     }
 
     /// The class with most cells, the lowest if there are several.
@@ -109,12 +114,18 @@ impl<V: Value> Tally<V> {
     }
 }
 
-/// The representative of an inner node from its children (`None` is VOID; the flag says INNER) and from the
-/// tally of what is below it.
-pub fn representative<V: Value>(rule: Rule, children: &[Option<(V, bool)>], tally: &Tally<V>) -> V {
+/// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says INNER) and
+/// from the tally of what is below it.
+pub fn representative<V: Value>(
+    rule: Rule,
+    children: &[Option<(V, bool)>],
+    tally: &Tally<V>,
+    cells: u64,
+) -> V {
     let values = || children.iter().flatten();
     match rule {
         Rule::Mean => tally.mean(),
+        Rule::Occupancy => tally.mean_over(cells),
         Rule::Majority => tally.majority().unwrap_or_default(),
         Rule::Dominant => dominant(values().copied()),
         Rule::Min => values().map(|(value, _)| *value).reduce(channelwise_min).unwrap_or_default(),

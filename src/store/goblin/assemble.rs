@@ -78,7 +78,7 @@ impl<D: Layout, V: Value> Assembler<D, V> {
             }
             let group = self.groups.remove(&parent).expect("it is there");
             let parts: Vec<_> = group.parts.into_iter().flatten().collect();
-            part = Part::merge(parent, &parts, self.rule, &mut self.counts);
+            part = Part::merge(parent, &parts, self.shape.depth, self.rule, &mut self.counts);
             if let Some(sealed) = part.seal(&self.shape) {
                 sink.segment(sealed)?;
             }

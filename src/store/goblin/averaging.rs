@@ -18,8 +18,11 @@ pub(super) trait Averaging<V: Value> {
     fn taken<D: Layout>(&mut self, records: &[D::Record<V>], levels: u8) -> Self::Of;
 }
 
-/// [`Rule::Mean`]: sums, and cells that are not VOID.
-pub(super) struct Means;
+/// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the cells they are shared among.
+pub(super) struct Means {
+    /// Whether cells that are VOID count.
+    pub(super) with_void: bool,
+}
 
 impl<V: Value> Averaging<V> for Means {
     type Of = (V::BlockSums, u32);
@@ -38,6 +41,7 @@ impl<V: Value> Averaging<V> for Means {
                     sums[i] = known[i].0;
                     count += known[i].1;
                 }
+                _ if self.with_void => count += cells,
                 _ => {}
             }
         }
@@ -46,7 +50,8 @@ impl<V: Value> Averaging<V> for Means {
     }
 
     fn taken<D: Layout>(&mut self, records: &[D::Record<V>], levels: u8) -> Self::Of {
-        block_sums_taken::<D, V>(records, 0, levels)
+        let (sum, count) = block_sums_taken::<D, V>(records, 0, levels);
+        (sum, if self.with_void { 1 << (D::AXES * levels as usize) } else { count })
     }
 }
 
@@ -172,7 +177,7 @@ impl<V: Value> Averaging<V> for Local {
             Rule::Min => values().reduce(channelwise_min),
             Rule::Max => values().reduce(channelwise_max),
             Rule::Dominant => Some(dominant(some().map(|(state, value)| (*value, *state == INNER)))),
-            Rule::Nearest | Rule::Mean | Rule::Majority => values().next(),
+            Rule::Nearest | Rule::Mean | Rule::Majority | Rule::Occupancy => values().next(),
         };
         ((), representative.unwrap_or_default())
     }

@@ -109,7 +109,11 @@ impl<D: Layout, V: Value> Block<D, V> {
     pub(super) fn build(mut self, rule: Rule, count_classes: bool, counts: &mut LevelCounts) -> Part<D, V> {
         let classes = match rule {
             Rule::Mean => {
-                self.reduce(&mut Means);
+                self.reduce(&mut Means { with_void: false });
+                None
+            }
+            Rule::Occupancy => {
+                self.reduce(&mut Means { with_void: true });
                 None
             }
             Rule::Majority => {

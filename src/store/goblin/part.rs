@@ -40,7 +40,13 @@ impl<D: Layout, V: Value> Part<D, V> {
     }
 
     /// The parent of these parts, which are all its children in order.
-    pub(super) fn merge(code: Code<D>, parts: &[Part<D, V>], rule: Rule, counts: &mut LevelCounts) -> Self {
+    pub(super) fn merge(
+        code: Code<D>,
+        parts: &[Part<D, V>],
+        depth: u8,
+        rule: Rule,
+        counts: &mut LevelCounts,
+    ) -> Self {
         let tally = Tally::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
         let first = parts[0].child;
         let uniform = parts.iter().all(|part| match (first, part.child) {
@@ -70,9 +76,11 @@ impl<D: Layout, V: Value> Part<D, V> {
         let value = |i: usize| values[i].map_or(V::default(), |(value, _)| value);
         records.push(D::Record::<V>::new(states, value, stored as u32));
         parts.iter().for_each(|part| records.extend_from_slice(&part.records));
+        let cells = 1 << (D::AXES * (depth - code.level()) as usize);
+        let representative = representative(rule, &values, &tally, cells);
         Part {
             code,
-            child: Child::Inner { representative: representative(rule, &values, &tally), node: () },
+            child: Child::Inner { representative, node: () },
             total: 1 + parts.iter().map(|part| part.total).sum::<u64>(),
             records,
             tally,

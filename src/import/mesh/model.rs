@@ -1,0 +1,56 @@
+//! What every reader of a mesh format offers: its faces, one after the other, as often as asked.
+
+use std::path::PathBuf;
+
+use crate::Result;
+
+/// A planar face with its holes, as a reader hands it out.
+#[derive(Clone, Copy, Debug)]
+pub struct Face<'a> {
+    /// Corners of all rings in the file's own coordinates, the outer ring's first; a ring does not repeat its first
+    /// corner at its end. Counterclockwise seen from outside the solid, holes the other way round.
+    pub points: &'a [[f64; 3]],
+    /// Where each ring ends in `points`; one entry for a face without holes.
+    pub ring_ends: &'a [usize],
+    /// A colour per corner, red, green, blue; nothing where the file has none.
+    pub colours: &'a [[u8; 3]],
+    /// Number of the part that the face belongs to: see [`ModelInfo::parts`].
+    pub part: u32,
+}
+
+/// What is known of a model before its faces are read.
+#[derive(Clone, Debug)]
+pub struct ModelInfo {
+    /// The file.
+    pub path: PathBuf,
+    /// Its format in words: "PLY, binary little-endian".
+    pub format: String,
+    /// Faces, where the file tells before they are read.
+    pub faces: Option<u64>,
+    /// Least and greatest coordinate of all vertices along each axis.
+    pub bounds: [[f64; 3]; 2],
+    /// EPSG number of the coordinate system, where known.
+    pub epsg: Option<u32>,
+    /// Name of the unit of length, where the file tells: "mm".
+    pub unit: Option<String>,
+    /// Names of the parts: objects, groups, materials. A face's part is a place in this list; never empty.
+    pub parts: Vec<String>,
+    /// Whether faces come with colours.
+    pub is_coloured: bool,
+    /// Bytes of the file.
+    pub bytes: u64,
+}
+
+/// A boundary representation in a file.
+pub trait Model: Send {
+    /// What is known of it.
+    fn info(&self) -> &ModelInfo;
+
+    /// Reads all faces, in the file's order, and hands them out one by one; may be called again, and gives the same
+    /// faces then.
+    ///
+    /// # Errors
+    /// If the file cannot be read or breaks its format's rules (indices out of range, coordinates that are not finite
+    /// numbers, faces of fewer than three corners), or what `each` returns.
+    fn faces(&mut self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()>;
+}
