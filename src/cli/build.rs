@@ -3,22 +3,28 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use anyhow::bail;
+use spinney::import::mesh;
 use spinney::import::raster::{self, ImportOptions};
 use spinney::store::Output;
 use spinney::value::{Kind, Rule};
 
 use super::progress::Work;
-use super::{Global, Result, check_output, quantity};
+use super::{Global, Result, check_output, quantity, solid};
 
-/// Make a tree of a picture, or of several on one grid.
+/// Make a tree of a picture, or of several on one grid, or of models of solids.
 ///
 /// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one .goblin file that
 /// holds them at every level of detail. What the files say about their pixels (coordinates, nodata, palette, names)
 /// is kept; options overrule it.
+///
+/// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses becomes an
+/// octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by its winding field where
+/// it is not. Several models become one solid.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files; of several, the last lies on top
+    /// Raster files (of several, the last lies on top), or models
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// The file to make; - is standard output
@@ -53,6 +59,8 @@ pub(crate) struct Args {
     /// Memory to use, such as 256M or 2G; what does not fit goes to a temporary file beside the output
     #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
     memory: u64,
+    #[command(flatten)]
+    solid: solid::Args,
 }
 
 const EXAMPLES: &str = "\
@@ -62,6 +70,9 @@ Examples:
   spinney build scene.tif -o colour.goblin --band 4,3,2
   spinney build N46E007.hgt N46E008.hgt -o alps.goblin --memory 1G
   spinney build scan.png -o scan.goblin --epsg 3857 --transform 0.5,0,1000,0,-0.5,2000
+  spinney build bunny.ply -o bunny.goblin --cells 1024
+  spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --boundary coverage
+  spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
 
 The output appears under its name only when it is complete; until then, an older file of that name stays.";
@@ -69,8 +80,23 @@ The output appears under its name only when it is complete; until then, an older
 pub(crate) fn run(args: Args, global: &Global) -> Result {
     let start = Instant::now();
     check_output(args.inputs.iter().map(PathBuf::as_path), &args.output)?;
-    let Args { inputs, output: path, kind, rule, band: bands, nodata, depth, epsg, transform, layer, memory } =
+    let Args { inputs, output: path, kind, rule, band: bands, nodata, depth, epsg, transform, layer, memory, solid } =
         args;
+    if inputs.iter().any(|input| mesh::is_model(input)) {
+        let is_for_pictures = kind.is_some()
+            || rule.is_some()
+            || bands.is_some()
+            || nodata.is_some()
+            || transform.is_some()
+            || layer.is_some();
+        if is_for_pictures {
+            bail!("--kind, --rule, --band, --nodata, --transform and --layer are for pictures, not for models");
+        }
+        return solid::build(&inputs, &path, &solid, (depth, epsg, memory), global);
+    }
+    if solid.is_given() {
+        bail!("{}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files", inputs[0].display());
+    }
     let memory = Some(memory);
     let options = ImportOptions { kind, rule, bands, nodata, depth, epsg, transform, layer, memory };
     let import = raster::plan(&inputs, &options)?;

@@ -11,6 +11,7 @@ mod place;
 mod point;
 mod progress;
 mod quantity;
+mod solid;
 mod stats;
 mod transform;
 mod verify;

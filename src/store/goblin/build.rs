@@ -123,10 +123,30 @@ where
     S: Source + Sync,
     S::Dim: Layout,
 {
+    build_with(source, extent, options, output, progress, |_| {})
+}
+
+/// The same; the metadata can be completed when the source has been walked.
+///
+/// # Errors
+/// As [`build_slabs`].
+pub fn build_with<S>(
+    source: &S,
+    extent: [u64; 3],
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+    complete: impl FnOnce(&mut Metadata),
+) -> Result<Tally<S::Value>>
+where
+    S: Source + Sync,
+    S::Dim: Layout,
+{
     let header = options.header::<S::Dim, S::Value>(extent)?;
     let writer = Writer::new(output, &header, options.memory / 8)?;
     let Walked { sink: writer, root, counts } = walk(source, options, header.shape, true, writer, progress)?;
-    let metadata = Metadata { counts, ..options.metadata.clone() };
+    let mut metadata = Metadata { counts, ..options.metadata.clone() };
+    complete(&mut metadata);
     writer.finish(root.child, &metadata)?;
     Ok(root.tally)
 }

@@ -25,7 +25,7 @@ mod take;
 mod verify;
 mod writer;
 
-pub use build::{BuildOptions, build, build_slabs, depth_for};
+pub use build::{BuildOptions, build, build_slabs, build_with, depth_for};
 pub use cells::{Slab, Slabs};
 pub use counts::LevelCounts;
 pub use directory::Entry;

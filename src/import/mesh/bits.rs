@@ -1,0 +1,189 @@
+//! Which cells of a block are there, a bit each, and what follows for the nodes above them.
+
+/// A cube of cells, a bit each, at most 64 along each axis.
+///
+/// A row of cells along x is one word; rows are numbered `z * side + y`.
+pub(super) struct Bits {
+    /// The side is `2^height`.
+    pub(super) height: u8,
+    pub(super) rows: Vec<u64>,
+}
+
+impl Bits {
+    pub(super) fn new(height: u8) -> Bits {
+        Bits { height, rows: vec![0; 1 << (2 * height)] }
+    }
+
+    /// The bits of the cells from `from` up to, but not including, `to`.
+    #[inline]
+    pub(super) fn run(from: usize, to: usize) -> u64 {
+        let below = |end: usize| if end >= 64 { u64::MAX } else { (1 << end) - 1 };
+        below(to) & !below(from)
+    }
+
+    #[inline]
+    pub(super) fn get(&self, [x, y, z]: [usize; 3]) -> bool {
+        self.rows[z << self.height | y] >> x & 1 != 0
+    }
+
+    #[inline]
+    pub(super) fn set(&mut self, [x, y, z]: [usize; 3]) {
+        self.rows[z << self.height | y] |= 1 << x;
+    }
+
+    /// The nodes above: there if all, or any, of their eight children are.
+    fn up(&self, all: bool) -> Bits {
+        let side = 1usize << self.height;
+        let half = side / 2;
+        let mut up = Bits::new(self.height - 1);
+        for (row, word) in up.rows.iter_mut().enumerate() {
+            let (y, z) = (2 * (row % half), 2 * (row / half));
+            let at = z * side + y;
+            let four = [self.rows[at], self.rows[at + 1], self.rows[at + side], self.rows[at + side + 1]];
+            *word = if all {
+                let both = four.into_iter().fold(u64::MAX, |sum, row| sum & row);
+                even_bits(both & both >> 1)
+            } else {
+                let one = four.into_iter().fold(0, |sum, row| sum | row);
+                even_bits(one | one >> 1)
+            };
+        }
+        up
+    }
+}
+
+/// Moves bit `2 i` to bit `i`.
+#[inline]
+fn even_bits(mut word: u64) -> u64 {
+    word &= 0x5555_5555_5555_5555;
+    word = (word | word >> 1) & 0x3333_3333_3333_3333;
+    word = (word | word >> 2) & 0x0f0f_0f0f_0f0f_0f0f;
+    word = (word | word >> 4) & 0x00ff_00ff_00ff_00ff;
+    word = (word | word >> 8) & 0x0000_ffff_0000_ffff;
+    (word | word >> 16) & 0x0000_0000_ffff_ffff
+}
+
+/// What all nodes of a block are, from its cells.
+pub(super) struct Pyramid {
+    /// Nodes that have something below them, by height above the cells.
+    any: Vec<Bits>,
+    /// Nodes that have one value all over.
+    uniform: Vec<Bits>,
+    /// The values of the cells in the order of their bits, where they are not all alike.
+    values: Option<Vec<u32>>,
+    height: u8,
+}
+
+/// What a node of a block is.
+pub(super) enum Content {
+    Nothing,
+    /// One value all over; `None` where all cells have the same.
+    Uniform(Option<u32>),
+    Mixed,
+}
+
+impl Pyramid {
+    pub(super) fn new(cells: Bits, values: Option<Vec<u32>>) -> Pyramid {
+        let height = cells.height;
+        let mut any = Vec::with_capacity(height as usize + 1);
+        let mut uniform = Vec::with_capacity(height as usize + 1);
+        uniform.push(Bits { height, rows: cells.rows.clone() });
+        any.push(cells);
+        let mut pyramid = Pyramid { any, uniform, values, height };
+        for level in 0..height as usize {
+            pyramid.any.push(pyramid.any[level].up(false));
+            let mut uniform = pyramid.uniform[level].up(true);
+            pyramid.keep_alike(&mut uniform, level + 1);
+            pyramid.uniform.push(uniform);
+        }
+        pyramid
+    }
+
+    /// Takes the nodes off whose eight children, each uniform, have different values.
+    fn keep_alike(&self, uniform: &mut Bits, above: usize) {
+        let Some(values) = &self.values else { return };
+        let side = 1usize << uniform.height;
+        for row in 0..uniform.rows.len() {
+            let mut left = uniform.rows[row];
+            while left != 0 {
+                let node = [left.trailing_zeros() as usize, row % side, row / side];
+                left &= left - 1;
+                let value = |child: usize| {
+                    let at = std::array::from_fn(|axis| (2 * node[axis] + (child >> axis & 1)) << (above - 1));
+                    values[self.place(at)]
+                };
+                if (1..8).any(|child| value(child) != value(0)) {
+                    uniform.rows[row] &= !(1 << node[0]);
+                }
+            }
+        }
+    }
+
+    fn place(&self, [x, y, z]: [usize; 3]) -> usize {
+        (z << self.height | y) << self.height | x
+    }
+
+    /// The node that is so many levels above the cells and has this place among those.
+    #[inline]
+    pub(super) fn node(&self, above: u8, at: [usize; 3]) -> Content {
+        if !self.any[above as usize].get(at) {
+            Content::Nothing
+        } else if self.uniform[above as usize].get(at) {
+            let first = at.map(|at| at << above);
+            Content::Uniform(self.values.as_ref().map(|values| values[self.place(first)]))
+        } else {
+            Content::Mixed
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_follow_from_cells() {
+        for (height, seed) in [(1, 1u64), (2, 2), (3, 3), (6, 4)] {
+            let side = 1usize << height;
+            let mut cells = Bits::new(height);
+            let mut random = seed;
+            for z in 0..side {
+                for y in 0..side {
+                    for x in 0..side {
+                        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                        // Full in one corner, empty in another, speckled between.
+                        let sum = x + y + z;
+                        if sum < side || (sum < 2 * side && random >> 63 != 0) {
+                            cells.set([x, y, z]);
+                        }
+                    }
+                }
+            }
+            let is_there: Vec<bool> =
+                (0..side.pow(3)).map(|i| cells.get([i % side, i / side % side, i / side / side])).collect();
+            let value = |i: usize| (i / 4096) as u32;
+            let pyramid = Pyramid::new(cells, Some((0..side.pow(3)).map(value).collect()));
+            for above in 0..=height {
+                let nodes = side >> above;
+                for n in 0..nodes.pow(3) {
+                    let at = [n % nodes, n / nodes % nodes, n / nodes / nodes];
+                    let below: Vec<Option<u32>> = (0..1usize << (3 * above))
+                        .map(|i| {
+                            let mask = (1 << above) - 1;
+                            let cell: [usize; 3] =
+                                std::array::from_fn(|axis| (at[axis] << above) | (i >> (axis as u8 * above) & mask));
+                            let place = (cell[2] * side + cell[1]) * side + cell[0];
+                            is_there[place].then_some(value(place))
+                        })
+                        .collect();
+                    let alike = below.iter().all(|cell| *cell == below[0]);
+                    match pyramid.node(above, at) {
+                        Content::Nothing => assert!(alike && below[0].is_none()),
+                        Content::Uniform(value) => assert!(alike && below[0] == value),
+                        Content::Mixed => assert!(!alike),
+                    }
+                }
+            }
+        }
+    }
+}

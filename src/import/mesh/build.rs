@@ -1,0 +1,291 @@
+//! From models to the tree.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
+
+use super::closure::Closure;
+use super::field::Field;
+use super::grid::Triangle;
+use super::plan::SolidImport;
+use super::solid::{Attribute, Boundary, Fill, Inside, Solid};
+use super::triangles::{Collector, Triangles};
+use super::triangulate::triangulate;
+use super::{Face, ModelInfo};
+use crate::store::goblin::{BuildOptions, Metadata, build_with};
+use crate::store::{Output, folder};
+use crate::value::{Kind, Rule, Value};
+use crate::{Error, Progress, Result};
+
+/// What was found while a solid was built.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolidReport {
+    /// Faces that were read.
+    pub faces: u64,
+    /// Triangles they were made of, without those that have no area on the grid.
+    pub triangles: u64,
+    /// The furthest that a vertex was moved to the grid, in units of the world.
+    pub displacement: f64,
+    /// How it was decided what lies inside.
+    pub inside: Decided,
+    /// Cells far from the surface that lie in its holes, where the answer is a guess.
+    pub undecided: u64,
+}
+
+/// How it was decided what lies inside a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decided {
+    /// It was not asked: only the surface was wanted.
+    Surface,
+    /// The surface is closed: exactly, by winding numbers other than zero.
+    Closed,
+    /// Every edge has its partners, but not every face is turned the right way: exactly, by even and odd.
+    Flipped,
+    /// The surface is open: by the winding field.
+    Open,
+}
+
+impl Decided {
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            Decided::Surface => "only its surface",
+            Decided::Closed => "closed: inside is where the winding number is not zero",
+            Decided::Flipped => "closed, but with faces turned inside out: inside is where rays cross it an odd number of times",
+            Decided::Open => "open, doubled or loose: inside is where the winding field is at least one half",
+        }
+    }
+}
+
+/// Bytes of a triangle in memory, with what lists it.
+const TRIANGLE: u64 = size_of::<Triangle>() as u64 + 12;
+
+impl SolidImport {
+    /// Builds the tree, on the threads of the current rayon pool; progress counts cells.
+    ///
+    /// Faces are read once. Triangles beyond a half of the memory go to a temporary file in the output's folder.
+    ///
+    /// # Errors
+    /// If a model cannot be read or the output not be written, or on interruption; nothing is left behind then.
+    pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
+        let read = self.read(folder(output.path()), progress)?;
+        let (inside, decided) = self.inside(&read)?;
+        let options = &self.options;
+        let fill = Fill {
+            grid: self.grid.clone(),
+            lattice: self.lattice,
+            boundary: options.boundary,
+            attribute: options.attribute,
+            surface: options.surface,
+            inside,
+        };
+        let report = SolidReport {
+            faces: read.faces,
+            triangles: read.triangles.len() as u64,
+            displacement: read.displacement,
+            inside: decided,
+            undecided: 0,
+        };
+        let parts = self.parts();
+        let held = (options.memory / 4 / TRIANGLE) as usize;
+        let build = Build { import: &self, report, output, progress, parts };
+        let triangles = read.triangles;
+        match options.attribute {
+            Attribute::Occupancy => build.run(Solid::new(fill, triangles, held, |value| [value as u8])?),
+            Attribute::Colour => build.run(Solid::new(fill, triangles, held, |value| {
+                let [blue, green, red, _] = value.to_le_bytes();
+                [red, green, blue]
+            })?),
+            Attribute::Part if build.parts.len() <= 255 => {
+                build.run(Solid::new(fill, triangles, held, |value| [value as u8])?)
+            }
+            Attribute::Part if build.parts.len() <= 65535 => {
+                build.run(Solid::new(fill, triangles, held, |value| [value as u16])?)
+            }
+            Attribute::Part => build.run(Solid::new(fill, triangles, held, |value| [value])?),
+        }
+    }
+
+    /// Names of the parts of all models; their numbers begin at 1.
+    fn parts(&self) -> Vec<String> {
+        self.models.iter().flat_map(|model| model.info().parts.iter().cloned()).collect()
+    }
+
+    /// Snaps and triangulates all faces.
+    fn read(&mut self, folder: &std::path::Path, progress: &dyn Progress) -> Result<Read> {
+        let limit = (self.options.memory / 2 / TRIANGLE) as usize;
+        let mut collector = Collector::new(limit, folder);
+        let mut read = Reading { faces: 0, displacement: 0.0, closure: Closure::default(), snapped: Vec::new() };
+        let mut first_part = 1;
+        let mut models = std::mem::take(&mut self.models);
+        for model in &mut models {
+            let info = model.info().clone();
+            model.faces(&mut |face| {
+                if read.faces.is_multiple_of(1 << 12) {
+                    progress.check()?;
+                }
+                read.face(self, &info, face, first_part, &mut collector)
+            })?;
+            first_part += info.parts.len() as u32;
+        }
+        self.models = models;
+        let triangles = collector.finish()?;
+        if triangles.is_empty() {
+            let name = &self.models[0].info().path;
+            return Err(Error::corrupt(name, "faces", "none that have an area on the grid of cells", "a surface"));
+        }
+        let Reading { faces, displacement, closure, .. } = read;
+        Ok(Read { triangles, faces, displacement, closure })
+    }
+
+    /// How it is to be decided what lies inside.
+    fn inside(&self, read: &Read) -> Result<(Inside, Decided)> {
+        if self.options.surface {
+            return Ok((Inside::Winding, Decided::Surface));
+        }
+        if read.closure.is_closed() {
+            return Ok((Inside::Winding, Decided::Closed));
+        }
+        if read.closure.is_even() {
+            return Ok((Inside::Parity, Decided::Flipped));
+        }
+        let needed = Field::memory(read.triangles.len());
+        if needed > self.options.memory {
+            return Err(Error::TooLarge {
+                path: self.models[0].info().path.clone(),
+                what: "the winding field of a surface that is not closed".into(),
+                needed,
+                limit: self.options.memory,
+                advice: "give more with --memory, close the surface, or build it with --surface".into(),
+            });
+        }
+        let mut all = Vec::with_capacity(read.triangles.len());
+        read.triangles.each(|_, triangle| {
+            all.push(*triangle);
+            Ok(())
+        })?;
+        Ok((Inside::Field(Field::new(all.into_iter())?.into()), Decided::Open))
+    }
+}
+
+/// What was read.
+struct Read {
+    triangles: Triangles,
+    faces: u64,
+    displacement: f64,
+    closure: Closure,
+}
+
+/// What is known while faces are read.
+struct Reading {
+    faces: u64,
+    displacement: f64,
+    closure: Closure,
+    snapped: Vec<[i32; 3]>,
+}
+
+impl Reading {
+    fn face(
+        &mut self,
+        import: &SolidImport,
+        info: &ModelInfo,
+        face: &Face<'_>,
+        first_part: u32,
+        collector: &mut Collector,
+    ) -> Result<()> {
+        self.faces += 1;
+        self.snapped.clear();
+        for point in face.points {
+            let point = import.turn(*point);
+            let snapped = import.grid.snap(&info.path, point)?;
+            self.displacement = self.displacement.max(import.grid.displacement(point, snapped));
+            self.snapped.push(snapped);
+        }
+        let attribute = match import.options.attribute {
+            Attribute::Occupancy => 0,
+            Attribute::Colour => mean_colour(face.colours),
+            Attribute::Part => first_part + face.part,
+        };
+        let mut push = |corners: [[i32; 3]; 3]| {
+            self.closure.add(corners);
+            let triangle = Triangle { corners, attribute };
+            if triangle.normal() == [0; 3] { Ok(()) } else { collector.push(triangle) }
+        };
+        if let [a, b, c] = self.snapped[..] {
+            return push([a, b, c]);
+        }
+        let mut triangles = Vec::new();
+        let wide: Vec<[i64; 3]> = self.snapped.iter().map(|point| point.map(i64::from)).collect();
+        if !triangulate(&wide, face.ring_ends, &mut triangles) {
+            let found = format!("a polygon of {} corners that crosses itself", face.points.len());
+            let place = format!("face {}", self.faces);
+            return Err(Error::corrupt(&info.path, place, found, "simple polygons with holes inside them"));
+        }
+        triangles.into_iter().try_for_each(|corners| push(corners.map(|corner| self.snapped[corner as usize])))
+    }
+}
+
+/// The mean of a face's colours, as 0x00RRGGBB.
+fn mean_colour(colours: &[[u8; 3]]) -> u32 {
+    let count = colours.len().max(1) as u32;
+    let mean = |channel: usize| {
+        let sum: u32 = colours.iter().map(|colour| u32::from(colour[channel])).sum();
+        (sum + count / 2) / count
+    };
+    mean(0) << 16 | mean(1) << 8 | mean(2)
+}
+
+/// A build that waits for the type of its values.
+struct Build<'a> {
+    import: &'a SolidImport,
+    report: SolidReport,
+    output: Output,
+    progress: &'a dyn Progress,
+    parts: Vec<String>,
+}
+
+impl Build<'_> {
+    fn run<V: Value>(self, solid: Solid<V>) -> Result<SolidReport> {
+        let Build { import, mut report, output, progress, parts } = self;
+        let (kind, rule) = match import.options.attribute {
+            Attribute::Occupancy => (Kind::Continuous, Rule::Occupancy),
+            Attribute::Colour => (Kind::Continuous, Rule::Mean),
+            Attribute::Part => (Kind::Categorical, Rule::Majority),
+        };
+        let (depth, memory) = (import.grid.depth, import.options.memory / 4);
+        let mut metadata = Metadata { frame: import.grid.frame.clone(), ..Metadata::default() };
+        if import.options.attribute == Attribute::Part {
+            let names = parts.into_iter().enumerate().filter(|(_, name)| !name.is_empty());
+            metadata.class_names = names.map(|(i, name)| (i as i64 + 1, name)).collect();
+        }
+        metadata.provenance = import.models.iter().map(|model| provenance(model.info())).collect();
+        let options = BuildOptions { rule, kind, depth, memory, metadata };
+        build_with(&solid, import.extent, &options, output, progress, |metadata| {
+            report.undecided = solid.doubts.undecided.load(Ordering::Relaxed);
+            metadata.tags = tags(import, &report);
+        })?;
+        Ok(report)
+    }
+}
+
+fn provenance(info: &ModelInfo) -> String {
+    format!("mesh {} ({})", info.path.display(), info.format)
+}
+
+/// What the file keeps of a report.
+fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> {
+    let boundary = match import.options.boundary {
+        _ if import.options.surface => "surface",
+        Boundary::Full => "full",
+        Boundary::Centre => "centre",
+        Boundary::Coverage => "coverage",
+    };
+    let tags = [
+        ("solid.boundary", boundary.to_string()),
+        ("solid.surface", report.inside.text().to_string()),
+        ("solid.triangles", report.triangles.to_string()),
+        ("solid.displacement", report.displacement.to_string()),
+        ("solid.undecided_cells", report.undecided.to_string()),
+    ];
+    let unit = import.options.unit.iter().map(|unit| ("unit", unit.clone()));
+    tags.into_iter().chain(unit).map(|(key, value)| (key.to_string(), value)).collect()
+}

@@ -1,0 +1,414 @@
+//! Fills one block: from the triangles that touch it to its cells.
+//!
+//! The winding number at the block's first lattice point is known. Crossings along z lead to the first point of every
+//! slice, from there crossings along y to the first point of every row, and crossings along x through the rows.
+
+use glam::DVec3;
+
+use super::bits::{Bits, Content, Pyramid};
+use super::crossing::{Lattice, Seen};
+use super::field::Field;
+use super::grid::Triangle;
+use super::solid::{Attribute, Boundary, Fill, State};
+use super::triangle;
+
+/// Where a line passes through a triangle.
+#[derive(Clone, Copy)]
+struct Crossing {
+    /// Which line of several.
+    line: u32,
+    /// Lattice points before it.
+    before: u16,
+    change: i8,
+    attribute: u32,
+}
+
+/// Crossings of many lines, in the order in which one meets them.
+struct Crossings {
+    sorted: Vec<Crossing>,
+    /// Where each line's begin; one more than there are lines.
+    starts: Vec<u32>,
+}
+
+impl Crossings {
+    /// Sorts by line, along the line, and where several triangles lie in one place, those that are left first: touching
+    /// bodies are left before the next is entered.
+    fn new(crossings: &[Crossing], lines: usize) -> Crossings {
+        let mut starts = vec![0u32; lines + 1];
+        for crossing in crossings {
+            starts[crossing.line as usize + 1] += 1;
+        }
+        for line in 0..lines {
+            starts[line + 1] += starts[line];
+        }
+        let mut next = starts.clone();
+        let nothing = Crossing { line: 0, before: 0, change: 0, attribute: 0 };
+        let mut sorted = vec![nothing; crossings.len()];
+        for crossing in crossings {
+            let place = &mut next[crossing.line as usize];
+            sorted[*place as usize] = *crossing;
+            *place += 1;
+        }
+        for line in 0..lines {
+            let range = starts[line] as usize..starts[line + 1] as usize;
+            if range.len() > 1 {
+                sorted[range].sort_unstable_by_key(|crossing| (crossing.before, crossing.change, crossing.attribute));
+            }
+        }
+        Crossings { sorted, starts }
+    }
+
+    fn of(&self, line: usize) -> &[Crossing] {
+        &self.sorted[self.starts[line] as usize..self.starts[line + 1] as usize]
+    }
+}
+
+/// The crossings of a lattice's lines along `D`, `count` of them along the other two axes, with all triangles.
+fn cross<const D: usize>(
+    triangles: &[Triangle],
+    lattice: &Lattice,
+    first: [i32; 3],
+    count: [usize; 2],
+    points: usize,
+) -> Crossings {
+    let mut crossings = Vec::new();
+    for triangle in triangles {
+        // Most triangles do not reach the few lines along y and z.
+        let alone = |axis: usize| triangle.min(axis) <= first[axis] && first[axis] <= triangle.max(axis);
+        if (D == 1 && !alone(0)) || (D == 2 && !(alone(0) && alone(1))) {
+            continue;
+        }
+        let Some(seen) = Seen::<D>::new(triangle) else { continue };
+        let change = seen.change() as i8;
+        seen.rows(lattice, first, count, points, |u, v, before| {
+            // Those before the first point or behind the last change nothing here.
+            if before > 0 && before < points {
+                let line = (v * count[0] + u) as u32;
+                let attribute = triangle.attribute;
+                crossings.push(Crossing { line, before: before as u16, change, attribute });
+            }
+        });
+    }
+    Crossings::new(&crossings, count[0] * count[1])
+}
+
+/// Goes along a line from a state: hands out the state and where it ends, for each stretch, and returns the last.
+fn walk(mut state: State, line: &[Crossing], mut each: impl FnMut(State, usize, usize), points: usize) -> State {
+    let mut from = 0;
+    for crossing in line {
+        let to = crossing.before as usize;
+        if to > from {
+            each(state, from, to);
+            from = to;
+        }
+        state.pass(crossing.change.into(), crossing.attribute);
+    }
+    each(state, from, points);
+    state
+}
+
+/// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state` is that of its
+/// first lattice point.
+pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state: State) -> Pyramid {
+    let side = 1usize << height;
+    let mut painter = Painter::new(fill, height);
+    if !fill.surface {
+        let lattice = &fill.lattice;
+        let first = lattice.first(min);
+        let points = lattice.per_cell.map(|bits| side << bits);
+        let along_z = cross::<2>(triangles, lattice, first, [1, 1], points[2]);
+        let along_y = cross::<1>(triangles, lattice, first, [1, points[2]], points[1]);
+        let along_x = cross::<0>(triangles, lattice, first, [points[1], points[2]], points[0]);
+        let mut slices = vec![state; points[2]];
+        walk(state, along_z.of(0), |state, from, to| slices[from..to].fill(state), points[2]);
+        let mut rows = vec![state; points[1]];
+        for (z, slice) in slices.into_iter().enumerate() {
+            walk(slice, along_y.of(z), |state, from, to| rows[from..to].fill(state), points[1]);
+            for (y, row) in rows.iter().enumerate() {
+                let line = along_x.of(z * points[1] + y);
+                if line.is_empty() && !fill.is_inside(row.winding) {
+                    continue;
+                }
+                let paint = |state: State, from, to| {
+                    if fill.is_inside(state.winding) {
+                        painter.row(y, z, from, to, state.attribute);
+                    }
+                };
+                walk(*row, line, paint, points[0]);
+            }
+        }
+    }
+    // What the surface cuts is there, or at least shows the surface's colour.
+    if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
+        for triangle in triangles {
+            painter.cut(triangle, min, fill.cell());
+        }
+    }
+    painter.finish()
+}
+
+/// The cells of a block by a winding field; also how many cells it could not tell apart from others for sure.
+pub(super) fn open_block(
+    fill: &Fill,
+    field: &Field,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+    state: State,
+) -> (Pyramid, u64) {
+    let shell = Fill { surface: true, boundary: Boundary::Centre, ..fill.clone() };
+    let mut painter = Painter::new(&shell, height);
+    triangles.iter().for_each(|triangle| painter.cut(triangle, min, fill.cell()));
+    let Painter { cells, values, .. } = painter;
+    let side = 1usize << height;
+    let mut solid = Open {
+        fill,
+        field,
+        min,
+        touched: Pyramid::new(cells, None),
+        cells: Bits::new(height),
+        values: values.or_else(|| (fill.boundary == Boundary::Coverage).then(|| vec![FULL; side * side * side])),
+        attribute: state.attribute,
+        undecided: 0,
+    };
+    solid.node(height, [0; 3]);
+    if fill.attribute == Attribute::Colour {
+        solid.values.iter_mut().flatten().for_each(|value| *value &= COLOUR);
+    }
+    (Pyramid::new(solid.cells, solid.values), solid.undecided)
+}
+
+/// Occupancy of a cell that is full.
+pub(super) const FULL: u32 = 255;
+
+/// A block that is filled by a winding field.
+struct Open<'a> {
+    fill: &'a Fill,
+    field: &'a Field,
+    min: [i32; 3],
+    /// Nodes that the surface cuts.
+    touched: Pyramid,
+    cells: Bits,
+    values: Option<Vec<u32>>,
+    attribute: u32,
+    undecided: u64,
+}
+
+impl Open<'_> {
+    fn node(&mut self, above: u8, at: [usize; 3]) {
+        let is_touched = !matches!(self.touched.node(above, at), Content::Nothing);
+        let first = at.map(|at| at << above);
+        let min: [i32; 3] = std::array::from_fn(|axis| self.min[axis] + first[axis] as i32 * self.fill.cell());
+        if above == 0 {
+            return self.cell(at, min, is_touched);
+        }
+        if !is_touched && let Some(is_inside) = self.field.uniform(min, self.fill.cell() << above) {
+            if is_inside {
+                self.fill_cube(first, 1 << above);
+            }
+            return;
+        }
+        for child in 0..8 {
+            self.node(above - 1, std::array::from_fn(|axis| 2 * at[axis] + (child >> axis & 1)));
+        }
+    }
+
+    fn fill_cube(&mut self, [x, y, z]: [usize; 3], width: usize) {
+        let height = self.cells.height;
+        for row in (z..z + width).flat_map(|z| (y..y + width).map(move |y| z << height | y)) {
+            self.cells.rows[row] |= Bits::run(x, x + width);
+            if let (Some(values), true) = (&mut self.values, self.fill.attribute != Attribute::Occupancy) {
+                values[(row << height) + x..][..width].fill(self.attribute);
+            }
+        }
+    }
+
+    fn cell(&mut self, at: [usize; 3], min: [i32; 3], is_touched: bool) {
+        let corner = DVec3::from_array(min.map(f64::from));
+        let width = f64::from(self.fill.cell());
+        let inside = |place: DVec3| self.field.at(corner + place * width);
+        let place = ((at[2] << self.cells.height | at[1]) << self.cells.height) | at[0];
+        let middle = inside(DVec3::splat(0.5));
+        if !is_touched && (middle - 0.5).abs() < 0.2 {
+            self.undecided += 1;
+        }
+        let is_there = match self.fill.boundary {
+            Boundary::Full if is_touched => true,
+            Boundary::Coverage if is_touched => {
+                let points = (0..64).map(|i| DVec3::new((i & 3) as f64, (i >> 2 & 3) as f64, (i >> 4) as f64));
+                let count = points.filter(|place| inside((*place + 0.5) / 4.0) >= 0.5).count() as u32;
+                let value = (count * FULL + 32) / 64;
+                if let Some(values) = &mut self.values {
+                    values[place] = value;
+                }
+                value > 0
+            }
+            _ => middle >= 0.5,
+        };
+        if is_there {
+            self.cells.set(at);
+            if let (Some(values), false) = (&mut self.values, is_touched) {
+                values[place] = if self.fill.attribute == Attribute::Occupancy { FULL } else { self.attribute };
+            }
+        }
+    }
+}
+
+/// What is painted into a block.
+struct Painter<'a> {
+    fill: &'a Fill,
+    cells: Bits,
+    values: Option<Vec<u32>>,
+    /// For coverage: lattice points that lie inside, as differences from one cell of a row to the next.
+    counts: Option<Vec<i32>>,
+}
+
+impl<'a> Painter<'a> {
+    fn new(fill: &'a Fill, height: u8) -> Self {
+        let cells = 1usize << (3 * height);
+        let is_coverage = fill.boundary == Boundary::Coverage;
+        Painter {
+            fill,
+            cells: Bits::new(height),
+            values: (fill.attribute != Attribute::Occupancy).then(|| vec![0; cells]),
+            // One more for each row's end.
+            counts: is_coverage.then(|| vec![0; cells + (1 << (2 * height))]),
+        }
+    }
+
+    /// Lattice points `from .. to` of a row of the lattice are inside.
+    #[inline]
+    fn row(&mut self, y: usize, z: usize, from: usize, to: usize, attribute: u32) {
+        let [bits_x, bits_y, bits_z] = self.fill.lattice.per_cell;
+        let height = self.cells.height;
+        let side = 1usize << height;
+        let row = (z >> bits_z) << height | y >> bits_y;
+        if let Some(counts) = &mut self.counts {
+            let counts = &mut counts[row * (side + 1)..][..side + 1];
+            let whole = 1i32 << bits_x;
+            for (at, sign) in [(from, 1), (to, -1)] {
+                let cell = at >> bits_x;
+                let before = at as i32 & (whole - 1);
+                if cell < side {
+                    counts[cell] += sign * (whole - before);
+                    counts[cell + 1] += sign * before;
+                }
+            }
+            return;
+        }
+        self.cells.rows[row] |= Bits::run(from, to);
+        if let Some(values) = &mut self.values {
+            values[row << height..][from..to].fill(attribute);
+        }
+    }
+
+    /// Marks the cells that a triangle cuts.
+    fn cut(&mut self, triangle: &Triangle, min: [i32; 3], cell: i32) {
+        let side = 1i32 << self.cells.height;
+        let mut from = [0usize; 3];
+        let mut to = [0usize; 3];
+        for axis in 0..3 {
+            let (low, high) = (triangle.min(axis) as i64 - min[axis] as i64, triangle.max(axis) as i64 - min[axis] as i64);
+            let cell = cell as i64;
+            // Open cells: a triangle that ends on a wall does not reach the cell behind it, nor does one that lies in it.
+            let first = low.div_euclid(cell).max(0);
+            let end = (high + cell - 1).div_euclid(cell).min(side as i64);
+            if first >= end || (low == high && low.rem_euclid(cell) == 0) {
+                return;
+            }
+            (from[axis], to[axis]) = (first as usize, end as usize);
+        }
+        if (0..3).all(|axis| to[axis] - from[axis] == 1) {
+            // A triangle in one cell, and not in its walls.
+            return self.mark(from, triangle.attribute);
+        }
+        // (Wide: the cut test multiplies differences.)
+        let corners = triangle.corners.map(|corner| corner.map(i64::from));
+        self.descend(&corners, triangle.attribute, min, cell, [0; 3], self.cells.height, (from, to));
+    }
+
+    #[allow(clippy::too_many_arguments)] // the state of a descent
+    fn descend(
+        &mut self,
+        corners: &[[i64; 3]; 3],
+        attribute: u32,
+        min: [i32; 3],
+        cell: i32,
+        at: [usize; 3],
+        height: u8,
+        (from, to): ([usize; 3], [usize; 3]),
+    ) {
+        let side = 1usize << height;
+        if (0..3).any(|axis| at[axis] >= to[axis] || at[axis] + side <= from[axis]) {
+            return;
+        }
+        let low: [i64; 3] = std::array::from_fn(|axis| min[axis] as i64 + at[axis] as i64 * cell as i64);
+        let high = low.map(|low| low + side as i64 * cell as i64);
+        if !triangle::cuts(corners, low, high) {
+            return;
+        }
+        if height == 0 {
+            return self.mark(at, attribute);
+        }
+        for child in 0..8 {
+            let at = std::array::from_fn(|axis| at[axis] + (child >> axis & 1) * side / 2);
+            self.descend(corners, attribute, min, cell, at, height - 1, (from, to));
+        }
+    }
+
+    fn mark(&mut self, at: [usize; 3], attribute: u32) {
+        let fill = self.fill;
+        let is_new = !self.cells.get(at);
+        if is_new && !fill.surface && fill.boundary != Boundary::Full {
+            return;
+        }
+        self.cells.set(at);
+        let Some(values) = &mut self.values else { return };
+        let height = self.cells.height;
+        let value = &mut values[(at[2] << height | at[1]) << height | at[0]];
+        if fill.attribute == Attribute::Colour {
+            *value = blend(*value, attribute);
+        } else if is_new {
+            *value = attribute;
+        } else if fill.surface {
+            // The least of several parts, whatever the order of the triangles.
+            *value = attribute.min(*value);
+        }
+    }
+
+    fn finish(mut self) -> Pyramid {
+        if self.fill.attribute == Attribute::Colour {
+            self.values.iter_mut().flatten().for_each(|value| *value &= COLOUR);
+        }
+        let Some(counts) = self.counts else { return Pyramid::new(self.cells, self.values) };
+        let side = 1usize << self.cells.height;
+        let all = self.fill.lattice.per_cell.iter().sum::<u8>();
+        let mut values = vec![0; side * side * side];
+        for (row, counts) in counts.chunks_exact(side + 1).enumerate() {
+            let mut sum = 0;
+            for (x, count) in counts[..side].iter().enumerate() {
+                sum += count;
+                // 255 times the share that is inside, to the nearest.
+                let value = (sum as u32 * 255 + (1 << (all - 1))) >> all;
+                values[row * side + x] = value;
+                if value > 0 {
+                    self.cells.rows[row] |= 1 << x;
+                }
+            }
+        }
+        Pyramid::new(self.cells, Some(values))
+    }
+}
+
+/// The bits of a value that are a colour; above them stands how many colours were blended.
+const COLOUR: u32 = 0x00ff_ffff;
+
+/// The mean of the colours that were blended already and another one.
+fn blend(value: u32, colour: u32) -> u32 {
+    let count = (value >> 24).min(254);
+    let channel = |shift: u32| {
+        let (old, new) = (value >> shift & 255, colour >> shift & 255);
+        ((old * count + new + count.div_ceil(2)) / (count + 1)) << shift
+    };
+    (count + 1) << 24 | channel(16) | channel(8) | channel(0)
+}

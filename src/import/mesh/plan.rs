@@ -1,0 +1,251 @@
+//! From models and wishes to what will be built.
+
+use std::path::PathBuf;
+
+use super::crossing::Lattice;
+use super::grid::Grid;
+use super::solid::{Attribute, Boundary};
+use super::{Model, open};
+use crate::space::{Dimension, Frame, Oct};
+use crate::store::goblin::depth_for;
+use crate::{Error, Result};
+
+/// Bytes of memory used if nothing is said.
+pub const DEFAULT_MEMORY: u64 = 256 << 20;
+
+/// How fine the cells are.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Resolution {
+    /// So many cells along the longest side of the models' box.
+    Cells(u64),
+    /// Cells of this width, in units of the models; walls between cells lie at its multiples, so that all trees of one
+    /// width fit together.
+    Cell(f64),
+    /// A tree of so many levels, as wide as the models.
+    Depth(u8),
+    /// The cells of another tree: its frame and depth.
+    Like(Frame, u8),
+}
+
+/// The axis of a model's coordinates that points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Up {
+    /// The second, as in most modelling programs: turned, so that z points up in the tree.
+    Y,
+    /// The third: nothing is turned.
+    #[default]
+    Z,
+}
+
+impl Up {
+    fn turn(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        match self {
+            Up::Y => [x, -z, y],
+            Up::Z => [x, y, z],
+        }
+    }
+}
+
+/// What the user wants of a solid.
+#[derive(Clone, Debug)]
+pub struct SolidOptions {
+    /// How fine the cells are.
+    pub resolution: Resolution,
+    /// Which of the cells that the surface cuts belong to the solid.
+    pub boundary: Boundary,
+    /// What the cells say.
+    pub attribute: Attribute,
+    /// Only the cells that the surface cuts, instead of the whole solid.
+    pub surface: bool,
+    /// Which axis points up.
+    pub up: Up,
+    /// Unit of length of the models' coordinates, to be kept in the file.
+    pub unit: Option<String>,
+    /// EPSG number of the coordinate system; otherwise the models'.
+    pub epsg: Option<u32>,
+    /// Bytes of memory for everything.
+    pub memory: u64,
+}
+
+impl Default for SolidOptions {
+    fn default() -> Self {
+        SolidOptions {
+            resolution: Resolution::Cells(256),
+            boundary: Boundary::default(),
+            attribute: Attribute::default(),
+            surface: false,
+            up: Up::default(),
+            unit: None,
+            epsg: None,
+            memory: DEFAULT_MEMORY,
+        }
+    }
+}
+
+/// Models that are open and understood, ready to be built: see [`SolidImport::build`].
+pub struct SolidImport {
+    pub(super) models: Vec<Box<dyn Model>>,
+    pub(super) options: SolidOptions,
+    pub(super) grid: Grid,
+    pub(super) lattice: Lattice,
+    /// Cells along each axis that can be other than VOID.
+    pub(super) extent: [u64; 3],
+    description: Vec<(&'static str, String)>,
+}
+
+impl SolidImport {
+    /// What was understood: a heading and what there is to say, line by line.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// Bytes of all models.
+    pub fn raw_bytes(&self) -> u64 {
+        self.models.iter().map(|model| model.info().bytes).sum()
+    }
+
+    /// A point of a model, as it lies in the world.
+    pub(super) fn turn(&self, point: [f64; 3]) -> [f64; 3] {
+        self.options.up.turn(point)
+    }
+}
+
+/// Opens models, with `memory` bytes for all that building will take.
+///
+/// # Errors
+/// If one of them cannot be read.
+pub fn open_all(inputs: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> {
+    let share = memory / 4 / inputs.len().max(1) as u64;
+    inputs.iter().map(|path| open(path, share)).collect()
+}
+
+/// Decides how the tree of some models is built. Several models become one solid.
+///
+/// # Errors
+/// If the options do not fit the models, or these have no vertices.
+pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
+    let coloured = |model: &Box<dyn Model>| model.info().is_coloured;
+    if let (Attribute::Colour, Some(model)) = (options.attribute, models.iter().find(|model| !coloured(model))) {
+        let advice = "leave --attribute colour away, or choose --attribute part";
+        return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
+    }
+    if options.attribute != Attribute::Occupancy && options.boundary == Boundary::Coverage {
+        let expected = "full or centre: cells with colours or parts are there or not";
+        return Err(Error::invalid("boundary", "coverage", expected));
+    }
+    let bounds = bounds(&models, options.up)?;
+    let Fitted { frame, depth, extent } = fit(bounds, &options.resolution)?;
+    let known = models.iter().find_map(|model| model.info().epsg);
+    let frame = Frame { epsg: options.epsg.or(frame.epsg).or(known), ..frame };
+    let grid = Grid::new(depth, frame)?;
+    let per_cell = if options.boundary == Boundary::Coverage { [4, 2, 2] } else { [0; 3] };
+    let lattice = Lattice::new(per_cell, grid.fraction);
+    let description = describe(&models, options, &grid, extent);
+    Ok(SolidImport { models, options: options.clone(), grid, lattice, extent, description })
+}
+
+/// The box around all models.
+fn bounds(models: &[Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
+    let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for model in models {
+        for corner in model.info().bounds.map(|corner| up.turn(corner)) {
+            for axis in 0..3 {
+                all[0][axis] = all[0][axis].min(corner[axis]);
+                all[1][axis] = all[1][axis].max(corner[axis]);
+            }
+        }
+    }
+    let is_box = (0..3).all(|axis| all[0][axis].is_finite() && all[1][axis].is_finite());
+    let name = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
+    if !is_box {
+        return Err(Error::corrupt(name, "vertices", "none", "a model with faces"));
+    }
+    if all[0] == all[1] {
+        return Err(Error::corrupt(name, "vertices", "all in one point", "a model that takes up space"));
+    }
+    Ok(all)
+}
+
+/// Cells over a model.
+struct Fitted {
+    frame: Frame,
+    depth: u8,
+    extent: [u64; 3],
+}
+
+/// Lays cells over a box.
+fn fit([min, max]: [[f64; 3]; 2], resolution: &Resolution) -> Result<Fitted> {
+    let size: [f64; 3] = std::array::from_fn(|axis| max[axis] - min[axis]);
+    let longest = size.into_iter().fold(0.0, f64::max);
+    let most = 1u64 << Oct::MAX_DEPTH;
+    let count = |cells: u64| {
+        if (1..=most).contains(&cells) {
+            return Ok(cells);
+        }
+        Err(Error::invalid("cells along the longest side", cells.to_string(), format!("1 to {most} (2^19)")))
+    };
+    // What a model reaches into a cell by less than this is rounding.
+    const TOUCH: f64 = 1e-6;
+    let (cell, origin, longest_cells) = match resolution {
+        Resolution::Cells(cells) => (longest / count(*cells)? as f64, min, *cells),
+        Resolution::Depth(depth) => {
+            if !(1..=Oct::MAX_DEPTH).contains(depth) {
+                return Err(Error::invalid("depth", depth.to_string(), "1 to 19 for octrees"));
+            }
+            (longest / (1u64 << depth) as f64, min, 1 << depth)
+        }
+        Resolution::Cell(cell) => {
+            if !(cell.is_finite() && *cell > 0.0) {
+                return Err(Error::invalid("cell", cell.to_string(), "a width above zero, in units of the model"));
+            }
+            let origin = min.map(|min| (min / cell + TOUCH).floor() * cell);
+            let along = |axis: usize| ((max[axis] - origin[axis]) / cell - TOUCH).ceil().clamp(1.0, 1e18) as u64;
+            (*cell, origin, count((0..3).map(along).max().unwrap_or(1))?)
+        }
+        Resolution::Like(frame, depth) => {
+            let extent = [1 << depth; 3];
+            return Ok(Fitted { frame: frame.clone(), depth: *depth, extent });
+        }
+    };
+    let extent = std::array::from_fn(|axis| {
+        (((max[axis] - origin[axis]) / cell - TOUCH).ceil().max(1.0) as u64).min(longest_cells)
+    });
+    let mut frame = Frame::identity();
+    for axis in 0..3 {
+        frame.matrix[axis][axis] = cell;
+        frame.matrix[axis][3] = origin[axis];
+    }
+    Ok(Fitted { frame, depth: depth_for(extent).max(1), extent })
+}
+
+fn describe(
+    models: &[Box<dyn Model>],
+    options: &SolidOptions,
+    grid: &Grid,
+    extent: [u64; 3],
+) -> Vec<(&'static str, String)> {
+    let mut lines = Vec::new();
+    for model in models {
+        let info = model.info();
+        let faces = info.faces.map_or(String::new(), |faces| format!(", {faces} faces"));
+        lines.push(("input", format!("{} ({}{faces})", info.path.display(), info.format)));
+    }
+    let [x, y, z] = extent;
+    let cell = grid.frame.matrix.map(|row| row[..3].iter().map(|x| x * x).sum::<f64>().sqrt());
+    let cell = if cell[0] == cell[1] && cell[1] == cell[2] { format!("{}", cell[0]) } else { format!("{cell:?}") };
+    lines.push(("cells", format!("{x} x {y} x {z} in a tree of depth {}, each {cell} wide", grid.depth)));
+    let what = if options.surface { "the surface" } else { "the solid" };
+    let boundary = match options.boundary {
+        _ if options.surface => "cells that it cuts",
+        Boundary::Full => "cells inside or cut by the surface",
+        Boundary::Centre => "cells whose centre is inside",
+        Boundary::Coverage => "cells as far as they are inside",
+    };
+    let attribute = match options.attribute {
+        Attribute::Occupancy => "",
+        Attribute::Colour => ", with colours",
+        Attribute::Part => ", with part numbers",
+    };
+    lines.push(("fill", format!("{what}: {boundary}{attribute}")));
+    lines
+}

@@ -1,0 +1,391 @@
+//! A solid bounded by triangles, as a source: space is divided until no triangle is left in a node, or down to blocks
+//! of cells.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::bits::{Content, Pyramid};
+use super::crossing::{Lattice, Seen};
+use super::field::Field;
+use super::fill::{self, FULL};
+use super::grid::{Grid, Triangle};
+use super::triangle;
+use super::triangles::{Sorter, Triangles};
+use crate::Result;
+use crate::space::Oct;
+use crate::tree::{Child, Source};
+use crate::value::Value;
+
+/// Which of the cells that the surface cuts belong to the solid.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Boundary {
+    /// All of them: the literature's rule.
+    Full,
+    /// Those whose centre lies inside.
+    #[default]
+    Centre,
+    /// Each as far as it lies inside: by 4 x 4 lines through the cell, of 16 points each.
+    Coverage,
+}
+
+/// What the cells of a solid say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Attribute {
+    /// That they are full, or how far.
+    #[default]
+    Occupancy,
+    /// The colour of the surface; inside, that of the face behind which a cell lies.
+    Colour,
+    /// Which part of the model they belong to.
+    Part,
+}
+
+/// How it is known what lies inside.
+#[derive(Clone, Debug)]
+pub(super) enum Inside {
+    /// Winding numbers other than zero.
+    Winding,
+    /// An odd number of crossings.
+    Parity,
+    /// A winding field of at least one half: for surfaces that are not closed.
+    Field(Arc<Field>),
+}
+
+/// How nodes are filled.
+#[derive(Clone, Debug)]
+pub(super) struct Fill {
+    pub(super) grid: Grid,
+    pub(super) lattice: Lattice,
+    pub(super) boundary: Boundary,
+    pub(super) attribute: Attribute,
+    /// Only the cells that the surface cuts.
+    pub(super) surface: bool,
+    pub(super) inside: Inside,
+}
+
+impl Fill {
+    /// Grid steps along a cell.
+    pub(super) fn cell(&self) -> i32 {
+        self.grid.cell()
+    }
+
+    #[inline]
+    pub(super) fn is_inside(&self, winding: i32) -> bool {
+        match self.inside {
+            Inside::Parity => winding & 1 != 0,
+            _ => winding != 0,
+        }
+    }
+}
+
+/// What is known at a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct State {
+    pub(super) winding: i32,
+    /// That of the face through which the solid was entered last.
+    pub(super) attribute: u32,
+}
+
+impl State {
+    /// Goes through a face.
+    #[inline]
+    pub(super) fn pass(&mut self, change: i32, attribute: u32) {
+        if self.winding == 0 {
+            self.attribute = attribute;
+        }
+        self.winding += change;
+    }
+}
+
+/// Cells that were not decided by exact winding numbers.
+#[derive(Debug, Default)]
+pub(super) struct Doubts {
+    /// Cells inside a surface that is not closed there, by the winding field.
+    pub(super) undecided: AtomicU64,
+}
+
+/// A solid, or its surface, of values made from attributes.
+pub(super) struct Solid<V> {
+    pub(super) fill: Fill,
+    /// Triangles that are taken to memory at once.
+    held: usize,
+    root: Region,
+    value: fn(u32) -> V,
+    pub(super) doubts: Doubts,
+}
+
+/// A node above the blocks.
+#[derive(Clone, Debug)]
+pub(super) struct Region {
+    level: u8,
+    /// Its place among the nodes of its level.
+    place: [u32; 3],
+    triangles: Triangles,
+    /// That of its first lattice point.
+    state: State,
+}
+
+/// A node of a solid.
+#[derive(Clone)]
+pub(super) enum Node {
+    Region(Arc<Region>),
+    /// Of a block of cells: so many levels above them, and its place among the block's nodes there.
+    Cells { block: Arc<Pyramid>, above: u8, at: [u8; 3] },
+}
+
+impl std::fmt::Debug for Node {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Node::Region(region) => write!(f, "{} {:?}", region.level, region.place),
+            Node::Cells { above, at, .. } => write!(f, "{above} above {at:?}"),
+        }
+    }
+}
+
+/// Levels of cells in a block.
+const BLOCK: u8 = 6;
+
+impl<V: Value> Solid<V> {
+    /// The solid of these triangles; up to `held` of them are taken to memory at once.
+    pub(super) fn new(fill: Fill, triangles: Triangles, held: usize, value: fn(u32) -> V) -> Result<Self> {
+        let root = Region { level: 0, place: [0; 3], triangles, state: State::default() };
+        let mut solid = Solid { fill, held, root, value, doubts: Doubts::default() };
+        if !solid.fill.surface {
+            solid.root.state = solid.outside_in()?;
+        }
+        Ok(solid)
+    }
+
+    /// The state of the root's first lattice point, coming along x from outside.
+    fn outside_in(&self) -> Result<State> {
+        let first = self.fill.lattice.first([0; 3]);
+        let mut events = Events::default();
+        self.root.triangles.each(|_, triangle| {
+            if let Some(seen) = Seen::<0>::new(triangle).filter(|seen| seen.is_met(first) && seen.is_beyond(first)) {
+                events.push(0, &seen, first, triangle.attribute);
+            }
+            Ok(())
+        })?;
+        let mut states = [State::default(); 8];
+        events.apply(&mut states, |_| (0, 0));
+        Ok(states[0])
+    }
+
+    /// Grid coordinates of a region's first corner, and its width.
+    fn bounds(&self, region: &Region) -> ([i32; 3], i32) {
+        let width = self.fill.cell() << (self.fill.grid.depth - region.level);
+        (region.place.map(|place| (i64::from(place) * i64::from(width)) as i32), width)
+    }
+
+    /// The eight regions of a region.
+    fn split(&self, region: &Region) -> Result<Vec<Region>> {
+        let triangles = match &region.triangles {
+            spilled if spilled.len() <= self.held => spilled.clone().held()?,
+            spilled => spilled.clone(),
+        };
+        let (min, width) = self.bounds(region);
+        let half = width / 2;
+        let middle = min.map(|min| min + half);
+        let lines = Lines::new(self.fill.lattice.first(min), half);
+        let mut events = Events::default();
+        let mut sorter = Sorter::of(&triangles);
+        let wide = |at: [i32; 3]| at.map(i64::from);
+        triangles.each(|number, triangle| {
+            if !self.fill.surface {
+                lines.meet(triangle, &mut events);
+            }
+            // Which halves it reaches into: walls belong to neither.
+            let halves: [[bool; 2]; 3] = std::array::from_fn(|axis| {
+                let (low, high) = (triangle.min(axis), triangle.max(axis));
+                let end = min[axis] + width;
+                [low < middle[axis] && high > min[axis], low < end && high > middle[axis]]
+            });
+            let reached = halves.map(|[low, high]| u8::from(low) + u8::from(high));
+            let alone = reached.iter().all(|halves| *halves <= 1);
+            for child in 0..8 {
+                if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
+                    continue;
+                }
+                let low: [i32; 3] = std::array::from_fn(|axis| min[axis] + (child >> axis & 1) as i32 * half);
+                let high = low.map(|low| low + half);
+                if alone || triangle::cuts(&triangle.corners.map(wide), wide(low), wide(high)) {
+                    sorter.push(child, number, triangle)?;
+                }
+            }
+            Ok(())
+        })?;
+        let mut states = [region.state; 8];
+        events.apply(&mut states, Lines::leads);
+        let regions = sorter.finish()?.into_iter().enumerate().map(|(child, triangles)| Region {
+            level: region.level + 1,
+            place: std::array::from_fn(|axis| 2 * region.place[axis] + (child as u32 >> axis & 1)),
+            triangles,
+            state: states[child],
+        });
+        Ok(regions.collect())
+    }
+
+    /// What stands at a region.
+    fn place(&self, region: Region) -> Child<V, Node> {
+        let is_inner = !region.triangles.is_empty();
+        if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
+            let (min, width) = self.bounds(&region);
+            if let (false, Some(is_inside)) = (is_inner, field.uniform(min, width)) {
+                return if is_inside { Child::Leaf(self.full(region.state.attribute)) } else { Child::Void };
+            }
+        } else if !is_inner {
+            let is_inside = !self.fill.surface && self.fill.is_inside(region.state.winding);
+            return if is_inside { Child::Leaf(self.full(region.state.attribute)) } else { Child::Void };
+        }
+        self.inner(Node::Region(Arc::new(region)))
+    }
+
+    fn full(&self, attribute: u32) -> V {
+        (self.value)(if self.fill.attribute == Attribute::Occupancy { FULL } else { attribute })
+    }
+
+    /// A node that is asked for its children. What stands for it is not known before all of them are, and what stores
+    /// the tree works it out.
+    fn inner(&self, node: Node) -> Child<V, Node> {
+        Child::Inner { representative: self.full(0), node }
+    }
+
+    /// The block of a region.
+    fn block(&self, region: &Region) -> Result<Pyramid> {
+        let (min, _) = self.bounds(region);
+        let mut triangles: Vec<Triangle> = Vec::with_capacity(region.triangles.len());
+        region.triangles.each(|_, triangle| {
+            triangles.push(*triangle);
+            Ok(())
+        })?;
+        let height = self.fill.grid.depth - region.level;
+        if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
+            let (block, undecided) = fill::open_block(&self.fill, field, &triangles, min, height, region.state);
+            self.doubts.undecided.fetch_add(undecided, Ordering::Relaxed);
+            return Ok(block);
+        }
+        Ok(fill::block(&self.fill, &triangles, min, height, region.state))
+    }
+
+    fn in_block(&self, block: &Arc<Pyramid>, above: u8, at: [u8; 3]) -> Child<V, Node> {
+        match block.node(above, at.map(usize::from)) {
+            Content::Nothing => Child::Void,
+            Content::Uniform(value) => Child::Leaf((self.value)(value.unwrap_or(FULL))),
+            Content::Mixed => self.inner(Node::Cells { block: block.clone(), above, at }),
+        }
+    }
+}
+
+impl<V: Value> Source for Solid<V> {
+    type Dim = Oct;
+    type Value = V;
+    type Node = Node;
+
+    fn depth(&self) -> u8 {
+        self.fill.grid.depth
+    }
+
+    fn root(&self) -> Result<Child<V, Node>> {
+        Ok(self.place(self.root.clone()))
+    }
+
+    fn each_child(&self, node: &Node, mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>) -> Result<()> {
+        let (block, above, at) = match node {
+            Node::Region(region) if region.level + BLOCK < self.fill.grid.depth => {
+                let regions = self.split(region)?;
+                return regions.into_iter().enumerate().try_for_each(|(i, region)| each(i, self.place(region)));
+            }
+            Node::Region(region) => {
+                (&Arc::new(self.block(region)?), self.fill.grid.depth - region.level, [0; 3])
+            }
+            Node::Cells { block, above, at } => (block, *above, *at),
+        };
+        for child in 0..8u8 {
+            let at = std::array::from_fn(|axis| 2 * at[axis] + (child >> axis & 1));
+            each(child.into(), self.in_block(block, above - 1, at))?;
+        }
+        Ok(())
+    }
+}
+
+/// The lines between the first lattice points of a region's eight children: four along x, two along y, one along z,
+/// from each child to one of those that differ along one axis only.
+struct Lines {
+    first: [i32; 3],
+    half: i32,
+}
+
+impl Lines {
+    fn new(first: [i32; 3], half: i32) -> Lines {
+        Lines { first, half }
+    }
+
+    /// The children that a line leads from and to. Lines are in such an order that what they lead from is known.
+    fn leads(line: usize) -> (usize, usize) {
+        [(0, 4), (0, 2), (4, 6), (0, 1), (2, 3), (4, 5), (6, 7)][line]
+    }
+
+    /// The lines that a triangle meets.
+    #[inline]
+    fn meet(&self, triangle: &Triangle, events: &mut Events) {
+        let near = |axis: usize, up: bool| {
+            let at = self.first[axis] + if up { self.half } else { 0 };
+            triangle.min(axis) <= at && at <= triangle.max(axis)
+        };
+        let (y, z) = ([near(1, false), near(1, true)], [near(2, false), near(2, true)]);
+        let x = near(0, false);
+        if x && y[0] {
+            self.meet_along::<2>(triangle, 0, [0, 0, 0], events);
+        }
+        for up in [0, 1] {
+            if x && z[up] {
+                self.meet_along::<1>(triangle, 1 + up, [0, 0, up], events);
+            }
+        }
+        for line in 0..4 {
+            if y[line & 1] && z[line >> 1] {
+                self.meet_along::<0>(triangle, 3 + line, [0, line & 1, line >> 1], events);
+            }
+        }
+    }
+
+    fn meet_along<const D: usize>(&self, triangle: &Triangle, line: usize, from: [usize; 3], events: &mut Events) {
+        let from: [i32; 3] = std::array::from_fn(|axis| self.first[axis] + from[axis] as i32 * self.half);
+        let mut to = from;
+        to[D] += self.half;
+        let seen = Seen::<D>::new(triangle);
+        if let Some(seen) = seen.filter(|seen| seen.is_met(from) && !seen.is_beyond(from) && seen.is_beyond(to)) {
+            events.push(line, &seen, from, triangle.attribute);
+        }
+    }
+}
+
+/// Where some lines pass through triangles.
+#[derive(Default)]
+struct Events {
+    /// Line, height on it, change, attribute.
+    passed: Vec<(usize, f64, i32, u32)>,
+}
+
+impl Events {
+    fn push<const D: usize>(&mut self, line: usize, seen: &Seen<D>, from: [i32; 3], attribute: u32) {
+        self.passed.push((line, seen.height_over(from), seen.change(), attribute));
+    }
+
+    /// Goes along all lines, in order: of a line that leads from one place to another, the state of the second follows
+    /// from that of the first.
+    fn apply(mut self, states: &mut [State; 8], leads: impl Fn(usize) -> (usize, usize)) {
+        self.passed.sort_by(|a, b| {
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3))
+        });
+        let mut passed = self.passed.into_iter().peekable();
+        for line in 0..7 {
+            let (from, to) = leads(line);
+            let mut state = states[from];
+            while let Some((_, _, change, attribute)) = passed.next_if(|event| event.0 == line) {
+                state.pass(change, attribute);
+            }
+            states[to] = state;
+        }
+    }
+}
