@@ -1,7 +1,14 @@
 //! Importers of solids: boundary representations, read face by face.
 
+mod box3;
+mod ears;
 mod model;
-#[cfg_attr(not(test), expect(dead_code, reason = "what asks follows"))]
+mod plane;
+mod polygon;
 mod triangle;
+mod triangulate;
 
+pub use box3::Box3;
 pub use model::{Face, Model, ModelInfo};
+pub use polygon::{Flaw, Polygon, Stage, Stages, Verdict};
+pub use triangulate::Triangulator;
