@@ -97,6 +97,8 @@ impl<'a> Ears<'a> {
             joined.extend(&hole[on_hole..]);
             joined.extend(&hole[..=on_hole]);
             joined.extend(&ring[on_ring..]);
+            // Where they touch, no step from a corner to itself, which has no direction.
+            joined.dedup();
             ring = joined;
         }
         Some(ring)
