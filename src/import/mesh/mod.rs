@@ -1,28 +1,30 @@
 //! Importers of solids: boundary representations, read face by face, become octrees.
 
 mod bits;
+mod box3;
 mod build;
 mod closure;
 mod crossing;
+mod ears;
 mod field;
 mod fill;
 mod grid;
 mod model;
 mod plan;
+mod plane;
+mod polygon;
 mod solid;
 mod triangle;
 mod triangles;
 mod triangulate;
 
-pub use model::{Face, Model, ModelInfo};
+pub use box3::Box3;
 pub use build::{Decided, SolidReport};
+pub use model::{Face, Model, ModelInfo};
 pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, Up, open_all, plan_models};
+pub use polygon::{Flaw, Polygon, Stage, Stages, Verdict};
 pub use solid::{Attribute, Boundary};
-
-/// Opens a model.
-pub fn open(path: &std::path::Path, _memory: u64) -> crate::Result<Box<dyn Model>> {
-    Err(crate::Error::unsupported(path, "x", "y"))
-}
+pub use triangulate::Triangulator;
 
 /// Whether a path looks like a model's.
 pub fn is_model(path: &std::path::Path) -> bool {

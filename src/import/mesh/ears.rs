@@ -1,0 +1,249 @@
+//! Ear clipping with exact integers: slow (the square of the number of corners), but it keeps every corner.
+
+use std::collections::HashSet;
+
+use super::triangulate::turn;
+
+/// Cuts flat rings into triangles that turn counterclockwise.
+pub(super) struct Ears<'a> {
+    flat: &'a [[i64; 2]],
+    triangles: Vec<[u32; 3]>,
+}
+
+impl<'a> Ears<'a> {
+    pub(super) fn new(flat: &'a [[i64; 2]]) -> Ears<'a> {
+        Ears { flat, triangles: Vec::new() }
+    }
+
+    /// Triangles of the region between a counterclockwise ring and clockwise holes.
+    ///
+    /// The triangles are right if the rings do not cross; what comes out otherwise is anything, and the caller finds
+    /// out.
+    pub(super) fn cut(mut self, rings: Vec<Vec<u32>>) -> Vec<[u32; 3]> {
+        let rings = self.touch_in_corners(rings);
+        if let Some(ring) = self.join(rings) {
+            self.clip(ring);
+        }
+        self.triangles
+    }
+
+    fn at(&self, corner: u32) -> [i64; 2] {
+        self.flat[corner as usize]
+    }
+
+    fn turn(&self, a: u32, b: u32, c: u32) -> i128 {
+        turn(self.at(a), self.at(b), self.at(c))
+    }
+
+    /// Whether a corner lies between the ends of an edge.
+    fn is_between(&self, corner: u32, a: u32, b: u32) -> bool {
+        let (p, a_at, b_at) = (self.at(corner), self.at(a), self.at(b));
+        let within = |i: usize| a_at[i].min(b_at[i]) <= p[i] && p[i] <= a_at[i].max(b_at[i]);
+        within(0) && within(1) && p != a_at && p != b_at && self.turn(a, b, corner) == 0
+    }
+
+    /// Leads edges through the corners that lie on them: a triangle without area between the edge and the corner keeps
+    /// the edge itself.
+    fn touch_in_corners(&mut self, mut rings: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
+        let mut corners: Vec<u32> = rings.iter().flatten().copied().collect();
+        corners.sort_unstable_by_key(|&corner| self.at(corner));
+        corners.dedup_by_key(|corner| self.at(*corner));
+        for ring in &mut rings {
+            let mut through = Vec::with_capacity(ring.len());
+            for (i, &a) in ring.iter().enumerate() {
+                let b = ring[(i + 1) % ring.len()];
+                through.push(a);
+                let [low, high] = [self.at(a)[0].min(self.at(b)[0]), self.at(a)[0].max(self.at(b)[0])];
+                let first = corners.partition_point(|&corner| self.at(corner)[0] < low);
+                let last = corners.partition_point(|&corner| self.at(corner)[0] <= high);
+                let on_edge = corners[first..last].iter().copied().filter(|&c| self.is_between(c, a, b));
+                let mut on_edge: Vec<u32> = on_edge.collect();
+                // They are in the order of their coordinates.
+                if self.at(a) > self.at(b) {
+                    on_edge.reverse();
+                }
+                let mut from = a;
+                for corner in on_edge {
+                    self.triangles.push([from, b, corner]);
+                    through.push(corner);
+                    from = corner;
+                }
+            }
+            *ring = through;
+        }
+        rings
+    }
+
+    /// One ring out of all: holes join where they touch, or else over a bridge that is crossed in both directions.
+    fn join(&self, rings: Vec<Vec<u32>>) -> Option<Vec<u32>> {
+        let mut holes = rings.into_iter();
+        let mut ring = holes.next()?;
+        let mut holes: Vec<Vec<u32>> = holes.filter(|hole| !hole.is_empty()).collect();
+        // The hole that reaches farthest sees a corner of the ring, since no other hole is in between.
+        let farthest = |hole: &[u32]| hole.iter().map(|&corner| self.at(corner)).max();
+        holes.sort_by_key(|hole| farthest(hole));
+        let mut taken: HashSet<[i64; 2]> = ring.iter().map(|&corner| self.at(corner)).collect();
+        while !holes.is_empty() {
+            let touches = |hole: &[u32]| hole.iter().any(|&corner| taken.contains(&self.at(corner)));
+            let mut touching = holes.iter().enumerate().filter(|(_, hole)| touches(hole));
+            let touching = touching.find_map(|(i, hole)| Some((i, self.contact(&ring, hole)?)));
+            let (which, (on_ring, on_hole)) = match touching {
+                Some(found) => found,
+                None => (holes.len() - 1, self.bridge(&ring, &holes)?),
+            };
+            let hole = holes.remove(which);
+            taken.extend(hole.iter().map(|&corner| self.at(corner)));
+            let mut joined = ring[..=on_ring].to_vec();
+            joined.extend(&hole[on_hole..]);
+            joined.extend(&hole[..=on_hole]);
+            joined.extend(&ring[on_ring..]);
+            // Where they touch, no step from a corner to itself, which has no direction.
+            joined.dedup();
+            ring = joined;
+        }
+        Some(ring)
+    }
+
+    /// Where a hole touches the ring: places in both.
+    fn contact(&self, ring: &[u32], hole: &[u32]) -> Option<(usize, usize)> {
+        for (on_hole, &corner) in hole.iter().enumerate() {
+            let next = hole[(on_hole + 1) % hole.len()];
+            for (on_ring, &other) in ring.iter().enumerate() {
+                if self.at(other) == self.at(corner) && self.opens_to(ring, on_ring, next) {
+                    return Some((on_ring, on_hole));
+                }
+            }
+        }
+        None
+    }
+
+    /// The shortest way from the last hole's farthest corner to a corner of the ring that crosses nothing.
+    fn bridge(&self, ring: &[u32], holes: &[Vec<u32>]) -> Option<(usize, usize)> {
+        let hole = holes.last()?;
+        let on_hole = (0..hole.len()).max_by_key(|&i| self.at(hole[i]))?;
+        let from = hole[on_hole];
+        let distance = |corner: u32| -> i128 {
+            (0..2).map(|i| i128::from(self.at(corner)[i] - self.at(from)[i]).pow(2)).sum()
+        };
+        let mut places: Vec<usize> = (0..ring.len()).filter(|&i| self.at(ring[i]) > self.at(from)).collect();
+        places.sort_by_key(|&i| distance(ring[i]));
+        let is_free = |&on_ring: &usize| {
+            let to = ring[on_ring];
+            self.opens_to(ring, on_ring, from)
+                && self.opens_to(hole, on_hole, to)
+                && std::iter::once(ring)
+                    .chain(holes.iter().map(Vec::as_slice))
+                    .all(|other| !self.is_blocked(from, to, other))
+        };
+        places.into_iter().find(is_free).map(|on_ring| (on_ring, on_hole))
+    }
+
+    /// Whether a ring has a corner between two points, or an edge that crosses their segment.
+    fn is_blocked(&self, from: u32, to: u32, ring: &[u32]) -> bool {
+        (0..ring.len()).any(|i| {
+            let (a, b) = (ring[i], ring[(i + 1) % ring.len()]);
+            self.is_between(a, from, to)
+                || self.turn(from, to, a).signum() * self.turn(from, to, b).signum() < 0
+                    && self.turn(a, b, from).signum() * self.turn(a, b, to).signum() < 0
+        })
+    }
+
+    /// Whether the way from a ring's corner towards another one starts on the left of the ring.
+    fn opens_to(&self, ring: &[u32], place: usize, towards: u32) -> bool {
+        let corner = ring[place];
+        let before = ring[(place + ring.len() - 1) % ring.len()];
+        let after = ring[(place + 1) % ring.len()];
+        self.is_in_angle(before, corner, after, towards)
+    }
+
+    /// Whether a point lies strictly between the two sides of an angle, on the left of the way through it.
+    fn is_in_angle(&self, before: u32, corner: u32, after: u32, point: u32) -> bool {
+        let left_of_before = self.turn(before, corner, point) > 0;
+        let left_of_after = self.turn(corner, after, point) > 0;
+        let bend = self.turn(before, corner, after);
+        if bend > 0 || bend == 0 && !self.turns_back(before, corner, after) {
+            left_of_before && left_of_after
+        } else if bend == 0 {
+            // All around, but not along the way itself.
+            self.turn(before, corner, point) != 0 || self.is_ahead(before, corner, point)
+        } else {
+            left_of_before || left_of_after || {
+                // On the prolongation of one side, within the reflex angle.
+                self.turn(before, corner, point) == 0 && self.is_ahead(before, corner, point)
+                    || self.turn(corner, after, point) == 0 && self.is_ahead(after, corner, point)
+            }
+        }
+    }
+
+    fn turns_back(&self, before: u32, corner: u32, after: u32) -> bool {
+        !self.is_ahead(before, corner, after)
+    }
+
+    /// Whether a point lies on the far side of a corner as seen from the one before.
+    fn is_ahead(&self, before: u32, corner: u32, point: u32) -> bool {
+        let product = |i: usize| {
+            i128::from(self.at(corner)[i] - self.at(before)[i])
+                * i128::from(self.at(point)[i] - self.at(corner)[i])
+        };
+        product(0) + product(1) > 0
+    }
+
+    /// Cuts off ear after ear, going round.
+    fn clip(&mut self, mut ring: Vec<u32>) {
+        let mut place = 0;
+        let mut failures = 0;
+        while ring.len() > 2 && failures < ring.len() {
+            place %= ring.len();
+            if self.is_ear(&ring, place) {
+                let (before, after) = ((place + ring.len() - 1) % ring.len(), (place + 1) % ring.len());
+                let ear = [ring[before], ring[place], ring[after]];
+                if ear[0] != ear[1] && ear[1] != ear[2] && ear[2] != ear[0] {
+                    self.triangles.push(ear);
+                }
+                ring.remove(place);
+                failures = 0;
+                // Not at once the neighbour's turn: fans make long thin triangles.
+                place += 1;
+            } else {
+                failures += 1;
+                place += 1;
+            }
+        }
+    }
+
+    /// Whether the triangle at a corner lies within the ring, with no other corner inside or on it.
+    fn is_ear(&self, ring: &[u32], place: usize) -> bool {
+        let neighbours =
+            |place: usize| [ring[(place + ring.len() - 1) % ring.len()], ring[(place + 1) % ring.len()]];
+        let (corner, [before, after]) = (ring[place], neighbours(place));
+        let ends = [before, corner, after].map(|c| self.at(c));
+        // A step to the same place, or there and back: nothing is cut off.
+        if ends[0] == ends[1] || ends[1] == ends[2] || ends[2] == ends[0] {
+            return true;
+        }
+        if self.turn(before, corner, after) <= 0 {
+            return false;
+        }
+        let least = [0, 1].map(|i| ends[0][i].min(ends[1][i]).min(ends[2][i]));
+        let most = [0, 1].map(|i| ends[0][i].max(ends[1][i]).max(ends[2][i]));
+        (0..ring.len()).all(|i| {
+            let other = ring[i];
+            let at = self.at(other);
+            if at[0] < least[0] || at[0] > most[0] || at[1] < least[1] || at[1] > most[1] {
+                return true;
+            }
+            if at == ends[1] {
+                // Another pass through this corner must not lead into the triangle.
+                return i == place
+                    || neighbours(i).iter().all(|&next| {
+                        self.at(next) == ends[1] || !self.is_in_angle(before, corner, after, next)
+                    });
+            }
+            at == ends[0]
+                || at == ends[2]
+                || self.turn(before, corner, other) < 0
+                || self.turn(corner, after, other) < 0
+                || self.turn(after, before, other) < 0
+        })
+    }
+}

@@ -1,0 +1,171 @@
+//! The plane of a face, exact, and the directions to look at it from.
+
+use super::box3::Box3;
+
+/// A plane on the integer grid: the points whose product with the normal is the offset.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plane {
+    /// Twice the area that the ring encloses in each projection along an axis, seen from that axis' positive end.
+    pub(super) normal: [i128; 3],
+    offset: i128,
+}
+
+impl Plane {
+    /// The plane of a ring after Newell, through its first corner; `None` if the ring encloses no area.
+    ///
+    /// For a ring that is not planar it is a plane with the ring's mean direction.
+    pub(super) fn of_ring(ring: &[[i64; 3]]) -> Option<Plane> {
+        let &first = ring.first()?;
+        let from_first = |p: &[i64; 3]| [0, 1, 2].map(|axis| i128::from(p[axis] - first[axis]));
+        let mut normal = [0; 3];
+        for corners in ring.windows(2) {
+            let (a, b) = (from_first(&corners[0]), from_first(&corners[1]));
+            for (axis, part) in normal.iter_mut().enumerate() {
+                let [j, k] = others(axis);
+                *part += a[j] * b[k] - a[k] * b[j];
+            }
+        }
+        let mut plane = Plane { normal, offset: 0 };
+        plane.offset = plane.height(&first);
+        (normal != [0; 3]).then_some(plane)
+    }
+
+    /// Whether a point lies in the plane.
+    pub(super) fn contains(&self, point: &[i64; 3]) -> bool {
+        self.height(point) == self.offset
+    }
+
+    /// Whether the plane passes through the inside of an octant, not only along a wall, an edge or a corner of it.
+    pub(super) fn cuts(&self, octant: &Box3) -> bool {
+        let (mut low, mut high) = (0, 0);
+        for axis in 0..3 {
+            let (near, far) = (
+                self.normal[axis] * i128::from(octant.min[axis]),
+                self.normal[axis] * i128::from(octant.max[axis]),
+            );
+            low += near.min(far);
+            high += near.max(far);
+        }
+        low < self.offset && self.offset < high
+    }
+
+    /// The axis along which the plane is seen largest.
+    pub(super) fn main_axis(&self) -> usize {
+        (0..3).max_by_key(|&axis| self.normal[axis].abs()).unwrap_or(2)
+    }
+
+    fn height(&self, point: &[i64; 3]) -> i128 {
+        (0..3).map(|axis| self.normal[axis] * i128::from(point[axis])).sum()
+    }
+
+    /// A line along an axis that meets the plane inside the octant; the plane must cut the octant.
+    ///
+    /// Where a plane cuts an octant, it crosses an edge of it between the ends, or it passes through two parallel
+    /// edges, or through the three corners next to one: removing less does not part the corners on its one side from
+    /// those on its other. Along an edge that is crossed goes a line, and in the two other cases through the centre of
+    /// a wall along one of its sides' directions; so nine lines along each axis are enough.
+    pub(super) fn line_into(&self, octant: &Box3) -> Option<Line> {
+        let places = |axis: usize| {
+            let (low, high) = (octant.min[axis], octant.max[axis]);
+            [(low + high, true), (2 * low, true), (2 * high, false)]
+        };
+        for axis in (0..3).filter(|&axis| self.normal[axis] != 0) {
+            let [j, k] = others(axis);
+            let ends =
+                [octant.min[axis], octant.max[axis]].map(|end| 2 * i128::from(end) * self.normal[axis]);
+            for at_j in places(j) {
+                for at_k in places(k) {
+                    let rest = self.normal[j] * i128::from(at_j.0) + self.normal[k] * i128::from(at_k.0);
+                    let crossing = 2 * self.offset - rest;
+                    if ends[0].min(ends[1]) < crossing && crossing < ends[0].max(ends[1]) {
+                        return Some(Line { axis, at: [at_j, at_k] });
+                    }
+                }
+            }
+        }
+        None
+    }
+}
+
+/// A line along an axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line {
+    axis: usize,
+    /// On the two other axes: twice the line's coordinate, and whether the line is just above it, or just below. "Just"
+    /// is less than anything that can be told apart, and on the second axis much less than on the first.
+    at: [(i64, bool); 2],
+}
+
+impl Line {
+    /// Whether the line passes through the region that a ring encloses by the even-odd rule: exact, for a line that
+    /// does not meet the ring itself.
+    pub(super) fn passes_through(&self, ring: &[[i64; 3]]) -> bool {
+        let [j, k] = others(self.axis);
+        let [(at_j, above_j), (at_k, above_k)] = self.at;
+        let is_above = |p: &[i64; 3]| if above_k { 2 * p[k] > at_k } else { 2 * p[k] >= at_k };
+        let mut is_inside = false;
+        for (i, b) in ring.iter().enumerate() {
+            let a = &ring[(i + ring.len() - 1) % ring.len()];
+            if is_above(a) == is_above(b) {
+                continue;
+            }
+            let along = [b[j] - a[j], b[k] - a[k]].map(i128::from);
+            let to_line = [at_j - 2 * a[j], at_k - 2 * a[k]].map(i128::from);
+            let turn = along[0] * to_line[1] - along[1] * to_line[0];
+            // Whether the edge passes the line on the side of greater coordinates. If it seems to go right through the
+            // line, the first axis decides: the line is farther from its place there than on the second.
+            is_inside ^= if turn == 0 { !above_j } else { (turn > 0) == is_above(b) };
+        }
+        is_inside
+    }
+}
+
+/// The two other axes, in the order that makes a right-handed system with the first.
+pub(super) fn others(axis: usize) -> [usize; 2] {
+    [(axis + 1) % 3, (axis + 2) % 3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every plane that cuts an octant has a line of [`Plane::line_into`], also where it crosses no edge of it.
+    #[test]
+    fn there_is_always_a_line_into_the_octant() {
+        let octant = Box3 { min: [-1; 3], max: [1, 2, 1] };
+        let mut cutting = 0;
+        for n in 0..7 * 7 * 7 {
+            let normal = [n % 7 - 3, n / 7 % 7 - 3, n / 49 - 3];
+            for offset in -14..=14 {
+                let plane = Plane { normal, offset };
+                if plane.cuts(&octant) {
+                    cutting += 1;
+                    assert!(plane.line_into(&octant).is_some(), "{plane:?}");
+                }
+            }
+        }
+        assert!(cutting > 2_000, "{cutting}");
+    }
+
+    #[test]
+    fn planes_that_touch_do_not_cut() {
+        let octant = Box3 { min: [0; 3], max: [4; 3] };
+        let plane = |normal, offset| Plane { normal, offset };
+        assert!(!plane([0, 0, 1], 0).cuts(&octant), "a wall");
+        assert!(!plane([0, 1, 1], 8).cuts(&octant), "an edge");
+        assert!(!plane([1, 2, -1], 12).cuts(&octant), "a corner");
+        assert!(!plane([1, 2, -1], 13).cuts(&octant), "far away");
+        assert!(plane([1, 2, -1], 11).cuts(&octant));
+        assert!(plane([1, -1, 0], 0).cuts(&octant), "through two edges");
+    }
+
+    #[test]
+    fn the_normal_is_twice_the_area_on_the_side_that_sees_it_counterclockwise() {
+        let ring = [[0, 0, 5], [3, 0, 5], [3, 2, 5], [0, 2, 5]];
+        let plane = Plane::of_ring(&ring).unwrap();
+        assert_eq!(plane.normal, [0, 0, 12]);
+        assert!(plane.contains(&[9, -7, 5]) && !plane.contains(&[0, 0, 4]));
+        assert!(Plane::of_ring(&[[0, 0, 0], [1, 1, 1], [2, 2, 2]]).is_none());
+        assert!(Plane::of_ring(&[]).is_none());
+    }
+}

@@ -1,0 +1,197 @@
+//! Whether a face cuts an octant: five tests, each closer than the one before, as in N. Trstenjak, B. Zalik and
+//! N. Guid, "An algorithm for boundary to octree conversion", Informatica 2/91.
+//!
+//! The tests are the paper's; how they are decided is not. The paper counts how many vertices of the octant's section
+//! with the face's plane lie inside, outside and on the rim of the face, and its rule (10) answers wrong where an edge
+//! of the face passes through two of these vertices, and not at all where it does so with others inside and outside.
+//! Here an edge that passes through the octant's inside decides by itself, and where none does, the section lies on
+//! one side of the rim as a whole, so that one point of it decides. Nothing is divided or rounded.
+
+use super::box3::Box3;
+use super::plane::Plane;
+use super::triangle;
+use super::triangulate::Triangulator;
+
+/// A face with its holes on the integer grid, coordinates at most 2^31 in magnitude.
+///
+/// It is a closed set: its rim and the rims of its holes belong to it. Concave faces, any number of holes, and holes
+/// that touch the rim or one another are fine. Snapping to the grid bends faces; one whose corners are not exactly in
+/// one plane is taken as the triangles of its triangulation, and so has no cracks to its neighbours.
+#[derive(Clone, Debug)]
+pub struct Polygon {
+    points: Vec<[i64; 3]>,
+    ring_ends: Vec<usize>,
+    bounds: Box3,
+    shape: Shape,
+}
+
+#[derive(Clone, Debug)]
+enum Shape {
+    Planar(Plane),
+    Bent(Vec<[u32; 3]>),
+}
+
+/// Why some rings are not a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Flaw {
+    /// The outer ring encloses no area: nothing is lost without this face.
+    NoArea,
+    /// Corners are not in one plane, and no triangles cover the face and nothing else: rings cross.
+    NotSimple,
+}
+
+/// The test that gave the answer; the paper's numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// 1: the face's bounds and the octant.
+    Boxes,
+    /// 2: the face's plane and the octant. More than the paper's: not only a plane along a wall, but every plane that
+    /// does not pass through the octant's inside ends here, also what the paper's (4) and (5) reject in test 4.
+    Planes,
+    /// 3: the face's vertices and the octant: (1) and (2).
+    Vertices,
+    /// 4: the octant's section with the plane, and the outer ring: (6) to (10).
+    Section,
+    /// 5: the section and the holes: (11) to (17).
+    Holes,
+    /// None of the paper's: the triangles of a face that is not planar.
+    Triangles,
+}
+
+/// Whether a face cuts an octant, and how that was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Verdict {
+    /// Whether the face has a point in common with the octant's inside.
+    pub cuts: bool,
+    /// The test that decided.
+    pub stage: Stage,
+}
+
+/// How many questions each test decided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stages {
+    /// Faces that do not cut the octant, in the order of [`Stage`].
+    pub apart: [u64; 6],
+    /// Faces that do, in the same order.
+    pub cutting: [u64; 6],
+}
+
+impl Stages {
+    /// Counts a verdict.
+    pub fn count(&mut self, verdict: Verdict) {
+        let side = if verdict.cuts { &mut self.cutting } else { &mut self.apart };
+        side[verdict.stage as usize] += 1;
+    }
+
+    /// Adds what was counted elsewhere.
+    pub fn add(&mut self, other: &Stages) {
+        for stage in 0..6 {
+            self.apart[stage] += other.apart[stage];
+            self.cutting[stage] += other.cutting[stage];
+        }
+    }
+}
+
+impl Polygon {
+    /// A face of rings, the outer ring first; `ring_ends` says where each ring ends in `points`.
+    ///
+    /// # Errors
+    /// If the rings are no face, see [`Flaw`]. Rings that cross go unnoticed if all corners are in one plane.
+    ///
+    /// # Panics
+    /// If `ring_ends` does not rise up to the number of points.
+    pub fn new(
+        points: &[[i64; 3]],
+        ring_ends: &[usize],
+        triangulator: &mut Triangulator,
+    ) -> Result<Polygon, Flaw> {
+        let outer = &points[..ring_ends.first().copied().unwrap_or(0)];
+        let (Some(bounds), Some(plane)) = (Box3::around(points), Plane::of_ring(outer)) else {
+            return Err(Flaw::NoArea);
+        };
+        let shape = if points.iter().all(|point| plane.contains(point)) {
+            Shape::Planar(plane)
+        } else {
+            let mut triangles = Vec::new();
+            if !triangulator.triangulate(points, ring_ends, &mut triangles) {
+                return Err(Flaw::NotSimple);
+            }
+            Shape::Bent(triangles)
+        };
+        Ok(Polygon { points: points.to_vec(), ring_ends: ring_ends.to_vec(), bounds, shape })
+    }
+
+    /// Whether all corners are exactly in one plane.
+    pub fn is_planar(&self) -> bool {
+        matches!(self.shape, Shape::Planar(_))
+    }
+
+    /// The least box around the face.
+    pub fn bounds(&self) -> Box3 {
+        self.bounds
+    }
+
+    /// Whether the face has a point in common with the octant's inside; touching a wall, an edge or a corner of the
+    /// octant is not enough, and neither is lying in a wall. The octant's sides are at least one unit long.
+    pub fn cuts(&self, octant: &Box3) -> Verdict {
+        let decided = |cuts, stage| Verdict { cuts, stage };
+        if !octant.inside_meets(&self.bounds) {
+            return decided(false, Stage::Boxes);
+        }
+        match &self.shape {
+            Shape::Planar(plane) if !plane.cuts(octant) => decided(false, Stage::Planes),
+            // (2) and the part of (1) that does not ask for a plane.
+            _ if self.points.iter().any(|point| octant.has_inside(point)) => decided(true, Stage::Vertices),
+            Shape::Planar(plane) => self.cuts_by_section(plane, octant),
+            Shape::Bent(triangles) => {
+                let corners = |triangle: &[u32; 3]| triangle.map(|corner| self.points[corner as usize]);
+                let cuts = triangles.iter().any(|t| triangle::cuts(&corners(t), octant.min, octant.max));
+                decided(cuts, Stage::Triangles)
+            }
+        }
+    }
+
+    /// The rest of test 3, and tests 4 and 5, for a plane that cuts the octant, and no vertex inside (3).
+    fn cuts_by_section(&self, plane: &Plane, octant: &Box3) -> Verdict {
+        let decided = |cuts, stage| Verdict { cuts, stage };
+        // (1) with all vertices on walls: the face is a part of the section, whose inside is inside the octant.
+        if self.outer().iter().all(|point| octant.contains(point)) {
+            return decided(true, Stage::Vertices);
+        }
+        if crosses(self.outer(), octant) {
+            return decided(true, Stage::Section);
+        }
+        // The section is not crossed by the rim: any line into it tells on which side all of it is. This is the
+        // centre point of (8), and it answers (7), (9) and (10) too.
+        let Some(line) = plane.line_into(octant) else {
+            unreachable!(
+                "a plane that cuts an octant, without a line that meets it there: {plane:?}, {octant:?}"
+            );
+        };
+        if !line.passes_through(self.outer()) {
+            return decided(false, Stage::Section);
+        }
+        if self.ring_ends.len() == 1 {
+            return decided(true, Stage::Section);
+        }
+        // Holes may touch the rim and one another, so all of them are looked at, whatever (7) says. A hole whose rim
+        // does not cross the section has all of it (11 to 14) or nothing (15 to 17).
+        let cuts = self.holes().any(|hole| crosses(hole, octant))
+            || !self.holes().any(|hole| line.passes_through(hole));
+        decided(cuts, Stage::Holes)
+    }
+
+    fn outer(&self) -> &[[i64; 3]] {
+        &self.points[..self.ring_ends[0]]
+    }
+
+    fn holes(&self) -> impl Iterator<Item = &[[i64; 3]]> {
+        self.ring_ends.windows(2).map(|ends| &self.points[ends[0]..ends[1]])
+    }
+}
+
+/// Whether an edge of the ring passes through the octant's inside.
+fn crosses(ring: &[[i64; 3]], octant: &Box3) -> bool {
+    (0..ring.len())
+        .any(|i| triangle::segment_cuts(ring[i], ring[(i + 1) % ring.len()], octant.min, octant.max))
+}
