@@ -64,10 +64,14 @@ fn plain(triangles: &[Triangle]) -> Box<dyn Model> {
 }
 
 /// Builds a tree and opens it.
-fn build<V: spinney::value::Value>(model: Box<dyn Model>, options: &SolidOptions) -> (Goblin<Oct, V>, SolidReport) {
+fn build<V: spinney::value::Value>(
+    model: Box<dyn Model>,
+    options: &SolidOptions,
+) -> (Goblin<Oct, V>, SolidReport) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("solid.goblin");
-    let report = plan_models(vec![model], options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
+    let report =
+        plan_models(vec![model], options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
     let tree = Goblin::open(&path, &OpenOptions::default()).unwrap();
     assert_eq!(tree.verify(64 << 20, &()).unwrap(), [], "what was built is a good file");
     (tree, report)
@@ -111,9 +115,8 @@ fn winding(triangles: &[Triangle], at: Point) -> f64 {
 fn tetrahedra(random: &mut Random, count: usize, side: f64, grid: f64) -> Vec<Triangle> {
     let mut triangles = Vec::new();
     for _ in 0..count {
-        let mut point = || -> Point {
-            std::array::from_fn(|_| (random.below((side / grid) as u64 + 1) as f64) * grid)
-        };
+        let mut point =
+            || -> Point { std::array::from_fn(|_| (random.below((side / grid) as u64 + 1) as f64) * grid) };
         let [a, b, c, d] = [point(), point(), point(), point()];
         triangles.extend([[a, c, b], [a, b, d], [b, c, d], [c, a, d]]);
     }
@@ -124,7 +127,8 @@ fn tetrahedra(random: &mut Random, count: usize, side: f64, grid: f64) -> Vec<Tr
 fn boxes_on_the_grid_become_their_cells() {
     for boundary in [Boundary::Full, Boundary::Centre, Boundary::Coverage] {
         let options = SolidOptions { boundary, ..unit_cells(7) };
-        let (tree, report) = build::<[u8; 1]>(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
+        let (tree, report) =
+            build::<[u8; 1]>(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
         assert_eq!((report.inside, report.triangles, report.displacement), (Decided::Closed, 12, 0.0));
         let found = cells(&tree);
         for (i, cell) in found.iter().enumerate() {
@@ -162,7 +166,11 @@ fn cells_are_inside_where_their_centre_has_a_winding_number() {
             }
             checked += 1;
             full += usize::from(cell.is_some());
-            assert_eq!(cell, (expected.round() != 0.0).then_some([255]), "{at:?} has {expected}, depth {depth}");
+            assert_eq!(
+                cell,
+                (expected.round() != 0.0).then_some([255]),
+                "{at:?} has {expected}, depth {depth}"
+            );
         }
         assert!(full > 0 && checked > side, "{full} of {checked}");
     }
@@ -175,7 +183,10 @@ fn nested_shells_are_cavities_and_bodies_may_overlap() {
     let triangles = [cuboid([4.1; 3], [60.2; 3]), inner, cuboid([50.5; 3], [63.9; 3])].concat();
     let (tree, _) = build::<[u8; 1]>(plain(&triangles), &unit_cells(6));
     let at = |cell: u32| tree.value_at(Code::from_cell(6, [cell; 3]).unwrap()).unwrap();
-    assert_eq!([2, 10, 30, 45, 55, 62].map(at), [None, Some([255]), None, Some([255]), Some([255]), Some([255])]);
+    assert_eq!(
+        [2, 10, 30, 45, 55, 62].map(at),
+        [None, Some([255]), None, Some([255]), Some([255]), Some([255])]
+    );
 }
 
 #[test]
@@ -184,7 +195,9 @@ fn coverage_adds_up_to_the_volume() {
     for _ in 0..6 {
         let triangles = tetrahedra(&mut random, 1, 60.0, 0.731);
         let volume = |[a, b, c]: &Triangle| {
-            (a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]))
+            (a[0] * (b[1] * c[2] - b[2] * c[1])
+                + a[1] * (b[2] * c[0] - b[0] * c[2])
+                + a[2] * (b[0] * c[1] - b[1] * c[0]))
                 / 6.0
         };
         let expected = triangles.iter().map(volume).sum::<f64>().abs();
@@ -202,7 +215,8 @@ fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
     let triangles = cuboid(low, high);
     let options = SolidOptions { boundary: Boundary::Full, ..unit_cells(5) };
     let (full, _) = build::<[u8; 1]>(plain(&triangles), &options);
-    let (shell, report) = build::<[u8; 1]>(plain(&triangles), &SolidOptions { surface: true, ..unit_cells(5) });
+    let (shell, report) =
+        build::<[u8; 1]>(plain(&triangles), &SolidOptions { surface: true, ..unit_cells(5) });
     assert_eq!(report.inside, Decided::Surface);
     for (i, (full, shell)) in cells(&full).into_iter().zip(cells(&shell)).enumerate() {
         let cell = [i % 32, i / 32 % 32, i / 32 / 32].map(|x| x as f64);

@@ -80,8 +80,20 @@ The output appears under its name only when it is complete; until then, an older
 pub(crate) fn run(args: Args, global: &Global) -> Result {
     let start = Instant::now();
     check_output(args.inputs.iter().map(PathBuf::as_path), &args.output)?;
-    let Args { inputs, output: path, kind, rule, band: bands, nodata, depth, epsg, transform, layer, memory, solid } =
-        args;
+    let Args {
+        inputs,
+        output: path,
+        kind,
+        rule,
+        band: bands,
+        nodata,
+        depth,
+        epsg,
+        transform,
+        layer,
+        memory,
+        solid,
+    } = args;
     if inputs.iter().any(|input| mesh::is_model(input)) {
         let is_for_pictures = kind.is_some()
             || rule.is_some()
@@ -90,12 +102,17 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
             || transform.is_some()
             || layer.is_some();
         if is_for_pictures {
-            bail!("--kind, --rule, --band, --nodata, --transform and --layer are for pictures, not for models");
+            bail!(
+                "--kind, --rule, --band, --nodata, --transform and --layer are for pictures, not for models"
+            );
         }
         return solid::build(&inputs, &path, &solid, (depth, epsg, memory), global);
     }
     if solid.is_given() {
-        bail!("{}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files", inputs[0].display());
+        bail!(
+            "{}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files",
+            inputs[0].display()
+        );
     }
     let memory = Some(memory);
     let options = ImportOptions { kind, rule, bands, nodata, depth, epsg, transform, layer, memory };

@@ -58,11 +58,19 @@ impl Mapped {
         if length == 0 {
             return Err(Error::corrupt(path, "file", "0 bytes", "a Spinney file"));
         }
+        Mapped::of(&file, path)
+    }
+
+    /// Maps an open file that is not empty; the path is for messages.
+    ///
+    /// # Errors
+    /// If it cannot be mapped.
+    pub(crate) fn of(file: &File, path: &Path) -> Result<Mapped> {
         // SAFETY: the mapping is read-only, and readers check every number they take from it before use, so
         // that even bytes that change under us lead to wrong answers or errors, not to undefined lengths:
         // slices of it are only ever read as plain integers. Truncation is the documented risk above.
         #[allow(unsafe_code)]
-        let map = unsafe { memmap2::Mmap::map(&file) }.map_err(Error::io(path, "map"))?;
+        let map = unsafe { memmap2::Mmap::map(file) }.map_err(Error::io(path, "map"))?;
         Ok(Mapped(map))
     }
 }

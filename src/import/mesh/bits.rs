@@ -109,7 +109,8 @@ impl Pyramid {
                 let node = [left.trailing_zeros() as usize, row % side, row / side];
                 left &= left - 1;
                 let value = |child: usize| {
-                    let at = std::array::from_fn(|axis| (2 * node[axis] + (child >> axis & 1)) << (above - 1));
+                    let at =
+                        std::array::from_fn(|axis| (2 * node[axis] + (child >> axis & 1)) << (above - 1));
                     values[self.place(at)]
                 };
                 if (1..8).any(|child| value(child) != value(0)) {
@@ -170,8 +171,9 @@ mod tests {
                     let below: Vec<Option<u32>> = (0..1usize << (3 * above))
                         .map(|i| {
                             let mask = (1 << above) - 1;
-                            let cell: [usize; 3] =
-                                std::array::from_fn(|axis| (at[axis] << above) | (i >> (axis as u8 * above) & mask));
+                            let cell: [usize; 3] = std::array::from_fn(|axis| {
+                                (at[axis] << above) | (i >> (axis as u8 * above) & mask)
+                            });
                             let place = (cell[2] * side + cell[1]) * side + cell[0];
                             is_there[place].then_some(value(place))
                         })

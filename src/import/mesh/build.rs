@@ -9,8 +9,7 @@ use super::grid::Triangle;
 use super::plan::SolidImport;
 use super::solid::{Attribute, Boundary, Fill, Inside, Solid};
 use super::triangles::{Collector, Triangles};
-use super::triangulate::triangulate;
-use super::{Face, ModelInfo};
+use super::{Face, ModelInfo, Triangulator};
 use crate::store::goblin::{BuildOptions, Metadata, build_with};
 use crate::store::{Output, folder};
 use crate::value::{Kind, Rule, Value};
@@ -21,6 +20,8 @@ use crate::{Error, Progress, Result};
 pub struct SolidReport {
     /// Faces that were read.
     pub faces: u64,
+    /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of triangles.
+    pub repaired: u64,
     /// Triangles they were made of, without those that have no area on the grid.
     pub triangles: u64,
     /// The furthest that a vertex was moved to the grid, in units of the world.
@@ -50,7 +51,9 @@ impl Decided {
         match self {
             Decided::Surface => "only its surface",
             Decided::Closed => "closed: inside is where the winding number is not zero",
-            Decided::Flipped => "closed, but with faces turned inside out: inside is where rays cross it an odd number of times",
+            Decided::Flipped => {
+                "closed, but with faces turned inside out: inside is where rays cross it an odd number of times"
+            }
             Decided::Open => "open, doubled or loose: inside is where the winding field is at least one half",
         }
     }
@@ -80,6 +83,7 @@ impl SolidImport {
         };
         let report = SolidReport {
             faces: read.faces,
+            repaired: read.repaired,
             triangles: read.triangles.len() as u64,
             displacement: read.displacement,
             inside: decided,
@@ -114,7 +118,7 @@ impl SolidImport {
     fn read(&mut self, folder: &std::path::Path, progress: &dyn Progress) -> Result<Read> {
         let limit = (self.options.memory / 2 / TRIANGLE) as usize;
         let mut collector = Collector::new(limit, folder);
-        let mut read = Reading { faces: 0, displacement: 0.0, closure: Closure::default(), snapped: Vec::new() };
+        let mut read = Reading::default();
         let mut first_part = 1;
         let mut models = std::mem::take(&mut self.models);
         for model in &mut models {
@@ -131,10 +135,15 @@ impl SolidImport {
         let triangles = collector.finish()?;
         if triangles.is_empty() {
             let name = &self.models[0].info().path;
-            return Err(Error::corrupt(name, "faces", "none that have an area on the grid of cells", "a surface"));
+            return Err(Error::corrupt(
+                name,
+                "faces",
+                "none that have an area on the grid of cells",
+                "a surface",
+            ));
         }
-        let Reading { faces, displacement, closure, .. } = read;
-        Ok(Read { triangles, faces, displacement, closure })
+        let Reading { faces, displacement, closure, repaired, .. } = read;
+        Ok(Read { triangles, faces, repaired, displacement, closure })
     }
 
     /// How it is to be decided what lies inside.
@@ -171,16 +180,20 @@ impl SolidImport {
 struct Read {
     triangles: Triangles,
     faces: u64,
+    repaired: u64,
     displacement: f64,
     closure: Closure,
 }
 
 /// What is known while faces are read.
+#[derive(Default)]
 struct Reading {
     faces: u64,
     displacement: f64,
     closure: Closure,
     snapped: Vec<[i32; 3]>,
+    triangulator: Triangulator,
+    repaired: u64,
 }
 
 impl Reading {
@@ -213,14 +226,20 @@ impl Reading {
         if let [a, b, c] = self.snapped[..] {
             return push([a, b, c]);
         }
-        let mut triangles = Vec::new();
         let wide: Vec<[i64; 3]> = self.snapped.iter().map(|point| point.map(i64::from)).collect();
-        if !triangulate(&wide, face.ring_ends, &mut triangles) {
-            let found = format!("a polygon of {} corners that crosses itself", face.points.len());
-            let place = format!("face {}", self.faces);
-            return Err(Error::corrupt(&info.path, place, found, "simple polygons with holes inside them"));
+        let mut triangles = Vec::new();
+        if !self.triangulator.triangulate(&wide, face.ring_ends, &mut triangles) {
+            // A face that crosses itself or has no area: fans have its boundary, too, so that what is closed stays so.
+            self.repaired += 1;
+            let mut first = 0;
+            for end in face.ring_ends.iter().map(|end| *end as u32) {
+                triangles.extend((first + 2..end).map(|corner| [first, corner - 1, corner]));
+                first = end;
+            }
         }
-        triangles.into_iter().try_for_each(|corners| push(corners.map(|corner| self.snapped[corner as usize])))
+        triangles
+            .into_iter()
+            .try_for_each(|corners| push(corners.map(|corner| self.snapped[corner as usize])))
     }
 }
 
@@ -284,6 +303,7 @@ fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> 
         ("solid.surface", report.inside.text().to_string()),
         ("solid.triangles", report.triangles.to_string()),
         ("solid.displacement", report.displacement.to_string()),
+        ("solid.repaired_faces", report.repaired.to_string()),
         ("solid.undecided_cells", report.undecided.to_string()),
     ];
     let unit = import.options.unit.iter().map(|unit| ("unit", unit.clone()));

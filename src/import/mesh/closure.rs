@@ -41,7 +41,9 @@ impl Closure {
 
 fn edge(from: [i32; 3], to: [i32; 3]) -> u64 {
     let pair = |a: i32, b: i32| u64::from(a as u32) << 32 | u64::from(b as u32);
-    [pair(from[0], from[1]), pair(from[2], to[0]), pair(to[1], to[2])].into_iter().fold(0, |sum, word| mix(sum ^ word))
+    [pair(from[0], from[1]), pair(from[2], to[0]), pair(to[1], to[2])]
+        .into_iter()
+        .fold(0, |sum, word| mix(sum ^ word))
 }
 
 /// A permutation of 64-bit numbers that looks random (the finaliser of Stafford, "Better bit mixing", variant 13).

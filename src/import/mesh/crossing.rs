@@ -99,7 +99,8 @@ impl<const D: usize> Seen<D> {
     /// How far a point lies on the normal's side of the plane, times the normal's length.
     fn height(&self, at: [i32; 3]) -> i128 {
         let from = self.triangle.corners[0];
-        let along = |axis: usize| i128::from(self.normal[axis]) * i128::from(at[axis] as i64 - from[axis] as i64);
+        let along =
+            |axis: usize| i128::from(self.normal[axis]) * i128::from(at[axis] as i64 - from[axis] as i64);
         along(0) + along(1) + along(2)
     }
 

@@ -54,7 +54,9 @@ impl Field {
     pub(super) fn new(triangles: impl Iterator<Item = Triangle>) -> Result<Field> {
         let mut sorted: Vec<(u64, [DVec3; 3])> = triangles
             .map(|triangle| {
-                let middle = |axis: usize| triangle.corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>() / 3;
+                let middle = |axis: usize| {
+                    triangle.corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>() / 3
+                };
                 // Coordinates run from -2^29 to 2^30.
                 let place = |axis: usize| ((middle(axis) + (1 << 29)) as u64) >> 10;
                 let key = spread(place(0)) | spread(place(1)) << 1 | spread(place(2)) << 2;
@@ -162,7 +164,10 @@ mod tests {
         // A ball of many triangles, so that groups are used.
         let rings = 24;
         let point = |i: i32, j: i32| {
-            let (a, b) = (f64::from(i) * std::f64::consts::PI / f64::from(rings), f64::from(j) * std::f64::consts::PI / f64::from(rings));
+            let (a, b) = (
+                f64::from(i) * std::f64::consts::PI / f64::from(rings),
+                f64::from(j) * std::f64::consts::PI / f64::from(rings),
+            );
             [a.sin() * b.cos(), a.sin() * b.sin(), a.cos()].map(|x| (x * 10000.0).round() as i32)
         };
         let mut triangles = Vec::new();
@@ -174,7 +179,9 @@ mod tests {
             }
         }
         let field = Field::new(triangles.iter().copied()).unwrap();
-        for (point, expected) in [([0.0, 0.0, 0.0], 1.0), ([9000.0, 0.0, 0.0], 1.0), ([0.0, 11000.0, 0.0], 0.0)] {
+        for (point, expected) in
+            [([0.0, 0.0, 0.0], 1.0), ([9000.0, 0.0, 0.0], 1.0), ([0.0, 11000.0, 0.0], 0.0)]
+        {
             let found = field.at(DVec3::from_array(point));
             assert!((found - expected).abs() < 0.02, "{point:?}: {found}");
         }

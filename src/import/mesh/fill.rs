@@ -52,7 +52,8 @@ impl Crossings {
         for line in 0..lines {
             let range = starts[line] as usize..starts[line + 1] as usize;
             if range.len() > 1 {
-                sorted[range].sort_unstable_by_key(|crossing| (crossing.before, crossing.change, crossing.attribute));
+                sorted[range]
+                    .sort_unstable_by_key(|crossing| (crossing.before, crossing.change, crossing.attribute));
             }
         }
         Crossings { sorted, starts }
@@ -93,7 +94,12 @@ fn cross<const D: usize>(
 }
 
 /// Goes along a line from a state: hands out the state and where it ends, for each stretch, and returns the last.
-fn walk(mut state: State, line: &[Crossing], mut each: impl FnMut(State, usize, usize), points: usize) -> State {
+fn walk(
+    mut state: State,
+    line: &[Crossing],
+    mut each: impl FnMut(State, usize, usize),
+    points: usize,
+) -> State {
     let mut from = 0;
     for crossing in line {
         let to = crossing.before as usize;
@@ -167,7 +173,8 @@ pub(super) fn open_block(
         min,
         touched: Pyramid::new(cells, None),
         cells: Bits::new(height),
-        values: values.or_else(|| (fill.boundary == Boundary::Coverage).then(|| vec![FULL; side * side * side])),
+        values: values
+            .or_else(|| (fill.boundary == Boundary::Coverage).then(|| vec![FULL; side * side * side])),
         attribute: state.attribute,
         undecided: 0,
     };
@@ -198,7 +205,8 @@ impl Open<'_> {
     fn node(&mut self, above: u8, at: [usize; 3]) {
         let is_touched = !matches!(self.touched.node(above, at), Content::Nothing);
         let first = at.map(|at| at << above);
-        let min: [i32; 3] = std::array::from_fn(|axis| self.min[axis] + first[axis] as i32 * self.fill.cell());
+        let min: [i32; 3] =
+            std::array::from_fn(|axis| self.min[axis] + first[axis] as i32 * self.fill.cell());
         if above == 0 {
             return self.cell(at, min, is_touched);
         }
@@ -235,7 +243,8 @@ impl Open<'_> {
         let is_there = match self.fill.boundary {
             Boundary::Full if is_touched => true,
             Boundary::Coverage if is_touched => {
-                let points = (0..64).map(|i| DVec3::new((i & 3) as f64, (i >> 2 & 3) as f64, (i >> 4) as f64));
+                let points =
+                    (0..64).map(|i| DVec3::new((i & 3) as f64, (i >> 2 & 3) as f64, (i >> 4) as f64));
                 let count = points.filter(|place| inside((*place + 0.5) / 4.0) >= 0.5).count() as u32;
                 let value = (count * FULL + 32) / 64;
                 if let Some(values) = &mut self.values {
@@ -248,7 +257,8 @@ impl Open<'_> {
         if is_there {
             self.cells.set(at);
             if let (Some(values), false) = (&mut self.values, is_touched) {
-                values[place] = if self.fill.attribute == Attribute::Occupancy { FULL } else { self.attribute };
+                values[place] =
+                    if self.fill.attribute == Attribute::Occupancy { FULL } else { self.attribute };
             }
         }
     }
@@ -308,7 +318,8 @@ impl<'a> Painter<'a> {
         let mut from = [0usize; 3];
         let mut to = [0usize; 3];
         for axis in 0..3 {
-            let (low, high) = (triangle.min(axis) as i64 - min[axis] as i64, triangle.max(axis) as i64 - min[axis] as i64);
+            let (low, high) =
+                (triangle.min(axis) as i64 - min[axis] as i64, triangle.max(axis) as i64 - min[axis] as i64);
             let cell = cell as i64;
             // Open cells: a triangle that ends on a wall does not reach the cell behind it, nor does one that lies in it.
             let first = low.div_euclid(cell).max(0);

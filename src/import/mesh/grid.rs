@@ -60,7 +60,8 @@ impl Grid {
     pub(super) fn new(depth: u8, frame: Frame) -> Result<Grid> {
         let fraction = (BITS - depth).min(FRACTION);
         let steps = (1u64 << fraction) as f64;
-        let unmappable = || Error::invalid("frame", format!("{:?}", frame.matrix), "a map that can be inverted");
+        let unmappable =
+            || Error::invalid("frame", format!("{:?}", frame.matrix), "a map that can be inverted");
         let origin = frame.to_cells([0.0; 3]).ok_or_else(unmappable)?;
         let mut matrix = [[0.0; 4]; 3];
         for axis in 0..3 {

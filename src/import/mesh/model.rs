@@ -12,7 +12,8 @@ pub struct Face<'a> {
     pub points: &'a [[f64; 3]],
     /// Where each ring ends in `points`; one entry for a face without holes.
     pub ring_ends: &'a [usize],
-    /// A colour per corner, red, green, blue; nothing where the file has none.
+    /// A colour per corner, red, green, blue; nothing where the file has none. In a file where only some faces have
+    /// one, the others are white.
     pub colours: &'a [[u8; 3]],
     /// Number of the part that the face belongs to: see [`ModelInfo::parts`].
     pub part: u32,
@@ -25,9 +26,9 @@ pub struct ModelInfo {
     pub path: PathBuf,
     /// Its format in words: "PLY, binary little-endian".
     pub format: String,
-    /// Faces, where the file tells before they are read.
+    /// Faces, where the file tells before they are read: with those that cover nothing, which are not handed out.
     pub faces: Option<u64>,
-    /// Least and greatest coordinate of all vertices along each axis.
+    /// Least and greatest coordinate of all vertices along each axis, of those that no face uses, too.
     pub bounds: [[f64; 3]; 2],
     /// EPSG number of the coordinate system, where known.
     pub epsg: Option<u32>,
@@ -49,8 +50,17 @@ pub trait Model: Send {
     /// Reads all faces, in the file's order, and hands them out one by one; may be called again, and gives the same
     /// faces then.
     ///
+    /// Faces with fewer than three different corners cover nothing and are left out; so are corners that repeat the one
+    /// before them.
+    ///
     /// # Errors
     /// If the file cannot be read or breaks its format's rules (indices out of range, coordinates that are not finite
-    /// numbers, faces of fewer than three corners), or what `each` returns.
+    /// numbers, faces of more than 2^20 corners), or what `each` returns.
     fn faces(&mut self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()>;
+
+    /// How many faces were left out when all of them were read last, because they have fewer than three different
+    /// corners; 0 before that.
+    fn degenerate(&self) -> u64 {
+        0
+    }
 }

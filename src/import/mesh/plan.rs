@@ -125,7 +125,9 @@ pub fn open_all(inputs: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> 
 /// If the options do not fit the models, or these have no vertices.
 pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
     let coloured = |model: &Box<dyn Model>| model.info().is_coloured;
-    if let (Attribute::Colour, Some(model)) = (options.attribute, models.iter().find(|model| !coloured(model))) {
+    if let (Attribute::Colour, Some(model)) =
+        (options.attribute, models.iter().find(|model| !coloured(model)))
+    {
         let advice = "leave --attribute colour away, or choose --attribute part";
         return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
     }
@@ -196,10 +198,15 @@ fn fit([min, max]: [[f64; 3]; 2], resolution: &Resolution) -> Result<Fitted> {
         }
         Resolution::Cell(cell) => {
             if !(cell.is_finite() && *cell > 0.0) {
-                return Err(Error::invalid("cell", cell.to_string(), "a width above zero, in units of the model"));
+                return Err(Error::invalid(
+                    "cell",
+                    cell.to_string(),
+                    "a width above zero, in units of the model",
+                ));
             }
             let origin = min.map(|min| (min / cell + TOUCH).floor() * cell);
-            let along = |axis: usize| ((max[axis] - origin[axis]) / cell - TOUCH).ceil().clamp(1.0, 1e18) as u64;
+            let along =
+                |axis: usize| ((max[axis] - origin[axis]) / cell - TOUCH).ceil().clamp(1.0, 1e18) as u64;
             (*cell, origin, count((0..3).map(along).max().unwrap_or(1))?)
         }
         Resolution::Like(frame, depth) => {
@@ -232,7 +239,8 @@ fn describe(
     }
     let [x, y, z] = extent;
     let cell = grid.frame.matrix.map(|row| row[..3].iter().map(|x| x * x).sum::<f64>().sqrt());
-    let cell = if cell[0] == cell[1] && cell[1] == cell[2] { format!("{}", cell[0]) } else { format!("{cell:?}") };
+    let cell =
+        if cell[0] == cell[1] && cell[1] == cell[2] { format!("{}", cell[0]) } else { format!("{cell:?}") };
     lines.push(("cells", format!("{x} x {y} x {z} in a tree of depth {}, each {cell} wide", grid.depth)));
     let what = if options.surface { "the surface" } else { "the solid" };
     let boundary = match options.boundary {

@@ -130,7 +130,11 @@ pub(super) struct Region {
 pub(super) enum Node {
     Region(Arc<Region>),
     /// Of a block of cells: so many levels above them, and its place among the block's nodes there.
-    Cells { block: Arc<Pyramid>, above: u8, at: [u8; 3] },
+    Cells {
+        block: Arc<Pyramid>,
+        above: u8,
+        at: [u8; 3],
+    },
 }
 
 impl std::fmt::Debug for Node {
@@ -161,7 +165,9 @@ impl<V: Value> Solid<V> {
         let first = self.fill.lattice.first([0; 3]);
         let mut events = Events::default();
         self.root.triangles.each(|_, triangle| {
-            if let Some(seen) = Seen::<0>::new(triangle).filter(|seen| seen.is_met(first) && seen.is_beyond(first)) {
+            if let Some(seen) =
+                Seen::<0>::new(triangle).filter(|seen| seen.is_met(first) && seen.is_beyond(first))
+            {
                 events.push(0, &seen, first, triangle.attribute);
             }
             Ok(())
@@ -260,7 +266,8 @@ impl<V: Value> Solid<V> {
         })?;
         let height = self.fill.grid.depth - region.level;
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
-            let (block, undecided) = fill::open_block(&self.fill, field, &triangles, min, height, region.state);
+            let (block, undecided) =
+                fill::open_block(&self.fill, field, &triangles, min, height, region.state);
             self.doubts.undecided.fetch_add(undecided, Ordering::Relaxed);
             return Ok(block);
         }
@@ -289,11 +296,18 @@ impl<V: Value> Source for Solid<V> {
         Ok(self.place(self.root.clone()))
     }
 
-    fn each_child(&self, node: &Node, mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>) -> Result<()> {
+    fn each_child(
+        &self,
+        node: &Node,
+        mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>,
+    ) -> Result<()> {
         let (block, above, at) = match node {
             Node::Region(region) if region.level + BLOCK < self.fill.grid.depth => {
                 let regions = self.split(region)?;
-                return regions.into_iter().enumerate().try_for_each(|(i, region)| each(i, self.place(region)));
+                return regions
+                    .into_iter()
+                    .enumerate()
+                    .try_for_each(|(i, region)| each(i, self.place(region)));
             }
             Node::Region(region) => {
                 (&Arc::new(self.block(region)?), self.fill.grid.depth - region.level, [0; 3])
@@ -349,12 +363,20 @@ impl Lines {
         }
     }
 
-    fn meet_along<const D: usize>(&self, triangle: &Triangle, line: usize, from: [usize; 3], events: &mut Events) {
+    fn meet_along<const D: usize>(
+        &self,
+        triangle: &Triangle,
+        line: usize,
+        from: [usize; 3],
+        events: &mut Events,
+    ) {
         let from: [i32; 3] = std::array::from_fn(|axis| self.first[axis] + from[axis] as i32 * self.half);
         let mut to = from;
         to[D] += self.half;
         let seen = Seen::<D>::new(triangle);
-        if let Some(seen) = seen.filter(|seen| seen.is_met(from) && !seen.is_beyond(from) && seen.is_beyond(to)) {
+        if let Some(seen) =
+            seen.filter(|seen| seen.is_met(from) && !seen.is_beyond(from) && seen.is_beyond(to))
+        {
             events.push(line, &seen, from, triangle.attribute);
         }
     }
@@ -375,9 +397,8 @@ impl Events {
     /// Goes along all lines, in order: of a line that leads from one place to another, the state of the second follows
     /// from that of the first.
     fn apply(mut self, states: &mut [State; 8], leads: impl Fn(usize) -> (usize, usize)) {
-        self.passed.sort_by(|a, b| {
-            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3))
-        });
+        self.passed
+            .sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3)));
         let mut passed = self.passed.into_iter().peekable();
         for line in 0..7 {
             let (from, to) = leads(line);

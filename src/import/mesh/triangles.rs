@@ -122,7 +122,8 @@ impl Drop for Spilled {
 }
 
 fn decode(bytes: &[u8]) -> Triangle {
-    let mut words = bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().expect("four bytes")));
+    let mut words =
+        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().expect("four bytes")));
     let mut next = || words.next().expect("ten words");
     let corners = std::array::from_fn(|_| std::array::from_fn(|_| next() as i32));
     Triangle { corners, attribute: next() }

@@ -1,0 +1,194 @@
+//! The numbers behind a PLY header, whichever way they are written.
+
+use super::super::text::{Words, line_number, real, shown, whole};
+use super::header::{Element, Encoding, Property, Scalar};
+
+/// Why a number could not be read.
+#[derive(Debug)]
+pub(super) struct Fault {
+    /// Line or byte.
+    pub(super) place: String,
+    pub(super) found: String,
+    pub(super) expected: &'static str,
+}
+
+/// Boxed: readers of millions of numbers hand it up.
+pub(super) type Read<T> = Result<T, Box<Fault>>;
+
+/// Numbers, one after the other.
+pub(super) trait Body {
+    /// A number, which may be infinite or none in binary files.
+    fn number(&mut self, scalar: Scalar) -> Read<f64>;
+
+    /// A number of a type of whole numbers.
+    fn whole(&mut self, scalar: Scalar) -> Read<i64>;
+
+    /// Passes over numbers.
+    fn skip(&mut self, scalar: Scalar, count: u64) -> Read<()>;
+
+    /// Something wrong with what was read last.
+    fn fault(&self, found: String, expected: &'static str) -> Box<Fault>;
+
+    /// Where the next number is looked for.
+    fn offset(&self) -> usize;
+
+    /// The length of a list.
+    #[inline]
+    fn length(&mut self, scalar: Scalar) -> Read<u64> {
+        let length = self.whole(scalar)?;
+        u64::try_from(length).map_err(|_| self.fault(format!("a list of {length}"), "a length of 0 or more"))
+    }
+
+    fn skip_property(&mut self, property: &Property) -> Read<()> {
+        let count = match property.length {
+            Some(length) => self.length(length)?,
+            None => 1,
+        };
+        self.skip(property.scalar, count)
+    }
+
+    /// Passes over all of an element's kind.
+    fn skip_element(&mut self, element: &Element) -> Read<()> {
+        // Things without properties take no room, however many there are.
+        let count = if element.properties.is_empty() { 0 } else { element.count };
+        for _ in 0..count {
+            for property in &element.properties {
+                self.skip_property(property)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Numbers as text.
+pub(super) struct Ascii<'a> {
+    bytes: &'a [u8],
+    words: Words<'a>,
+}
+
+impl<'a> Ascii<'a> {
+    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Self {
+        Ascii { bytes, words: Words::new(bytes, offset) }
+    }
+
+    fn next<T>(&mut self, read: impl FnOnce(&[u8]) -> Option<T>, expected: &'static str) -> Read<T> {
+        let Some(word) = self.words.next() else {
+            self.words.offset = self.bytes.len();
+            return Err(self.fault("the end of the file".into(), expected));
+        };
+        read(word).ok_or_else(|| self.fault(shown(word), expected))
+    }
+}
+
+impl Body for Ascii<'_> {
+    fn number(&mut self, scalar: Scalar) -> Read<f64> {
+        // Rounded to what the type holds, so that text and binary files of the same mesh are the same.
+        let number = self.next(real, "a finite number")?;
+        Ok(if scalar == Scalar::F32 { f64::from(number as f32) } else { number })
+    }
+
+    fn whole(&mut self, _scalar: Scalar) -> Read<i64> {
+        self.next(whole, "a whole number")
+    }
+
+    fn skip(&mut self, _scalar: Scalar, count: u64) -> Read<()> {
+        (0..count).try_for_each(|_| self.next(|_| Some(()), "a number"))
+    }
+
+    fn fault(&self, found: String, expected: &'static str) -> Box<Fault> {
+        let place = format!("line {}", line_number(self.bytes, self.words.offset));
+        Box::new(Fault { place, found, expected })
+    }
+
+    fn offset(&self) -> usize {
+        self.words.offset
+    }
+}
+
+/// Numbers as bytes, the most significant one first if `BIG`.
+pub(super) struct Binary<'a, const BIG: bool> {
+    bytes: &'a [u8],
+    offset: usize,
+}
+
+impl<'a, const BIG: bool> Binary<'a, BIG> {
+    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Self {
+        Binary { bytes, offset }
+    }
+
+    #[inline]
+    fn take<const N: usize>(&mut self) -> Read<[u8; N]> {
+        let Some(bytes) = self.bytes[self.offset..].first_chunk::<N>() else { return Err(self.end()) };
+        self.offset += N;
+        let mut bytes = *bytes;
+        if BIG {
+            bytes.reverse();
+        }
+        Ok(bytes)
+    }
+
+    #[cold]
+    fn end(&self) -> Box<Fault> {
+        self.fault("the end of the file".into(), "more numbers")
+    }
+}
+
+impl<const BIG: bool> Body for Binary<'_, BIG> {
+    #[inline]
+    fn number(&mut self, scalar: Scalar) -> Read<f64> {
+        match scalar {
+            Scalar::F32 => self.take().map(|bytes| f32::from_le_bytes(bytes).into()),
+            Scalar::F64 => self.take().map(f64::from_le_bytes),
+            // All of them are exact.
+            _ => self.whole(scalar).map(|number| number as f64),
+        }
+    }
+
+    #[inline]
+    fn whole(&mut self, scalar: Scalar) -> Read<i64> {
+        match scalar {
+            Scalar::I8 => self.take().map(|bytes| i8::from_le_bytes(bytes).into()),
+            Scalar::U8 => self.take().map(|bytes| u8::from_le_bytes(bytes).into()),
+            Scalar::I16 => self.take().map(|bytes| i16::from_le_bytes(bytes).into()),
+            Scalar::U16 => self.take().map(|bytes| u16::from_le_bytes(bytes).into()),
+            Scalar::I32 => self.take().map(|bytes| i32::from_le_bytes(bytes).into()),
+            Scalar::U32 => self.take().map(|bytes| u32::from_le_bytes(bytes).into()),
+            Scalar::F32 | Scalar::F64 => Err(self.fault("a fraction".into(), "a whole number")),
+        }
+    }
+
+    fn skip(&mut self, scalar: Scalar, count: u64) -> Read<()> {
+        let rest = self.bytes.len() - self.offset;
+        match usize::try_from(count).ok().and_then(|count| count.checked_mul(scalar.size())) {
+            Some(length) if length <= rest => {
+                self.offset += length;
+                Ok(())
+            }
+            _ => Err(self.end()),
+        }
+    }
+
+    fn fault(&self, found: String, expected: &'static str) -> Box<Fault> {
+        Box::new(Fault { place: format!("before byte {}", self.offset), found, expected })
+    }
+
+    fn offset(&self) -> usize {
+        self.offset
+    }
+}
+
+/// What can be done with numbers of any encoding.
+pub(super) trait Visit {
+    type Output;
+
+    fn visit(self, body: impl Body) -> Self::Output;
+}
+
+/// Reads numbers from an offset on.
+pub(super) fn visit<V: Visit>(encoding: Encoding, bytes: &[u8], offset: usize, visit: V) -> V::Output {
+    match encoding {
+        Encoding::Ascii => visit.visit(Ascii::new(bytes, offset)),
+        Encoding::Little => visit.visit(Binary::<false>::new(bytes, offset)),
+        Encoding::Big => visit.visit(Binary::<true>::new(bytes, offset)),
+    }
+}

@@ -1,0 +1,57 @@
+//! The file behind a model: its bytes, and errors that name it.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::store::{Mapped, Storage};
+use crate::{Error, Result};
+
+/// A mapped file that is not empty.
+pub(super) struct Source {
+    path: PathBuf,
+    map: Mapped,
+}
+
+impl Source {
+    pub(super) fn open(path: &Path) -> Result<Source> {
+        let about = fs::metadata(path).map_err(Error::io(path, "open"))?;
+        if about.is_dir() {
+            return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
+        }
+        if !about.is_file() {
+            return Err(Error::unsupported(
+                path,
+                "a mesh from a pipe or device",
+                "write it to a file first: meshes are read more than once",
+            ));
+        }
+        if about.len() == 0 {
+            return Err(Error::corrupt(path, "the whole file", "no bytes", "a mesh"));
+        }
+        Ok(Source { path: path.to_path_buf(), map: Mapped::open(path)? })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        self.map.bytes().unwrap_or_default()
+    }
+
+    /// An error at some place of the file.
+    pub(super) fn corrupt(
+        &self,
+        place: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Error {
+        Error::corrupt(&self.path, place, found, expected)
+    }
+
+    /// The error for a file without a single vertex.
+    pub(super) fn no_vertices(&self) -> Error {
+        self.corrupt("the whole file", "no vertices", "a mesh")
+    }
+}

@@ -1,0 +1,133 @@
+//! Text formats, taken apart without copying: lines, words and numbers, with places for messages.
+
+/// A piece of a file as it can be shown in a message: short, on one line, whatever bytes it has.
+pub(super) fn shown(bytes: &[u8]) -> String {
+    const MOST: usize = 40;
+    let text = bytes[..bytes.len().min(MOST)].escape_ascii();
+    if bytes.len() > MOST { format!("\"{text}\"... ({} bytes)", bytes.len()) } else { format!("\"{text}\"") }
+}
+
+/// The number of the line, from 1, that the byte at an offset belongs to. Reads everything before it: for messages.
+pub(super) fn line_number(bytes: &[u8], offset: usize) -> u64 {
+    let before = &bytes[..offset.min(bytes.len())];
+    let feeds = before.iter().filter(|byte| **byte == b'\n').count();
+    let lone = before.windows(2).filter(|pair| pair[0] == b'\r' && pair[1] != b'\n').count();
+    (feeds + lone) as u64 + 1
+}
+
+/// Lines of a text, ended by LF, CR LF or CR.
+#[derive(Clone)]
+pub(super) struct Lines<'a> {
+    bytes: &'a [u8],
+    /// Where the next line starts.
+    pub(super) offset: usize,
+}
+
+impl<'a> Lines<'a> {
+    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Lines<'a> {
+        Lines { bytes, offset }
+    }
+}
+
+impl<'a> Iterator for Lines<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let rest = self.bytes.get(self.offset..).filter(|rest| !rest.is_empty())?;
+        let length = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')).unwrap_or(rest.len());
+        let end = match rest.get(length..) {
+            Some([b'\r', b'\n', ..]) => 2,
+            Some([_, ..]) => 1,
+            _ => 0,
+        };
+        self.offset += length + end;
+        Some(&rest[..length])
+    }
+}
+
+/// Words of a text: whatever is between blanks and line ends.
+#[derive(Clone)]
+pub(super) struct Words<'a> {
+    bytes: &'a [u8],
+    /// Where the next word is looked for.
+    pub(super) offset: usize,
+}
+
+impl<'a> Words<'a> {
+    pub(super) fn new(bytes: &'a [u8], offset: usize) -> Words<'a> {
+        Words { bytes, offset }
+    }
+}
+
+impl<'a> Iterator for Words<'a> {
+    type Item = &'a [u8];
+
+    #[inline]
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let rest = self.bytes.get(self.offset..)?;
+        let start = rest.iter().position(|byte| !is_blank(*byte))?;
+        let rest = &rest[start..];
+        let length = rest.iter().position(|byte| is_blank(*byte)).unwrap_or(rest.len());
+        self.offset += start + length;
+        Some(&rest[..length])
+    }
+}
+
+fn is_blank(byte: u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b'\n' | b'\r' | 0x0b | 0x0c)
+}
+
+/// The words of one line.
+pub(super) fn words(line: &[u8]) -> Words<'_> {
+    Words::new(line, 0)
+}
+
+/// A number with or without fraction; not those that are infinite or none.
+pub(super) fn real(word: &[u8]) -> Option<f64> {
+    let number: f64 = str::from_utf8(word).ok()?.parse().ok()?;
+    number.is_finite().then_some(number)
+}
+
+/// A whole number.
+pub(super) fn whole(word: &[u8]) -> Option<i64> {
+    // Nearly all are short and have no sign.
+    if !word.is_empty() && word.len() < 18 && word.iter().all(u8::is_ascii_digit) {
+        return Some(word.iter().fold(0, |number, digit| number * 10 + i64::from(digit - b'0')));
+    }
+    str::from_utf8(word).ok()?.parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_in_three_ways() {
+        let text = b"a\nb\r\nc\rd\n\ne";
+        let lines: Vec<_> = Lines::new(text, 0).collect();
+        assert_eq!(lines, [&b"a"[..], b"b", b"c", b"d", b"", b"e"]);
+        for (offset, line) in [(0, 1), (2, 2), (5, 3), (7, 4), (10, 6)] {
+            assert_eq!(line_number(text, offset), line, "{offset}");
+        }
+    }
+
+    #[test]
+    fn numbers() {
+        assert_eq!(whole(b"0042"), Some(42));
+        assert_eq!(whole(b"-7"), Some(-7));
+        assert_eq!(whole(b"9223372036854775807"), Some(i64::MAX));
+        for word in [&b""[..], b"-", b"1.0", b"9223372036854775808", b"0x1"] {
+            assert_eq!(whole(word), None, "{}", shown(word));
+        }
+        assert_eq!(real(b"-1.5e3"), Some(-1500.0));
+        for word in [&b"nan"[..], b"inf", b"-Infinity", b"1e999", b"1,5", b"\xff"] {
+            assert_eq!(real(word), None, "{}", shown(word));
+        }
+    }
+
+    #[test]
+    fn words_of_any_length_are_shown_shortly() {
+        assert_eq!(shown(b"a\n\xff"), r#""a\n\xff""#);
+        assert!(shown(&vec![b'x'; 1 << 20]).len() < 80);
+    }
+}

@@ -1,0 +1,211 @@
+//! Where vertices are while faces are read: in memory, in a mapped temporary file, or in the model's own file.
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::store::{Mapped, Storage};
+use crate::{Error, Result};
+
+/// How coordinates are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Coordinates {
+    F32,
+    F64,
+    F32Big,
+    F64Big,
+}
+
+/// How vertices stand in some bytes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    /// Bytes from one vertex to the next.
+    pub(super) stride: usize,
+    pub(super) coordinates: Coordinates,
+    /// Where x, y and z are in a vertex.
+    pub(super) position: [usize; 3],
+    /// Where red, green and blue are in a vertex, a byte each.
+    pub(super) colour: Option<[usize; 3]>,
+}
+
+impl Layout {
+    /// Without gaps, as [`Vertices`] keeps them.
+    fn packed(coordinates: Coordinates, is_coloured: bool) -> Layout {
+        let size = match coordinates {
+            Coordinates::F32 | Coordinates::F32Big => 4,
+            Coordinates::F64 | Coordinates::F64Big => 8,
+        };
+        let position = [0, size, 2 * size];
+        let end = 3 * size;
+        let colour = is_coloured.then_some([end, end + 1, end + 2]);
+        Layout { stride: end + if is_coloured { 3 } else { 0 }, coordinates, position, colour }
+    }
+}
+
+/// Vertices that can be looked up by number.
+#[derive(Clone, Copy)]
+pub(super) struct Table<'a> {
+    bytes: &'a [u8],
+    layout: Layout,
+    count: u64,
+}
+
+impl<'a> Table<'a> {
+    /// The vertices in some bytes, as many as there are whole ones.
+    pub(super) fn new(bytes: &'a [u8], layout: Layout) -> Table<'a> {
+        Table { bytes, layout, count: (bytes.len() / layout.stride) as u64 }
+    }
+
+    pub(super) fn len(&self) -> u64 {
+        self.count
+    }
+
+    pub(super) fn is_coloured(&self) -> bool {
+        self.layout.colour.is_some()
+    }
+
+    /// A vertex's place; the number must be less than the length.
+    #[inline]
+    pub(super) fn position(&self, number: u64) -> [f64; 3] {
+        let vertex = &self.bytes[number as usize * self.layout.stride..][..self.layout.stride];
+        let four = |at: usize| [vertex[at], vertex[at + 1], vertex[at + 2], vertex[at + 3]];
+        let eight = |at: usize| {
+            let mut bytes = [0; 8];
+            bytes.copy_from_slice(&vertex[at..at + 8]);
+            bytes
+        };
+        let at = self.layout.position;
+        match self.layout.coordinates {
+            Coordinates::F32 => at.map(|at| f32::from_le_bytes(four(at)).into()),
+            Coordinates::F64 => at.map(|at| f64::from_le_bytes(eight(at))),
+            Coordinates::F32Big => at.map(|at| f32::from_be_bytes(four(at)).into()),
+            Coordinates::F64Big => at.map(|at| f64::from_be_bytes(eight(at))),
+        }
+    }
+
+    /// A vertex's colour, if vertices have any; the number must be less than the length.
+    #[inline]
+    pub(super) fn colour(&self, number: u64) -> Option<[u8; 3]> {
+        let vertex = &self.bytes[number as usize * self.layout.stride..][..self.layout.stride];
+        self.layout.colour.map(|at| at.map(|at| vertex[at]))
+    }
+}
+
+/// The box around points.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds([[f64; 3]; 2]);
+
+impl Bounds {
+    pub(super) fn new() -> Bounds {
+        Bounds([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]])
+    }
+
+    /// Makes the box hold a point, too.
+    #[inline]
+    pub(super) fn add(&mut self, point: [f64; 3]) {
+        for axis in 0..3 {
+            self.0[0][axis] = self.0[0][axis].min(point[axis]);
+            self.0[1][axis] = self.0[1][axis].max(point[axis]);
+        }
+    }
+
+    /// Least and greatest coordinates, if there was any point.
+    pub(super) fn get(&self) -> Option<[[f64; 3]; 2]> {
+        (self.0[0][0] <= self.0[1][0]).then_some(self.0)
+    }
+}
+
+/// Vertices in the order in which a file has them.
+pub(super) struct Vertices {
+    place: Place,
+    layout: Layout,
+}
+
+enum Place {
+    Memory(Vec<u8>),
+    Disk(Mapped),
+}
+
+impl Vertices {
+    pub(super) fn table(&self) -> Table<'_> {
+        let bytes = match &self.place {
+            Place::Memory(bytes) => bytes,
+            Place::Disk(map) => map.bytes().unwrap_or_default(),
+        };
+        Table::new(bytes, self.layout)
+    }
+}
+
+/// Collects [`Vertices`].
+pub(super) struct VerticesBuilder {
+    layout: Layout,
+    /// What is not on disk.
+    bytes: Vec<u8>,
+    /// Bytes to keep in memory.
+    budget: usize,
+    file: Option<File>,
+    /// The model's file, for messages.
+    path: PathBuf,
+}
+
+/// Bytes written to disk at once.
+const CHUNK: usize = 1 << 20;
+
+impl VerticesBuilder {
+    /// For vertices that are kept in about `memory` bytes, or else on disk.
+    ///
+    /// Coordinates must be one of the little-endian kinds.
+    pub(super) fn new(path: &Path, coordinates: Coordinates, is_coloured: bool, memory: u64) -> Self {
+        let layout = Layout::packed(coordinates, is_coloured);
+        let budget = usize::try_from(memory).unwrap_or(usize::MAX).max(CHUNK);
+        VerticesBuilder { layout, bytes: Vec::new(), budget, file: None, path: path.to_path_buf() }
+    }
+
+    /// Adds a vertex. The colour counts only if the vertices are coloured.
+    #[inline]
+    pub(super) fn push(&mut self, point: [f64; 3], colour: [u8; 3]) -> Result<()> {
+        if self.bytes.capacity() - self.bytes.len() < self.layout.stride {
+            self.make_room().map_err(Error::io(&self.path, "use a temporary file for the vertices"))?;
+        }
+        for coordinate in point {
+            match self.layout.coordinates {
+                Coordinates::F32 => self.bytes.extend_from_slice(&(coordinate as f32).to_le_bytes()),
+                Coordinates::F64 => self.bytes.extend_from_slice(&coordinate.to_le_bytes()),
+                Coordinates::F32Big | Coordinates::F64Big => unreachable!("kept little-endian"),
+            }
+        }
+        if self.layout.colour.is_some() {
+            self.bytes.extend_from_slice(&colour);
+        }
+        Ok(())
+    }
+
+    /// Room grows with what really comes, twofold until the budget is used up.
+    fn make_room(&mut self) -> io::Result<()> {
+        let held = self.bytes.len();
+        if self.file.is_none() && held + self.layout.stride < self.budget {
+            self.bytes.reserve_exact(held.max(4096).min(self.budget - held));
+            return Ok(());
+        }
+        let file = match &mut self.file {
+            Some(file) => file,
+            none => none.insert(tempfile::tempfile()?),
+        };
+        file.write_all(&self.bytes)?;
+        self.bytes.clear();
+        if self.bytes.capacity() > 2 * CHUNK {
+            self.bytes = Vec::with_capacity(CHUNK);
+        }
+        Ok(())
+    }
+
+    pub(super) fn finish(mut self) -> Result<Vertices> {
+        let Some(mut file) = self.file.take() else {
+            return Ok(Vertices { place: Place::Memory(self.bytes), layout: self.layout });
+        };
+        let failed = Error::io(&self.path, "use a temporary file for the vertices");
+        file.write_all(&self.bytes).map_err(failed)?;
+        // Nobody else can reach the file: it has no name.
+        Ok(Vertices { place: Place::Disk(Mapped::of(&file, &self.path)?), layout: self.layout })
+    }
+}
