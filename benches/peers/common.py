@@ -18,7 +18,7 @@ EARTH = DATA / "earth_8192x4096_rgb.jpg"
 RELIEF = DATA / "relief_4320x2160_i16.tif"
 
 
-def start(data=True):
+def start(data=True, peer="gdal_translate"):
     """Leaves, saying so, if the data are not there."""
     # Jobs in the background inherit ignored interrupts.
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -29,7 +29,7 @@ def start(data=True):
     WORK.mkdir(parents=True, exist_ok=True)
     if not SPINNEY.exists():
         subprocess.run(["cargo", "build", "--release"], cwd=ROOT, check=True)
-    if not shutil.which("gdal_translate"):
+    if not shutil.which(peer):
         sys.exit("run benches/peers/install.sh first")
 
 
