@@ -4,21 +4,9 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use assert_cmd::Command;
+use common::command::{spinney, stderr, stdout};
 use spinney::store::goblin::OpenOptions;
 use tempfile::TempDir;
-
-fn spinney(arguments: &[&str]) -> assert_cmd::assert::Assert {
-    Command::cargo_bin("spinney").unwrap().args(arguments).assert()
-}
-
-fn stdout(arguments: &[&str]) -> String {
-    String::from_utf8(spinney(arguments).success().get_output().stdout.clone()).unwrap()
-}
-
-fn stderr(assert: assert_cmd::assert::Assert) -> String {
-    String::from_utf8(assert.get_output().stderr.clone()).unwrap()
-}
 
 /// The island's classes, and a folder to work in.
 fn island() -> (TempDir, PathBuf) {

@@ -15,12 +15,6 @@ fn seen<S: Source>(view: &View<S>) -> Cells<S::Value> {
     cells_of(view, view.extent())
 }
 
-/// A cell that may lie outside.
-fn get<V: Value>(cells: &Cells<V>, cell: [i64; 3]) -> Option<V> {
-    let inside = cell.iter().all(|cell| *cell >= 0);
-    if inside { cells.get(cell.map(|cell| cell as u64)) } else { None }
-}
-
 /// A quadtree or octree with something of everything, and its cells.
 fn sample<D: Layout, V: Value>(seed: u64, size: [u64; 3]) -> (View<MemTree<D, V>>, Cells<V>) {
     let cells = Cells::<V>::random(seed, size, 9, true);
@@ -63,7 +57,7 @@ fn exact_chain<D: Layout, V: Value>(seed: u64, size: [u64; 3]) {
                 }
                 story += &format!(" window {min:?} {size:?}");
                 view = view.window(min, size).unwrap();
-                cells = made(size, |cell| get(&cells, std::array::from_fn(|i| cell[i] as i64 + min[i])));
+                cells = made(size, |cell| cells.at(std::array::from_fn(|i| cell[i] as i64 + min[i])));
             }
             1 => {
                 let mut by = [0i64; 3];
@@ -73,7 +67,7 @@ fn exact_chain<D: Layout, V: Value>(seed: u64, size: [u64; 3]) {
                 story += &format!(" translate {by:?}");
                 view = view.translate(by.map(|by| by as f64)).unwrap();
                 let size = std::array::from_fn(|i| (cells.size[i] as i64 + by[i]) as u64);
-                cells = made(size, |cell| get(&cells, std::array::from_fn(|i| cell[i] as i64 - by[i])));
+                cells = made(size, |cell| cells.at(std::array::from_fn(|i| cell[i] as i64 - by[i])));
                 // What went past the first cell is gone for the array: for the view, too, once it is cut off.
                 view = view.window([0; 3], size).unwrap();
             }
@@ -156,7 +150,7 @@ fn affine<D: Layout, V: Value>(seed: u64, size: [u64; 3], number: &mut impl FnMu
     let to_source = view.to_source();
     let expected = made(view.extent(), |cell| {
         let centre = [0, 1, 2].map(|i| cell[i] as f64 + 0.5);
-        get(&cells, to_source.apply(centre).map(|place| place.floor() as i64))
+        cells.at(to_source.apply(centre).map(|place| place.floor() as i64))
     });
     assert_same(&seen(&view), &expected, &format!("seed {seed}: {rows:?}"));
     // All of the source is there, so its map back has every cell's centre inside.
@@ -184,7 +178,7 @@ fn affine<D: Layout, V: Value>(seed: u64, size: [u64; 3], number: &mut impl FnMu
         let centre = [0, 1, 2].map(|i| cell[i] as f64 + 0.5);
         let there = to_window.apply(centre);
         let inside = (0..D::AXES).all(|i| there[i] >= 0.0 && there[i] < part[i] as f64);
-        if inside { get(&cells, to_source.apply(centre).map(|place| place.floor() as i64)) } else { None }
+        if inside { cells.at(to_source.apply(centre).map(|place| place.floor() as i64)) } else { None }
     });
     assert_same(&seen(&turned), &expected, &format!("seed {seed}: window of {rows:?}, turned"));
 }
@@ -199,7 +193,7 @@ fn covered<V: Value>(cells: &Cells<V>, rule: Rule, from: [f64; 3], to: [f64; 3])
     for (x, a) in axis(0) {
         for (y, b) in axis(1) {
             for (z, c) in axis(2) {
-                if let Some(value) = get(cells, [x, y, z]).filter(|_| a.min(b).min(c) > 1e-7) {
+                if let Some(value) = cells.at([x, y, z]).filter(|_| a.min(b).min(c) > 1e-7) {
                     match shares.iter_mut().find(|(other, _)| other.same(value)) {
                         Some((_, share)) => *share += a * b * c,
                         None => shares.push((value, a * b * c)),
@@ -236,7 +230,7 @@ fn scaling_by_area() {
         let min = [size[0] as i64 / 3, size[1] as i64 / 4, 0];
         let part = [size[0].div_ceil(2), size[1].div_ceil(2), 1];
         let view = view.window(min, part).unwrap();
-        let cells = made(part, |cell| get(&cells, std::array::from_fn(|i| cell[i] as i64 + min[i])));
+        let cells = made(part, |cell| cells.at(std::array::from_fn(|i| cell[i] as i64 + min[i])));
         let view = view.scale(by).unwrap().sampled(Sampling::Area(rule)).unwrap();
         let found = seen(&view);
         let expected = made(view.extent(), |cell| {
@@ -393,7 +387,7 @@ fn files_of_views_and_combinations() {
     check(view().window([77, 130, 0], part).unwrap(), made(part, shifted), "window");
     let turned = made([1100, 1500, 1], |[x, y, _]| a.get([y, 1099 - x, 0]));
     check(view().transform(&Map::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap(), turned, "quarter turn");
-    let moved = made([2524, 2124, 1], |[x, y, _]| get(&a, [x as i64 - 1024, y as i64 - 1024, 0]));
+    let moved = made([2524, 2124, 1], |[x, y, _]| a.at([x as i64 - 1024, y as i64 - 1024, 0]));
     check(view().translate([1024.0, 1024.0, 0.0]).unwrap(), moved, "moved by a power of two");
     for number in [1, 2, 7] {
         let operation = Operation::Set { number, prefer: Prefer::First };

@@ -48,7 +48,8 @@ impl Map {
         Map::translation(centre.map(|number| -number)).then(&turn).then(&Map::translation(centre))
     }
 
-    /// Turns about any line through `centre` in the direction `axis`, by the right-hand rule.
+    /// Turns about any line through `centre` in the direction `axis`, by the right-hand rule. Those that take axes to axes
+    /// are exact.
     ///
     /// # Errors
     /// If the direction has no length.
@@ -57,7 +58,9 @@ impl Map {
         let direction = direction.ok_or_else(|| {
             Error::invalid("axis of rotation", format!("{axis:?}"), "a direction, as in 0,0,1")
         })?;
-        let turn = Map(DAffine3::from_axis_angle(direction, degrees.to_radians()));
+        let turn = DAffine3::from_axis_angle(direction, degrees.rem_euclid(360.0).to_radians());
+        let columns = turn.matrix3.to_cols_array_2d().map(|column| column.map(without_noise));
+        let turn = Map(DAffine3::from_mat3(DMat3::from_cols_array_2d(&columns)));
         Ok(Map::translation(centre.map(|number| -number)).then(&turn).then(&Map::translation(centre)))
     }
 
@@ -109,6 +112,16 @@ impl Map {
         Ok(Map(inverse))
     }
 
+    /// Moved on by less than a cell so that a box of whole cells, which begins at the origin, goes to whole cells; as it is
+    /// where axes do not stay axes. There and back, the moves are opposite.
+    pub(super) fn on_whole_cells(&self, extent: [u64; 3]) -> Map {
+        if !self.keeps_axes() {
+            return *self;
+        }
+        let (min, _) = self.bounding_box(DVec3::ZERO, DVec3::from(extent.map(|cells| cells as f64)));
+        self.then(&Map::translation((min.round() - min).to_array()))
+    }
+
     /// Where a point goes.
     pub fn apply(&self, point: [f64; 3]) -> [f64; 3] {
         self.0.transform_point3(DVec3::from(point)).to_array()
@@ -147,6 +160,11 @@ impl Map {
             && columns.iter().flatten().all(|number| number.abs() == 1.0 || *number == 0.0)
             && self.0.translation == self.0.translation.round()
     }
+}
+
+/// Whole numbers as such: where they are off by rounding alone, the farthest cell is out of place by nothing that counts.
+fn without_noise(number: f64) -> f64 {
+    if (number - number.round()).abs() < 1e-14 { number.round() } else { number }
 }
 
 fn exact_sin_cos(degrees: f64) -> (f64, f64) {

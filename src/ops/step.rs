@@ -24,7 +24,8 @@ pub enum Step {
     /// `scale=F`, `scale=FX,FY[,FZ]`: so many times as many cells; one number is for all axes.
     Scale(Vec<f64>),
     /// `rotate=DEGREES`, `rotate=DEGREES@COL,ROW`, `rotate=DEGREES,AXIS@X,Y,Z`, where AXIS is `x`, `y`, `z` or a direction
-    /// `VX,VY,VZ`: turns about a centre, the middle if there is none.
+    /// `VX,VY,VZ`: turns about a centre; if there is none, about the middle, where quarter turns take whole cells to whole
+    /// cells.
     Rotate(f64, Turn, Option<[f64; 3]>),
     /// `mirror=x|y|z`, `transpose`, `axes=+y,-x,+z`, `affine=a,b,c,d,e,f` or the 12 numbers of a 3x4 matrix.
     Map(Map),
@@ -233,11 +234,13 @@ impl Step {
                 view.scale(std::array::from_fn(each))
             }
             Step::Rotate(degrees, turn, centre) => {
-                let centre = centre.unwrap_or(view.extent().map(|cells| cells as f64 / 2.0));
+                let about = centre.unwrap_or(view.extent().map(|cells| cells as f64 / 2.0));
                 let map = match turn {
-                    Turn::About(axis) => Map::rotation(*axis, *degrees, centre),
-                    Turn::AboutLine(direction) => Map::rotation_about(*direction, *degrees, centre)?,
+                    Turn::About(axis) => Map::rotation(*axis, *degrees, about),
+                    Turn::AboutLine(direction) => Map::rotation_about(*direction, *degrees, about)?,
                 };
+                // A quarter turn about the middle of an odd by an even number of cells would cut all of them in half.
+                let map = if centre.is_none() { map.on_whole_cells(view.extent()) } else { map };
                 view.transform(&map)
             }
             Step::Map(map) => view.transform(map),

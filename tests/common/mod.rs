@@ -1,10 +1,13 @@
 //! Helpers shared by the integration tests.
 #![allow(dead_code, unreachable_pub)] // each test file uses some of them
 
-use std::path::PathBuf;
+pub mod command;
+pub mod octree;
+
+use std::path::{Path, PathBuf};
 
 use spinney::Result;
-use spinney::space::{Cell, Code, Dimension};
+use spinney::space::{Cell, Code, Dimension, Frame};
 use spinney::store::Output;
 use spinney::store::goblin::{
     BuildOptions, Goblin, Layout, Metadata, Slab, Slabs, build, build_slabs, depth_for,
@@ -87,6 +90,22 @@ impl<V: Value> Cells<V> {
         Cells { size, cells }
     }
 
+    /// A cell that may lie outside.
+    pub fn at(&self, cell: [i64; 3]) -> Option<V> {
+        let inside = cell.iter().all(|cell| *cell >= 0);
+        if inside { self.get(cell.map(|cell| cell as u64)) } else { None }
+    }
+
+    /// Every cell for itself, one in five VOID: nothing is like its neighbours, so that no two places can be confused.
+    pub fn noise(seed: u64, size: [u64; 3], values: u64) -> Cells<V> {
+        let mut random = Random(seed);
+        let cells = (0..size.iter().product()).map(|_| {
+            let number = random.next();
+            (!number.is_multiple_of(5)).then(|| value(number / 5 % values))
+        });
+        Cells { size, cells: cells.collect() }
+    }
+
     /// As slabs of rows of blocks.
     pub fn slabs(&self, block: u64, nodata: V) -> CellSlabs<'_, V> {
         CellSlabs { cells: self, block, next: [0; 3], nodata }
@@ -148,15 +167,26 @@ pub fn options(rule: Rule, kind: Kind, depth: u8) -> BuildOptions {
     BuildOptions { rule, kind, depth, memory: 64 << 20, metadata: Metadata::default() }
 }
 
+/// Makes a file of cells, by way of slabs.
+pub fn write_goblin<D: Layout, V: Value>(
+    path: &Path,
+    cells: &Cells<V>,
+    (rule, kind): (Rule, Kind),
+    frame: Frame,
+) {
+    let nodata = value(250);
+    let mut options = options(rule, kind, depth_for(cells.size));
+    options.metadata.frame = frame;
+    let mut slabs = cells.slabs(1 << D::REACH, nodata);
+    let output = Output::create(path).unwrap();
+    build_slabs::<D, V>(&mut slabs, Some(nodata), &options, output, &()).unwrap();
+}
+
 /// The bytes of the file that slabs make.
 pub fn goblin_bytes<D: Layout, V: Value>(cells: &Cells<V>, rule: Rule, kind: Kind) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
-    let nodata = value(250);
-    let depth = depth_for(cells.size);
-    let mut slabs = cells.slabs(1 << D::REACH, nodata);
-    let output = Output::create(&path).unwrap();
-    build_slabs::<D, V>(&mut slabs, Some(nodata), &options(rule, kind, depth), output, &()).unwrap();
+    write_goblin::<D, V>(&path, cells, (rule, kind), Frame::identity());
     std::fs::read(&path).unwrap()
 }
 
