@@ -4,6 +4,7 @@ mod build;
 mod combine;
 mod completions;
 mod dump;
+mod export;
 mod find;
 mod get;
 mod info;
@@ -68,6 +69,7 @@ enum Command {
     Stats(stats::Args),
     Find(find::Args),
     Dump(dump::Args),
+    Export(export::Args),
     Transform(transform::Args),
     Combine(combine::Args),
     Verify(verify::Args),
@@ -84,6 +86,7 @@ impl Command {
             Command::Stats(args) => stats::run(&args),
             Command::Find(args) => find::run(&args),
             Command::Dump(args) => dump::run(&args),
+            Command::Export(args) => export::run(&args, global),
             Command::Transform(args) => transform::run(args, global),
             Command::Combine(args) => combine::run(args, global),
             Command::Verify(args) => return verify::run(&args, global),

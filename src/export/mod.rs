@@ -3,6 +3,9 @@
 #[cfg(feature = "raster")]
 pub mod image;
 
+#[cfg(feature = "mesh")]
+pub mod mesh;
+
 #[cfg(feature = "raster")]
 mod window;
 

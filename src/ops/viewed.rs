@@ -6,6 +6,7 @@ use std::sync::Arc;
 use zerocopy::FromBytes;
 
 use super::view::View;
+use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use crate::query::{
     Condition, FoundBlock, Statistics, Tree, dump, node_bounds, source_find, source_histogram,
     source_statistics,
@@ -214,6 +215,10 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
         source_find(&self.view, condition, &self.within(bounds), found)
+    }
+
+    fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + '_>> {
+        Ok(Box::new(SourceBlocks::new(self.at(level)?, level, self.header.rule, carry)?))
     }
 
     fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {

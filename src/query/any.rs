@@ -6,6 +6,7 @@ use crate::space::Bounds;
 use crate::store::goblin::{Finding, Header, Metadata, OpenOptions};
 use crate::{Progress, Result};
 
+use super::cell_blocks::{Carry, CellBlocks};
 use super::find::{Condition, FoundBlock};
 use super::stats::Statistics;
 
@@ -102,6 +103,13 @@ pub trait Tree: Send + Sync {
         bounds: Option<Bounds>,
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()>;
+
+    /// The cells of an octree's level in blocks, as solid ones and others: see
+    /// [`SourceBlocks`](super::cell_blocks::SourceBlocks).
+    ///
+    /// # Errors
+    /// If the tree is a quadtree or has no such level, or its values cannot be carried.
+    fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + '_>>;
 
     /// Checks everything: see [`Goblin::verify`](crate::store::goblin::Goblin::verify).
     ///

@@ -5,6 +5,7 @@ use std::path::Path;
 use zerocopy::FromBytes;
 
 use super::any::Tree;
+use super::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use super::dump;
 use super::find::{Condition, FoundBlock};
 use super::stats::Statistics;
@@ -122,6 +123,10 @@ impl<D: Layout, V: Value> Tree for Goblin<D, V> {
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
         Goblin::find(self, condition, bounds, found)
+    }
+
+    fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + '_>> {
+        Ok(Box::new(SourceBlocks::new(self, level, self.header().rule, carry)?))
     }
 
     fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {

@@ -1,6 +1,7 @@
 //! Questions to trees on disk: cells, windows at any level, statistics, searches.
 
 mod any;
+pub mod cell_blocks;
 pub(crate) mod dump;
 mod find;
 mod goblin;

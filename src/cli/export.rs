@@ -1,0 +1,70 @@
+//! `spinney export`: the surface of a solid as a mesh.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
+use spinney::store::Output;
+
+use super::progress::Work;
+use super::viewed::Viewed;
+use super::{Global, Result, check_output, tell_output};
+
+/// Write the surface of an octree as a mesh
+///
+/// The mesh is closed, its faces are counterclockwise seen from outside, and its coordinates are those of the world. By
+/// default it has the outer faces of the cells, merged to rectangles; where rectangles of different sizes meet, a face
+/// has the corners of its neighbours as points of its own. Memory does not grow with the mesh.
+///
+/// PLY is binary and tells colours and classes as properties of faces; OBJ is text; STL is binary, in single precision.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    tree: Viewed,
+    /// Output: .ply, .obj or .stl; `-` is standard output
+    output: PathBuf,
+    /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if it is at
+    /// least half full (rule occupancy), or if anything is in it (other rules)
+    #[arg(long)]
+    level: Option<u8>,
+    /// The smooth surface where cells are half full (surface nets), instead of the cells' faces
+    #[arg(long)]
+    smooth: bool,
+    /// Triangles only, in PLY and OBJ too
+    #[arg(long)]
+    triangles: bool,
+    /// Format where the output's name does not tell
+    #[arg(long, value_parser = ["ply", "obj", "stl"])]
+    format: Option<String>,
+}
+
+const EXAMPLES: &str = "Examples:
+  spinney export bunny.goblin bunny.ply
+  spinney export bunny.goblin small.obj --level 6
+  spinney export bunny.goblin print.stl --smooth
+  spinney export city.goblin quarter.ply --view window=4096,4096,0,512,512,256
+  spinney export bunny.goblin - --format stl > bunny.stl";
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result {
+    let start = Instant::now();
+    let format = match &args.format {
+        Some(name) => Some(name.parse()?),
+        None => MeshFormat::of(&args.output),
+    };
+    let Some(format) = format else {
+        bail!("{}: unknown format; use .ply, .obj or .stl, or --format", args.output.display());
+    };
+    let tree = args.tree.open()?;
+    check_output([args.tree.file.as_path()], &args.output)?;
+    let request = MeshRequest { level: args.level, smooth: args.smooth, triangles: args.triangles };
+    let output = Output::create(&args.output)?;
+    let work = Work::start(global, "cells")?;
+    let summary = export_mesh(&*tree, &request, output, format, &work)
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    global.say(format_args!("{:<10} {} faces, {} vertices", "mesh", summary.faces, summary.vertices));
+    tell_output(global, &args.output, start);
+    Ok(())
+}

@@ -1,0 +1,205 @@
+//! The surface of an octree as a mesh: PLY, OBJ or STL.
+//!
+//! Two surfaces can be had. The *faces* of the cells, merged to rectangles, enclose exactly the solid cells. The
+//! *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
+//!
+//! Both are closed: every edge is passed as often in one direction as in the other, and faces are counterclockwise
+//! seen from outside. For rectangles this takes some care, since where two meet one, the one's edge has a point that it
+//! would not have by itself (a T-junction). Faces are merged within blocks of 32 x 32 x 32 cells only, so that a block's
+//! rectangles follow from the block and the cells that touch it; then each rectangle gets the corners of all rectangles
+//! around it as points of its own ring, those of the 26 blocks around its block included. That is exact wherever
+//! blocks meet, merges whatever is flat, and needs a few blocks at a time; the price is that some rectangles have more
+//! than four points (PLY and OBJ can tell that; for STL, or if asked for, they are cut into triangles).
+//!
+//! Blocks are visited in Z order, and whatever is uniformly solid or empty with its surroundings is passed over, so
+//! that time goes with the surface. Vertices that blocks share are remembered until the last of these blocks is done:
+//! memory goes with the edge of what is done, never with the mesh.
+
+mod faces;
+mod nets;
+mod numbers;
+mod obj;
+mod ply;
+mod rings;
+mod sink;
+mod stl;
+mod visit;
+
+use std::path::Path;
+use std::str::FromStr;
+
+use crate::query::Tree;
+use crate::query::cell_blocks::{Carry, CellBlocks, can_carry_value};
+use crate::space::Frame;
+use crate::store::Output;
+use crate::value::{Kind, Rule, SampleType};
+use crate::{Error, Progress, Result};
+
+pub use ply::Attribute;
+use sink::{Mesh, Sink};
+
+/// Which surface, and how fine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MeshRequest {
+    /// Level whose cells are meant; the tree's depth if not given. INNER nodes of the level count by their
+    /// representatives: solid if at least half full in trees of [`Rule::Occupancy`], always in others.
+    pub level: Option<u8>,
+    /// The smooth surface instead of the cells' faces.
+    pub smooth: bool,
+    /// Triangles only, also where the format knows polygons.
+    pub triangles: bool,
+}
+
+/// A mesh format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// PLY, binary little-endian, with the cells' values or colours as properties of faces.
+    Ply,
+    /// Wavefront OBJ, text.
+    Obj,
+    /// STL, binary: triangles in single precision.
+    Stl,
+}
+
+impl FromStr for MeshFormat {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<MeshFormat> {
+        match name.to_ascii_lowercase().as_str() {
+            "ply" => Ok(MeshFormat::Ply),
+            "obj" => Ok(MeshFormat::Obj),
+            "stl" => Ok(MeshFormat::Stl),
+            _ => Err(Error::invalid("mesh format", format!("`{name}`"), "ply, obj or stl")),
+        }
+    }
+}
+
+impl MeshFormat {
+    /// The format that a file's name tells.
+    pub fn of(path: &Path) -> Option<MeshFormat> {
+        path.extension()?.to_str()?.parse().ok()
+    }
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MeshSummary {
+    /// Vertices, each counted once.
+    pub vertices: u64,
+    /// Faces.
+    pub faces: u64,
+}
+
+/// Writes the surface of an octree, or of a view of one, in the coordinates of its world. A tree without solid cells
+/// gives a mesh without faces.
+///
+/// PLY files tell the cells' values: three or four channels of u8 as colours of faces, classes of u8 or u16 as a property
+/// `value`. Faces of different values are not merged then.
+///
+/// # Errors
+/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the format cannot hold so many
+/// faces or such coordinates; if the output cannot be written; or on interruption.
+pub fn export_mesh(
+    tree: &dyn Tree,
+    request: &MeshRequest,
+    output: Output,
+    format: MeshFormat,
+    progress: &dyn Progress,
+) -> Result<MeshSummary> {
+    let level = request.level.unwrap_or(tree.depth());
+    let header = tree.header();
+    let attribute = match (header.value.sample, header.value.channels) {
+        _ if format != MeshFormat::Ply || header.rule == Rule::Occupancy => Attribute::None,
+        (SampleType::U8, 3 | 4) => Attribute::Colour,
+        _ if header.kind != Kind::Categorical || !can_carry_value(header.value) => Attribute::None,
+        (SampleType::U8, _) => Attribute::Byte,
+        _ => Attribute::Short,
+    };
+    let carry = match attribute {
+        Attribute::None if request.smooth && header.rule == Rule::Occupancy => Carry::Coverage,
+        Attribute::None => Carry::Nothing,
+        _ => Carry::Value,
+    };
+    let mut blocks = tree.cell_blocks(level, carry)?;
+    let frame = tree.metadata().frame.coarser(tree.depth() - level);
+    export_blocks(&mut *blocks, carry, attribute, &frame, request, output, format, progress)
+}
+
+/// Writes the surface of the cells that any source has in blocks; `frame` places these cells, and
+/// [`MeshRequest::level`] does not matter. `carry` is what the blocks carry; an attribute needs [`Carry::Value`].
+///
+/// # Errors
+/// As [`export_mesh`].
+#[allow(clippy::too_many_arguments)] // each says one thing that no other does
+pub fn export_blocks(
+    blocks: &mut dyn CellBlocks,
+    carry: Carry,
+    attribute: Attribute,
+    frame: &Frame,
+    request: &MeshRequest,
+    output: Output,
+    format: MeshFormat,
+    progress: &dyn Progress,
+) -> Result<MeshSummary> {
+    let precision = Precision::of(frame, blocks.level())?;
+    let sink: Box<dyn Sink> = match format {
+        MeshFormat::Ply => {
+            let attribute = if carry == Carry::Value { attribute } else { Attribute::None };
+            Box::new(ply::Ply::new(output, attribute, precision != Precision::Single)?)
+        }
+        MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
+        MeshFormat::Stl if precision == Precision::Double => {
+            let found =
+                "coordinates so large that neighbours are the same in single precision, as STL has it";
+            return Err(Error::unsupported(output.path(), found, "write PLY or OBJ"));
+        }
+        MeshFormat::Stl => Box::new(stl::Stl::new(output)?),
+    };
+    let triangles = request.triangles || format == MeshFormat::Stl;
+    let mut mesh = Mesh::new(sink, frame, triangles);
+    if request.smooth {
+        nets::write(blocks, carry == Carry::Coverage, &mut mesh, progress)?;
+    } else {
+        faces::write(blocks, &mut mesh, progress)?;
+    }
+    progress.check()?;
+    mesh.finish()
+}
+
+/// What it takes to tell vertices apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Precision {
+    /// f32 holds coordinates to a small part of a cell.
+    Single,
+    /// f32 holds whole cells, but not much more.
+    Rough,
+    /// f64.
+    Double,
+}
+
+impl Precision {
+    fn of(frame: &Frame, level: u8) -> Result<Precision> {
+        let m = &frame.matrix;
+        let det = determinant(frame);
+        if !det.is_finite() || det == 0.0 || m.iter().flatten().any(|number| !number.is_finite()) {
+            return Err(Error::invalid("frame", format!("{m:?}"), "one that is not flat"));
+        }
+        let side = (1u64 << level) as f64;
+        let row_most = |row: &[f64; 4]| row[3].abs() + side * row[..3].iter().map(|x| x.abs()).sum::<f64>();
+        let spacing = m.iter().map(row_most).fold(0.0, f64::max) * f64::from(f32::EPSILON);
+        let edge = |axis: usize| m.iter().map(|row| row[axis] * row[axis]).sum::<f64>().sqrt();
+        let cell = (0..3).map(edge).fold(f64::INFINITY, f64::min);
+        Ok(match cell / spacing {
+            ratio if ratio >= 64.0 => Precision::Single,
+            ratio if ratio >= 2.0 => Precision::Rough,
+            _ => Precision::Double,
+        })
+    }
+}
+
+/// Of the frame's linear part: the volume of a cell, negative if it is mirrored.
+fn determinant(frame: &Frame) -> f64 {
+    let [a, b, c] = &frame.matrix;
+    a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+}

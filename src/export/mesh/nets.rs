@@ -1,0 +1,227 @@
+//! Surface nets: a vertex in each cube of eight neighbouring cells' centres that the surface passes through, and a
+//! quadrangle across each edge between two centres that it crosses.
+//!
+//! A cube is named by its last corner, so that all it needs lies in its block and in the layer of cells before that,
+//! and the quadrangles that a cube closes join cubes that were there before it.
+
+use std::sync::Arc;
+
+use super::numbers::{Shared, z_order};
+use super::sink::{Mesh, Vertex};
+use super::visit::{Reach, visit};
+use crate::query::cell_blocks::{Block, CellBlocks, SIDE};
+use crate::{Error, Progress, Result};
+
+/// Cells along an edge of a block, as an index.
+const CELLS: usize = SIDE as usize;
+/// The same with the layer before them.
+const WIDE: usize = CELLS + 1;
+/// Where coverage, from 0 to 255, is half: never at a cell's centre.
+const HALF: f64 = 127.5;
+
+/// Writes the smooth surface. Cells are full or empty unless their coverage is carried.
+pub(super) fn write(
+    blocks: &mut dyn CellBlocks,
+    has_coverage: bool,
+    mesh: &mut Mesh<'_>,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let mut nets = Nets {
+        mesh,
+        has_coverage,
+        shared: Shared::default(),
+        vertices: vec![0; CELLS * CELLS * CELLS],
+        found: Vec::new(),
+        used: Vec::new(),
+    };
+    visit(blocks, Reach::Nets, progress, |blocks, block| nets.write_block(blocks, block))
+}
+
+struct Nets<'a, 'b> {
+    mesh: &'a mut Mesh<'b>,
+    has_coverage: bool,
+    /// Vertices of cubes in the last layers of blocks.
+    shared: Shared,
+    /// By cube of the block: 0, or 1 and a place in `found`.
+    vertices: Vec<u32>,
+    found: Vec<Vertex>,
+    /// Cubes that have a place.
+    used: Vec<usize>,
+}
+
+/// A block and the layer of cells before it.
+struct Field {
+    /// By step: a block, and those before it along the axes whose bit is set.
+    blocks: Vec<Arc<Block>>,
+    /// Which cells are solid: bit x of row `z * WIDE + y`.
+    solid: Vec<u64>,
+    has_coverage: bool,
+}
+
+impl Field {
+    fn read(blocks: &mut dyn CellBlocks, at: [u32; 3], has_coverage: bool) -> Result<Field> {
+        let before = |step: i64| [0, 1, 2].map(|axis| i64::from(at[axis]) - (step >> axis & 1));
+        let blocks: Result<Vec<_>> = (0..8).map(|step| blocks.block(before(step))).collect();
+        let blocks = blocks?;
+        let mut solid = vec![0; WIDE * WIDE];
+        for z in 0..WIDE {
+            for y in 0..WIDE {
+                let step = usize::from(y == 0) << 1 | usize::from(z == 0) << 2;
+                let row = (z + CELLS - 1) % CELLS * CELLS + (y + CELLS - 1) % CELLS;
+                let (own, before) = (blocks[step].solid[row], blocks[step | 1].solid[row]);
+                solid[z * WIDE + y] = u64::from(own) << 1 | u64::from(before >> (CELLS - 1));
+            }
+        }
+        Ok(Field { blocks, solid, has_coverage })
+    }
+
+    fn is_solid(&self, [x, y, z]: [usize; 3]) -> bool {
+        self.solid[z * WIDE + y] >> x & 1 > 0
+    }
+
+    /// The block that a cell lies in, and which one it is there.
+    fn place(&self, cell: [usize; 3]) -> (&Block, [u32; 3]) {
+        let step = (0..3).fold(0, |step, axis| step | usize::from(cell[axis] == 0) << axis);
+        (&self.blocks[step], cell.map(|cell| ((cell + CELLS - 1) % CELLS) as u32))
+    }
+
+    /// What is carried of a cell.
+    fn told(&self, cell: [usize; 3]) -> u32 {
+        let (block, cell) = self.place(cell);
+        block.told(cell)
+    }
+
+    /// How full a cell is, 0 to 255.
+    fn coverage(&self, cell: [usize; 3]) -> f64 {
+        match self.has_coverage {
+            true => f64::from(self.told(cell)),
+            false if self.is_solid(cell) => 255.0,
+            false => 0.0,
+        }
+    }
+
+    /// Which cubes of a row have both solid and empty corners.
+    fn mixed(&self, y: usize, z: usize) -> u32 {
+        let rows = [z * WIDE + y, z * WIDE + y + 1, (z + 1) * WIDE + y, (z + 1) * WIDE + y + 1];
+        let [a, b, c, d] = rows.map(|row| self.solid[row]);
+        let (any, all) = (a | b | c | d, a & b & c & d);
+        ((any | any >> 1) & !(all & all >> 1)) as u32
+    }
+
+    /// The mean of the places where a cube's edges are half way between full and empty; from its first corner, in cells.
+    fn middle(&self, first: [usize; 3]) -> [f64; 3] {
+        let corner = |i: usize| [0, 1, 2].map(|axis| first[axis] + (i >> axis & 1));
+        let coverage: [f64; 8] = std::array::from_fn(|i| self.coverage(corner(i)));
+        let mut sum = [0.0; 3];
+        let mut crossings = 0.0;
+        for axis in 0..3 {
+            for from in (0..8).filter(|corner| corner >> axis & 1 == 0) {
+                let (a, b) = (coverage[from], coverage[from | 1 << axis]);
+                if (a > HALF) != (b > HALF) {
+                    crossings += 1.0;
+                    for (i, sum) in sum.iter_mut().enumerate() {
+                        *sum += if i == axis { (HALF - a) / (b - a) } else { (from >> i & 1) as f64 };
+                    }
+                }
+            }
+        }
+        sum.map(|sum| sum / crossings)
+    }
+}
+
+impl Nets<'_, '_> {
+    fn write_block(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3]) -> Result<()> {
+        let field = Field::read(blocks, block, self.has_coverage)?;
+        for z in 0..CELLS {
+            for y in 0..CELLS {
+                let mut mixed = field.mixed(y, z);
+                while mixed != 0 {
+                    let x = mixed.trailing_zeros() as usize;
+                    mixed &= mixed - 1;
+                    self.write_vertex(&field, block, [x, y, z])?;
+                    self.write_faces(&field, block, [x, y, z])?;
+                }
+            }
+        }
+        self.used.drain(..).for_each(|place| self.vertices[place] = 0);
+        self.found.clear();
+        self.shared.done(z_order(block));
+        Ok(())
+    }
+
+    fn write_vertex(&mut self, field: &Field, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
+        let name = name(block, cube.map(|cube| cube as i64));
+        let middle = field.middle(cube);
+        // The first corner is the centre of the cell before the one that gives the name.
+        let at = std::array::from_fn(|axis| f64::from(name[axis]) - 0.5 + middle[axis]);
+        let vertex = self.mesh.vertex(at)?;
+        self.found.push(vertex);
+        let place = place(cube);
+        self.vertices[place] = self.found.len() as u32;
+        self.used.push(place);
+        if cube.contains(&(CELLS - 1)) {
+            self.shared.put(name, vertex, z_order(name.map(|cell| (cell + 1) / SIDE)));
+        }
+        Ok(())
+    }
+
+    /// The quadrangles around the edges that meet in a cube's first corner: all cubes around them are there.
+    fn write_faces(&mut self, field: &Field, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
+        let is_solid = field.is_solid(cube);
+        for axis in 0..3 {
+            let mut end = cube;
+            end[axis] += 1;
+            if field.is_solid(end) == is_solid {
+                continue;
+            }
+            let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+            let around = |back: [i64; 2]| {
+                let mut cube = cube.map(|cube| cube as i64);
+                cube[b] -= back[0];
+                cube[c] -= back[1];
+                self.vertex(block, cube)
+            };
+            let ring = [around([1, 1])?, around([0, 1])?, around([0, 0])?, around([1, 0])?];
+            let told = field.told(if is_solid { cube } else { end });
+            self.write_face(ring, is_solid, told)?;
+        }
+        Ok(())
+    }
+
+    /// A quadrangle, to be turned round unless the solid lies before it along its axis.
+    fn write_face(&mut self, mut ring: [Vertex; 4], up: bool, told: u32) -> Result<()> {
+        if !up {
+            ring.reverse();
+        }
+        if !self.mesh.triangles {
+            return self.mesh.face(ring.into_iter(), told);
+        }
+        // Along the shorter diagonal.
+        let distance = |a: Vertex, b: Vertex| (0..3).map(|i| (a.at[i] - b.at[i]).powi(2)).sum::<f64>();
+        let [a, b, c, d] = ring;
+        let triangles =
+            if distance(a, c) <= distance(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
+        triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle.into_iter(), told))
+    }
+
+    /// The vertex of a cube that was there before.
+    fn vertex(&self, block: [u32; 3], cube: [i64; 3]) -> Result<Vertex> {
+        let known = if cube.contains(&-1) {
+            self.shared.get(name(block, cube))
+        } else {
+            let known = self.vertices[place(cube.map(|cube| cube as usize))].checked_sub(1);
+            known.map(|known| self.found[known as usize])
+        };
+        // Only a source that gives other cells when asked again can get here.
+        known.ok_or_else(|| Error::invalid("tree", "cells that change while they are read", "others"))
+    }
+}
+
+/// The cell that gives a cube its name: its last corner.
+fn name(block: [u32; 3], cube: [i64; 3]) -> [u32; 3] {
+    std::array::from_fn(|axis| (i64::from(block[axis] * SIDE) + cube[axis]) as u32)
+}
+
+fn place([x, y, z]: [usize; 3]) -> usize {
+    (z * CELLS + y) * CELLS + x
+}

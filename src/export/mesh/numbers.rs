@@ -1,0 +1,47 @@
+//! Vertices that blocks share.
+
+use std::collections::{BTreeMap, HashMap};
+
+use super::sink::Vertex;
+
+/// The place of a block in Z order.
+pub(super) fn z_order(block: [u32; 3]) -> u64 {
+    // At most 15 bits each: 14 levels of blocks, and one block beyond.
+    (0..15).fold(0, |order, bit| {
+        (0..3).fold(order, |order, axis| order | u64::from(block[axis] >> bit & 1) << (3 * bit + axis))
+    })
+}
+
+/// Vertices on the borders of blocks, kept until the last block that may ask for them is done.
+#[derive(Default)]
+pub(super) struct Shared {
+    vertices: HashMap<u64, Vertex>,
+    /// Which may go when the block at this place is done.
+    due: BTreeMap<u64, Vec<u64>>,
+}
+
+/// A point of the grid as a number.
+fn key(point: [u32; 3]) -> u64 {
+    point.into_iter().fold(0, |key, cell| key << 21 | u64::from(cell))
+}
+
+impl Shared {
+    pub(super) fn get(&self, point: [u32; 3]) -> Option<Vertex> {
+        self.vertices.get(&key(point)).copied()
+    }
+
+    /// `last` is the place of the last block that may ask for it.
+    pub(super) fn put(&mut self, point: [u32; 3], vertex: Vertex, last: u64) {
+        self.vertices.insert(key(point), vertex);
+        self.due.entry(last).or_default().push(key(point));
+    }
+
+    /// All blocks up to this place are done.
+    pub(super) fn done(&mut self, place: u64) {
+        while let Some(first) = self.due.first_entry().filter(|first| *first.key() <= place) {
+            for key in first.remove() {
+                self.vertices.remove(&key);
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! PLY, binary little-endian.
+
+use std::io::Write;
+
+use super::sink::{Sink, Spill, Vertex, failed};
+use crate::store::Output;
+use crate::{Error, Result};
+
+/// What PLY files tell of the cell behind each face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attribute {
+    /// Nothing.
+    None,
+    /// Its colour: properties `red`, `green`, `blue`.
+    Colour,
+    /// Its value, a byte: property `value`.
+    Byte,
+    /// Its value, of two bytes: property `value`.
+    Short,
+}
+
+/// The numbers of vertices and faces stand before them: both wait in temporary files.
+pub(super) struct Ply {
+    output: Output,
+    attribute: Attribute,
+    double: bool,
+    vertices: u64,
+    faces: u64,
+    vertex_spill: Spill,
+    face_spill: Spill,
+    bytes: Vec<u8>,
+}
+
+impl Ply {
+    /// With coordinates of double precision, or of single.
+    pub(super) fn new(mut output: Output, attribute: Attribute, double: bool) -> Result<Ply> {
+        let (vertex_spill, face_spill) = (Spill::new(&mut output)?, Spill::new(&mut output)?);
+        let bytes = Vec::new();
+        Ok(Ply { output, attribute, double, vertices: 0, faces: 0, vertex_spill, face_spill, bytes })
+    }
+
+    fn header(&self) -> String {
+        let number = if self.double { "double" } else { "float" };
+        // Some readers know signed indices only; they are told so as long as it makes no difference.
+        let index = if self.vertices > i32::MAX as u64 { "uint" } else { "int" };
+        let attribute = match self.attribute {
+            Attribute::None => "",
+            Attribute::Colour => "property uchar red\nproperty uchar green\nproperty uchar blue\n",
+            Attribute::Byte => "property uchar value\n",
+            Attribute::Short => "property ushort value\n",
+        };
+        format!(
+            "ply\nformat binary_little_endian 1.0\ncomment made by spinney\nelement vertex {}\n\
+             property {number} x\nproperty {number} y\nproperty {number} z\nelement face {}\n\
+             property list uchar {index} vertex_indices\n{attribute}end_header\n",
+            self.vertices, self.faces
+        )
+    }
+}
+
+impl Sink for Ply {
+    fn vertex(&mut self, at: [f64; 3]) -> Result<()> {
+        if self.vertices > u64::from(u32::MAX) {
+            let advice = "write a coarser level, or parts of the tree (--view window=...)";
+            return Err(Error::unsupported(
+                self.output.path(),
+                "a PLY file of more than 2^32 vertices",
+                advice,
+            ));
+        }
+        self.vertices += 1;
+        self.bytes.clear();
+        for number in at {
+            if self.double {
+                self.bytes.extend(number.to_le_bytes());
+            } else {
+                self.bytes.extend((number as f32).to_le_bytes());
+            }
+        }
+        self.vertex_spill.write(&self.bytes)
+    }
+
+    fn face(&mut self, corners: &[Vertex], told: u32) -> Result<()> {
+        self.faces += 1;
+        self.bytes.clear();
+        self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has 128 points at most
+        for corner in corners {
+            self.bytes.extend((corner.index as u32).to_le_bytes());
+        }
+        match self.attribute {
+            Attribute::None => {}
+            Attribute::Colour => self.bytes.extend(&told.to_be_bytes()[1..]),
+            Attribute::Byte => self.bytes.push(told as u8),
+            Attribute::Short => self.bytes.extend((told as u16).to_le_bytes()),
+        }
+        self.face_spill.write(&self.bytes)
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        let header = self.header();
+        let Ply { mut output, vertex_spill, face_spill, .. } = *self;
+        let path = output.path().to_path_buf();
+        output.write_all(header.as_bytes()).map_err(failed(&path))?;
+        vertex_spill.copy_to(&mut output)?;
+        face_spill.copy_to(&mut output)?;
+        output.commit()
+    }
+}

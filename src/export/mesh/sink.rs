@@ -1,0 +1,116 @@
+//! Where vertices and faces go.
+
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use super::{MeshSummary, determinant};
+use crate::space::Frame;
+use crate::store::Output;
+use crate::{Error, Result};
+
+/// A vertex that has been written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Vertex {
+    /// Its number, from 0.
+    pub(super) index: u64,
+    /// World coordinates.
+    pub(super) at: [f64; 3],
+}
+
+/// A file being written.
+pub(super) trait Sink {
+    /// The next vertex.
+    fn vertex(&mut self, at: [f64; 3]) -> Result<()>;
+    /// A face, counterclockwise seen from outside, and what is carried of the cell behind it.
+    fn face(&mut self, corners: &[Vertex], told: u32) -> Result<()>;
+    /// Puts the file in its place.
+    fn finish(self: Box<Self>) -> Result<()>;
+}
+
+/// A mesh in cell coordinates on its way to a file in world coordinates.
+pub(super) struct Mesh<'a> {
+    sink: Box<dyn Sink>,
+    frame: &'a Frame,
+    /// The frame turns left into right, and so every face inside out.
+    mirrored: bool,
+    /// Whether faces must be triangles.
+    pub(super) triangles: bool,
+    summary: MeshSummary,
+    ring: Vec<Vertex>,
+}
+
+impl<'a> Mesh<'a> {
+    pub(super) fn new(sink: Box<dyn Sink>, frame: &'a Frame, triangles: bool) -> Mesh<'a> {
+        let mirrored = determinant(frame) < 0.0;
+        Mesh { sink, frame, mirrored, triangles, summary: MeshSummary::default(), ring: Vec::new() }
+    }
+
+    /// Writes a vertex at a place in cell coordinates.
+    pub(super) fn vertex(&mut self, cells: [f64; 3]) -> Result<Vertex> {
+        let vertex = Vertex { index: self.summary.vertices, at: self.frame.to_world(cells) };
+        self.sink.vertex(vertex.at)?;
+        self.summary.vertices += 1;
+        Ok(vertex)
+    }
+
+    /// Writes a face, counterclockwise in cell coordinates, as it is.
+    pub(super) fn face(&mut self, corners: impl Iterator<Item = Vertex>, told: u32) -> Result<()> {
+        self.ring.clear();
+        self.ring.extend(corners);
+        if self.mirrored {
+            self.ring.reverse();
+        }
+        self.summary.faces += 1;
+        self.sink.face(&self.ring, told)
+    }
+
+    pub(super) fn finish(self) -> Result<MeshSummary> {
+        self.sink.finish()?;
+        Ok(self.summary)
+    }
+}
+
+/// What cannot be written yet, in an unnamed temporary file: in the output's folder if it has one, which has room.
+pub(super) struct Spill {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Spill {
+    pub(super) fn new(output: &mut Output) -> Result<Spill> {
+        let path = output.path().to_path_buf();
+        let file = match output.file_mut() {
+            Some(_) => tempfile::tempfile_in(crate::store::folder(&path)),
+            None => tempfile::tempfile(),
+        };
+        let file = file.map_err(Error::io(&path, "make a temporary file for"))?;
+        Ok(Spill { path, file: BufWriter::with_capacity(1 << 20, file) })
+    }
+
+    pub(super) fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file.write_all(bytes).map_err(|cause| failed(&self.path)(cause))
+    }
+
+    /// Writes all of it to the output.
+    pub(super) fn copy_to(self, output: &mut Output) -> Result<()> {
+        let copy = || -> io::Result<()> {
+            let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
+            file.seek(SeekFrom::Start(0))?;
+            let mut file = BufReader::with_capacity(1 << 20, file);
+            let mut buffer = vec![0; 1 << 20];
+            loop {
+                match file.read(&mut buffer)? {
+                    0 => return Ok(()),
+                    count => output.write_all(&buffer[..count])?,
+                }
+            }
+        };
+        copy().map_err(failed(&self.path))
+    }
+}
+
+/// An error while writing.
+pub(super) fn failed(path: &Path) -> impl FnOnce(io::Error) -> Error {
+    Error::io(path, "write")
+}
