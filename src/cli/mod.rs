@@ -11,6 +11,9 @@ mod place;
 mod point;
 mod progress;
 mod quantity;
+mod render;
+mod slice;
+mod solid;
 mod stats;
 mod transform;
 mod verify;
@@ -66,6 +69,7 @@ enum Command {
     Point(point::Args),
     Stats(stats::Args),
     Find(find::Args),
+    Render(render::Args),
     Dump(dump::Args),
     Transform(transform::Args),
     Combine(combine::Args),
@@ -80,8 +84,9 @@ impl Command {
             Command::Info(args) => info::run(&args),
             Command::Get(args) => get::run(&args, global),
             Command::Point(args) => point::run(&args),
-            Command::Stats(args) => stats::run(&args),
+            Command::Stats(args) => stats::run(&args, global),
             Command::Find(args) => find::run(&args),
+            Command::Render(args) => render::run(&args, global),
             Command::Dump(args) => dump::run(&args),
             Command::Transform(args) => transform::run(args, global),
             Command::Combine(args) => combine::run(args, global),

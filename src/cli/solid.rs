@@ -1,0 +1,61 @@
+//! What `spinney stats` tells of solids.
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::query::{SolidStatistics, Tree};
+
+/// What lengths are counted in, for people.
+fn unit(tree: &dyn Tree) -> &'static str {
+    if tree.metadata().frame.is_identity() { "cells" } else { "units of the world" }
+}
+
+fn list(numbers: &[f64; 3]) -> String {
+    // Digits that rounding cannot have made.
+    numbers.map(|number| ((number * 1e6).round() / 1e6).to_string()).join(", ")
+}
+
+pub(super) fn as_json(tree: &dyn Tree, solid: &SolidStatistics) -> serde_json::Value {
+    json!({
+        "level": solid.level,
+        "unit": unit(tree),
+        "volume": solid.world_volume(),
+        "volume_cells": solid.volume,
+        "occupied_cells": solid.cells,
+        "surface": solid.smooth_area(),
+        "surface_of_blocks": solid.block_area(),
+        "faces": solid.faces,
+        "centre": solid.world_centre(),
+        "centre_cells": solid.centre,
+        "bounds": solid.world_bounds(),
+        "bounds_cells": solid.bounds.map(|bounds| [bounds.min, bounds.max]),
+    })
+}
+
+pub(super) fn as_text(tree: &dyn Tree, solid: &SolidStatistics) -> Result<String> {
+    use std::fmt::Write;
+    let mut text = String::new();
+    writeln!(text, "solid      at level {} of {}; lengths in {}", solid.level, tree.depth(), unit(tree))?;
+    writeln!(
+        text,
+        "  volume   {} ({:.3} cells, {} occupied)",
+        solid.world_volume(),
+        solid.volume,
+        solid.cells
+    )?;
+    let (smooth, blocks) = (solid.smooth_area(), solid.block_area());
+    let faces: u64 = solid.faces.iter().sum();
+    writeln!(
+        text,
+        "  surface  {smooth:.6}, estimated from normals; {blocks} of blocks ({faces} faces of cells)"
+    )?;
+    if let (Some(world), Some(cells)) = (solid.world_centre(), solid.centre) {
+        writeln!(text, "  centre   {} (cell {})", list(&world), list(&cells))?;
+    }
+    if let (Some([low, high]), Some(cells)) = (solid.world_bounds(), solid.bounds) {
+        let (first, size) =
+            (cells.min.map(|cell| cell.to_string()), cells.size().map(|size| size.to_string()));
+        let (first, size) = (first.join(","), size.join(" x "));
+        writeln!(text, "  bounds   {} to {} ({size} cells from {first})", list(&low), list(&high))?;
+    }
+    Ok(text)
+}
