@@ -18,7 +18,7 @@ pub(super) enum Paint {
     Range { least: f64, range: f64 },
 }
 
-const CLAY: [f64; 3] = [0.72, 0.60, 0.49];
+const CLAY: [f64; 3] = [0.84, 0.76, 0.67];
 /// From dark to light, and readable without colour vision (stops of the well-known map "viridis").
 const RANGE: [[f64; 3]; 5] = [
     [0.267, 0.005, 0.329],

@@ -181,9 +181,9 @@ struct Scene {
 /// Colours of the light from above and from below, and how strong it is; the head light's; the highlight's.
 const SKY: [f64; 3] = [0.86, 0.93, 1.0];
 const GROUND: [f64; 3] = [0.50, 0.46, 0.42];
-const AMBIENT: f64 = 0.42;
-const HEAD: f64 = 0.68;
-const HIGHLIGHT: f64 = 0.05;
+const AMBIENT: f64 = 0.50;
+const HEAD: f64 = 0.92;
+const HIGHLIGHT: f64 = 0.06;
 /// How far above the surface hollows are looked for, in parts of the solid's radius.
 const HOLLOWS: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
 

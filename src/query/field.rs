@@ -13,9 +13,6 @@ const BRICK_CELLS: usize = 1 << (3 * BRICK);
 /// Bricks that are kept: one place for each number that a brick's place is hashed to.
 const SLOTS: usize = 1 << 12;
 
-/// Cells whose distance from a point is less than this many cells make its gradient.
-pub(super) const REACH: f64 = 3.0;
-
 /// What a value says about how full a cell is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Filling {
@@ -212,17 +209,17 @@ impl<S: Source> Field<S> {
 
     /// The direction in which occupancy grows at a point, of any length; zeros where it does not.
     ///
-    /// The first moment of the occupancy in a ball around the point, weighted less towards its rim: the better known
+    /// The first moment of the occupancy in a ball of radius `reach` around the point, weighted less towards its rim: the better known
     /// central differences see single cells, of which a digitized surface shows the steps; over a ball they average out.
-    pub(super) fn gradient(&mut self, point: [f64; 3]) -> Result<[f64; 3]> {
-        let first = point.map(|number| (number - REACH + 0.5).floor() as i64);
-        let end = point.map(|number| (number + REACH + 0.5).floor() as i64);
+    pub(super) fn gradient(&mut self, point: [f64; 3], reach: f64) -> Result<[f64; 3]> {
+        let first = point.map(|number| (number - reach + 0.5).floor() as i64);
+        let end = point.map(|number| (number + reach + 0.5).floor() as i64);
         let mut sum = [0.0; 3];
         for z in first[2]..end[2] {
             let dz = z as f64 + 0.5 - point[2];
             for y in first[1]..end[1] {
                 let dy = y as f64 + 0.5 - point[1];
-                let rest = REACH * REACH - dz * dz - dy * dy;
+                let rest = reach * reach - dz * dz - dy * dy;
                 if rest <= 0.0 {
                     continue;
                 }

@@ -15,11 +15,13 @@ pub(super) const HALF: u8 = 128;
 /// The surface is where the density between cells is this; at levels above the finest it is where it is this.
 ///
 /// Walls that are thinner than a cell would be gone with one half. With a quarter, walls of a quarter of a cell stay, and
-/// solids are fatter by a quarter of a cell, which is less than a pixel.
+/// solids are fatter by about half a cell, which is less than a pixel.
 const SURFACE: f64 = 0.5;
 const COARSE_SURFACE: f64 = 0.25;
 /// Steps along a ray in search of the surface, in cells.
 const STRIDE: f64 = 0.5;
+/// Radius of the ball of cells that a surface's normal comes from.
+const REACH: f64 = 3.0;
 /// Halvings of the last step.
 const HALVINGS: usize = 7;
 
@@ -125,6 +127,13 @@ impl<S: Source + Send> Rays for Field<S> {
             }
         })?;
         let Some((mut outside, mut inside, value)) = found else { return Ok(None) };
+        // The surface can lie before the first cell that has something, farther along a grazing ray.
+        for _ in 0..4 {
+            if outside > 0.0 && self.density(ray.at(outside))? >= surface {
+                inside = outside;
+                outside = (outside - back).max(0.0);
+            }
+        }
         if self.density(ray.at(outside))? >= surface {
             // It starts inside.
             outside = inside;
@@ -134,7 +143,7 @@ impl<S: Source + Send> Rays for Field<S> {
             if self.density(ray.at(middle))? >= surface { inside = middle } else { outside = middle }
         }
         let point = ray.at(inside);
-        let inwards = self.gradient(point)?;
+        let inwards = self.gradient(point, REACH)?;
         Ok(Some(SurfaceHit { t: inside, point, inwards, value: samples(value) }))
     }
 
