@@ -50,7 +50,8 @@ pub(super) struct Block<V> {
     pub(super) value: Option<V>,
 }
 
-type Children<S> = <<S as Source>::Dim as Dimension>::Array<Child<<S as Source>::Value, <S as Source>::Node>>;
+type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
+type Children<S> = <<S as Source>::Dim as Dimension>::Array<Place<S>>;
 
 /// One level of an octree. Coordinates are cells of that level; all that is outside is empty.
 ///
@@ -62,7 +63,7 @@ pub(crate) struct Field<S: Source> {
     level: u8,
     filling: Filling,
     is_finest: bool,
-    root: Child<S::Value, S::Node>,
+    root: Place<S>,
     /// Children of the nodes on the way to the last cell, from the root.
     path: Vec<Children<S>>,
     last: [u32; 3],
@@ -97,7 +98,7 @@ impl<S: Source> Field<S> {
     }
 
     /// What stands at a cell's node of level `most`, or at the uniform block that it lies in, and that one's level.
-    fn find(&mut self, cell: [u32; 3], most: u8) -> Result<(&Child<S::Value, S::Node>, u8)> {
+    fn find(&mut self, cell: [u32; 3], most: u8) -> Result<(&Place<S>, u8)> {
         let differ = (0..3).fold(0, |bits, axis| bits | cell[axis] ^ self.last[axis]);
         let common = usize::from(self.level) - (32 - differ.leading_zeros() as usize);
         self.path.truncate(common + 1);
@@ -260,7 +261,7 @@ pub(super) fn check<S: Source>(source: &S, level: u8) -> Result<()> {
 /// Writes the occupancy of a node with `2^height` cells along each axis, the first of which is `min` of the brick.
 fn read_part<S: Source>(
     source: &S,
-    place: &Child<S::Value, S::Node>,
+    place: &Place<S>,
     (filling, finest): (Filling, bool),
     min: [usize; 3],
     height: u8,

@@ -21,7 +21,7 @@ const COARSE_SURFACE: f64 = 0.25;
 /// Steps along a ray in search of the surface, in cells.
 const STRIDE: f64 = 0.5;
 /// Radius of the ball of cells that a surface's normal comes from.
-const REACH: f64 = 3.0;
+const REACH: f64 = 3.5;
 /// Halvings of the last step.
 const HALVINGS: usize = 7;
 
@@ -79,7 +79,7 @@ pub trait Rays: Send {
     fn cell(&mut self, ray: &Ray) -> Result<Option<CellHit>>;
 
     /// The first place along a ray where the occupancy, taken as linear between the cells' centres, is one half, with
-    /// its gradient from all cells in a ball of 3 cells: no steps are seen where cells are small. At levels above the finest
+    /// its gradient from all cells in a ball of 3.5 cells: no steps are seen where cells are small. At levels above the finest
     /// it is one quarter, so that walls which are thinner than a cell there do not vanish.
     ///
     /// # Errors
