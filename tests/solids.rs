@@ -245,9 +245,9 @@ fn solids_are_measured_as_they_are_counted() {
                 if full > 0 {
                     count += 1;
                     let all = bounds.get_or_insert(Bounds { min: cell, max: cell.map(|cell| cell + 1) });
-                    for axis in 0..3 {
-                        all.min[axis] = all.min[axis].min(cell[axis]);
-                        all.max[axis] = all.max[axis].max(cell[axis] + 1);
+                    for (axis, number) in cell.iter().enumerate() {
+                        all.min[axis] = all.min[axis].min(*number);
+                        all.max[axis] = all.max[axis].max(number + 1);
                     }
                 }
             }
@@ -341,8 +341,8 @@ fn quadtrees_are_no_solids() {
 /// Where a ray is in a cell; the longer `to - from`, the surer.
 fn within(ray: &Ray, cell: [u64; 3]) -> (f64, f64) {
     let (mut from, mut to) = (0.0, f64::INFINITY);
-    for axis in 0..3 {
-        let (low, high) = (cell[axis] as f64 - ray.origin[axis], cell[axis] as f64 + 1.0 - ray.origin[axis]);
+    for (axis, cell) in cell.iter().enumerate() {
+        let (low, high) = (*cell as f64 - ray.origin[axis], *cell as f64 + 1.0 - ray.origin[axis]);
         if ray.direction[axis] == 0.0 {
             if low > 0.0 || high <= 0.0 {
                 return (1.0, 0.0);
