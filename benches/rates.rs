@@ -1,6 +1,8 @@
 //! Rates of questions to tree files, on one thread: windows of 256 x 256 cells, single cells, statistics.
 //!
-//! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics] [--windows LIST] FILE...`
+//! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics|points] [--windows LIST] FILE...`
+//!
+//! Of octrees only points are measured: random cells of all of their space, one by one and very many at once.
 //!
 //! Files are warm. LIST has a window a line, `UP COLUMN ROW`: levels above the finest, and the first cell; without it,
 //! aligned windows at random levels are read.
@@ -11,8 +13,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use spinney::query::open;
-use spinney::space::{Bounds, Code, Quad};
-use spinney::store::goblin::{Goblin, OpenOptions};
+use spinney::space::{Bounds, Code, Oct, Quad};
+use spinney::store::goblin::{Goblin, Layout, OpenOptions};
 use spinney::value::Value;
 use spinney::with_value_type;
 
@@ -20,6 +22,7 @@ const SIDE: u64 = 256;
 const WINDOWS: usize = 4000;
 const PASSES: usize = 5;
 const CELLS: usize = 1_000_000;
+const POINTS: usize = 8_000_000;
 const BOXES: usize = 300;
 const BOX_SIDE: u64 = 4096;
 
@@ -45,7 +48,15 @@ fn main() -> Outcome<()> {
     }
     for file in &files {
         let path = Path::new(file);
-        let value = open(path, &OpenOptions::default())?.header().value;
+        let (value, axes) = {
+            let tree = open(path, &OpenOptions::default())?;
+            (tree.header().value, tree.header().axes)
+        };
+        if axes == 3 {
+            println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
+            with_value_type!(value, V => points(&Goblin::<Oct, V>::open(path, &OpenOptions::default())?)?, else return Err("unknown type of values".into()));
+            continue;
+        }
         with_value_type!(value, V => measure::<V>(path, listed.as_deref(), only.as_deref())?, else return Err("unknown type of values".into()));
     }
     Ok(())
@@ -108,6 +119,9 @@ where
     }
     if asked("cells") {
         cells(&tree)?;
+    }
+    if asked("points") {
+        points(&tree)?;
     }
     if asked("statistics") {
         statistics(&tree)?;
@@ -239,6 +253,43 @@ fn cells<V: Value>(tree: &Goblin<Quad, V>) -> Outcome<()> {
         }
     }
     println!("  single cells: {:.0} ns each", median(&mut nanos));
+    Ok(())
+}
+
+fn points<D: Layout, V: Value>(tree: &Goblin<D, V>) -> Outcome<()> {
+    let depth = tree.header().shape.depth;
+    let side = |axis: usize| if axis < D::AXES { 1u64 << depth } else { 1 };
+    let mut random = Random(4);
+    let places: Vec<[u32; 3]> =
+        (0..POINTS).map(|_| std::array::from_fn(|axis| random.below(side(axis)) as u32)).collect();
+    let mut values = vec![None; POINTS];
+    let (mut single, mut many) = (Vec::new(), Vec::new());
+    for pass in 0..=PASSES {
+        let took = seconds(|| {
+            for cell in &places[..CELLS] {
+                let code = Code::from_cell(depth, *cell).ok_or("inside")?;
+                black_box(tree.value_at(code)?);
+            }
+            Ok(())
+        })?;
+        let bulk = seconds(|| Ok(tree.values_at(depth, &places, &mut values)?))?;
+        black_box(&values);
+        if pass > 0 {
+            single.push(CELLS as f64 / took * 1e-6);
+            many.push(POINTS as f64 / bulk * 1e-6);
+        }
+    }
+    for (cell, value) in places.iter().zip(&values).step_by(97) {
+        let expected = tree.value_at(Code::from_cell(depth, *cell).ok_or("inside")?)?;
+        let same = match (expected, value) {
+            (Some(expected), Some(value)) => expected.same(*value),
+            (None, None) => true,
+            _ => false,
+        };
+        assert!(same, "{cell:?}");
+    }
+    let (single, many) = (median(&mut single), median(&mut many));
+    println!("  random points: {single:.1} million/s one by one, {many:.1} million/s of {POINTS} at once");
     Ok(())
 }
 

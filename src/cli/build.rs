@@ -10,7 +10,7 @@ use spinney::store::Output;
 use spinney::value::{Kind, Rule};
 
 use super::progress::Work;
-use super::{Global, Result, check_output, quantity, solid};
+use super::{Global, Result, check_output, model, quantity};
 
 /// Make a tree of a picture, or of several on one grid, or of models of solids.
 ///
@@ -60,7 +60,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
     memory: u64,
     #[command(flatten)]
-    solid: solid::Args,
+    model: model::Args,
 }
 
 const EXAMPLES: &str = "\
@@ -106,7 +106,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
                 "--kind, --rule, --band, --nodata, --transform and --layer are for pictures, not for models"
             );
         }
-        return solid::build(&inputs, &path, &solid, (depth, epsg, memory), global);
+        return model::build(&inputs, &path, &solid, (depth, epsg, memory), global);
     }
     if solid.is_given() {
         bail!(

@@ -2,14 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, bail, ensure};
 use spinney::export::image::{Format, format_of};
-use spinney::export::{Detail, WindowRequest, export_window};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
+use spinney::query::Tree;
 use spinney::space::Bounds;
 use spinney::store::Output;
 
 use super::place::Part;
 use super::progress::Work;
+use super::slice::{Slice, box_cells, parse_box, parse_slice};
 use super::viewed::Viewed;
 use super::{Global, check_output};
 
@@ -17,7 +19,15 @@ const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
   spinney get world.goblin alps.tif --bbox 5,44,17,48
   spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
-  spinney get world.goblin - --format png --size 256x256 > tile.png";
+  spinney get world.goblin - --format png --size 256x256 > tile.png
+  spinney get house.goblin cut.png --slice y=120 --size 800x600
+  spinney get house.goblin floor.png --slice z=2.5 --world
+  spinney get house.goblin solid.npy --level 7
+  spinney get house.goblin door.npy --box 100,40,0,64,64,32
+
+A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the top, arrays the lowest
+first. Its --window counts so, too. An octree without --slice is an array of three dimensions, z, y, x, in .npy and .raw
+files.";
 
 /// Write any part at any level of detail as a picture or array
 #[derive(clap::Args)]
@@ -35,9 +45,16 @@ pub(crate) struct Args {
     /// Columns and rows of the output, from the coarsest level that is fine enough
     #[arg(long, value_name = "WxH", value_parser = size)]
     size: Option<(u64, u64)>,
-    /// Slice of an octree: z of the deepest level
-    #[arg(long, value_name = "Z", default_value_t = 0)]
-    slice: u64,
+    /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]
+    #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
+    slice: Option<Slice>,
+    /// Box of an octree as an array: first cell and size, in cells of the level
+    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_box, allow_hyphen_values = true)]
+    #[arg(conflicts_with_all = ["size", "slice", "window", "bbox"])]
+    cells: Option<[f64; 6]>,
+    /// The slice or box is given in world coordinates
+    #[arg(long)]
+    world: bool,
     /// Format where the output's name does not tell
     #[arg(long, value_parser = ["png", "tif", "exr", "npy", "raw"])]
     format: Option<String>,
@@ -46,7 +63,7 @@ pub(crate) struct Args {
     nodata: Option<f64>,
 }
 
-fn size(text: &str) -> Result<(u64, u64), String> {
+pub(super) fn size(text: &str) -> Result<(u64, u64), String> {
     let parts = text.split_once(['x', 'X', ',']);
     let parts = parts.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
     parts
@@ -62,19 +79,46 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         bail!("{}: unknown format; use .png, .tif, .exr, .npy or .raw, or --format", args.output.display());
     };
     check_output([args.tree.file.as_path()], &args.output)?;
-    let picture = Bounds { min: [0; 3], max: tree.header().extent };
-    let mut bounds = args.part.bounds(&*tree)?.unwrap_or(picture);
-    if args.slice >= picture.max[2] {
-        bail!("--slice: {} is outside the tree, which has slices 0 to {}", args.slice, picture.max[2] - 1);
+    ensure!(!args.world || args.slice.is_some() || args.cells.is_some(), "--world is for --slice and --box");
+    let is_octree = tree.header().axes == 3;
+    let is_array = matches!(format, Format::Npy | Format::Raw);
+    if args.cells.is_some() || is_octree && is_array && args.slice.is_none() && args.size.is_none() {
+        ensure!(is_octree, "--box: {} is a quadtree; use --window", args.tree.file.display());
+        return array(args, &*tree, format, global);
     }
-    (bounds.min[2], bounds.max[2]) = (args.slice, args.slice + 1);
+    let slice = args.slice.unwrap_or(Slice::FLOOR);
+    ensure!(is_octree || slice.axis == 2, "--slice: {} is a quadtree", args.tree.file.display());
+    let across = slice.axis;
+    let picture = Bounds { min: [0; 3], max: tree.header().extent };
+    let mut bounds = args.part.slice_bounds(&*tree, across)?.unwrap_or(picture);
+    let place = slice.cell(&*tree, args.world)?;
+    (bounds.min[across], bounds.max[across]) = (place, place + 1);
     let detail = match args.size {
         Some((width, height)) => Detail::Size(width, height),
         None => Detail::Level(args.level.unwrap_or(tree.depth())),
     };
-    let request = WindowRequest { bounds, detail, nodata: args.nodata, memory: 64 << 20 };
+    let request = WindowRequest { bounds, across, detail, nodata: args.nodata, memory: 64 << 20 };
     let output = Output::create(&args.output)?;
     let progress = Work::start(global, "pixels")?;
     export_window(&*tree, &request, output, format, &progress)
+        .with_context(|| format!("cannot write {}", args.output.display()))
+}
+
+/// A box of an octree, or all of it.
+fn array(args: &Args, tree: &dyn Tree, format: Format, global: &Global) -> Result<()> {
+    let level = args.level.unwrap_or(tree.depth());
+    ensure!(level <= tree.depth(), "--level: {level}, the tree's levels are 0 to {}", tree.depth());
+    let bounds = match args.part.bounds(tree)? {
+        None => box_cells(tree, args.cells, level, args.world)?,
+        Some(part) => {
+            let shift = tree.depth() - level;
+            let max = part.max.map(|cell| cell.div_ceil(1 << shift));
+            Bounds { min: part.min.map(|cell| cell >> shift), max }
+        }
+    };
+    let request = ArrayRequest { bounds, level, nodata: args.nodata, memory: 64 << 20 };
+    let output = Output::create(&args.output)?;
+    let progress = Work::start(global, "cells")?;
+    export_array(tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", args.output.display()))
 }

@@ -8,10 +8,13 @@ mod export;
 mod find;
 mod get;
 mod info;
+mod model;
 mod place;
 mod point;
 mod progress;
 mod quantity;
+mod render;
+mod slice;
 mod solid;
 mod stats;
 mod transform;
@@ -68,6 +71,7 @@ enum Command {
     Point(point::Args),
     Stats(stats::Args),
     Find(find::Args),
+    Render(render::Args),
     Dump(dump::Args),
     Export(export::Args),
     Transform(transform::Args),
@@ -83,8 +87,9 @@ impl Command {
             Command::Info(args) => info::run(&args),
             Command::Get(args) => get::run(&args, global),
             Command::Point(args) => point::run(&args),
-            Command::Stats(args) => stats::run(&args),
+            Command::Stats(args) => stats::run(&args, global),
             Command::Find(args) => find::run(&args),
+            Command::Render(args) => render::run(&args, global),
             Command::Dump(args) => dump::run(&args),
             Command::Export(args) => export::run(&args, global),
             Command::Transform(args) => transform::run(args, global),

@@ -18,6 +18,25 @@ pub(crate) struct Part {
 }
 
 impl Part {
+    /// The cells of the deepest level that are meant in a slice across an axis; `None`: all.
+    pub(crate) fn slice_bounds(&self, tree: &dyn Tree, across: usize) -> Result<Option<Bounds>> {
+        if across == 2 {
+            return self.bounds(tree);
+        }
+        ensure!(self.bbox.is_none(), "--bbox is for slices across z; use --window");
+        let Some([column, row, width, height]) = self.window else { return Ok(None) };
+        ensure!(
+            width > 0 && height > 0,
+            "--window: {width} columns by {height} rows, at least 1 by 1 needed"
+        );
+        let end = |start: u64, length: u64| start.checked_add(length).context("--window: too large");
+        let columns = 1 - across;
+        let mut bounds = Bounds { min: [0; 3], max: tree.header().extent };
+        (bounds.min[columns], bounds.max[columns]) = (column, end(column, width)?);
+        (bounds.min[2], bounds.max[2]) = (row, end(row, height)?);
+        Ok(Some(bounds))
+    }
+
     /// The cells of the deepest level that are meant; `None`: all.
     pub(crate) fn bounds(&self, tree: &dyn Tree) -> Result<Option<Bounds>> {
         let depth_of_z = tree.header().extent[2];

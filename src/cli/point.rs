@@ -4,7 +4,7 @@ use std::io::{self, BufRead, Write};
 
 use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
-use spinney::query::Tree;
+use spinney::query::{PointSamples, Tree};
 use spinney::value::SampleType;
 
 use super::viewed::Viewed;
@@ -15,7 +15,11 @@ const EXAMPLES: &str = "Examples:
   spinney point --cells world.goblin 21600,5000
   spinney point relief.goblin < coordinates.csv > heights.txt
 
-A line of the answer has a point's samples, or `void`. Lines of standard input are `X,Y` or `X Y`.";
+  spinney point house.goblin 3.5,2.25,1.1
+  spinney point --cells --level 6 house.goblin < voxels.csv
+
+A line of the answer has a point's samples, or `void`. Lines of standard input are `X,Y` or `X Y`; octrees need
+X,Y,Z.";
 
 /// Ask for the values of single cells
 #[derive(clap::Args)]
@@ -104,11 +108,13 @@ impl Points<'_> {
 
     /// An answer per line of input.
     fn answer(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
-        let channels = self.tree.header().value.channels as usize;
         let is_double = self.tree.header().value.sample == SampleType::F64;
         let mut answers = Vec::with_capacity(lines.len());
         let text = std::str::from_utf8(lines).context("standard input is not text")?;
         let shift = self.tree.depth() - self.level;
+        let axes = usize::from(self.tree.header().axes);
+        let wanted = if axes == 3 { "X,Y,Z" } else { "X,Y" };
+        let mut cells = Vec::new();
         for (i, line) in text.lines().enumerate() {
             let line = line.trim();
             if line.is_empty() {
@@ -120,28 +126,37 @@ impl Points<'_> {
                 let number = word.parse().ok().filter(|number: &f64| number.is_finite());
                 match (number, point.get_mut(numbers)) {
                     (Some(number), Some(place)) => *place = number,
-                    _ => bail!("{} {}: `{line}` is not X,Y", self.from, first + i as u64),
+                    _ => bail!("{} {}: `{line}` is not {wanted}", self.from, first + i as u64),
                 }
                 numbers += 1;
             }
-            ensure!(numbers >= 2, "{} {}: `{line}` is not X,Y", self.from, first + i as u64);
+            ensure!(numbers >= axes, "{} {}: `{line}` is not {wanted}", self.from, first + i as u64);
             let cell = if self.cells {
                 point
             } else {
                 self.tree.metadata().frame.to_cells(point).context("the file's transform has no inverse")?
             };
+            // What is before the first cell is as void as what is behind the last.
             let outside = cell.iter().any(|number| *number < 0.0);
-            let cell = cell.map(|number| number.floor() as u64 >> shift);
-            let mut value = [0.0; 4];
-            if !outside && self.tree.point(cell, self.level, &mut value)? {
-                for (channel, number) in value[..channels].iter().enumerate() {
-                    if channel > 0 {
-                        answers.push(b',');
-                    }
-                    write_number(*number, is_double, &mut answers);
-                }
+            cells.push(if outside {
+                [u64::MAX; 3]
             } else {
-                answers.extend(b"void");
+                cell.map(|number| number.floor() as u64 >> shift)
+            });
+        }
+        let mut samples = PointSamples::default();
+        self.tree.points(&cells, self.level, &mut samples)?;
+        for index in 0..cells.len() {
+            match samples.get(index) {
+                Some(numbers) => {
+                    for (channel, number) in numbers.iter().enumerate() {
+                        if channel > 0 {
+                            answers.push(b',');
+                        }
+                        write_number(*number, is_double, &mut answers);
+                    }
+                }
+                None => answers.extend(b"void"),
             }
             answers.push(b'\n');
         }

@@ -1,17 +1,26 @@
 //! `spinney stats`: exact statistics of any part.
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::query::{Statistics, Tree};
 use spinney::space::{Bounds, is_geographic};
+use spinney::value::Rule;
 
 use super::place::Part;
-use super::print_json;
+use super::progress::Work;
 use super::viewed::Viewed;
+use super::{Global, print_json, solid};
 
 const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
   spinney stats landcover.goblin --window 0,0,4096,4096 --json
+  spinney stats house.goblin
+  spinney stats house.goblin --solid --level 7
+
+Of solids (octrees of occupancy, or others with --solid) volume, surface, centre of gravity and bounds are told, in units of
+the world. The volume is exact; coarser levels keep it. The surface is that of the cells which are at least half full:
+once of the cells as blocks, and once of the smooth surface they stand for, each face weighted by the surface's normal there.
+In other octrees cells that are not VOID are full.
 
 Areas in square metres are told for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";
@@ -27,14 +36,39 @@ pub(crate) struct Args {
     /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0 for none
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
     bins: u32,
+    /// Tell volume, surface, centre and bounds of an octree also where its values are not occupancy
+    #[arg(long)]
+    solid: bool,
+    /// Level at which a solid is measured [default: the deepest]
+    #[arg(long, value_name = "LEVEL")]
+    level: Option<u8>,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
-pub(crate) fn run(args: &Args) -> Result<()> {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
     let bounds = args.part.bounds(&*tree)?;
+    let is_asked = args.solid || args.level.is_some();
+    ensure!(
+        !is_asked || tree.header().axes == 3,
+        "{}: is a quadtree; --solid and --level are for octrees",
+        args.tree.file.display()
+    );
+    ensure!(
+        !is_asked || bounds.is_none(),
+        "--solid and --level are for the whole octree; see --view window=..."
+    );
+    let is_solid = tree.header().axes == 3 && tree.header().rule == Rule::Occupancy && bounds.is_none();
+    let measured = if is_asked || is_solid {
+        let work = Work::start(global, "cells")?;
+        let level = args.level.unwrap_or(tree.depth());
+        ensure!(level <= tree.depth(), "--level: {level}, the tree's levels are 0 to {}", tree.depth());
+        Some(tree.solid(level, &work)?)
+    } else {
+        None
+    };
     let stats = tree.statistics(bounds)?;
     let picture = Bounds { min: [0; 3], max: tree.header().extent };
     let bounds = bounds.unwrap_or(picture).intersect(&picture);
@@ -47,9 +81,14 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         _ => Vec::new(),
     };
     if args.json {
-        print_json(&as_json(&*tree, &stats, &histogram))
+        let mut json = as_json(&*tree, &stats, &histogram);
+        if let Some(measured) = &measured {
+            json["solid"] = solid::as_json(&*tree, measured);
+        }
+        print_json(&json)
     } else {
-        print(&*tree, &stats, &histogram)
+        print(&*tree, &stats, &histogram)?;
+        measured.map_or(Ok(()), |measured| super::print_text(&solid::as_text(&*tree, &measured)?))
     }
 }
 

@@ -1,13 +1,25 @@
 //! Exporters: trees as other programs' files.
 
 #[cfg(feature = "raster")]
+mod array;
+#[cfg(feature = "raster")]
+mod camera;
+#[cfg(feature = "raster")]
 pub mod image;
-
 #[cfg(feature = "mesh")]
 pub mod mesh;
-
+#[cfg(feature = "raster")]
+mod paint;
+#[cfg(feature = "raster")]
+mod render;
 #[cfg(feature = "raster")]
 mod window;
 
+#[cfg(feature = "raster")]
+pub use array::{ArrayRequest, export_array};
+#[cfg(feature = "raster")]
+pub use camera::{Projection, Up};
+#[cfg(feature = "raster")]
+pub use render::{RenderRequest, render};
 #[cfg(feature = "raster")]
 pub use window::{Detail, WindowRequest, export_window, fill_for};

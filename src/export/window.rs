@@ -10,8 +10,11 @@ use crate::{Error, Progress, Result};
 /// Which part of a tree, and how fine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowRequest {
-    /// Columns and rows of the deepest level; cells beyond the picture are VOID.
+    /// Cells of the deepest level; those beyond the picture are VOID. Along `across` the first counts.
     pub bounds: Bounds,
+    /// The axis that the picture does not have: 2 for quadtrees and level slices of octrees, 0 or 1 for upright slices.
+    /// Columns are then y or x, and rows z; pictures have the highest row at the top, arrays the lowest first.
+    pub across: usize,
     /// Level or size of the output.
     pub detail: Detail,
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
@@ -29,10 +32,10 @@ pub enum Detail {
     Size(u64, u64),
 }
 
-/// Writes a window of a tree to a picture or array file. An octree gives the slice at `bounds.min[2]`.
+/// Writes a window of a tree to a picture or array file. An octree gives a slice, at `bounds.min[across]`.
 ///
-/// With [`Detail::Size`], trees of means are averaged over the area of each pixel, others give the value at its
-/// centre.
+/// With [`Detail::Size`], trees of means and of occupancy are averaged over the area of each pixel, others give the value
+/// at its centre. In trees of occupancy, VOID cells are 0.
 ///
 /// # Errors
 /// If the window is empty, one row needs more memory than is allowed, the format cannot hold the values, the tree is
@@ -45,7 +48,14 @@ pub fn export_window(
     progress: &dyn Progress,
 ) -> Result<()> {
     let depth = tree.depth();
+    let across = request.across;
+    let (u, v) = match across {
+        0 => (1, 2),
+        1 => (0, 2),
+        _ => (0, 1),
+    };
     let size = request.bounds.size();
+    let size = [size[u], size[v]];
     if request.bounds.is_empty() {
         return Err(Error::invalid(
             "window",
@@ -74,15 +84,15 @@ pub fn export_window(
         source.min[axis] >>= shift;
         source.max[axis] = source.max[axis].div_ceil(1 << shift);
     }
-    source.max[2] = source.min[2] + 1;
+    source.max[across] = source.min[across] + 1;
     // The output's grid in cells of the level: whole cells, or any box divided evenly.
     let (width, height, origin, step) = match request.detail {
         Detail::Level(_) => {
-            let [width, height, _] = source.size();
-            (width, height, [source.min[0] as f64, source.min[1] as f64], [1.0, 1.0])
+            let size = source.size();
+            (size[u], size[v], [source.min[u] as f64, source.min[v] as f64], [1.0, 1.0])
         }
         Detail::Size(width, height) => {
-            let origin = [request.bounds.min[0] as f64 / scale, request.bounds.min[1] as f64 / scale];
+            let origin = [request.bounds.min[u] as f64 / scale, request.bounds.min[v] as f64 / scale];
             (
                 width,
                 height,
@@ -93,7 +103,7 @@ pub fn export_window(
     };
     let header = tree.header();
     let metadata = tree.metadata();
-    let row_bytes = row_bytes(header.value, source.size()[0], request.detail, step[1]);
+    let row_bytes = row_bytes(header.value, source.size()[u], request.detail, step[1]);
     if row_bytes > request.memory {
         return Err(Error::TooLarge {
             path: tree.path().to_path_buf(),
@@ -103,14 +113,16 @@ pub fn export_window(
             advice: "ask for fewer columns or a coarser level".into(),
         });
     }
-    let may_be_void = tree.may_have_void(request.bounds)?;
-    let fill = request.nodata.or(fill_for(tree)?);
+    let is_graded = header.rule == Rule::Occupancy;
+    let may_be_void = !is_graded && tree.may_have_void(request.bounds)?;
+    let fill =
+        if is_graded { Some(request.nodata.unwrap_or(0.0)) } else { request.nodata.or(fill_for(tree)?) };
     let mut frame = metadata.frame.coarser(shift).shifted([origin[0], origin[1], source.min[2] as f64]);
     for row in &mut frame.matrix {
         row[0] *= step[0];
         row[1] *= step[1];
     }
-    let has_frame = metadata.frame != Frame::identity();
+    let has_frame = across == 2 && metadata.frame != Frame::identity();
     let spec = ImageSpec {
         width,
         height,
@@ -123,21 +135,34 @@ pub fn export_window(
         band_names: metadata.band_names.clone(),
     };
     let mut writer = create(output, format, &spec)?;
-    let sampler = Sampler { tree, level, source, origin, step, fill: fill.unwrap_or(0.0), width };
+    let is_upright = across != 2 && !matches!(format, Format::Npy | Format::Raw);
+    let sampler =
+        Sampler { tree, level, source, axes: [u, v], origin, step, fill: fill.unwrap_or(0.0), width };
     let rows = (request.memory / row_bytes / 2).clamp(1, 256).min(height);
     let mut row = 0;
     while row < height {
         progress.check()?;
         let count = rows.min(height - row);
-        let (bytes, valid) = match request.detail {
-            Detail::Level(_) => sampler.copy(row, count)?,
-            Detail::Size(..) => sampler.resample(row, count)?,
+        let first = if is_upright { height - row - count } else { row };
+        let (mut bytes, mut valid) = match request.detail {
+            Detail::Level(_) => sampler.copy(first, count)?,
+            Detail::Size(..) => sampler.resample(first, count)?,
         };
+        if is_upright {
+            turn_rows(&mut bytes, width as usize * header.value.size());
+            turn_rows(&mut valid, width as usize);
+        }
         writer.write_rows(&bytes, may_be_void.then_some(&valid))?;
         progress.advance(count * width, height.saturating_mul(width));
         row += count;
     }
     writer.finish()
+}
+
+/// Puts the last row first.
+fn turn_rows<T>(cells: &mut [T], width: usize) {
+    cells.reverse();
+    cells.chunks_mut(width).for_each(<[T]>::reverse);
 }
 
 /// What a row of the output needs: the cells it is made of, `step` rows of them if it is resampled, and its pixels.
@@ -182,6 +207,8 @@ struct Sampler<'a> {
     tree: &'a dyn Tree,
     level: u8,
     source: Bounds,
+    /// Which of the tree's axes columns and rows are.
+    axes: [usize; 2],
     origin: [f64; 2],
     step: [f64; 2],
     fill: f64,
@@ -191,21 +218,29 @@ struct Sampler<'a> {
 impl Sampler<'_> {
     fn rows(&self, first: u64, end: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let mut bounds = self.source;
-        (bounds.min[1], bounds.max[1]) = (first, end);
+        let rows = self.axes[1];
+        (bounds.min[rows], bounds.max[rows]) = (first, end);
         let cells = bounds.volume() as usize;
         let mut bytes = vec![0; cells * self.tree.header().value.size()];
         let mut valid = vec![true; cells];
         self.tree.window(self.level, &bounds, self.fill, &mut bytes, Some(&mut valid))?;
+        if self.tree.header().rule == Rule::Occupancy {
+            // Nothing is a number, too: how full the cell is.
+            valid.fill(true);
+        }
         Ok((bytes, valid))
     }
 
     fn copy(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
-        self.rows(self.source.min[1] + row, self.source.min[1] + row + count)
+        let first = self.source.min[self.axes[1]] + row;
+        self.rows(first, first + count)
     }
 
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let ValueType { sample, channels } = self.tree.header().value;
-        let mean = self.tree.header().rule == Rule::Mean && self.tree.header().kind == Kind::Continuous;
+        let header = self.tree.header();
+        let mean = matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == Kind::Continuous;
+        let [u, v] = self.axes;
         let spans = |axis: usize, first: u64, count: u64, min: u64, max: u64| -> Vec<Span> {
             (first..first + count)
                 .map(|i| {
@@ -213,11 +248,11 @@ impl Sampler<'_> {
                 })
                 .collect()
         };
-        let columns = spans(0, 0, self.width, self.source.min[0], self.source.max[0]);
-        let lines = spans(1, row, count, self.source.min[1], self.source.max[1]);
+        let columns = spans(0, 0, self.width, self.source.min[u], self.source.max[u]);
+        let lines = spans(1, row, count, self.source.min[v], self.source.max[v]);
         let (first, end) = (lines[0].first, lines[lines.len() - 1].end);
         let (bytes, valid) = self.rows(first, end)?;
-        let source_width = self.source.size()[0];
+        let source_width = self.source.size()[u];
         let (size, channels) = (sample.size(), channels as usize);
         let mut out = Vec::with_capacity(count as usize * self.width as usize * size * channels);
         let mut out_valid = Vec::with_capacity(count as usize * self.width as usize);
@@ -227,7 +262,7 @@ impl Sampler<'_> {
                 let mut weight = 0.0;
                 for y in line.first..line.end {
                     for x in column.first..column.end {
-                        let place = ((y - first) * source_width + x - self.source.min[0]) as usize;
+                        let place = ((y - first) * source_width + x - self.source.min[u]) as usize;
                         if valid[place] {
                             let share = line.share(y) * column.share(x);
                             weight += share;

@@ -8,8 +8,8 @@ use zerocopy::FromBytes;
 use super::view::View;
 use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use crate::query::{
-    Condition, FoundBlock, Statistics, Tree, dump, node_bounds, source_find, source_histogram,
-    source_statistics,
+    Condition, Field, Filling, FoundBlock, Rays, SolidStatistics, Statistics, Tree, dump, measure,
+    node_bounds, source_find, source_histogram, source_statistics,
 };
 use crate::space::{Bounds, Code, Frame};
 use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata};
@@ -206,6 +206,17 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
 
     fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
         source_histogram(&self.view, bounds, (low, high), bins)
+    }
+
+    fn solid(&self, level: u8, progress: &dyn Progress) -> Result<SolidStatistics> {
+        let view = self.at(level)?;
+        let frame = self.metadata.frame.coarser(self.view.depth() - level);
+        measure(&view, level, Filling::of::<V>(self.header.rule), &frame, progress)
+    }
+
+    fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>> {
+        let filling = Filling::of::<V>(self.header.rule);
+        Ok(Box::new(Field::new(self.at(level)?, level, filling, level == self.view.depth())?))
     }
 
     fn find(

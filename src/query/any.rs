@@ -8,6 +8,9 @@ use crate::{Progress, Result};
 
 use super::cell_blocks::{Carry, CellBlocks};
 use super::find::{Condition, FoundBlock};
+use super::points::PointSamples;
+use super::ray::Rays;
+use super::solid::SolidStatistics;
 use super::stats::Statistics;
 
 /// A tree file of any dimension and type, open for questions.
@@ -48,6 +51,21 @@ pub trait Tree: Send + Sync {
     /// # Errors
     /// If the file is damaged there.
     fn point(&self, cell: [u64; 3], level: u8, value: &mut [f64; 4]) -> Result<bool>;
+
+    /// The values of many cells of a level, in the order of the cells, to `samples`, whose former contents go. Much faster
+    /// than asking for them one by one where there are very many.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn points(&self, cells: &[[u64; 3]], level: u8, samples: &mut PointSamples) -> Result<()> {
+        samples.start(self.header().value.channels.into());
+        let mut value = [0.0; 4];
+        for cell in cells {
+            let found = self.point(*cell, level, &mut value)?;
+            samples.push(found.then_some(&value));
+        }
+        Ok(())
+    }
 
     /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together, little-endian;
     /// VOID cells have the sample `fill` in every channel, and `false` in `valid` if that is given.
@@ -92,6 +110,19 @@ pub trait Tree: Send + Sync {
     /// # Errors
     /// If the file is damaged there.
     fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>>;
+
+    /// Volume, surface, centre of gravity and bounds of an octree's solid at a level. Time is proportional to the nodes
+    /// around its surface, memory to depth.
+    ///
+    /// # Errors
+    /// If the tree is a quadtree or has no such level, the file is damaged, or on interruption.
+    fn solid(&self, level: u8, progress: &dyn Progress) -> Result<SolidStatistics>;
+
+    /// Something to cast rays with through one level of an octree; each thread needs its own.
+    ///
+    /// # Errors
+    /// If the tree is a quadtree or has no such level, or the file is damaged.
+    fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>>;
 
     /// Hands out the largest blocks all of whose cells meet a condition, in FD order, until `found` says `false`.
     ///

@@ -7,7 +7,11 @@ use zerocopy::FromBytes;
 use super::any::Tree;
 use super::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use super::dump;
+use super::field::{Field, Filling};
 use super::find::{Condition, FoundBlock};
+use super::points::PointSamples;
+use super::ray::Rays;
+use super::solid::{SolidStatistics, measure};
 use super::stats::Statistics;
 use crate::space::{Bounds, Code, Oct, Quad};
 use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata, OpenOptions, read_header};
@@ -114,6 +118,27 @@ impl<D: Layout, V: Value> Tree for Goblin<D, V> {
 
     fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
         Goblin::histogram(self, bounds, low, high, bins)
+    }
+
+    fn points(&self, cells: &[[u64; 3]], level: u8, samples: &mut PointSamples) -> Result<()> {
+        samples.start(V::CHANNELS);
+        let cells: Vec<_> =
+            cells.iter().map(|cell| cell.map(|cell| u32::try_from(cell).unwrap_or(u32::MAX))).collect();
+        let mut values = vec![None; cells.len()];
+        self.values_at(level, &cells, &mut values)?;
+        for value in values {
+            samples.push_value::<V>(value);
+        }
+        Ok(())
+    }
+
+    fn solid(&self, level: u8, progress: &dyn Progress) -> Result<SolidStatistics> {
+        measure(self, level, Filling::of::<V>(self.header().rule), &self.metadata().frame, progress)
+    }
+
+    fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>> {
+        let filling = Filling::of::<V>(self.header().rule);
+        Ok(Box::new(Field::new(self, level, filling, level == self.depth())?))
     }
 
     fn find(

@@ -10,6 +10,8 @@ mod tiff_tags;
 
 use std::path::Path;
 
+pub(super) use npy::array_header;
+
 use crate::space::Frame;
 use crate::store::Output;
 use crate::value::{Palette, ValueType};

@@ -4,17 +4,20 @@ use std::io::Write;
 
 use super::{ImageSpec, RowWriter, raw};
 use crate::store::Output;
-use crate::value::SampleType;
+use crate::value::{SampleType, ValueType};
 use crate::{Error, Result};
 
 pub(super) fn create(mut output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
-    output.write_all(&header(spec)).map_err(Error::io(output.path(), "write"))?;
+    let header = array_header(spec.value, &[spec.height, spec.width]);
+    output.write_all(&header).map_err(Error::io(output.path(), "write"))?;
     raw::create(output, spec)
 }
 
+/// What stands before the samples of an array with such a shape; values of several channels have one more dimension.
+///
 /// Version 1.0: a Python dictionary, filled up so that the samples start at a multiple of 64 bytes.
-fn header(spec: &ImageSpec) -> Vec<u8> {
-    let sample = match spec.value.sample {
+pub(in crate::export) fn array_header(value: ValueType, shape: &[u64]) -> Vec<u8> {
+    let sample = match value.sample {
         SampleType::U8 => "|u1",
         SampleType::U16 => "<u2",
         SampleType::I16 => "<i2",
@@ -23,12 +26,9 @@ fn header(spec: &ImageSpec) -> Vec<u8> {
         SampleType::F32 => "<f4",
         SampleType::F64 => "<f8",
     };
-    let channels = match spec.value.channels {
-        1 => String::new(),
-        channels => format!(", {channels}"),
-    };
-    let (height, width) = (spec.height, spec.width);
-    let shape = format!("{height}, {width}{channels}");
+    let channels = (value.channels > 1).then_some(u64::from(value.channels));
+    let shape: Vec<String> = shape.iter().copied().chain(channels).map(|number| number.to_string()).collect();
+    let shape = shape.join(", ");
     let dictionary = format!("{{'descr': '{sample}', 'fortran_order': False, 'shape': ({shape}), }}");
     let length = (dictionary.len() + 11).next_multiple_of(64) - 10;
     let mut header = b"\x93NUMPY\x01\x00".to_vec();

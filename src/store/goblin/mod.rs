@@ -35,7 +35,7 @@ pub(crate) use reader::read_header;
 pub use reader::{Goblin, Handle, OpenOptions};
 pub use record::{CUT, INNER, LEAF, Layout, Record, VOID};
 pub use segment::Segment;
-pub(crate) use segment::child_places;
+pub(crate) use segment::{child_place, child_places};
 pub use shape::Shape;
 pub(crate) use subtree::{BadSkip, each_leaf};
 pub use verify::Finding;

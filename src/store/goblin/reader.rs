@@ -77,6 +77,13 @@ pub struct Handle<D: Dimension> {
     pub(super) record: u32,
 }
 
+impl<D: Dimension> Handle<D> {
+    /// The numbers of the segment and of the record in it that the node has.
+    pub(crate) fn place(&self) -> (usize, usize) {
+        (self.segment as usize, self.record as usize)
+    }
+}
+
 /// Where a node's record is.
 pub(crate) struct Located<'a, D, V> {
     pub(crate) segment: Segment<'a, D, V>,
@@ -158,6 +165,11 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             cache,
             types: PhantomData,
         })
+    }
+
+    /// Whether the file's bytes can be seen where they are, so that holding on to them costs nothing.
+    pub(crate) fn is_mapped(&self) -> bool {
+        self.storage.bytes().is_some()
     }
 
     /// The file, for messages.

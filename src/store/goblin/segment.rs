@@ -101,7 +101,7 @@ pub(crate) fn child_places<D: Layout, V: Value>(
 
 /// Where the record of one INNER child is: as [`child_places`], but looks at no sibling behind it.
 #[inline]
-pub(super) fn child_place<D: Layout, V: Value>(
+pub(crate) fn child_place<D: Layout, V: Value>(
     records: &[D::Record<V>],
     place: usize,
     child: usize,

@@ -1,0 +1,125 @@
+//! `spinney render`: a shaded picture of a solid.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail, ensure};
+use spinney::export::image::format_of;
+use spinney::export::{Projection, RenderRequest, Up, render};
+use spinney::store::Output;
+
+use super::progress::Work;
+use super::viewed::Viewed;
+use super::{Global, check_output, tell_output};
+
+const EXAMPLES: &str = "Examples:
+  spinney render house.goblin house.png
+  spinney render house.goblin front.png --from 180,0 --orthographic --size 1600x1200
+  spinney render bunny.goblin bunny.png --up y --from 200,15 --background transparent
+  spinney render bunny.goblin half.png --view window=0,0,0,256,512,512
+  spinney render city.goblin small.png --size 200x150
+
+The viewer stands at a point of the compass: 0 is north (along y), 90 east (along x); 0 degrees high looks along the
+horizon, 90 straight down. Without --level the coarsest level is read whose cells are no larger than a pixel.";
+
+/// Draw a shaded picture of a solid
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    tree: Viewed,
+    /// Output: .png, .tif, .npy or .raw; `-` is standard output
+    output: PathBuf,
+    /// Columns and rows
+    #[arg(long, value_name = "WxH", value_parser = super::get::size, default_value = "1024x768")]
+    size: (u64, u64),
+    /// Where the viewer stands, in degrees: on the compass, and above the horizon
+    #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = direction, default_value = "215,30")]
+    #[arg(allow_hyphen_values = true)]
+    from: [f64; 2],
+    /// Level of detail [default: the coarsest that is fine enough]
+    #[arg(long)]
+    level: Option<u8>,
+    /// How many times as large as when all of the solid is seen
+    #[arg(long, value_name = "F", default_value_t = 1.0)]
+    zoom: f64,
+    /// Parallel lines stay parallel
+    #[arg(long, conflicts_with = "perspective")]
+    orthographic: bool,
+    /// What is farther away is smaller (the default)
+    #[arg(long)]
+    perspective: bool,
+    /// Axis of the world that points up
+    #[arg(long, value_name = "AXIS", value_parser = ["y", "z"], default_value = "z")]
+    up: String,
+    /// Colour behind the solid: #rrggbb, white, grey, black, or transparent
+    #[arg(long, value_name = "COLOUR", value_parser = colour, default_value = "white")]
+    background: Background,
+    /// Samples of a pixel along each axis
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
+    samples: u32,
+    /// Format where the output's name does not tell
+    #[arg(long, value_parser = ["png", "tif", "npy", "raw"])]
+    format: Option<String>,
+}
+
+/// What is behind the solid; nothing is transparent.
+#[derive(Clone, Copy, Debug)]
+struct Background(Option<[u8; 3]>);
+
+fn direction(text: &str) -> Result<[f64; 2], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let numbers: Option<[f64; 2]> = numbers.and_then(|numbers| numbers.try_into().ok());
+    numbers
+        .filter(|[azimuth, elevation]| azimuth.is_finite() && (-90.0..=90.0).contains(elevation))
+        .ok_or_else(|| "expected azimuth and elevation in degrees, as in 215,30; elevation -90 to 90".into())
+}
+
+fn colour(text: &str) -> Result<Background, String> {
+    let name = text.to_lowercase();
+    let colour = match name.as_str() {
+        "transparent" | "none" => return Ok(Background(None)),
+        "white" => Some([255; 3]),
+        "grey" | "gray" => Some([128; 3]),
+        "black" => Some([0; 3]),
+        _ => name
+            .strip_prefix('#')
+            .filter(|digits| digits.len() == 6)
+            .and_then(|digits| u32::from_str_radix(digits, 16).ok())
+            .map(|number| [(number >> 16) as u8, (number >> 8) as u8, number as u8]),
+    };
+    colour
+        .map(|colour| Background(Some(colour)))
+        .ok_or_else(|| "expected #rrggbb, white, grey, black or transparent".into())
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let tree = args.tree.open()?;
+    ensure!(tree.header().axes == 3, "{}: is a quadtree; use `spinney get`", args.tree.file.display());
+    let name = args.format.as_ref().map(|format| Path::new("x").with_extension(format));
+    let Some(format) = format_of(name.as_deref().unwrap_or(&args.output)) else {
+        bail!("{}: unknown format; use .png, .tif, .npy or .raw, or --format", args.output.display());
+    };
+    check_output([args.tree.file.as_path()], &args.output)?;
+    let request = RenderRequest {
+        width: args.size.0,
+        height: args.size.1,
+        azimuth: args.from[0],
+        elevation: args.from[1],
+        zoom: args.zoom,
+        projection: if args.orthographic { Projection::Orthographic } else { Projection::Perspective },
+        up: if args.up == "y" { Up::Y } else { Up::Z },
+        level: args.level,
+        background: args.background.0,
+        samples: args.samples,
+    };
+    let work = Work::start(global, "pixels")?;
+    let output = Output::create(&args.output)?;
+    let level = render(&*tree, &request, output, format, &work)
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    global.say(format_args!("{:<10} {level} of {}", "level", tree.depth()));
+    tell_output(global, &args.output, start);
+    Ok(())
+}

@@ -1,0 +1,102 @@
+//! Colours of what pictures of solids show.
+
+use crate::Result;
+use crate::query::Tree;
+use crate::value::{Kind, Palette, Rule, SampleType};
+
+/// How values become colours: red, green and blue in light, 0 to 1.
+pub(super) enum Paint {
+    /// The same everywhere.
+    Clay,
+    /// The first three channels, of which this is the largest number; screens' or, of floating samples, light's.
+    Channels { most: f64, is_light: bool },
+    /// Classes, by their palette.
+    Palette(Palette),
+    /// Classes without a palette.
+    Classes,
+    /// Amounts from the least on, this many in all.
+    Range { least: f64, range: f64 },
+}
+
+const CLAY: [f64; 3] = [0.84, 0.76, 0.67];
+/// From dark to light, and readable without colour vision (stops of the well-known map "viridis").
+const RANGE: [[f64; 3]; 5] = [
+    [0.267, 0.005, 0.329],
+    [0.231, 0.322, 0.545],
+    [0.129, 0.569, 0.549],
+    [0.365, 0.788, 0.386],
+    [0.993, 0.906, 0.144],
+];
+
+impl Paint {
+    pub(super) fn of(tree: &dyn Tree) -> Result<Paint> {
+        let header = tree.header();
+        let value = header.value;
+        if value.channels >= 3 {
+            let most = match value.sample {
+                SampleType::U8 => 255.0,
+                SampleType::U16 => 65535.0,
+                _ => 1.0,
+            };
+            return Ok(Paint::Channels { most, is_light: value.sample.is_float() });
+        }
+        if header.rule == Rule::Occupancy {
+            return Ok(Paint::Clay);
+        }
+        if let Some(palette) = &tree.metadata().palette {
+            return Ok(Paint::Palette(palette.clone()));
+        }
+        if header.kind == Kind::Categorical {
+            return Ok(Paint::Classes);
+        }
+        let bounds = tree.value_bounds()?;
+        Ok(match bounds.first() {
+            Some((least, most)) if least < most => Paint::Range { least: *least, range: most - least },
+            _ => Paint::Clay,
+        })
+    }
+
+    pub(super) fn colour(&self, value: &[f64; 4]) -> [f64; 3] {
+        match self {
+            Paint::Clay => CLAY.map(to_linear),
+            Paint::Channels { most, is_light } => [0, 1, 2].map(|channel| {
+                let share = (value[channel] / most).clamp(0.0, 1.0);
+                if *is_light { share } else { to_linear(share) }
+            }),
+            Paint::Palette(palette) => match palette.colours.get(value[0].max(0.0) as usize) {
+                Some([red, green, blue, _]) => {
+                    [red, green, blue].map(|sample| to_linear(f64::from(*sample) / 255.0))
+                }
+                None => CLAY.map(to_linear),
+            },
+            Paint::Classes => {
+                // Numbers that follow each other are far apart on the wheel: by the golden section of it.
+                let hue = (value[0] * 0.618_033_988_75).rem_euclid(1.0) * 6.0;
+                [5.0, 3.0, 1.0].map(|shift: f64| {
+                    let place = (shift + hue).rem_euclid(6.0);
+                    to_linear(0.85 - 0.5 * place.min(4.0 - place).clamp(0.0, 1.0))
+                })
+            }
+            Paint::Range { least, range } => {
+                let place = ((value[0] - least) / range).clamp(0.0, 1.0) * 4.0;
+                let stop = (place as usize).min(3);
+                let share = place - stop as f64;
+                std::array::from_fn(|channel| {
+                    to_linear(RANGE[stop][channel] * (1.0 - share) + RANGE[stop + 1][channel] * share)
+                })
+            }
+        }
+    }
+}
+
+/// From a screen's number, 0 to 1, to light (IEC 61966-2-1, sRGB).
+pub(super) fn to_linear(number: f64) -> f64 {
+    if number <= 0.04045 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) }
+}
+
+/// From light to a screen's number, 0 to 255.
+pub(super) fn to_screen(light: f64) -> u8 {
+    let light = light.clamp(0.0, 1.0);
+    let number = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
+    (number * 255.0 + 0.5) as u8
+}

@@ -1,0 +1,300 @@
+//! Shaded pictures of solids: a ray per sample of a pixel through the tree as it is on disk.
+
+use std::sync::Mutex;
+
+use rayon::prelude::*;
+
+use super::camera::{Camera, Pose, Projection, Up, cross, dot, plus, unit};
+use super::image::{Format, ImageSpec, create};
+use super::paint::{Paint, to_linear, to_screen};
+use crate::query::{Ray, Rays, SurfaceHit, Tree};
+use crate::space::{Bounds, Frame};
+use crate::store::Output;
+use crate::value::{SampleType, ValueType};
+use crate::{Error, Progress, Result};
+
+/// What a picture of a solid should look like.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RenderRequest {
+    /// Columns.
+    pub width: u64,
+    /// Rows.
+    pub height: u64,
+    /// Where the viewer stands, in degrees on a compass: 0 in the north, 90 in the east.
+    pub azimuth: f64,
+    /// How high, in degrees above the horizon: 90 looks straight down.
+    pub elevation: f64,
+    /// How many times as large as when all of the solid is seen.
+    pub zoom: f64,
+    /// How distance is shown.
+    pub projection: Projection,
+    /// The axis of the world that points up.
+    pub up: Up,
+    /// Level of detail; by default the coarsest whose cells are no larger than a pixel.
+    pub level: Option<u8>,
+    /// Red, green and blue behind the solid; nothing makes the picture transparent there.
+    pub background: Option<[u8; 3]>,
+    /// Samples of a pixel along each axis, 1 to 8.
+    pub samples: u32,
+}
+
+impl Default for RenderRequest {
+    fn default() -> Self {
+        RenderRequest {
+            width: 1024,
+            height: 768,
+            azimuth: 215.0,
+            elevation: 30.0,
+            zoom: 1.0,
+            projection: Projection::default(),
+            up: Up::default(),
+            level: None,
+            background: Some([255; 3]),
+            samples: 2,
+        }
+    }
+}
+
+/// Rows that are made before they are written.
+const BAND: u64 = 32;
+/// Level at which the box around a solid is looked for.
+const BOX_LEVEL: u8 = 6;
+/// Pixels that a row may have.
+const MOST: u64 = 1 << 16;
+
+/// Writes a shaded picture of an octree's solid, and returns the level that was looked at.
+///
+/// The surface is where the occupancy between cells' centres is one half; its normals come from the gradient around. Light
+/// comes from over the viewer's left shoulder and from the sky, and less of it reaches hollows (as in Evans: Fast
+/// approximations for global illumination on dynamic scenes, SIGGRAPH 2006 courses, by looking at the densities
+/// above the surface). Colours are those of trees with three channels, of the palette where values are classes, and of the
+/// range of all values where they are amounts; solids are the colour of clay.
+///
+/// Only nodes that rays meet are read, and nothing below the level. The picture does not depend on the number of threads.
+///
+/// # Errors
+/// If the tree is a quadtree or has no such level, a number of the request makes no sense, the format cannot hold
+/// colours of 8 bits, the tree is damaged, or on interruption.
+pub fn render(
+    tree: &dyn Tree,
+    request: &RenderRequest,
+    output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<u8> {
+    let &RenderRequest { width, height, azimuth, elevation, zoom, projection, up, .. } = request;
+    if width == 0 || height == 0 || width > MOST || height > MOST {
+        let found = format!("{width}x{height}");
+        return Err(Error::invalid("size", found, format!("1x1 to {MOST}x{MOST}")));
+    }
+    if !(1..=8).contains(&request.samples) {
+        return Err(Error::invalid("samples", request.samples.to_string(), "1 to 8"));
+    }
+    let depth = tree.depth();
+    let rough = tree.solid(request.level.unwrap_or(depth).min(BOX_LEVEL).min(depth), progress)?;
+    let space = Bounds { min: [0; 3], max: [1 << rough.level; 3] };
+    let bounds = rough.bounds.unwrap_or(space);
+    let corners = std::array::from_fn(|corner| {
+        let pick = |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
+        rough.frame().to_world(std::array::from_fn(|axis| pick(axis) as f64))
+    });
+    let pose = Pose { azimuth, elevation, zoom, projection, up, size: [width, height] };
+    let camera = Camera::facing(&pose, &corners)?;
+    let level = match request.level {
+        Some(level) if level <= depth => level,
+        Some(level) => return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}"))),
+        None => (0..=depth)
+            .find(|level| cell_size(&tree.metadata().frame.coarser(depth - level)) <= camera.footprint)
+            .unwrap_or(depth),
+    };
+    let radius = bounds.size().into_iter().max().unwrap_or(1) as f64 / 2.0
+        * 2f64.powi(i32::from(level) - i32::from(rough.level));
+    let scene = Scene::new(tree, camera, level, radius, request)?;
+    let channels = if request.background.is_some() { 3 } else { 4 };
+    let spec = ImageSpec {
+        width,
+        height,
+        value: ValueType { sample: SampleType::U8, channels },
+        alpha: channels == 4,
+        void: false,
+        frame: None,
+        nodata: None,
+        palette: None,
+        band_names: Vec::new(),
+    };
+    let mut writer = create(output, format, &spec)?;
+    // Rays remember where they were: what one row has read serves another.
+    let rested: Mutex<Vec<Box<dyn Rays + '_>>> = Mutex::new(Vec::new());
+    for first in (0..height).step_by(BAND as usize) {
+        let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
+        let rows: Result<Vec<Vec<u8>>> = rows
+            .into_par_iter()
+            .map(|row| {
+                progress.check()?;
+                let take = || rested.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop();
+                let mut rays = match take() {
+                    Some(rays) => rays,
+                    None => tree.rays(level)?,
+                };
+                let pixels = scene.row(&mut *rays, row)?;
+                rested.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(rays);
+                Ok(pixels)
+            })
+            .collect();
+        for row in rows? {
+            writer.write_rows(&row, None)?;
+            progress.advance(width, width * height);
+        }
+    }
+    writer.finish()?;
+    Ok(level)
+}
+
+/// Edge of the cube that is as large as a cell, in the world.
+fn cell_size(frame: &Frame) -> f64 {
+    let [a, b, c] = columns(frame);
+    dot(cross(a, b), c).abs().cbrt()
+}
+
+fn columns(frame: &Frame) -> [[f64; 3]; 3] {
+    std::array::from_fn(|column| frame.matrix.map(|row| row[column]))
+}
+
+struct Scene {
+    camera: Camera,
+    paint: Paint,
+    /// From cells of the level to the world, and the same without the shift.
+    frame: Frame,
+    linear: Frame,
+    /// Rows of the map that turns gradients in cells into directions in the world.
+    normals: [[f64; 3]; 3],
+    /// Half the longest side of the box around the solid, in cells of the level.
+    radius: f64,
+    /// Direction to the light.
+    light: [f64; 3],
+    background: [f64; 3],
+    is_opaque: bool,
+    samples: u32,
+    width: u64,
+}
+
+/// Colours of the light from above and from below, and how strong it is; the head light's; the highlight's.
+const SKY: [f64; 3] = [0.86, 0.93, 1.0];
+const GROUND: [f64; 3] = [0.50, 0.46, 0.42];
+const AMBIENT: f64 = 0.50;
+const HEAD: f64 = 0.92;
+const HIGHLIGHT: f64 = 0.06;
+/// How far above the surface hollows are looked for, in parts of the solid's radius.
+const HOLLOWS: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
+
+impl Scene {
+    fn new(
+        tree: &dyn Tree,
+        camera: Camera,
+        level: u8,
+        radius: f64,
+        request: &RenderRequest,
+    ) -> Result<Scene> {
+        let frame = tree.metadata().frame.coarser(tree.depth() - level);
+        let mut linear = frame.clone();
+        for row in &mut linear.matrix {
+            row[3] = 0.0;
+        }
+        let [a, b, c] = columns(&frame);
+        let mirrored = dot(cross(a, b), c).signum();
+        let areas = [cross(b, c), cross(c, a), cross(a, b)];
+        let normals = std::array::from_fn(|row| std::array::from_fn(|column| mirrored * areas[column][row]));
+        let light = plus(plus(camera.towards, 0.55, camera.top), -0.5, camera.right);
+        let light = unit(light).unwrap_or(camera.towards);
+        let background =
+            request.background.unwrap_or([0; 3]).map(|sample| to_linear(f64::from(sample) / 255.0));
+        Ok(Scene {
+            camera,
+            paint: Paint::of(tree)?,
+            frame,
+            linear,
+            normals,
+            radius,
+            light,
+            background,
+            is_opaque: request.background.is_some(),
+            samples: request.samples,
+            width: request.width,
+        })
+    }
+
+    /// The pixels of a row.
+    fn row(&self, rays: &mut dyn Rays, row: u64) -> Result<Vec<u8>> {
+        let mut pixels = Vec::with_capacity(self.width as usize * 4);
+        let count = f64::from(self.samples * self.samples);
+        for column in 0..self.width {
+            let (mut sum, mut covered) = ([0.0; 3], 0.0);
+            for sample in 0..self.samples * self.samples {
+                let place = |number: u32| (f64::from(number) + 0.5) / f64::from(self.samples);
+                let (across, down) = (place(sample % self.samples), place(sample / self.samples));
+                if let Some(colour) = self.look(rays, [column as f64 + across, row as f64 + down])? {
+                    sum = plus(sum, 1.0, colour);
+                    covered += 1.0;
+                }
+            }
+            let share = covered / count;
+            if self.is_opaque {
+                let colour = plus(sum.map(|part| part / count), 1.0 - share, self.background);
+                pixels.extend(colour.map(to_screen));
+            } else {
+                let colour = sum.map(|part| if covered > 0.0 { part / covered } else { 0.0 });
+                pixels.extend(colour.map(to_screen));
+                pixels.push((share * 255.0 + 0.5) as u8);
+            }
+        }
+        Ok(pixels)
+    }
+
+    /// What is seen at a place of the picture; `None` is nothing.
+    fn look(&self, rays: &mut dyn Rays, place: [f64; 2]) -> Result<Option<[f64; 3]>> {
+        let (origin, direction) = self.camera.ray(place);
+        let no_inverse = || Error::invalid("the file's transform", "one without an inverse", "one with");
+        let ray = Ray {
+            origin: self.frame.to_cells(origin).ok_or_else(no_inverse)?,
+            direction: self.linear.to_cells(direction).ok_or_else(no_inverse)?,
+        };
+        let Some(hit) = rays.surface(&ray)? else { return Ok(None) };
+        let back = direction.map(|number| -number);
+        let inwards = hit.inwards;
+        let outwards = unit(self.normals.map(|row| -dot(row, inwards))).unwrap_or(back);
+        let open = self.openness(rays, &hit)?;
+        let albedo = self.paint.colour(&hit.value);
+        let up = 0.5 + 0.5 * dot(outwards, self.camera.sky);
+        let lit = dot(outwards, self.light).max(0.0);
+        let half = unit(plus(self.light, 1.0, back)).unwrap_or(back);
+        let highlight = HIGHLIGHT * dot(outwards, half).max(0.0).powi(40) * open;
+        Ok(Some(std::array::from_fn(|channel| {
+            let around = GROUND[channel] + (SKY[channel] - GROUND[channel]) * up;
+            let light = AMBIENT * around * open + HEAD * lit * (0.35 + 0.65 * open);
+            albedo[channel] * light + highlight
+        })))
+    }
+
+    /// How much of the sky's light reaches a place: 1 in the open.
+    fn openness(&self, rays: &mut dyn Rays, hit: &SurfaceHit) -> Result<f64> {
+        let Some(outwards) = unit(hit.inwards.map(|number| -number)) else { return Ok(1.0) };
+        let least = (0..3).min_by(|a, b| outwards[*a].abs().total_cmp(&outwards[*b].abs())).unwrap_or(0);
+        let mut aside = [0.0; 3];
+        aside[least] = 1.0;
+        let Some(aside) = unit(cross(outwards, aside)) else { return Ok(1.0) };
+        let across = cross(outwards, aside);
+        let (mut hidden, mut most) = (0.0, 0.0);
+        for distance in HOLLOWS {
+            let weight = 1.0 / (1.0 + 6.0 * distance);
+            // Nearer than that the surface itself is seen.
+            let distance = (distance * self.radius).max(1.5);
+            for (u, v) in [(0.8, 0.0), (-0.8, 0.0), (0.0, 0.8), (0.0, -0.8)] {
+                let direction = plus(plus(outwards, u, aside), v, across);
+                hidden += weight * rays.density(plus(hit.point, distance, direction))?;
+                most += weight;
+            }
+        }
+        let open = 1.0 - 1.3 * hidden / most;
+        Ok(open.clamp(0.15, 1.0))
+    }
+}

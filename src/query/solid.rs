@@ -1,0 +1,409 @@
+//! What is asked of solids: volume, surface, centre of gravity, bounds.
+//!
+//! Faces are found by walking neighbours side by side, as in the dual traversals of Ju, Losasso, Schaefer and Warren (Dual
+//! contouring of hermite data, SIGGRAPH 2002): a node asks its children and the faces between them, a face the faces
+//! between the children on its two sides. Pairs of blocks that are alike end the walk, so memory is proportional to
+//! depth and time to the surface.
+
+use rayon::prelude::*;
+
+use super::field::{Field, Filling, check};
+use super::ray::HALF;
+use crate::space::{Bounds, Dimension, Frame};
+use crate::tree::{Child, Source};
+use crate::{Progress, Result};
+
+/// Measures of a solid at one level of its octree, in cells of that level.
+///
+/// Of trees of [`Rule::Occupancy`](crate::value::Rule::Occupancy), cells count for the volume as far as they are full;
+/// of all others, cells that are not VOID are full. The surface is that of the cells that are at least half full.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolidStatistics {
+    /// The level.
+    pub level: u8,
+    /// Cells that are not empty.
+    pub cells: u64,
+    /// Volume: the sum of how full all cells are. Exact but for the last rounding.
+    pub volume: f64,
+    /// Centre of gravity; `None` if there is nothing.
+    pub centre: Option<[f64; 3]>,
+    /// Smallest box around all cells that are not empty; `None` if there are none.
+    pub bounds: Option<Bounds>,
+    /// Faces between cells in the solid and cells outside, across x, y and z: the surface of the cells as blocks.
+    pub faces: [u64; 3],
+    /// See [`SolidStatistics::smooth_area`].
+    area: f64,
+    /// From cells of the level to the world.
+    frame: Frame,
+}
+
+impl SolidStatistics {
+    /// Where the cells lie in the world, for the measures that follow.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// Volume in the cube of the world's units.
+    pub fn world_volume(&self) -> f64 {
+        let [a, b, c] = columns(&self.frame);
+        self.volume * dot(cross(a, b), c).abs()
+    }
+
+    /// Area of all faces, as they are, in the square of the world's units: up to half as much again as the area of the
+    /// surface they stand for.
+    pub fn block_area(&self) -> f64 {
+        let areas = face_vectors(&self.frame).map(|area| dot(area, area).sqrt());
+        areas.iter().zip(self.faces).map(|(area, faces)| area * faces as f64).sum()
+    }
+
+    /// Area of the smooth surface that the faces stand for, in the square of the world's units: each face as large as it
+    /// looks along the surface's normal there, which is estimated from the occupancy within 4 cells.
+    ///
+    /// A digital surface integration (Lenoir, Malgouyres, Revenu: Fast computation of the normal vector field of the surface
+    /// of a 3-D discrete object, DGCI 1996). Flat faces along the axes are exact but for 4 cells around edges, where
+    /// normals turn; balls of more than 20 cells are one or two percent too large.
+    pub fn smooth_area(&self) -> f64 {
+        self.area
+    }
+
+    /// Centre of gravity in the world.
+    pub fn world_centre(&self) -> Option<[f64; 3]> {
+        self.centre.map(|centre| self.frame.to_world(centre))
+    }
+
+    /// Least and greatest coordinates in the world of the box around all cells.
+    pub fn world_bounds(&self) -> Option<[[f64; 3]; 2]> {
+        let bounds = self.bounds?;
+        let mut world = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for corner in 0..8 {
+            let pick =
+                |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
+            let point = self.frame.to_world(std::array::from_fn(|axis| pick(axis) as f64));
+            for axis in 0..3 {
+                world[0][axis] = world[0][axis].min(point[axis]);
+                world[1][axis] = world[1][axis].max(point[axis]);
+            }
+        }
+        Some(world)
+    }
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|axis| a[axis] * b[axis]).sum()
+}
+
+/// Edges of a cell in the world.
+fn columns(frame: &Frame) -> [[f64; 3]; 3] {
+    std::array::from_fn(|column| frame.matrix.map(|row| row[column]))
+}
+
+/// Area vectors of a cell's faces across x, y and z, in the world.
+fn face_vectors(frame: &Frame) -> [[f64; 3]; 3] {
+    let [a, b, c] = columns(frame);
+    [cross(b, c), cross(c, a), cross(a, b)]
+}
+
+/// Radius of the ball of cells that a face's normal comes from: wider than for pictures, because a face draws the normal
+/// at its own centre a little towards its axis.
+const REACH: f64 = 4.0;
+/// Levels above those nodes that threads take one by one.
+const SHARED: u8 = 2;
+
+type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
+
+/// Measures an octree at a level; `frame` is that of the deepest level.
+///
+/// # Errors
+/// If the source fails, is a quadtree or has no such level, or on interruption.
+pub(crate) fn measure<S: Source + Sync>(
+    source: &S,
+    level: u8,
+    filling: Filling,
+    frame: &Frame,
+    progress: &dyn Progress,
+) -> Result<SolidStatistics> {
+    check(source, level)?;
+    let frame = frame.coarser(source.depth() - level);
+    let vectors = face_vectors(&frame);
+    let tasks = Walk { source, level, shared: level.min(SHARED), tasks: Vec::new() }.tasks()?;
+    let parts: Result<Vec<Sums>> = tasks
+        .par_iter()
+        .map_init(
+            || None,
+            |field, task| {
+                progress.check()?;
+                let field = match field {
+                    Some(field) => field,
+                    none => none.insert(Field::new(source, level, filling, false)?),
+                };
+                let mut gather = Gather { source, filling, vectors, field, sums: Sums::default() };
+                match task {
+                    Task::Node(node) => gather.node(node)?,
+                    Task::Face(low, high, axis) => gather.face(low, high, *axis)?,
+                }
+                Ok(gather.sums)
+            },
+        )
+        .collect();
+    // In the order of the tree, so that sums of rounded numbers do not depend on threads.
+    let sums = parts?.into_iter().fold(Sums::default(), Sums::add);
+    let centre = |axis: usize| sums.moments[axis] as f64 / (2.0 * sums.fills as f64);
+    Ok(SolidStatistics {
+        level,
+        cells: sums.cells,
+        volume: sums.fills as f64 / 255.0,
+        centre: (sums.fills > 0).then(|| std::array::from_fn(centre)),
+        bounds: sums.bounds,
+        faces: sums.faces,
+        area: sums.area,
+        frame,
+    })
+}
+
+/// A node or a uniform block: where it is, and what is there.
+struct At<P> {
+    min: [i64; 3],
+    /// Cells along each axis are `2^height`.
+    height: u8,
+    place: P,
+}
+
+enum Task<P> {
+    Node(At<P>),
+    Face(At<P>, At<P>, usize),
+}
+
+#[derive(Default)]
+struct Sums {
+    cells: u64,
+    /// Sum of how full cells are, 255 for full.
+    fills: u128,
+    /// Sum of that times twice the coordinate of the cell's centre.
+    moments: [u128; 3],
+    bounds: Option<Bounds>,
+    faces: [u64; 3],
+    area: f64,
+}
+
+impl Sums {
+    fn add(mut self, other: Sums) -> Sums {
+        self.cells += other.cells;
+        self.fills += other.fills;
+        for axis in 0..3 {
+            self.moments[axis] += other.moments[axis];
+            self.faces[axis] += other.faces[axis];
+        }
+        self.area += other.area;
+        if let Some(bounds) = other.bounds {
+            self.enclose(bounds);
+        }
+        self
+    }
+
+    fn enclose(&mut self, bounds: Bounds) {
+        let all = self.bounds.get_or_insert(bounds);
+        for axis in 0..3 {
+            all.min[axis] = all.min[axis].min(bounds.min[axis]);
+            all.max[axis] = all.max[axis].max(bounds.max[axis]);
+        }
+    }
+
+    /// A block of cells that are alike.
+    fn block(&mut self, fill: u8, min: [i64; 3], height: u8) {
+        if fill == 0 {
+            return;
+        }
+        let cells = 1u64 << (3 * height);
+        let side = 1u64 << height;
+        self.cells += cells;
+        let fills = u128::from(fill) * u128::from(cells);
+        self.fills += fills;
+        let min = min.map(|min| min as u64);
+        for (moment, min) in self.moments.iter_mut().zip(min) {
+            *moment += fills * u128::from(2 * min + side);
+        }
+        self.enclose(Bounds { min, max: min.map(|min| min + side) });
+    }
+}
+
+/// The child of a node, or the same again of a uniform block.
+fn child<V: Copy, N: Clone>(
+    at: &At<Child<V, N>>,
+    children: Option<&[Child<V, N>]>,
+    step: usize,
+) -> At<Child<V, N>> {
+    let half = 1i64 << (at.height - 1);
+    let min = std::array::from_fn(|axis| at.min[axis] + (step as i64 >> axis & 1) * half);
+    let place = children.map_or_else(|| at.place.clone(), |children| children[step].clone());
+    At { min, height: at.height - 1, place }
+}
+
+/// Finds the work that threads share.
+struct Walk<'a, S: Source> {
+    source: &'a S,
+    level: u8,
+    /// Levels that are gone down.
+    shared: u8,
+    tasks: Vec<Task<Place<S>>>,
+}
+
+impl<S: Source> Walk<'_, S> {
+    fn tasks(mut self) -> Result<Vec<Task<Place<S>>>> {
+        let side = 1i64 << self.level;
+        let root = || -> Result<At<Place<S>>> {
+            Ok(At { min: [0; 3], height: self.level, place: self.source.root()? })
+        };
+        // The space has nothing around it.
+        let mut outside = Vec::new();
+        for axis in 0..3 {
+            for (before, shift) in [(true, -side), (false, side)] {
+                let mut min = [0; 3];
+                min[axis] = shift;
+                let empty = At { min, height: self.level, place: Child::Void };
+                outside.push(if before { (empty, root()?, axis) } else { (root()?, empty, axis) });
+            }
+        }
+        let root = root()?;
+        self.node(root)?;
+        for (low, high, axis) in outside {
+            self.face(low, high, axis)?;
+        }
+        Ok(self.tasks)
+    }
+
+    fn node(&mut self, node: At<Place<S>>) -> Result<()> {
+        let is_low = self.level - node.height >= self.shared;
+        let Some(children) = children_of(self.source, &node)?.filter(|_| !is_low) else {
+            self.tasks.push(Task::Node(node));
+            return Ok(());
+        };
+        for step in 0..8 {
+            self.node(child(&node, Some(children.as_ref()), step))?;
+        }
+        for axis in 0..3 {
+            for step in (0..8).filter(|step| step >> axis & 1 == 0) {
+                let low = child(&node, Some(children.as_ref()), step);
+                let high = child(&node, Some(children.as_ref()), step | 1 << axis);
+                self.face(low, high, axis)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, low: At<Place<S>>, high: At<Place<S>>, axis: usize) -> Result<()> {
+        let is_low = self.level - low.height >= self.shared;
+        if is_low || !(low.place.is_inner() || high.place.is_inner()) {
+            self.tasks.push(Task::Face(low, high, axis));
+            return Ok(());
+        }
+        let (below, above) = (children_of(self.source, &low)?, children_of(self.source, &high)?);
+        for step in (0..8).filter(|step| step >> axis & 1 == 0) {
+            let low = child(&low, below.as_ref().map(AsRef::as_ref), step | 1 << axis);
+            let high = child(&high, above.as_ref().map(AsRef::as_ref), step);
+            self.face(low, high, axis)?;
+        }
+        Ok(())
+    }
+}
+
+type Children<S> = <<S as Source>::Dim as Dimension>::Array<Place<S>>;
+
+fn children_of<S: Source>(source: &S, at: &At<Place<S>>) -> Result<Option<Children<S>>> {
+    match &at.place {
+        Child::Inner { node, .. } => source.children(node).map(Some),
+        _ => Ok(None),
+    }
+}
+
+/// Does one thread's share.
+struct Gather<'a, 'f, S: Source> {
+    source: &'a S,
+    filling: Filling,
+    vectors: [[f64; 3]; 3],
+    field: &'f mut Field<&'a S>,
+    sums: Sums,
+}
+
+impl<S: Source> Gather<'_, '_, S> {
+    fn fill(&self, place: &Place<S>) -> u8 {
+        self.filling.fill(place.value())
+    }
+
+    fn node(&mut self, node: &At<Place<S>>) -> Result<()> {
+        let inner = match &node.place {
+            Child::Inner { node: inner, .. } if node.height > 0 => inner,
+            _ => {
+                self.sums.block(self.fill(&node.place), node.min, node.height);
+                return Ok(());
+            }
+        };
+        let children = self.source.children(inner)?;
+        for step in 0..8 {
+            self.node(&child(node, Some(children.as_ref()), step))?;
+        }
+        for axis in 0..3 {
+            for step in (0..8).filter(|step| step >> axis & 1 == 0) {
+                let low = child(node, Some(children.as_ref()), step);
+                let high = child(node, Some(children.as_ref()), step | 1 << axis);
+                self.face(&low, &high, axis)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, low: &At<Place<S>>, high: &At<Place<S>>, axis: usize) -> Result<()> {
+        let goes_on = low.height > 0 && (low.place.is_inner() || high.place.is_inner());
+        if !goes_on {
+            let inside = self.fill(&low.place) >= HALF;
+            if inside != (self.fill(&high.place) >= HALF) {
+                self.sums.faces[axis] += 1 << (2 * low.height);
+                return self.surface(high, axis);
+            }
+            return Ok(());
+        }
+        let (below, above) = (children_of(self.source, low)?, children_of(self.source, high)?);
+        for step in (0..8).filter(|step| step >> axis & 1 == 0) {
+            let low = child(low, below.as_ref().map(AsRef::as_ref), step | 1 << axis);
+            let high = child(high, above.as_ref().map(AsRef::as_ref), step);
+            self.face(&low, &high, axis)?;
+        }
+        Ok(())
+    }
+
+    /// Adds the area that the faces at the low side of a block stand for.
+    fn surface(&mut self, high: &At<Place<S>>, axis: usize) -> Result<()> {
+        let side = 1i64 << high.height;
+        let rim = REACH.ceil() as i64;
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let whole = dot(self.vectors[axis], self.vectors[axis]).sqrt();
+        for row in 0..side {
+            let mut column = 0;
+            while column < side {
+                let is_inner = |place: i64| (rim..side - rim).contains(&place);
+                if is_inner(row) && is_inner(column) {
+                    // As far as the normal looks there is only this plane.
+                    self.sums.area += whole * (side - rim - column) as f64;
+                    column = side - rim;
+                    continue;
+                }
+                let mut point = high.min.map(|min| min as f64);
+                point[u] += column as f64 + 0.5;
+                point[v] += row as f64 + 0.5;
+                let inwards = self.field.gradient(point, REACH)?;
+                // Normals of surfaces go by the inverse transpose, which the area vectors are but for a factor.
+                let normal: [f64; 3] = std::array::from_fn(|row| {
+                    (0..3).map(|column| self.vectors[column][row] * inwards[column]).sum()
+                });
+                let length = dot(normal, normal).sqrt();
+                self.sums.area +=
+                    if length > 0.0 { dot(self.vectors[axis], normal).abs() / length } else { whole };
+                column += 1;
+            }
+        }
+        Ok(())
+    }
+}
