@@ -92,7 +92,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
         transform,
         layer,
         memory,
-        solid,
+        model: solid,
     } = args;
     if inputs.iter().any(|input| mesh::is_model(input)) {
         let is_for_pictures = kind.is_some()
