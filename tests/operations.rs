@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use common::{Cells, Random, assert_same, cells_of, goblin, made, oct_size, quad_size};
 use spinney::ops::{Axis, Combined, Map, Operation, Prefer, Sampling, View};
 use spinney::space::{Code, Oct, Quad};
@@ -406,6 +408,18 @@ fn files_of_views_and_combinations() {
         });
         assert!(bytes == from_cells(&expected), "operation {number}");
     }
+}
+
+#[test]
+fn what_is_stored_is_offered_through_all_layers() {
+    // Nothing but speed would tell.
+    let size = [300, 200, 1];
+    let cells = Cells::<Byte>::random(1, size, 9, true);
+    let file = Arc::new(goblin::<Quad, Byte>(&cells, Rule::Majority, Kind::Categorical));
+    let view = View::new(&file, size).unwrap();
+    let over = Combined::new(vec![view], Operation::Over, size).unwrap();
+    let Child::Inner { node, .. } = over.root().unwrap() else { panic!("it is not uniform") };
+    assert!(over.stored(&node).is_some());
 }
 
 #[test]

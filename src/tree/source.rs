@@ -180,6 +180,13 @@ macro_rules! source_of_pointers {
             ) -> Result<bool> {
                 (**self).draw(bounds, values, valid)
             }
+
+            fn stored(&self, node: &Self::Node) -> Option<Stored<'_, Self::Dim, Self::Value>>
+            where
+                Self::Dim: Layout,
+            {
+                (**self).stored(node)
+            }
         }
     )* };
 }
