@@ -397,17 +397,21 @@ fn files_of_views_and_combinations() {
     check(view().transform(&Map::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap(), turned, "quarter turn");
     let moved = made([2524, 2124, 1], |[x, y, _]| get(&a, [x as i64 - 1024, y as i64 - 1024, 0]));
     check(view().translate([1024.0, 1024.0, 0.0]).unwrap(), moved, "moved by a power of two");
-    for number in [1, 2, 7] {
-        let operation = Operation::Set { number, prefer: Prefer::First };
+    for (number, prefer) in (0..16).flat_map(|number| [(number, Prefer::First), (number, Prefer::Second)]) {
+        let operation = Operation::Set { number, prefer };
         let combined = Combined::new(files.iter().collect(), operation, size).unwrap();
         let bytes = common::goblin_from_source(&combined, size, rule, kind);
         let expected = made(size, |cell| match (a.get(cell), b.get(cell)) {
-            (Some(a), Some(_)) => (number & 1 > 0).then_some(a),
+            (Some(a), Some(b)) => (number & 1 > 0).then_some(if prefer == Prefer::First { a } else { b }),
             (Some(a), None) => (number & 2 > 0).then_some(a),
-            (None, b) => b.filter(|_| number & 4 > 0),
+            (None, Some(b)) => (number & 4 > 0).then_some(b),
+            (None, None) => (number & 8 > 0).then_some([255]),
         });
-        assert!(bytes == from_cells(&expected), "operation {number}");
+        assert!(bytes == from_cells(&expected), "operation {number}, {prefer:?}");
     }
+    let over = Combined::new(files.iter().collect(), Operation::Over, size).unwrap();
+    let expected = made(size, |cell| a.get(cell).or(b.get(cell)));
+    assert!(common::goblin_from_source(&over, size, rule, kind) == from_cells(&expected), "over");
 }
 
 #[test]

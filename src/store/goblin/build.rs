@@ -243,6 +243,16 @@ impl Plan {
         S: Source<Dim: Layout>,
     {
         let height = self.shape.depth - self.shape.block_level();
+        let fits = |place: &Child<S::Value, Stored<'_, S::Dim, S::Value>>| match place {
+            Child::Inner { node, .. } => self.fits(node, height),
+            _ => true,
+        };
+        let overlay = source.overlay(node).filter(|overlay| overlay.places.iter().all(fits));
+        if let Some(overlay) = overlay
+            && let Some(block) = Block::from_overlay(&overlay, code, height)?
+        {
+            return Ok(block);
+        }
         let stored = |source, node: &S::Node, levels| self.stored(source, node, levels);
         Block::from_source(source, code, height, (representative, node.clone()), stored)
     }

@@ -4,11 +4,11 @@
 use std::ops::Range;
 
 use super::block::{Block, Level};
-use super::record::Layout;
+use super::record::{INNER, LEAF, Layout, Record, VOID};
 use super::take::{Splice, Subtree, Taken};
 use crate::Result;
 use crate::space::Code;
-use crate::tree::{CellBlock, Child, Source, Stored};
+use crate::tree::{CellBlock, Child, Overlay, Source, Stored, Verdict};
 use crate::value::Value;
 
 /// Cells of a block that is drawn, as a power of two: a quadtree's block of 32 x 32 cells, an octree's of 8 x 8 x 8. Larger
@@ -109,6 +109,58 @@ impl<D: Layout, V: Value> Block<D, V> {
         }
         Ok(Block { code, height, levels, taken })
     }
+
+    /// The block under `code` of two stored subtrees, settled: what set operations spend most of their time on. `None` if
+    /// records contradict each other; going through them the usual way tells what is wrong.
+    pub(super) fn from_overlay(
+        overlay: &Overlay<'_, D, V>,
+        code: Code<D>,
+        height: u8,
+    ) -> Result<Option<Self>> {
+        let subtrees = [Subtree::at(&overlay.places[0])?, Subtree::at(&overlay.places[1])?];
+        let records = subtrees.each_ref().map(|subtree| subtree.as_ref().map_or(&[][..], Subtree::records));
+        let mut taken = Taken::new(height);
+        let mut levels = vec![Level::root()];
+        let mut open = vec![overlay.places.map(|place| place.map_node(|_| 0))];
+        for below in (0..height).rev() {
+            let mut level = Level::new(open.len() * D::CHILDREN);
+            let mut expanded = Vec::new();
+            let mut deeper = Vec::new();
+            for (group, [first, second]) in open.iter().enumerate() {
+                let (first, second) =
+                    (children::<D, V>(records[0], first), children::<D, V>(records[1], second));
+                let (Some(first), Some(second)) = (first, second) else { return Ok(None) };
+                for (i, pair) in first.into_iter().zip(second).map(|(a, b)| [a, b]).enumerate() {
+                    let place = group * D::CHILDREN + i;
+                    match overlay.verdicts.get(pair.map(|child| child.kind())) {
+                        Verdict::Void => {}
+                        Verdict::Take(tree) => match pair[tree] {
+                            Child::Void => {}
+                            Child::Leaf(value) => level.put_leaf(place, value),
+                            Child::Inner { representative, node } => {
+                                let records = &records[tree][node as usize..];
+                                let records = &records[..records[0].skip() as usize];
+                                let Some(splice) = taken.take(place, records, below) else { return Ok(None) };
+                                level.take(representative, splice);
+                            }
+                        },
+                        Verdict::Split if below > 0 => {
+                            expanded.push(place as u32);
+                            deeper.push(pair);
+                        }
+                        Verdict::Split | Verdict::Fill => return Ok(None),
+                    }
+                }
+            }
+            open = deeper;
+            level.expanded = Some(expanded);
+            levels.push(level);
+            if open.is_empty() {
+                break;
+            }
+        }
+        Ok(Some(Block { code, height, levels, taken }))
+    }
 }
 
 /// The value that all these cells have (`None` is VOID), if they are alike.
@@ -119,4 +171,32 @@ fn uniform<V: Value>(cells: &CellBlock<V>, range: Range<usize>) -> Option<Option
     let alike = present.iter().fold(true, |alike, other| alike & (*other == there))
         && (there == 0 || values.iter().fold(true, |alike, other| alike & other.same(value)));
     alike.then_some((there != 0).then_some(value))
+}
+
+/// The children of a record, with the places of theirs; those of a uniform place are like it. `None` if the record lies.
+#[inline]
+fn children<D: Layout, V: Value>(
+    records: &[D::Record<V>],
+    place: &Child<V, u32>,
+) -> Option<D::Array<Child<V, u32>>> {
+    let Child::Inner { node, .. } = place else { return Some(D::array(|_| *place)) };
+    let record = records.get(*node as usize)?;
+    let end = node + record.skip();
+    let mut next = node + 1;
+    let mut good = true;
+    let children = D::array(|child| {
+        let value = record.value(child);
+        match record.state(child) {
+            VOID => Child::Void,
+            LEAF => Child::Leaf(value),
+            state => {
+                let node = next;
+                let skip = if node < end { records[node as usize].skip() } else { 0 };
+                good &= state == INNER && skip > 0 && skip <= end.saturating_sub(node);
+                next = next.saturating_add(skip);
+                Child::Inner { representative: value, node }
+            }
+        }
+    });
+    good.then_some(children)
 }

@@ -5,7 +5,7 @@ use super::record::{Layout, Record};
 use super::segment::Segment;
 use super::subtree::count_nodes;
 use crate::Result;
-use crate::tree::Stored;
+use crate::tree::{Child, Stored};
 use crate::value::Value;
 
 /// A node whose records are taken over.
@@ -52,6 +52,14 @@ impl<'a, D: Layout, V: Value> Subtree<'a, D, V> {
     pub(super) fn of(stored: &Stored<'a, D, V>) -> Result<Self> {
         let segment = stored.file.segment(stored.node.segment as usize)?;
         Ok(Subtree { segment, at: stored.node.record as usize })
+    }
+
+    /// That of an INNER node.
+    pub(super) fn at(place: &Child<V, Stored<'a, D, V>>) -> Result<Option<Self>> {
+        match place {
+            Child::Inner { node, .. } => Subtree::of(node).map(Some),
+            _ => Ok(None),
+        }
     }
 
     /// None at all if the node's own record lies.
