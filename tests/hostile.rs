@@ -517,6 +517,7 @@ fn memory_stays_bounded() {
 fn operations_on_records_that_lie() {
     let folder = tempfile::tempdir().unwrap();
     let options = OpenOptions { check: false, ..OpenOptions::default() };
+    let good = Goblin::<Quad, [u8; 1]>::from_bytes(map().to_vec()).unwrap();
     let mut random = Random(12);
     for round in 0..120u64 {
         let mut bytes = map().to_vec();
@@ -546,5 +547,13 @@ fn operations_on_records_that_lie() {
         let xor = Operation::Set { number: 6, prefer: Prefer::First };
         let combined = Combined::new(pair, xor, header.extent).unwrap();
         let _ = MemTree::from_source(&combined, Rule::Nearest);
+        for number in [6, 7] {
+            let pair = vec![&good, &file];
+            let set = Operation::Set { number, prefer: Prefer::First };
+            let combined = Combined::new(pair, set, header.extent).unwrap();
+            let options = common::options(header.rule, header.kind, header.shape.depth);
+            let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+            let _ = build(&combined, header.extent, &options, output, &());
+        }
     }
 }

@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use common::{Cells, Random, assert_same, cells_of, goblin, made, oct_size, quad_size};
 use spinney::ops::{Axis, Combined, Map, Operation, Prefer, Sampling, View};
 use spinney::space::{Code, Oct, Quad};
@@ -389,17 +391,33 @@ fn files_of_views_and_combinations() {
     check(view().transform(&Map::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap(), turned, "quarter turn");
     let moved = made([2524, 2124, 1], |[x, y, _]| a.at([x as i64 - 1024, y as i64 - 1024, 0]));
     check(view().translate([1024.0, 1024.0, 0.0]).unwrap(), moved, "moved by a power of two");
-    for number in [1, 2, 7] {
-        let operation = Operation::Set { number, prefer: Prefer::First };
+    for (number, prefer) in (0..16).flat_map(|number| [(number, Prefer::First), (number, Prefer::Second)]) {
+        let operation = Operation::Set { number, prefer };
         let combined = Combined::new(files.iter().collect(), operation, size).unwrap();
         let bytes = common::goblin_from_source(&combined, size, rule, kind);
         let expected = made(size, |cell| match (a.get(cell), b.get(cell)) {
-            (Some(a), Some(_)) => (number & 1 > 0).then_some(a),
+            (Some(a), Some(b)) => (number & 1 > 0).then_some(if prefer == Prefer::First { a } else { b }),
             (Some(a), None) => (number & 2 > 0).then_some(a),
-            (None, b) => b.filter(|_| number & 4 > 0),
+            (None, Some(b)) => (number & 4 > 0).then_some(b),
+            (None, None) => (number & 8 > 0).then_some([255]),
         });
-        assert!(bytes == from_cells(&expected), "operation {number}");
+        assert!(bytes == from_cells(&expected), "operation {number}, {prefer:?}");
     }
+    let over = Combined::new(files.iter().collect(), Operation::Over, size).unwrap();
+    let expected = made(size, |cell| a.get(cell).or(b.get(cell)));
+    assert!(common::goblin_from_source(&over, size, rule, kind) == from_cells(&expected), "over");
+}
+
+#[test]
+fn what_is_stored_is_offered_through_all_layers() {
+    // Nothing but speed would tell.
+    let size = [300, 200, 1];
+    let cells = Cells::<Byte>::random(1, size, 9, true);
+    let file = Arc::new(goblin::<Quad, Byte>(&cells, Rule::Majority, Kind::Categorical));
+    let view = View::new(&file, size).unwrap();
+    let over = Combined::new(vec![view], Operation::Over, size).unwrap();
+    let Child::Inner { node, .. } = over.root().unwrap() else { panic!("it is not uniform") };
+    assert!(over.stored(&node).is_some());
 }
 
 #[test]

@@ -87,23 +87,21 @@ impl<S: Source> View<S> {
                     }
                     Some(there)
                 };
-                let mut put = |x: i64, there: i64| {
-                    let there = there as usize;
-                    if valid[there] {
-                        let here = row | spread[(x - first[0]) as usize];
-                        block.present[here] = 1;
-                        block.values[here] = S::Value::from_wire(values[there]);
-                    }
+                let columns = &spread[(start[0] - first[0]) as usize..(end[0] - first[0]) as usize];
+                let mut put = |column: usize, there: i64| {
+                    let (here, there) = (row | column, there as usize);
+                    block.present[here] = u8::from(valid[there]);
+                    block.values[here] = S::Value::from_wire(values[there]);
                 };
                 if let (Some(step), Some(there)) = (step, place(from))
                     && place(from + matrix.matrix3.x_axis * (end[0] - 1 - start[0]) as f64).is_some()
                 {
-                    (start[0]..end[0]).for_each(|x| put(x, there + step * (x - start[0])));
+                    (0..).zip(columns).for_each(|(i, column)| put(*column, there + step * i));
                     continue;
                 }
-                for x in start[0]..end[0] {
-                    if let Some(there) = place(from + matrix.matrix3.x_axis * (x - start[0]) as f64) {
-                        put(x, there);
+                for (i, column) in columns.iter().enumerate() {
+                    if let Some(there) = place(from + matrix.matrix3.x_axis * i as f64) {
+                        put(*column, there);
                     }
                 }
             }

@@ -4,7 +4,7 @@ use smallvec::SmallVec;
 
 use crate::space::{Code, Dimension};
 use crate::store::goblin::Layout;
-use crate::tree::{CellBlock, Child, Source, Stored};
+use crate::tree::{CellBlock, Child, Overlay, Source, Stored, Verdict, Verdicts};
 use crate::value::{Sample, SampleType, Value, channelwise_max, channelwise_min};
 use crate::{Error, Result};
 
@@ -55,6 +55,60 @@ enum Settled<V> {
     Split,
 }
 
+/// A set operation's verdicts for nodes inside the extent, outside, and across its border.
+fn verdicts(number: u8, prefer: Prefer) -> [Verdicts; 3] {
+    let places = [(true, false), (false, true), (true, true)];
+    places.map(|place| Verdicts::of(|kinds| verdict(number, prefer, kinds, place)))
+}
+
+/// Goes through all combinations of presence that are possible below a node.
+fn verdict(number: u8, prefer: Prefer, kinds: [usize; 2], (inside, outside): (bool, bool)) -> Verdict {
+    // Whether cells may be present, and VOID.
+    let [first, second] = kinds.map(|kind| [(false, true), (true, false), (true, true)][kind]);
+    // Whether a cell may be VOID, or of the first, the second, or of neither; whether it is just a tree as it is.
+    let (mut void, mut of) = (false, [false; 3]);
+    let mut is = [true; 2];
+    for (a, b) in [(true, true), (true, false), (false, true), (false, false)] {
+        let possible = if a { first.0 } else { first.1 } && if b { second.0 } else { second.1 };
+        if !possible {
+            continue;
+        }
+        let (bit, whose) = match (a, b) {
+            (true, true) => (0, Some(if prefer == Prefer::First { 0 } else { 1 })),
+            (true, false) => (1, Some(0)),
+            (false, true) => (2, Some(1)),
+            (false, false) => (3, None),
+        };
+        let belongs = number >> bit & 1 != 0;
+        match whose {
+            Some(whose) if belongs => of[whose] = true,
+            None if belongs => {
+                of[2] |= inside;
+                void |= outside;
+            }
+            _ => void = true,
+        }
+        let filled = belongs && whose.is_none() && inside;
+        for (tree, present) in [a, b].into_iter().enumerate() {
+            let as_is = if present {
+                belongs && whose == Some(tree)
+            } else {
+                !belongs || !(filled || whose.is_some())
+            };
+            is[tree] &= as_is;
+        }
+    }
+    match (void, of) {
+        (true, [false, false, false]) => Verdict::Void,
+        (false, [true, false, false]) if kinds[0] == 1 => Verdict::Take(0),
+        (false, [false, true, false]) if kinds[1] == 1 => Verdict::Take(1),
+        (false, [false, false, true]) => Verdict::Fill,
+        _ if is[0] => Verdict::Take(0),
+        _ if is[1] => Verdict::Take(1),
+        _ => Verdict::Split,
+    }
+}
+
 /// Several trees of one kind settled into one by an [`Operation`].
 ///
 /// Trees are walked side by side; where one side decides, the others' detail is not read, and what is stored below is
@@ -63,6 +117,8 @@ enum Settled<V> {
 pub struct Combined<S: Source> {
     sources: Vec<S>,
     operation: Operation,
+    /// Of a set operation, or one that comes to the same: see [`verdicts`].
+    verdicts: [Verdicts; 3],
     /// The value of cells that are present in neither tree.
     fill: S::Value,
     /// Cells along each axis; cells of none of the trees are present only in here.
@@ -107,7 +163,11 @@ impl<S: Source> Combined<S> {
         }
         let full = if <S::Value as Value>::Sample::TYPE == SampleType::U8 { 255.0 } else { 1.0 };
         let fill = S::Value::from_channels(|_| Sample::from_f64_lossy(full));
-        Ok(Combined { sources, operation, fill, extent })
+        let verdicts = match operation {
+            Operation::Set { number, prefer } => verdicts(number, prefer),
+            _ => verdicts(7, Prefer::First),
+        };
+        Ok(Combined { sources, operation, verdicts, fill, extent })
     }
 
     /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for bytes, which
@@ -139,7 +199,25 @@ impl<S: Source> Combined<S> {
             }
         };
         match self.operation {
-            Operation::Set { number, prefer } => self.settle_set(code, places, number, prefer),
+            Operation::Set { number, .. } => {
+                // Only complements reach beyond what the trees have.
+                let border = if number & 8 == 0 {
+                    0
+                } else {
+                    match self.where_is(code) {
+                        (true, false) => 0,
+                        (false, _) => 1,
+                        (true, true) => 2,
+                    }
+                };
+                let kind = |tree: usize| places.get(tree).map_or(0, |(_, place)| place.kind());
+                match self.verdicts[border].get([kind(0), kind(1)]) {
+                    Verdict::Void => Settled::Void,
+                    Verdict::Take(tree) => Settled::Take(tree),
+                    Verdict::Fill => Settled::Leaf(self.fill),
+                    Verdict::Split => Settled::Split,
+                }
+            }
             Operation::Over => match places {
                 [] => Settled::Void,
                 [(_, Child::Leaf(value)), ..] => Settled::Leaf(*value),
@@ -164,75 +242,6 @@ impl<S: Source> Combined<S> {
                 [(_, Child::Void), _] => take(places, 1),
                 _ => Settled::Split,
             },
-        }
-    }
-
-    /// Goes through all combinations of presence that are possible below the node.
-    fn settle_set(
-        &self,
-        code: Code<S::Dim>,
-        places: &[(usize, Place<S>)],
-        number: u8,
-        prefer: Prefer,
-    ) -> Settled<S::Value> {
-        let present = |tree: usize| match places.get(tree).map(|(_, place)| place) {
-            None | Some(Child::Void) => (false, true),
-            Some(Child::Leaf(_)) => (true, false),
-            Some(Child::Inner { .. }) => (true, true),
-        };
-        let (first, second) = (present(0), present(1));
-        let (inside, outside) = if number & 8 == 0 { (false, false) } else { self.where_is(code) };
-        // Whether it may be VOID, or of the first, the second, or of neither; whether it is just a tree as it is.
-        let (mut void, mut of) = (false, [false; 3]);
-        let mut is = [true; 2];
-        for (a, b) in [(true, true), (true, false), (false, true), (false, false)] {
-            let possible = if a { first.0 } else { first.1 } && if b { second.0 } else { second.1 };
-            if !possible {
-                continue;
-            }
-            let bit = match (a, b) {
-                (true, true) => 0,
-                (true, false) => 1,
-                (false, true) => 2,
-                (false, false) => 3,
-            };
-            let belongs = number >> bit & 1 != 0;
-            let whose = match (a, b) {
-                (true, true) => Some(if prefer == Prefer::First { 0 } else { 1 }),
-                (true, false) => Some(0),
-                (false, true) => Some(1),
-                (false, false) => None,
-            };
-            match whose {
-                Some(whose) if belongs => of[whose] = true,
-                None if belongs => {
-                    of[2] |= inside;
-                    void |= outside;
-                }
-                _ => void = true,
-            }
-            let filled = belongs && whose.is_none() && inside;
-            for (tree, present) in [a, b].into_iter().enumerate() {
-                let as_is = if present {
-                    belongs && whose == Some(tree)
-                } else {
-                    !belongs || !(filled || whose.is_some())
-                };
-                is[tree] &= as_is;
-            }
-        }
-        let leaf = |tree: usize| match places.get(tree) {
-            Some((_, Child::Leaf(value))) => Some(*value),
-            _ => None,
-        };
-        match (void, of) {
-            (true, [false, false, false]) => Settled::Void,
-            (false, [true, false, false]) if let Some(value) = leaf(0) => Settled::Leaf(value),
-            (false, [false, true, false]) if let Some(value) = leaf(1) => Settled::Leaf(value),
-            (false, [false, false, true]) => Settled::Leaf(self.fill),
-            _ if is[0] => Settled::Take(0),
-            _ if is[1] => Settled::Take(1),
-            _ => Settled::Split,
         }
     }
 
@@ -349,5 +358,29 @@ impl<S: Source> Source for Combined<S> {
             CombinedNode::Same(tree, node) => self.sources[*tree].stored(node),
             CombinedNode::Open(..) => None,
         }
+    }
+
+    fn overlay(&self, node: &Self::Node) -> Option<Overlay<'_, S::Dim, S::Value>>
+    where
+        S::Dim: Layout,
+    {
+        let CombinedNode::Open(_, places) = node else { return None };
+        let settled = match self.operation {
+            Operation::Set { number, .. } => number < 8,
+            operation => operation == Operation::Over,
+        };
+        let [first, second] = &places[..] else { return None };
+        let stored = |(tree, place): &(usize, Place<S>)| {
+            Some(match place {
+                Child::Void => Child::Void,
+                Child::Leaf(value) => Child::Leaf(*value),
+                Child::Inner { representative, node } => {
+                    let node = self.sources[*tree].stored(node)?;
+                    Child::Inner { representative: *representative, node }
+                }
+            })
+        };
+        let places = settled.then(|| Some([stored(first)?, stored(second)?]))??;
+        Some(Overlay { places, verdicts: self.verdicts[0] })
     }
 }

@@ -23,7 +23,8 @@ enum Sink {
     Stream(BufWriter<Box<dyn Write + Send>>),
 }
 
-const BUFFER: usize = 1 << 20;
+/// Larger pieces, such as most segments, are written as they are.
+const BUFFER: usize = 1 << 16;
 
 impl Output {
     /// Starts a file at `path`; `-` is standard output. Devices and named pipes are written to as they are.

@@ -5,4 +5,4 @@ mod memory;
 mod source;
 
 pub use memory::MemTree;
-pub use source::{CellBlock, Child, Source, Stored};
+pub use source::{CellBlock, Child, Overlay, Source, Stored, Verdict, Verdicts};

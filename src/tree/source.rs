@@ -43,6 +43,16 @@ impl<V: Copy, N> Child<V, N> {
         }
     }
 
+    /// What it is as an index: 0 is VOID, 1 a LEAF, 2 INNER.
+    #[inline]
+    pub fn kind(&self) -> usize {
+        match self {
+            Child::Void => 0,
+            Child::Leaf(_) => 1,
+            Child::Inner { .. } => 2,
+        }
+    }
+
     /// Whether there is more detail below.
     pub fn is_inner(&self) -> bool {
         matches!(self, Child::Inner { .. })
@@ -56,6 +66,45 @@ pub struct Stored<'a, D: Layout, V: Value> {
     pub file: &'a Goblin<D, V>,
     /// The node.
     pub node: Handle<D>,
+}
+
+/// What becomes of a node when two trees are settled into one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Nothing.
+    Void,
+    /// What this tree has, with all that is below it.
+    Take(usize),
+    /// Something that neither tree has.
+    Fill,
+    /// What becomes of its children.
+    Split,
+}
+
+/// Verdicts by what each of two trees has at a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Verdicts([[Verdict; 3]; 3]);
+
+impl Verdicts {
+    /// Asks once for each pair of [`Child::kind`]s.
+    pub fn of(verdict: impl Fn([usize; 2]) -> Verdict) -> Verdicts {
+        Verdicts(std::array::from_fn(|first| std::array::from_fn(|second| verdict([first, second]))))
+    }
+
+    /// The verdict for a pair of [`Child::kind`]s.
+    #[inline]
+    pub fn get(&self, [first, second]: [usize; 2]) -> Verdict {
+        self.0[first][second]
+    }
+}
+
+/// A node of two trees that are settled into one, cell by cell, with all that is below it.
+#[derive(Clone, Copy)]
+pub struct Overlay<'a, D: Layout, V: Value> {
+    /// What the trees have there.
+    pub places: [Child<V, Stored<'a, D, V>>; 2],
+    /// How they are settled.
+    pub verdicts: Verdicts,
 }
 
 /// Cells of a block in Z order.
@@ -142,6 +191,15 @@ pub trait Source {
     {
         None
     }
+
+    /// The nodes of two files that an INNER node is made of, if it is no more than these, settled: what stores trees may
+    /// then settle them itself, record by record.
+    fn overlay(&self, _: &Self::Node) -> Option<Overlay<'_, Self::Dim, Self::Value>>
+    where
+        Self::Dim: Layout,
+    {
+        None
+    }
 }
 
 /// What points to a source is one.
@@ -179,6 +237,20 @@ macro_rules! source_of_pointers {
                 valid: &mut [bool],
             ) -> Result<bool> {
                 (**self).draw(bounds, values, valid)
+            }
+
+            fn stored(&self, node: &Self::Node) -> Option<Stored<'_, Self::Dim, Self::Value>>
+            where
+                Self::Dim: Layout,
+            {
+                (**self).stored(node)
+            }
+
+            fn overlay(&self, node: &Self::Node) -> Option<Overlay<'_, Self::Dim, Self::Value>>
+            where
+                Self::Dim: Layout,
+            {
+                (**self).overlay(node)
             }
         }
     )* };

@@ -9,11 +9,10 @@ use super::averaging::{Averaging, Local, Majorities, Means, pairwise, sum_by_val
 use super::counts::LevelCounts;
 use super::part::Part;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
-use super::subtree::{CHECKED, count_nodes, each_leaf};
-use super::take::{Splice, Taker};
-use crate::Result;
+use super::subtree::{CHECKED, each_leaf};
+use super::take::{Splice, Taken};
 use crate::space::Code;
-use crate::tree::{Child, Source, Stored};
+use crate::tree::Child;
 use crate::value::{Rule, Sample, Tally, Value, channelwise_max, channelwise_min};
 
 /// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level above.
@@ -23,19 +22,18 @@ pub(super) struct Level<V> {
     /// Records of each node's subtree; empty for the level of the cells.
     records: Vec<u32>,
     /// Places, in this level, of the nodes whose children make up the next one; `None`: all of them.
-    expanded: Option<Vec<u32>>,
+    pub(super) expanded: Option<Vec<u32>>,
     /// INNER nodes that came as a whole, in order.
     spliced: Vec<Splice>,
 }
 
 /// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
 pub(super) struct Block<D: Layout, V: Value> {
-    code: Code<D>,
+    pub(super) code: Code<D>,
     /// Levels from the block's root to the cells.
-    height: u8,
-    levels: Vec<Level<V>>,
-    /// Records that were taken over.
-    taken: Vec<D::Record<V>>,
+    pub(super) height: u8,
+    pub(super) levels: Vec<Level<V>>,
+    pub(super) taken: Taken<D, V>,
 }
 
 impl<D: Layout, V: Value> Block<D, V> {
@@ -45,64 +43,7 @@ impl<D: Layout, V: Value> Block<D, V> {
         let mut levels: Vec<Level<V>> =
             (0..height).map(|level| Level::new(1 << (D::AXES * level as usize))).collect();
         levels.push(Level { state, value, records: Vec::new(), expanded: None, spliced: Vec::new() });
-        Block { code, height, levels, taken: Vec::new() }
-    }
-
-    /// The block under `code`, whose root is the source's inner node `node`. Where `stored` gives a node of a file, its
-    /// records are taken over; where the source can draw a small block, so are those of its cells.
-    pub(super) fn from_source<'s, S: Source<Dim = D, Value = V>>(
-        source: &'s S,
-        code: Code<D>,
-        height: u8,
-        (representative, node): (V, S::Node),
-        rule: Rule,
-        stored: impl Fn(&'s S, &S::Node, u8) -> Option<Stored<'s, D, V>>,
-    ) -> Result<Self> {
-        let mut taker = Taker { source, stored, rule, records: Vec::new() };
-        let mut root = Level { expanded: Some(vec![0]), ..Level::new(1) };
-        if let Some((child, splice)) = taker.take(0, &node, representative, height)? {
-            root.take(child, splice);
-            root.expanded = Some(Vec::new());
-            return Ok(Block { code, height, levels: vec![root], taken: taker.records });
-        }
-        let mut levels = vec![root];
-        let mut nodes = vec![node];
-        for below in (0..height).rev() {
-            let mut level = Level::new(nodes.len() * D::CHILDREN);
-            let mut expanded = Vec::new();
-            let mut deeper = Vec::new();
-            for (group, node) in nodes.iter().enumerate() {
-                source.each_child(node, |i, child| {
-                    let place = group * D::CHILDREN + i;
-                    match child {
-                        Child::Void => {}
-                        Child::Inner { representative, node } if below > 0 => {
-                            match taker.take(place, &node, representative, below)? {
-                                Some((child, splice)) => level.take(child, splice),
-                                None => {
-                                    expanded.push(place as u32);
-                                    deeper.push(node);
-                                }
-                            }
-                        }
-                        Child::Leaf(value) | Child::Inner { representative: value, .. } => {
-                            if !value.is_nan() {
-                                level.state[place] = LEAF;
-                                level.value[place] = value;
-                            }
-                        }
-                    }
-                    Ok(())
-                })?;
-            }
-            nodes = deeper;
-            level.expanded = Some(expanded);
-            levels.push(level);
-            if nodes.is_empty() {
-                break;
-            }
-        }
-        Ok(Block { code, height, levels, taken: taker.records })
+        Block { code, height, levels, taken: Taken::new(height) }
     }
 
     /// Condenses and averages the block and turns it into records.
@@ -154,7 +95,7 @@ impl<D: Layout, V: Value> Block<D, V> {
     fn reduce<A: Averaging<V>>(&mut self, averaging: &mut A) -> A::Of {
         let mut below: Vec<A::Of> = Vec::new();
         let height = self.height;
-        let taken = &self.taken;
+        let taken = &self.taken.records;
         let splices = |level: &Level<V>, index: usize, known: &mut Vec<A::Of>, averaging: &mut A| {
             for splice in &level.spliced {
                 known.resize(level.state.len(), A::Of::default());
@@ -205,7 +146,8 @@ impl<D: Layout, V: Value> Block<D, V> {
         }
         let mut records = vec![D::Record::<V>::new(0, |_| V::default(), 0); root.records[0] as usize];
         let mut places = vec![0u32];
-        self.put_spliced(0, &places, &mut records, counts);
+        self.put_spliced(0, &places, &mut records);
+        counts.merge_below(self.code.level(), &self.taken.counts);
         for index in 1..self.levels.len() {
             let (parents, children) = (&self.levels[index - 1], &self.levels[index]);
             let level = self.code.level() + index as u8;
@@ -233,34 +175,22 @@ impl<D: Layout, V: Value> Block<D, V> {
                     D::Record::<V>::new(states, |i| children.value[start + i], parents.records[parent]);
             }
             counts.add(level, tallied);
-            self.put_spliced(index, &below, &mut records, counts);
+            self.put_spliced(index, &below, &mut records);
             places = below;
         }
         records
     }
 
     /// Puts the records that were taken over at a level where they belong.
-    fn put_spliced(
-        &self,
-        index: usize,
-        places: &[u32],
-        records: &mut [D::Record<V>],
-        counts: &mut LevelCounts,
-    ) {
+    fn put_spliced(&self, index: usize, places: &[u32], records: &mut [D::Record<V>]) {
         for splice in &self.levels[index].spliced {
             let taken = self.taken(splice);
             records[places[splice.place as usize] as usize..][..taken.len()].copy_from_slice(taken);
-            let mut levels = [[0u64; 3]; 32];
-            let height = self.height - index as u8;
-            count_nodes::<D, V>(taken, height, &mut levels).expect(CHECKED);
-            for (below, nodes) in levels.into_iter().enumerate() {
-                counts.add(self.code.level() + (index + 1 + below) as u8, nodes);
-            }
         }
     }
 
     fn taken(&self, splice: &Splice) -> &[D::Record<V>] {
-        &self.taken[splice.start as usize..][..splice.len as usize]
+        &self.taken.records[splice.start as usize..][..splice.len as usize]
     }
 
     /// Hands out the leaves that the block was made of, before condensing, with their cells.
@@ -369,7 +299,7 @@ impl<D: Layout, V: Value> Block<D, V> {
 
 impl<V: Value> Level<V> {
     /// `places` VOID nodes.
-    fn new(places: usize) -> Level<V> {
+    pub(super) fn new(places: usize) -> Level<V> {
         Level {
             state: vec![VOID; places],
             value: vec![V::default(); places],
@@ -379,22 +309,27 @@ impl<V: Value> Level<V> {
         }
     }
 
-    /// Puts a node that was taken over in its place.
-    fn take(&mut self, child: Child<V, ()>, splice: Splice) {
-        let place = splice.place as usize;
-        match child {
-            Child::Void => {}
-            Child::Leaf(value) => {
-                self.state[place] = LEAF;
-                self.value[place] = value;
-            }
-            Child::Inner { representative, .. } => {
-                self.state[place] = INNER;
-                self.value[place] = representative;
-                self.records[place] = splice.len;
-                self.spliced.push(splice);
-            }
+    /// The level of a block's root, which is INNER as far as is known.
+    pub(super) fn root() -> Level<V> {
+        Level { expanded: Some(vec![0]), ..Level::new(1) }
+    }
+
+    /// Puts a LEAF in its place; NaN is VOID.
+    #[inline]
+    pub(super) fn put_leaf(&mut self, place: usize, value: V) {
+        if !value.is_nan() {
+            self.state[place] = LEAF;
+            self.value[place] = value;
         }
+    }
+
+    /// Puts a node that was taken over in its place.
+    pub(super) fn take(&mut self, representative: V, splice: Splice) {
+        let place = splice.place as usize;
+        self.state[place] = INNER;
+        self.value[place] = representative;
+        self.records[place] = splice.len;
+        self.spliced.push(splice);
     }
 }
 

@@ -171,7 +171,7 @@ pub(super) fn walk<S, K>(
 where
     S: Source + Sync,
     S::Dim: Layout,
-    K: SegmentSink<S::Dim, S::Value>,
+    K: SegmentSink<S::Dim, S::Value> + Send,
 {
     if source.depth() != shape.depth {
         let expected = format!("{}, the source's", source.depth());
@@ -239,15 +239,42 @@ impl Plan {
     where
         S::Dim: Layout,
     {
-        source.stored(node).filter(|stored| {
-            let (header, shape) = (stored.file.header(), stored.file.header().shape);
-            self.copy
-                && shape.depth - stored.node.code.level() == levels
-                && (shape.reach, shape.stride, shape.light)
-                    == (self.shape.reach, self.shape.stride, self.shape.light)
-                && header.rule == self.rule
-                && stored.file.counts_classes() == self.count_classes
-        })
+        source.stored(node).filter(|stored| self.fits(stored, levels))
+    }
+
+    fn fits<D: Layout, V: Value>(&self, stored: &Stored<'_, D, V>, levels: u8) -> bool {
+        let (header, shape) = (stored.file.header(), stored.file.header().shape);
+        self.copy
+            && shape.depth - stored.node.code.level() == levels
+            && (shape.reach, shape.stride, shape.light)
+                == (self.shape.reach, self.shape.stride, self.shape.light)
+            && header.rule == self.rule
+            && stored.file.counts_classes() == self.count_classes
+    }
+
+    /// The block of an INNER node, which is at the level of blocks.
+    fn block<S>(
+        &self,
+        source: &S,
+        code: Code<S::Dim>,
+        (representative, node): (S::Value, &S::Node),
+    ) -> Result<Block<S::Dim, S::Value>>
+    where
+        S: Source<Dim: Layout>,
+    {
+        let height = self.shape.depth - self.shape.block_level();
+        let fits = |place: &Child<S::Value, Stored<'_, S::Dim, S::Value>>| match place {
+            Child::Inner { node, .. } => self.fits(node, height),
+            _ => true,
+        };
+        let overlay = source.overlay(node).filter(|overlay| overlay.places.iter().all(fits));
+        if let Some(overlay) = overlay
+            && let Some(block) = Block::from_overlay(&overlay, code, height)?
+        {
+            return Ok(block);
+        }
+        let stored = |source, node: &S::Node, levels| self.stored(source, node, levels);
+        Block::from_source(source, code, height, (representative, node.clone()), stored)
     }
 
     fn mixed<D: Layout, V: Value>(&self, block: Block<D, V>) -> Built<D, V> {
@@ -272,7 +299,7 @@ struct Builder<D: Layout, V: Value, K> {
     batch: usize,
 }
 
-impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
+impl<D: Layout, V: Value, K: SegmentSink<D, V> + Send> Builder<D, V, K> {
     fn new(options: &BuildOptions, shape: Shape, extent: [u64; 3], sink: K) -> Self {
         let cells = 1u64 << (D::AXES * shape.reach as usize);
         let block_bytes = cells / (D::CHILDREN as u64 - 1) * size_of::<D::Record<V>>() as u64;
@@ -330,9 +357,9 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
 
     /// What is stored somewhere below one node.
     fn copied(&mut self, copied: Copied<'_, D, V>, total: u64, progress: &dyn Progress) -> Result<()> {
-        copied.send(&mut self.sink)?;
+        let counts = copied.send(&mut self.sink)?;
         let cells = self.cells(copied.part.code);
-        self.assembler.counts.merge(&copied.counts);
+        self.assembler.counts.merge(&counts);
         self.assembler.push(copied.part, &mut self.sink)?;
         progress.advance(cells, total);
         Ok(())
@@ -356,13 +383,10 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V>> Builder<D, V, K> {
         S: Source<Dim = D, Value = V> + Sync,
     {
         progress.check()?;
-        let height = self.plan.shape.depth - self.plan.shape.block_level();
         let plan = self.plan;
         let build = |(code, place): &(Code<D>, Child<V, S::Node>)| match place {
             Child::Inner { representative, node } if code.level() < plan.shape.depth => {
-                let stored = |source, node: &S::Node, levels| plan.stored(source, node, levels);
-                let root = (*representative, node.clone());
-                Ok(plan.mixed(Block::from_source(source, *code, height, root, plan.rule, stored)?))
+                Ok(plan.mixed(plan.block(source, *code, (*representative, node))?))
             }
             _ => Ok(plan.uniform(*code, place.value().filter(|value| !value.is_nan()))),
         };

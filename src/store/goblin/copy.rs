@@ -23,8 +23,10 @@ pub(super) struct Copied<'a, D: Layout, V: Value> {
     segments: Vec<usize>,
     /// What the ancestors need of the node.
     pub(super) part: Part<D, V>,
-    pub(super) counts: LevelCounts,
 }
+
+/// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are written.
+const BATCH: usize = 8;
 
 impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
     /// What is to be copied, if the node owns a segment; both trees have the same shape.
@@ -44,10 +46,6 @@ impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
             return Ok(None);
         }
         let segments = below(from.file, first, from.node.code)?;
-        let count = |index: &usize| count(from.file, &from.file.segment(*index)?, from.node.code, to);
-        let counted: Result<Vec<LevelCounts>> = segments.par_iter().map(count).collect();
-        let mut counts = LevelCounts::default();
-        counted?.iter().for_each(|counted| counts.merge(counted));
         let mut records = Vec::new();
         let cut = shape.cut_level(shape.parent_segment_level(to.level()));
         trim::<D, V>(own.records(), 0, cut.saturating_sub(to.level()), &mut records);
@@ -58,12 +56,33 @@ impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
             records,
             tally: from.file.zone(first)?,
         };
-        Ok(Some(Copied { from, to, segments, part, counts }))
+        Ok(Some(Copied { from, to, segments, part }))
     }
 
-    /// Hands the segments to a sink.
-    pub(super) fn send(&self, sink: &mut impl SegmentSink<D, V>) -> Result<()> {
-        for index in &self.segments {
+    /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are counted.
+    pub(super) fn send(&self, sink: &mut (impl SegmentSink<D, V> + Send)) -> Result<LevelCounts> {
+        let mut counts = LevelCounts::default();
+        let mut ready: &[usize] = &[];
+        for next in self.segments.chunks(BATCH).chain([&[][..]]) {
+            let (sent, counted) = rayon::join(|| self.send_some(ready, sink), || self.count(next));
+            sent?;
+            counts.merge(&counted?);
+            ready = next;
+        }
+        Ok(counts)
+    }
+
+    fn count(&self, segments: &[usize]) -> Result<LevelCounts> {
+        let (file, from) = (self.from.file, self.from.node.code);
+        let count = |index: &usize| count(file, &file.segment(*index)?, from, self.to);
+        let counted: Result<Vec<LevelCounts>> = segments.par_iter().map(count).collect();
+        let mut counts = LevelCounts::default();
+        counted?.iter().for_each(|counted| counts.merge(counted));
+        Ok(counts)
+    }
+
+    fn send_some(&self, segments: &[usize], sink: &mut impl SegmentSink<D, V>) -> Result<()> {
+        for index in segments {
             let segment = self.from.file.segment(*index)?;
             let mut entry = self.from.file.entry(*index)?;
             entry.code = moved(entry.code, self.from.node.code, self.to);
@@ -108,17 +127,15 @@ fn count<D: Layout, V: Value>(
     let lower = |level: u8| level + to.level() - from.level();
     let records = segment.records();
     let depth = shape.depth;
-    let mut levels = [[0u64; 3]; 64];
-    let whole = |code: Code<D>, at: usize, levels: &mut [[u64; 3]; 64]| {
+    let whole = |code: Code<D>, at: usize, counts: &mut LevelCounts| {
         let subtree = records.get(at..at + records[at].skip() as usize).unwrap_or(&[]);
-        let below = lower(code.level() + 1) as usize & 31;
-        count_nodes::<D, V>(subtree, depth.saturating_sub(code.level()), &mut levels[below..])
+        count_nodes::<D, V>(subtree, depth.saturating_sub(code.level()), lower(code.level()), counts)
             .map_err(|_| file.bad_skip(segment, at))
     };
     let mut pending = vec![(segment.code(), 0)];
     while let Some((code, at)) = pending.pop() {
         if code.level() >= shape.block_level() {
-            whole(code, at, &mut levels)?;
+            whole(code, at, &mut counts)?;
             continue;
         }
         let record = &records[at];
@@ -126,24 +143,21 @@ fn count<D: Layout, V: Value>(
         let candidates = shape.is_candidate(code.level() + 1);
         for (step, place) in places.as_ref().iter().enumerate() {
             let state = record.state(step);
-            let tally = &mut levels[lower(code.level() + 1) as usize & 31];
-            match state {
-                VOID => tally[0] += 1,
-                LEAF => tally[1] += 1,
-                _ => tally[2] += 1,
-            }
+            let node = match state {
+                VOID => [1, 0, 0],
+                LEAF => [0, 1, 0],
+                _ => [0, 0, 1],
+            };
+            counts.add(lower(code.level() + 1), node);
             let Some(place) = place.filter(|_| state == INNER) else { continue };
             let child = code.child(step);
             if !candidates {
                 pending.push((child, place as usize));
             } else if file.find_segment(child) == Some(segment.index()) {
                 // It might own a segment and does not: all that is below it is here.
-                whole(child, place as usize, &mut levels)?;
+                whole(child, place as usize, &mut counts)?;
             }
         }
-    }
-    for (level, nodes) in levels.iter().enumerate() {
-        counts.add(level as u8, *nodes);
     }
     Ok(counts)
 }

@@ -31,8 +31,13 @@ impl LevelCounts {
 
     /// Adds all of another tree part's counts.
     pub(super) fn merge(&mut self, other: &LevelCounts) {
-        for (level, nodes) in other.levels.iter().enumerate() {
-            self.add(level as u8, *nodes);
+        self.merge_below(0, other);
+    }
+
+    /// The same for counts that begin with a node at `level`.
+    pub(super) fn merge_below(&mut self, level: u8, other: &LevelCounts) {
+        for (below, nodes) in other.levels.iter().enumerate() {
+            self.add(level + below as u8, *nodes);
         }
     }
 

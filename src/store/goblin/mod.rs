@@ -12,6 +12,7 @@ mod cells;
 mod copy;
 mod counts;
 mod directory;
+mod gather;
 mod header;
 mod metadata;
 mod part;

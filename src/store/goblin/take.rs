@@ -1,18 +1,12 @@
-//! Takes whole subtrees from a source, instead of asking for them node by node: records that a file has stored, and small
-//! blocks of cells that the source can draw.
+//! Takes over whole subtrees of records that files have stored, instead of going through them node by node.
 
-use super::block::Block;
 use super::counts::LevelCounts;
 use super::record::{Layout, Record};
-use super::subtree::each_record;
+use super::segment::Segment;
+use super::subtree::count_nodes;
 use crate::Result;
-use crate::space::Code;
-use crate::tree::{Child, Source, Stored};
-use crate::value::Rule;
-
-/// Cells of a block that is drawn, as a power of two: a quadtree's block of 32 x 32 cells, an octree's of 8 x 8 x 8. Larger
-/// ones are drawn in vain where there is little detail.
-const DRAWN_BITS: u8 = 10;
+use crate::tree::{Child, Stored};
+use crate::value::Value;
 
 /// A node whose records are taken over.
 #[derive(Clone, Copy)]
@@ -24,53 +18,53 @@ pub(super) struct Splice {
     pub(super) len: u32,
 }
 
-/// Takes subtrees over for one block.
-pub(super) struct Taker<'s, S: Source<Dim: Layout>, F> {
-    pub(super) source: &'s S,
-    /// The node of a file that a source's node with so many levels below it is, if its records fit.
-    pub(super) stored: F,
-    pub(super) rule: Rule,
-    /// Records of all that was taken.
-    pub(super) records: Vec<<S::Dim as Layout>::Record<S::Value>>,
+/// Records that are taken over for one block.
+pub(super) struct Taken<D: Layout, V: Value> {
+    /// Levels of the block.
+    height: u8,
+    pub(super) records: Vec<D::Record<V>>,
+    /// Nodes below what was taken; the block's root is at level 0.
+    pub(super) counts: LevelCounts,
 }
 
-impl<'s, S, F> Taker<'s, S, F>
-where
-    S: Source<Dim: Layout>,
-    F: Fn(&'s S, &S::Node, u8) -> Option<Stored<'s, S::Dim, S::Value>>,
-{
-    /// The whole of an INNER node that will be at `place` of its level and has so many levels below it, if it can be had
-    /// in one go; uniform if it turns out to be.
-    #[allow(clippy::type_complexity)] // a child and where its records are: a name would hide more than it says
-    pub(super) fn take(
-        &mut self,
-        place: usize,
-        node: &S::Node,
-        representative: S::Value,
-        levels: u8,
-    ) -> Result<Option<(Child<S::Value, ()>, Splice)>> {
-        let start = self.records.len();
-        let child = if let Some(stored) = (self.stored)(self.source, node, levels) {
-            let segment = stored.file.segment(stored.node.segment as usize)?;
-            let at = stored.node.record as usize;
-            let records = segment.records();
-            let records = records.get(at..at + records[at].skip() as usize).unwrap_or(&[]);
-            if each_record::<S::Dim, S::Value>(records, levels, |_, _| {}).is_err() {
-                // Going through it the usual way tells what is wrong.
-                return Ok(None);
-            }
-            self.records.extend_from_slice(records);
-            Child::Inner { representative, node: () }
-        } else {
-            let is_small = levels == DRAWN_BITS / <S::Dim as crate::space::Dimension>::AXES as u8;
-            let cells = if is_small { self.source.cells(node, levels)? } else { None };
-            let Some(cells) = cells else { return Ok(None) };
-            let block = Block::<S::Dim, _>::from_cells(Code::ROOT, levels, cells.present, cells.values);
-            let part = block.build(self.rule, false, &mut LevelCounts::default());
-            self.records.extend_from_slice(&part.records);
-            part.child
-        };
-        let len = (self.records.len() - start) as u32;
-        Ok(Some((child, Splice { place: place as u32, start: start as u32, len })))
+impl<D: Layout, V: Value> Taken<D, V> {
+    pub(super) fn new(height: u8) -> Self {
+        Taken { height, records: Vec::new(), counts: LevelCounts::default() }
+    }
+
+    /// Takes a subtree with so many levels that will be at `place` of its level; `None` if its records contradict each
+    /// other: going through it the usual way tells what is wrong.
+    pub(super) fn take(&mut self, place: usize, subtree: &[D::Record<V>], levels: u8) -> Option<Splice> {
+        count_nodes::<D, V>(subtree, levels, self.height - levels, &mut self.counts).ok()?;
+        let start = self.records.len() as u32;
+        self.records.extend_from_slice(subtree);
+        Some(Splice { place: place as u32, start, len: subtree.len() as u32 })
+    }
+}
+
+/// The records of a file's node and of all that is below it in its segment.
+pub(super) struct Subtree<'a, D: Layout, V: Value> {
+    segment: Segment<'a, D, V>,
+    at: usize,
+}
+
+impl<'a, D: Layout, V: Value> Subtree<'a, D, V> {
+    pub(super) fn of(stored: &Stored<'a, D, V>) -> Result<Self> {
+        let segment = stored.file.segment(stored.node.segment as usize)?;
+        Ok(Subtree { segment, at: stored.node.record as usize })
+    }
+
+    /// That of an INNER node.
+    pub(super) fn at(place: &Child<V, Stored<'a, D, V>>) -> Result<Option<Self>> {
+        match place {
+            Child::Inner { node, .. } => Subtree::of(node).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    /// None at all if the node's own record lies.
+    pub(super) fn records(&self) -> &[D::Record<V>] {
+        let (records, at) = (self.segment.records(), self.at);
+        records.get(at..at + records[at].skip() as usize).unwrap_or(&[])
     }
 }
