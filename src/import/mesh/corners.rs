@@ -124,7 +124,9 @@ mod tests {
         }
         let mut found = None;
         let mut each = |face: &Face<'_>| {
-            assert!(face.points.iter().zip(face.colours).all(|(point, colour)| point[0] == colour[0].into()));
+            assert!(
+                face.points.iter().zip(face.colours).all(|(point, colour)| point[0] == f64::from(colour[0]))
+            );
             assert_eq!(face.points.len(), face.colours.len());
             found = Some((face.colours.iter().map(|colour| colour[0]).collect(), face.ring_ends.to_vec()));
             Ok(())
