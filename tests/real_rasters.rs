@@ -183,7 +183,7 @@ fn export(file: &Path, void: f64) -> PathBuf {
     let tree = spinney::query::open(file, &Default::default()).unwrap();
     let bounds = Bounds { min: [0; 3], max: tree.header().extent };
     let detail = Detail::Level(tree.depth());
-    let request = WindowRequest { bounds, detail, nodata: Some(void), memory: MEMORY };
+    let request = WindowRequest { bounds, detail, across: 2, nodata: Some(void), memory: MEMORY };
     export_window(&*tree, &request, Output::create(&out).unwrap(), Format::Npy, &()).unwrap();
     out
 }

@@ -1,5 +1,7 @@
 //! Importers: what turns other programs' files into sources and blocks of samples.
 
+#[cfg(any(feature = "mesh", feature = "raster"))]
+mod guard;
 #[cfg(feature = "mesh")]
 pub mod mesh;
 #[cfg(feature = "raster")]

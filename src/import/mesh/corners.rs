@@ -6,6 +6,9 @@ use crate::Result;
 /// Most corners of a face.
 pub(super) const MOST_CORNERS: usize = 1 << 20;
 
+/// What faces without a colour get in a file where others have one.
+pub(super) const WHITE: [u8; 3] = [255; 3];
+
 /// Corners of a face in the making. Buffers are used again for the next one.
 #[derive(Default)]
 pub(super) struct Corners {
@@ -24,7 +27,12 @@ impl Corners {
         self.ring_ends.clear();
     }
 
-    /// A corner of a face without colours.
+    /// Number of corners so far.
+    pub(super) fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// A corner.
     #[inline]
     pub(super) fn push(&mut self, point: [f64; 3]) {
         self.points.push(point);
@@ -116,7 +124,9 @@ mod tests {
         }
         let mut found = None;
         let mut each = |face: &Face<'_>| {
-            assert!(face.points.iter().zip(face.colours).all(|(point, colour)| point[0] == colour[0].into()));
+            assert!(
+                face.points.iter().zip(face.colours).all(|(point, colour)| point[0] == f64::from(colour[0]))
+            );
             assert_eq!(face.points.len(), face.colours.len());
             found = Some((face.colours.iter().map(|colour| colour[0]).collect(), face.ring_ends.to_vec()));
             Ok(())

@@ -3,6 +3,7 @@
 mod bits;
 mod box3;
 mod build;
+mod cityjson;
 mod closure;
 mod corners;
 mod crossing;
@@ -11,12 +12,16 @@ mod field;
 mod fill;
 mod grid;
 mod model;
+mod obj;
+mod off;
+mod parts;
 mod plan;
 mod plane;
 mod ply;
 mod polygon;
 mod solid;
 mod source;
+mod stl;
 mod text;
 mod triangle;
 mod triangles;
@@ -46,10 +51,51 @@ use crate::{Error, Result};
 /// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
 pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
     let source = Source::open(path)?;
-    let start = &source.bytes()[..source.bytes().len().min(1024)];
-    match start {
-        [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..] => ply::open(source, memory),
-        _ => Err(Error::unsupported(path, "a file of this format", "convert it to PLY")),
+    match format(&source) {
+        Some(Format::Ply) => ply::open(source, memory),
+        Some(Format::Stl) => stl::open(source, memory),
+        Some(Format::Off) => off::open(source, memory),
+        Some(Format::CityJson) => cityjson::open(source, memory),
+        Some(Format::Obj) => obj::open(source, memory),
+        None => Err(Error::unsupported(
+            path,
+            "a mesh of this format",
+            "convert it to PLY, OBJ, STL, OFF, CityJSON or CityJSONSeq",
+        )),
+    }
+}
+
+/// The formats that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Ply,
+    Stl,
+    Off,
+    CityJson,
+    Obj,
+}
+
+fn format(source: &Source) -> Option<Format> {
+    let bytes = source.bytes();
+    let extension = source.path().extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {
+        return Some(Format::Ply);
+    }
+    if off::keyword(bytes).is_some() {
+        return Some(Format::Off);
+    }
+    if bytes.trim_ascii_start().starts_with(b"{") && extension != "stl" {
+        return Some(Format::CityJson);
+    }
+    if stl::is_binary(bytes) || stl::is_text(bytes) {
+        return Some(Format::Stl);
+    }
+    match extension.as_str() {
+        "ply" => Some(Format::Ply),
+        "stl" => Some(Format::Stl),
+        "off" => Some(Format::Off),
+        "obj" => Some(Format::Obj),
+        _ => obj::is_likely(bytes).then_some(Format::Obj),
     }
 }
 

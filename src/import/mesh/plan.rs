@@ -124,10 +124,8 @@ pub fn open_all(inputs: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> 
 /// # Errors
 /// If the options do not fit the models, or these have no vertices.
 pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
-    let coloured = |model: &Box<dyn Model>| model.info().is_coloured;
-    if let (Attribute::Colour, Some(model)) =
-        (options.attribute, models.iter().find(|model| !coloured(model)))
-    {
+    let colourless = models.iter().find(|model| !model.info().is_coloured);
+    if let (Attribute::Colour, Some(model)) = (options.attribute, colourless) {
         let advice = "leave --attribute colour away, or choose --attribute part";
         return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
     }
@@ -218,9 +216,9 @@ fn fit([min, max]: [[f64; 3]; 2], resolution: &Resolution) -> Result<Fitted> {
         (((max[axis] - origin[axis]) / cell - TOUCH).ceil().max(1.0) as u64).min(longest_cells)
     });
     let mut frame = Frame::identity();
-    for axis in 0..3 {
-        frame.matrix[axis][axis] = cell;
-        frame.matrix[axis][3] = origin[axis];
+    for (axis, row) in frame.matrix.iter_mut().enumerate() {
+        row[axis] = cell;
+        row[3] = origin[axis];
     }
     Ok(Fitted { frame, depth: depth_for(extent).max(1), extent })
 }

@@ -9,10 +9,12 @@ pub(super) fn shown(bytes: &[u8]) -> String {
 
 /// The number of the line, from 1, that the byte at an offset belongs to. Reads everything before it: for messages.
 pub(super) fn line_number(bytes: &[u8], offset: usize) -> u64 {
-    let before = &bytes[..offset.min(bytes.len())];
-    let feeds = before.iter().filter(|byte| **byte == b'\n').count();
-    let lone = before.windows(2).filter(|pair| pair[0] == b'\r' && pair[1] != b'\n').count();
-    (feeds + lone) as u64 + 1
+    let ends_line = |at: &usize| match bytes[*at] {
+        b'\n' => true,
+        b'\r' => bytes.get(at + 1) != Some(&b'\n'),
+        _ => false,
+    };
+    (0..offset.min(bytes.len())).filter(ends_line).count() as u64 + 1
 }
 
 /// Lines of a text, ended by LF, CR LF or CR.

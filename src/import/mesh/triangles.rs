@@ -208,14 +208,16 @@ impl Collector {
 /// Sorts triangles into eight lists that lie where the list they come from lies.
 pub(super) enum Sorter {
     Held(Arc<Vec<Triangle>>, [Vec<u32>; 8]),
-    Spilled([Spill; 8]),
+    Spilled(Vec<Spill>),
 }
 
 impl Sorter {
     pub(super) fn of(list: &Triangles) -> Sorter {
         match list {
             Triangles::Held(all, _) => Sorter::Held(all.clone(), Default::default()),
-            Triangles::Spilled(spilled) => Sorter::Spilled(std::array::from_fn(|_| Spill::new(&spilled.log))),
+            Triangles::Spilled(spilled) => {
+                Sorter::Spilled((0..8).map(|_| Spill::new(&spilled.log)).collect())
+            }
         }
     }
 

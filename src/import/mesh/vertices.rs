@@ -103,10 +103,11 @@ impl Bounds {
     /// Makes the box hold a point, too.
     #[inline]
     pub(super) fn add(&mut self, point: [f64; 3]) {
-        for axis in 0..3 {
-            self.0[0][axis] = self.0[0][axis].min(point[axis]);
-            self.0[1][axis] = self.0[1][axis].max(point[axis]);
-        }
+        let [least, most] = self.0;
+        self.0 = [
+            [0, 1, 2].map(|axis| least[axis].min(point[axis])),
+            [0, 1, 2].map(|axis| most[axis].max(point[axis])),
+        ];
     }
 
     /// Least and greatest coordinates, if there was any point.

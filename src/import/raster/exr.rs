@@ -12,8 +12,8 @@ use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData};
 use half::f16;
 
-use super::guard::guard;
 use super::{OpenOptions, Order, Pixels, Raster, RasterInfo};
+use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
 use crate::{Error, Result};

@@ -5,7 +5,6 @@ mod build;
 mod exr;
 #[cfg(test)]
 mod fake;
-mod guard;
 mod hgt;
 mod info;
 mod mosaic;

@@ -12,8 +12,8 @@ use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::errors::DecodeErrors;
 
-use super::guard::guard;
 use super::{OpenOptions, Pixels, Raster, RasterInfo, worldfile};
+use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
 use crate::{Error, Result};

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Limits, Reader};
 
-use super::guard::guard;
 use super::{OpenOptions, Order, Pixels, Raster, RasterInfo, worldfile};
+use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::{Kind, Palette, SampleType};
 use crate::{Error, Result};

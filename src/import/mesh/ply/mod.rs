@@ -71,7 +71,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
             at = end;
         } else if number < vertex.max(face) {
             at = visit(header.encoding, source.bytes(), at, Skip(element))
-                .map_err(|fault| told(&source, &element.name, fault))?;
+                .map_err(|fault| told(&source, &element.name, *fault))?;
         }
     }
     let (Some(vertices), Some(bounds)) = (lookup, bounds.get()) else { return Err(source.no_vertices()) };
@@ -96,7 +96,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
 }
 
 /// An error among things of some kind.
-fn told(source: &Source, what: &str, fault: Box<Fault>) -> Error {
+fn told(source: &Source, what: &str, fault: Fault) -> Error {
     source.corrupt(format!("{what}, {}", fault.place), fault.found, fault.expected)
 }
 
@@ -213,7 +213,7 @@ impl Visit for CopyVertices<'_> {
         for number in 0..self.element.count {
             let (mut point, mut colour) = ([0.0; 3], [0; 3]);
             for (place, property) in properties.iter().enumerate() {
-                let told = |fault| told(self.source, &format!("vertex {number}"), fault);
+                let told = |fault: Box<Fault>| told(self.source, &format!("vertex {number}"), *fault);
                 if property.length.is_some() {
                     body.skip_property(property).map_err(told)?;
                     continue;
@@ -285,7 +285,7 @@ impl Visit for ReadFaces<'_, '_> {
         for number in 0..self.element.count {
             corners.clear();
             let mut colour = [0; 3];
-            let told = |fault| told(self.source, &format!("face {number}"), fault);
+            let told = |fault: Box<Fault>| told(self.source, &format!("face {number}"), *fault);
             for (role, property) in roles.iter().zip(&self.element.properties) {
                 match (role, property.length) {
                     (Role::Corners, Some(length)) => {

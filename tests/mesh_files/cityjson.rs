@@ -1,0 +1,161 @@
+//! CityJSON and CityJSONSeq.
+
+use super::mesh_files::*;
+use spinney::import::mesh::open;
+
+/// The sides as a list of surfaces.
+fn surfaces() -> String {
+    let sides: Vec<String> = CUBE.iter().map(|side| format!("[{side:?}]")).collect();
+    format!("[{}]", sides.join(","))
+}
+
+fn vertices() -> String {
+    format!("{:?}", cube_points().iter().map(|point| point.map(|x| x as i64 * 1000)).collect::<Vec<_>>())
+}
+
+const TRANSFORM: &str = r#""transform":{"scale":[0.001,0.001,0.001],"translate":[0,0,0]}"#;
+
+fn file(objects: &str) -> String {
+    format!(
+        "{{\"type\":\"CityJSON\",\"version\":\"2.0\",{TRANSFORM},\n\"CityObjects\":{{{objects}}},\n\
+         \"metadata\":{{\"referenceSystem\":\"https://www.opengis.net/def/crs/EPSG/0/7415\"}},\n\"vertices\":{}}}",
+        vertices()
+    )
+}
+
+fn object(name: &str, kind: &str, lod: &str, boundaries: &str) -> String {
+    format!(
+        "\"{name}\":{{\"type\":\"Building\",\"geometry\":[\
+         {{\"boundaries\":[[0]],\"type\":\"MultiPoint\",\"lod\":\"9\"}},\
+         {{\"boundaries\":[[[[1,2,3]]]],\"type\":\"Solid\",\"lod\":\"1.2\"}},\
+         {{\"boundaries\":{boundaries},\"type\":\"{kind}\",\"lod\":{lod},\"semantics\":{{\"values\":[[null]]}}}},\
+         {{\"boundaries\":[[[3,2,1]]],\"type\":\"MultiSurface\",\"lod\":\"1.3\"}}]}}"
+    )
+}
+
+pub(crate) fn text_cube() -> String {
+    file(&object("b", "Solid", "\"2.2\"", &format!("[{}]", surfaces())))
+}
+
+#[test]
+fn kinds_of_geometry() {
+    let files = Files::new();
+    let all = surfaces();
+    for (kind, lod, boundaries) in [
+        ("Solid", "\"2.2\"", format!("[{all}]")),
+        ("Solid", "2", format!("[{all}]")),
+        ("MultiSurface", "\"2\"", all.clone()),
+        ("CompositeSurface", "2.0", all.clone()),
+        ("MultiSolid", "\"2\"", format!("[[{all}]]")),
+        ("CompositeSolid", "\"2\"", format!("[[{all}]]")),
+    ] {
+        let text = file(&object("b", kind, lod, &boundaries));
+        assert_eq!(files.faces("a.json", text).unwrap(), cube(), "{kind} {lod}");
+    }
+    let shells = file(&object("b", "Solid", "\"2\"", &format!("[{all},{all}]")));
+    assert_eq!(files.faces("a.json", shells).unwrap(), [cube(), cube()].concat());
+    let model = files.open("a.json", text_cube()).unwrap();
+    let info = model.info();
+    assert_eq!(info.bounds, [[0.0; 3], [2.0; 3]]);
+    assert_eq!((info.epsg, info.unit.as_deref(), info.faces), (Some(7415), Some("m"), None));
+    assert_eq!(info.format, "CityJSON 2.0");
+}
+
+#[test]
+fn objects_are_parts_and_solids_come_before_surfaces() {
+    let files = Files::new();
+    let both = format!(
+        "\"c\":{{\"geometry\":[{{\"type\":\"MultiSurface\",\"lod\":\"2\",\"boundaries\":{0}}},\
+         {{\"type\":\"Solid\",\"lod\":\"2\",\"boundaries\":[{0}]}},\
+         {{\"type\":\"MultiSurface\",\"lod\":\"2\",\"boundaries\":{0}}}]}},\"none\":{{\"type\":\"Building\"}}",
+        surfaces()
+    );
+    let text = file(&format!("{both},{}", object("b", "MultiSurface", "3", &surfaces())));
+    let mut model = files.open("a.json", text).unwrap();
+    assert_eq!(model.info().parts, ["c", "none", "b"]);
+    let parts: Vec<u32> = faces(&mut *model).unwrap().iter().map(|face| face.part).collect();
+    assert_eq!(parts, [[0; 6], [2; 6]].concat());
+}
+
+#[test]
+fn holes() {
+    let rings = "[[[0,1,3,2],[4,5,6],[7,7,7],[4,5,7,4]],[],[[0,1]],[[]]]";
+    let mut model = Files::new().open("a.json", file(&object("b", "MultiSurface", "3", rings))).unwrap();
+    let faces = faces(&mut *model).unwrap();
+    assert_eq!(faces.len(), 1);
+    assert_eq!(faces[0].ring_ends, [4, 7, 10]);
+    assert_eq!(faces[0].points[7], cube_points()[4]);
+    assert_eq!(model.degenerate(), 3);
+}
+
+#[test]
+fn sequences() {
+    let feature = |name: &str, shift: i64| {
+        let objects = object(name, "Solid", "\"2.2\"", &format!("[{}]", surfaces()));
+        let points: Vec<[i64; 3]> =
+            cube_points().iter().map(|p| p.map(|x| x as i64 * 1000 + shift)).collect();
+        format!(
+            "{{\"type\":\"CityJSONFeature\",\"id\":\"x\",\"CityObjects\":{{{objects}}},\"vertices\":{points:?}}}\n"
+        )
+    };
+    let head = format!(
+        "{{\"type\":\"CityJSON\",\"version\":\"2.0\",{TRANSFORM},\"CityObjects\":{{}},\"vertices\":[]}}\n"
+    );
+    let text = head + &feature("a", 0) + &feature("b", 5000);
+    let files = Files::new();
+    let mut model = files.open("a.city.jsonl", &text).unwrap();
+    assert_eq!(model.info().parts, ["a", "b"]);
+    assert_eq!(model.info().bounds, [[0.0; 3], [7.0; 3]]);
+    let faces = faces(&mut *model).unwrap();
+    assert_eq!(faces[..6], cube());
+    assert_eq!(faces[6].points[0], [5.0; 3]);
+    assert_eq!(faces[6].part, 1);
+    let broken = text.replacen("CityJSONFeature", "Feature", 1);
+    assert!(files.error("a.jsonl", broken).contains("JSON value 2"));
+    let broken = text.replace("[[[0,1]]", "[[[0,1]").replacen("\"id\":\"x\"", "\"id\":", 2);
+    assert!(files.error("a.jsonl", broken).contains("line 2"));
+}
+
+#[test]
+fn broken() {
+    let files = Files::new();
+    for (from, to, told) in [
+        ("[[0, 4, 6, 2]]", "[[0, 4, 6, 8]]", "object \"b\""),
+        ("[[0, 4, 6, 2]]", "[[0, 4, 6, -1]]", "line 2"),
+        ("[[0, 4, 6, 2]]", "[[0, 4, 6, 1.5]]", "line 2"),
+        ("[[0, 4, 6, 2]]", "[[0, 4, [6], 2]]", "line 2"),
+        ("[[0, 4, 6, 2]]", "[0, 4, 6, 2]", "line 2"),
+        ("[[0, 4, 6, 2]]", "[[0, 4, 6, 99999999999999999999]]", "line 2"),
+        ("[0, 0, 0]", "[0, 0]", "line 4"),
+        ("[0, 0, 0]", "[0, 0, 1e999]", "line 4"),
+        ("[0, 0, 0]", "[0, 0, null]", "line 4"),
+        ("[0.001,", "[1e308,", "vertex 1"),
+        ("\"2.0\"", "\"3.0\"", "is not supported"),
+        ("\"type\":\"CityJSON\"", "\"type\":\"FeatureCollection\"", "\"CityJSON\""),
+        ("\"2.2\"", "\"high\"", "level of detail"),
+        ("\"MultiPoint\"", "\"GeometryInstance\"", "template"),
+    ] {
+        assert!(text_cube().contains(from), "{from}");
+        let found = files.error("a.json", text_cube().replacen(from, to, 1));
+        assert!(found.contains(told), "{from} -> {to}: {found}");
+    }
+    assert_eq!(read_truncated("a.json", text_cube().as_bytes()), 0);
+}
+
+#[test]
+fn real_cities() {
+    let Some(folder) = meshes() else { return };
+    // Objects, surfaces of each one's highest level of detail, and those of fewer than three different corners: as
+    // counted by a program of a few lines that shares nothing with the reader.
+    for (name, objects, surfaces, degenerate) in [
+        ("DH_01_subs.city.json", 12, 70, 0),
+        ("delft.json", 570, 36_271, 0),
+        ("rotterdam_subset.json", 16, 248, 12),
+    ] {
+        let mut model = open(&folder.join("cityjson").join(name), ENOUGH).unwrap();
+        let faces = faces(&mut *model).unwrap();
+        assert_eq!(model.info().parts.len(), objects, "{name}");
+        assert_eq!(faces.len() as u64 + model.degenerate(), surfaces, "{name}");
+        assert_eq!(model.degenerate(), degenerate, "{name}");
+    }
+}
