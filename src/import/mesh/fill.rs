@@ -19,8 +19,26 @@ struct Crossing {
     line: u32,
     /// Lattice points before it.
     before: u16,
-    change: i8,
+    change: i32,
     attribute: u32,
+}
+
+/// Crossings that are kept before those in one place are added up: a heap of triangles that all cover the block must not
+/// take more memory than its lattice.
+const MANY: usize = 1 << 20;
+
+/// Adds up the changes in one place and of one attribute.
+fn add_up(crossings: &mut Vec<Crossing>) {
+    let place = |crossing: &Crossing| (crossing.line, crossing.before, crossing.attribute);
+    crossings.sort_unstable_by_key(place);
+    crossings.dedup_by(|next, sum| {
+        let same = place(next) == place(sum);
+        if same {
+            sum.change += next.change;
+        }
+        same
+    });
+    crossings.retain(|crossing| crossing.change != 0);
 }
 
 /// Crossings of many lines, in the order in which one meets them.
@@ -73,14 +91,19 @@ fn cross<const D: usize>(
     points: usize,
 ) -> Crossings {
     let mut crossings = Vec::new();
+    let mut many = MANY;
     for triangle in triangles {
+        if crossings.len() > many {
+            add_up(&mut crossings);
+            many = MANY.max(2 * crossings.len());
+        }
         // Most triangles do not reach the few lines along y and z.
         let alone = |axis: usize| triangle.min(axis) <= first[axis] && first[axis] <= triangle.max(axis);
         if (D == 1 && !alone(0)) || (D == 2 && !(alone(0) && alone(1))) {
             continue;
         }
         let Some(seen) = Seen::<D>::new(triangle) else { continue };
-        let change = seen.change() as i8;
+        let change = seen.change();
         seen.rows(lattice, first, count, points, |u, v, before| {
             // Those before the first point or behind the last change nothing here.
             if before > 0 && before < points {
@@ -107,7 +130,7 @@ fn walk(
             each(state, from, to);
             from = to;
         }
-        state.pass(crossing.change.into(), crossing.attribute);
+        state.pass(crossing.change, crossing.attribute);
     }
     each(state, from, points);
     state

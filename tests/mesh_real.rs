@@ -1,0 +1,121 @@
+//! Solids of real meshes: volumes as they are known, and broken meshes against whole ones.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::shared_data;
+use spinney::import::mesh::{
+    Attribute, Boundary, Decided, Resolution, SolidOptions, SolidReport, open_all, plan_models,
+};
+use spinney::space::{Code, Oct};
+use spinney::store::Output;
+use spinney::store::goblin::{Goblin, OpenOptions};
+use spinney::value::Value;
+
+fn build<V: Value>(inputs: &[PathBuf], options: &SolidOptions) -> (Goblin<Oct, V>, SolidReport) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("solid.goblin");
+    let models = open_all(inputs, options.memory).unwrap();
+    let report = plan_models(models, options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
+    (Goblin::open(&path, &OpenOptions::default()).unwrap(), report)
+}
+
+/// The models of `expected.tsv`: name, whether watertight, signed volume.
+fn models(folder: &Path) -> Vec<(PathBuf, bool, f64)> {
+    let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
+    let row = |line: &str| {
+        let cells: Vec<&str> = line.split('\t').collect();
+        (folder.join(cells[0]), cells[3] == "True" && cells[4] == "True", cells[7].parse().unwrap())
+    };
+    table.lines().skip(1).map(row).collect()
+}
+
+/// Volume in the units of the model.
+fn volume(tree: &Goblin<Oct, [u8; 1]>) -> f64 {
+    let cell = tree.metadata().frame.matrix[0][0];
+    let statistics = tree.statistics(None).unwrap();
+    statistics.cells as f64 * statistics.channels[0].mean / 255.0 * cell * cell * cell
+}
+
+#[test]
+fn volumes_of_closed_models_are_right() {
+    let Some(data) = shared_data() else { return };
+    let mut checked = 0;
+    for (path, is_closed, expected) in models(&data.join("mesh")) {
+        let name = path.file_name().unwrap().to_str().unwrap().to_string();
+        // Loose triangles are no solid, and where bodies overlap the volume is not the sum of theirs.
+        if !is_closed || name.contains("overlap") || name.contains("soup") {
+            continue;
+        }
+        let of = |cells, boundary| {
+            let options =
+                SolidOptions { resolution: Resolution::Cells(cells), boundary, ..SolidOptions::default() };
+            let (tree, report) = build(&[path.clone()], &options);
+            assert_eq!(report.inside, Decided::Closed, "{name}");
+            volume(&tree) / expected - 1.0
+        };
+        let errors = [64, 256].map(|cells| of(cells, Boundary::Centre).abs());
+        assert!(errors[0] < 1e-2 && errors[1] < 1e-3, "{name}: {errors:?}");
+        let error = of(512, Boundary::Coverage);
+        assert!(error.abs() < 1e-4, "{name}: {error}");
+        checked += 1;
+    }
+    assert!(checked >= 6, "{checked}");
+}
+
+#[test]
+fn broken_models_are_filled_as_whole_ones() {
+    let Some(data) = shared_data() else { return };
+    let mesh = data.join("mesh");
+    let cases = [
+        ("bunny_hr.ply", "bad_bunny_holes1pct.ply", Decided::Open, 0.999),
+        ("bunny_hr.ply", "bad_bunny_flip10pct.ply", Decided::Flipped, 1.0),
+        ("bunny_hr.ply", "bad_bunny_soup.ply", Decided::Open, 0.99),
+        ("armadillo.ply", "bad_duplicate_faces.ply", Decided::Open, 0.999),
+    ];
+    for (whole, broken, decided, share) in cases {
+        let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };
+        let (whole, _) = build::<[u8; 1]>(&[mesh.join(whole)], &options);
+        let like = Resolution::Like(whole.metadata().frame.clone(), 7);
+        let (other, report) =
+            build::<[u8; 1]>(&[mesh.join(broken)], &SolidOptions { resolution: like, ..options });
+        assert_eq!(report.inside, decided, "{broken}");
+        // Of the cells inside the whole one: empty space around both does not count.
+        let (mut inside, mut wrong) = (0u32, 0u32);
+        for i in 0..1u32 << 21 {
+            let code = Code::from_cell(7, [i & 127, i >> 7 & 127, i >> 14]).unwrap();
+            let [a, b] = [&whole, &other].map(|tree| tree.value_at(code).unwrap().is_some());
+            inside += u32::from(a);
+            wrong += u32::from(a != b);
+        }
+        let agree = 1.0 - f64::from(wrong) / f64::from(inside);
+        assert!(agree >= share, "{broken}: {agree}");
+    }
+}
+
+#[test]
+fn overlapping_bodies_are_one_solid() {
+    let Some(data) = shared_data() else { return };
+    let mesh = data.join("mesh");
+    let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };
+    let (both, report) = build::<[u8; 1]>(&[mesh.join("bad_two_armadillos_overlap.ply")], &options);
+    assert_eq!(report.inside, Decided::Closed);
+    let one = 0.06861869387;
+    assert!(volume(&both) > 1.05 * one && volume(&both) < 1.95 * one, "{}", volume(&both));
+}
+
+#[test]
+fn buildings_become_parts() {
+    let Some(data) = shared_data() else { return };
+    let city = data.join("mesh/cityjson/rotterdam_subset.json");
+    let options = SolidOptions {
+        resolution: Resolution::Cell(1.0),
+        attribute: Attribute::Part,
+        ..SolidOptions::default()
+    };
+    let (tree, report) = build::<[u8; 1]>(&[city], &options);
+    assert!(report.faces > 200, "{report:?}");
+    assert_eq!(tree.metadata().class_names.len(), 16);
+    assert!(tree.metadata().frame.epsg.is_some());
+}
