@@ -51,7 +51,7 @@ fn volumes_of_closed_models_are_right() {
         let of = |cells, boundary| {
             let options =
                 SolidOptions { resolution: Resolution::Cells(cells), boundary, ..SolidOptions::default() };
-            let (tree, report) = build(&[path.clone()], &options);
+            let (tree, report) = build(std::slice::from_ref(&path), &options);
             assert_eq!(report.inside, Decided::Closed, "{name}");
             volume(&tree) / expected - 1.0
         };

@@ -1,107 +1,14 @@
 //! Importers of solids: boundary representations, read face by face, become octrees.
 
-mod bits;
-mod box3;
-mod build;
-mod cityjson;
-mod closure;
-mod corners;
-mod crossing;
-mod ears;
-mod field;
-mod fill;
-mod grid;
+mod face;
 mod model;
-mod obj;
-mod off;
-mod parts;
-mod plan;
-mod plane;
-mod ply;
-mod polygon;
+mod read;
 mod solid;
-mod source;
-mod stl;
-mod text;
-mod triangle;
-mod triangles;
-mod triangulate;
-mod vertices;
 
-use std::path::Path;
-
-pub use self::box3::Box3;
-pub use self::build::{Decided, SolidReport};
-pub use self::model::{Face, Model, ModelInfo};
-pub use self::plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, Up, open_all, plan_models};
-pub use self::polygon::{Flaw, Polygon, Stage, Stages, Verdict};
-pub use self::solid::{Attribute, Boundary};
-use self::source::Source;
-pub use self::triangulate::Triangulator;
-use crate::{Error, Result};
-
-/// Opens a boundary representation, whose format is told from its first bytes, and from its name only where those
-/// leave it open.
-///
-/// About `memory` bytes are used at most. What does not fit, such as the vertices of a large text file, goes to an
-/// unnamed temporary file in the system's folder for those (`TMPDIR`). The file itself is mapped: it must not be
-/// truncated while the model is in use.
-///
-/// # Errors
-/// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
-pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
-    let source = Source::open(path)?;
-    match format(&source) {
-        Some(Format::Ply) => ply::open(source, memory),
-        Some(Format::Stl) => stl::open(source, memory),
-        Some(Format::Off) => off::open(source, memory),
-        Some(Format::CityJson) => cityjson::open(source, memory),
-        Some(Format::Obj) => obj::open(source, memory),
-        None => Err(Error::unsupported(
-            path,
-            "a mesh of this format",
-            "convert it to PLY, OBJ, STL, OFF, CityJSON or CityJSONSeq",
-        )),
-    }
-}
-
-/// The formats that are read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Format {
-    Ply,
-    Stl,
-    Off,
-    CityJson,
-    Obj,
-}
-
-fn format(source: &Source) -> Option<Format> {
-    let bytes = source.bytes();
-    let extension = source.path().extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {
-        return Some(Format::Ply);
-    }
-    if off::keyword(bytes).is_some() {
-        return Some(Format::Off);
-    }
-    if bytes.trim_ascii_start().starts_with(b"{") && extension != "stl" {
-        return Some(Format::CityJson);
-    }
-    if stl::is_binary(bytes) || stl::is_text(bytes) {
-        return Some(Format::Stl);
-    }
-    match extension.as_str() {
-        "ply" => Some(Format::Ply),
-        "stl" => Some(Format::Stl),
-        "off" => Some(Format::Off),
-        "obj" => Some(Format::Obj),
-        _ => obj::is_likely(bytes).then_some(Format::Obj),
-    }
-}
-
-/// Whether a path looks like a model's.
-pub fn is_model(path: &Path) -> bool {
-    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
-    let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];
-    names.iter().any(|name| extension.eq_ignore_ascii_case(name))
-}
+pub use face::{Box3, Flaw, Polygon, Stage, Stages, Triangulator, Verdict};
+pub use model::{Face, Model, ModelInfo};
+pub use read::{is_model, open, open_all};
+pub use solid::{
+    Attribute, Boundary, DEFAULT_MEMORY, Decided, Resolution, SolidImport, SolidOptions, SolidReport, Up,
+    plan_models,
+};

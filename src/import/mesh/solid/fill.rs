@@ -9,8 +9,8 @@ use super::bits::{Bits, Content, Pyramid};
 use super::crossing::{Lattice, Seen};
 use super::field::Field;
 use super::grid::Triangle;
-use super::solid::{Attribute, Boundary, Fill, State};
-use super::triangle;
+use super::source::{Attribute, Boundary, Fill, State};
+use crate::import::mesh::face::triangle;
 
 /// Where a line passes through a triangle.
 #[derive(Clone, Copy)]

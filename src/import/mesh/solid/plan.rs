@@ -1,11 +1,9 @@
 //! From models and wishes to what will be built.
 
-use std::path::PathBuf;
-
 use super::crossing::Lattice;
 use super::grid::Grid;
-use super::solid::{Attribute, Boundary};
-use super::{Model, open};
+use super::source::{Attribute, Boundary};
+use crate::import::mesh::Model;
 use crate::space::{Dimension, Frame, Oct};
 use crate::store::goblin::depth_for;
 use crate::{Error, Result};
@@ -108,15 +106,6 @@ impl SolidImport {
     pub(super) fn turn(&self, point: [f64; 3]) -> [f64; 3] {
         self.options.up.turn(point)
     }
-}
-
-/// Opens models, with `memory` bytes for all that building will take.
-///
-/// # Errors
-/// If one of them cannot be read.
-pub fn open_all(inputs: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> {
-    let share = memory / 4 / inputs.len().max(1) as u64;
-    inputs.iter().map(|path| open(path, share)).collect()
 }
 
 /// Decides how the tree of some models is built. Several models become one solid.

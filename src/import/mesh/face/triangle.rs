@@ -27,7 +27,7 @@ const SMALL_FOR_PLANE: i64 = 1 << 19;
 /// box does not cut it, and neither does a triangle that lies in a wall. A triangle without area counts as the segment
 /// or the point that it is. Coordinates are at most 2^31 in magnitude, and `min` is less than `max` on each axis.
 #[inline]
-pub(super) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> bool {
+pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     let Some(size) = size_if_boxes_meet(triangle, min, max) else { return false };
     let corners = triangle.map(|corner| minus(corner, min));
     if corners.iter().any(|&corner| is_inside(corner, size)) {

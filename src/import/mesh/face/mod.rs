@@ -1,0 +1,12 @@
+//! Faces against octants, and faces into triangles: exact, in integers.
+
+mod box3;
+mod ears;
+mod plane;
+mod polygon;
+pub(super) mod triangle;
+mod triangulate;
+
+pub use box3::Box3;
+pub use polygon::{Flaw, Polygon, Stage, Stages, Verdict};
+pub use triangulate::Triangulator;

@@ -1,0 +1,16 @@
+//! From a model to its solid: vertices are snapped to a grid, triangles become a source, the source becomes a tree.
+
+mod bits;
+mod build;
+mod closure;
+mod crossing;
+mod field;
+mod fill;
+mod grid;
+mod plan;
+mod source;
+mod triangles;
+
+pub use build::{Decided, SolidReport};
+pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, Up, plan_models};
+pub use source::{Attribute, Boundary};
