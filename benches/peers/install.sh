@@ -1,5 +1,5 @@
 #!/bin/sh
 # Installs the peers: GDAL, libvips, rasterio, OpenVDB.
 set -e
-apt-get install -y gdal-bin libvips-tools libopenvdb-dev g++ time
+apt-get install -y gdal-bin libvips-tools libopenvdb-dev libboost-dev libtbb-dev g++ time
 pip install rasterio numpy
