@@ -4,6 +4,7 @@ mod error;
 pub mod export;
 pub mod import;
 pub mod ops;
+mod parallel;
 mod progress;
 pub mod query;
 pub mod space;

@@ -115,5 +115,9 @@ fn buildings_become_parts() {
     let (tree, report) = build::<[u8; 1]>(&[city], &options);
     assert!(report.faces > 200, "{report:?}");
     assert_eq!(tree.metadata().class_names.len(), 16);
-    assert!(tree.metadata().frame.epsg.is_some());
+    // Only the other file tells its coordinate system.
+    assert_eq!(tree.metadata().frame.epsg, None);
+    let options = SolidOptions { resolution: Resolution::Cells(64), ..SolidOptions::default() };
+    let (tree, _) = build::<[u8; 1]>(&[data.join("mesh/cityjson/delft.json")], &options);
+    assert_eq!(tree.metadata().frame.epsg, Some(7415));
 }

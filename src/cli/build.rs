@@ -60,7 +60,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
     memory: u64,
     #[command(flatten)]
-    model: model::Args,
+    model: model::Model,
 }
 
 const EXAMPLES: &str = "\

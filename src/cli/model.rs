@@ -10,10 +10,10 @@ use spinney::store::Output;
 use super::progress::Work;
 use super::{Global, Result, check_output, open, tell_output};
 
-/// Options for models only.
+/// Options for models only. (Not called `Args`: clap would take it for the group around it.)
 #[derive(clap::Args, Debug, Default)]
 #[command(next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON)")]
-pub(crate) struct Args {
+pub(crate) struct Model {
     /// Cells along the model's longest side [default: 256]
     #[arg(long, value_name = "N", conflicts_with_all = ["depth", "like"])]
     cells: Option<u64>,
@@ -67,10 +67,10 @@ fn metres(unit: &str) -> Option<f64> {
     units.into_iter().find(|(name, _)| *name == unit).map(|(_, metres)| metres)
 }
 
-impl Args {
+impl Model {
     /// Whether any of them was given, which makes no sense for pictures.
     pub(crate) fn is_given(&self) -> bool {
-        let Args { cells, cell, like, solid, surface, boundary, attribute, up, unit, stats } = self;
+        let Model { cells, cell, like, solid, surface, boundary, attribute, up, unit, stats } = self;
         let strings = [boundary, attribute, up, unit].into_iter().any(Option::is_some);
         cells.is_some() || cell.is_some() || like.is_some() || *solid || *surface || *stats || strings
     }
@@ -96,7 +96,7 @@ impl Args {
 pub(crate) fn build(
     inputs: &[PathBuf],
     path: &Path,
-    args: &Args,
+    args: &Model,
     (depth, epsg, memory): (Option<u8>, Option<u32>, u64),
     global: &Global,
 ) -> Result {

@@ -1,12 +1,9 @@
 //! Shaded pictures of solids: a ray per sample of a pixel through the tree as it is on disk.
 
-use std::sync::Mutex;
-
-use rayon::prelude::*;
-
 use super::camera::{Camera, Pose, Projection, Up, cross, dot, plus, unit};
 use super::image::{Format, ImageSpec, create};
 use super::paint::{Paint, to_linear, to_screen};
+use crate::parallel::{self, Rested};
 use crate::query::{Ray, Rays, SurfaceHit, Tree};
 use crate::space::{Bounds, Frame};
 use crate::store::Output;
@@ -124,25 +121,15 @@ pub fn render(
     };
     let mut writer = create(output, format, &spec)?;
     // Rays remember where they were: what one row has read serves another.
-    let rested: Mutex<Vec<Box<dyn Rays + '_>>> = Mutex::new(Vec::new());
+    let rested = Rested::new();
     for first in (0..height).step_by(BAND as usize) {
         let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
-        let rows: Result<Vec<Vec<u8>>> = rows
-            .into_par_iter()
-            .map(|row| {
-                progress.check()?;
-                let take = || rested.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).pop();
-                let mut rays = match take() {
-                    Some(rays) => rays,
-                    None => tree.rays(level)?,
-                };
-                let pixels = scene.row(&mut *rays, row)?;
-                rested.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).push(rays);
-                Ok(pixels)
-            })
-            .collect();
-        for row in rows? {
-            writer.write_rows(&row, None)?;
+        let rows = parallel::map(&rows, |row| {
+            progress.check()?;
+            rested.with(|| tree.rays(level), |rays| scene.row(&mut **rays, *row))
+        });
+        for row in rows {
+            writer.write_rows(&row?, None)?;
             progress.advance(width, width * height);
         }
     }

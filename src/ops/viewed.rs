@@ -8,10 +8,10 @@ use zerocopy::FromBytes;
 use super::view::View;
 use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use crate::query::{
-    Condition, Field, Filling, FoundBlock, Rays, SolidStatistics, Statistics, Tree, dump, measure,
-    node_bounds, source_find, source_histogram, source_statistics,
+    Condition, Field, Filling, FoundBlock, Level, Rays, SolidStatistics, Statistics, Tree, dump, measure,
+    node_bounds, octree, source_find, source_histogram, source_statistics,
 };
-use crate::space::{Bounds, Code, Frame};
+use crate::space::{Bounds, Code, Frame, Oct};
 use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata};
 use crate::tree::{Child, MemTree, Source, df};
 use crate::value::{Sample, Value};
@@ -45,6 +45,11 @@ impl<D: Layout, V: Value> Viewed<D, V> {
             level if level < self.view.depth() => self.view.clone().resolve(level),
             _ => Err(Error::invalid("level", level.to_string(), format!("0 to {}", self.view.depth()))),
         }
+    }
+
+    /// The same as an octree.
+    fn octree_at(&self, level: u8) -> Result<View<Arc<Goblin<Oct, V>>>> {
+        octree(&self.at(level)?).cloned()
     }
 
     fn in_memory(&self, most: u64) -> Result<MemTree<D, V>> {
@@ -209,14 +214,15 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
     }
 
     fn solid(&self, level: u8, progress: &dyn Progress) -> Result<SolidStatistics> {
-        let view = self.at(level)?;
+        let view = self.octree_at(level)?;
         let frame = self.metadata.frame.coarser(self.view.depth() - level);
         measure(&view, level, Filling::of::<V>(self.header.rule), &frame, progress)
     }
 
     fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>> {
         let filling = Filling::of::<V>(self.header.rule);
-        Ok(Box::new(Field::new(self.at(level)?, level, filling, level == self.view.depth())?))
+        let is_finest = level == self.view.depth();
+        Ok(Box::new(Field::new(Level::new(self.octree_at(level)?, level, filling, is_finest)?)))
     }
 
     fn find(
@@ -229,7 +235,7 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
     }
 
     fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + '_>> {
-        Ok(Box::new(SourceBlocks::new(self.at(level)?, level, self.header.rule, carry)?))
+        Ok(Box::new(SourceBlocks::new(self.octree_at(level)?, level, self.header.rule, carry)?))
     }
 
     fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {

@@ -3,8 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use crate::space::{Code, Dimension};
-use crate::store::goblin::Layout;
+use crate::space::{Code, Oct};
 use crate::tree::{CellBlock, Child, Source};
 use crate::value::{Rule, Sample, SampleType, Value, ValueType};
 use crate::{Error, Result};
@@ -110,15 +109,12 @@ pub trait CellBlocks {
 }
 
 /// Blocks of a source.
-pub struct SourceBlocks<S: Source>
-where
-    S::Dim: Layout,
-{
+pub struct SourceBlocks<S: Source<Dim = Oct>> {
     source: S,
     cells: Cells,
     level: u8,
     /// Children of nodes above the blocks.
-    nodes: HashMap<Code<S::Dim>, Children<S>>,
+    nodes: HashMap<Code<Oct>, Children<S>>,
     /// Blocks used lately, and those before them.
     blocks: [HashMap<[i64; 3], Arc<Block>>; 2],
     /// Bytes of the former.
@@ -127,27 +123,20 @@ where
 }
 
 type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
-type Children<S> = <<S as Source>::Dim as Dimension>::Array<Place<S>>;
+type Children<S> = [Place<S>; 8];
 
 /// Nodes above the blocks that are remembered.
 const NODES: usize = 1 << 13;
 /// Bytes of blocks that are remembered, twice.
 const HELD: usize = 32 << 20;
 
-impl<S: Source> SourceBlocks<S>
-where
-    S::Dim: Layout,
-{
+impl<S: Source<Dim = Oct>> SourceBlocks<S> {
     /// The cells of a level of a source. By [`Rule::Occupancy`] a cell is solid if it is at least half full (128 of
     /// 255); by other rules if it is not VOID. INNER nodes of the level are what their representatives say.
     ///
     /// # Errors
-    /// If the source is no octree or has no such level, or if values cannot be carried.
+    /// If the source has no such level, or if values cannot be carried.
     pub fn new(source: S, level: u8, rule: Rule, carry: Carry) -> Result<SourceBlocks<S>> {
-        if S::Dim::AXES != 3 {
-            let found = format!("a {}", S::Dim::TREE_NAME);
-            return Err(Error::invalid("tree", found, "an octree, which has solid cells"));
-        }
         if level > source.depth() {
             return Err(Error::invalid("level", level.to_string(), format!("0 to {}", source.depth())));
         }
@@ -167,7 +156,7 @@ where
     }
 
     /// What stands at a node's place.
-    fn place(&mut self, code: Code<S::Dim>) -> Result<Place<S>> {
+    fn place(&mut self, code: Code<Oct>) -> Result<Place<S>> {
         let Some(parent) = code.parent() else { return self.source.root() };
         let step = code.step(parent.level());
         if let Some(children) = self.nodes.get(&parent) {
@@ -186,7 +175,7 @@ where
         Ok(child)
     }
 
-    fn read(&mut self, code: Code<S::Dim>) -> Result<Arc<Block>> {
+    fn read(&mut self, code: Code<Oct>) -> Result<Arc<Block>> {
         let place = self.place(code)?;
         let height = self.level - code.level();
         if height == LEVELS && !place.is_inner() {
@@ -229,10 +218,7 @@ where
     }
 }
 
-impl<S: Source> CellBlocks for SourceBlocks<S>
-where
-    S::Dim: Layout,
-{
+impl<S: Source<Dim = Oct>> CellBlocks for SourceBlocks<S> {
     fn level(&self) -> u8 {
         self.level
     }
@@ -266,7 +252,7 @@ where
 }
 
 /// The node's code, if it lies in the space.
-fn code_of<D: Dimension>(level: u8, node: [i64; 3]) -> Option<Code<D>> {
+fn code_of(level: u8, node: [i64; 3]) -> Option<Code<Oct>> {
     let [Ok(x), Ok(y), Ok(z)] = node.map(u32::try_from) else { return None };
     Code::from_cell(level, [x, y, z])
 }

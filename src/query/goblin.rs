@@ -1,5 +1,6 @@
 //! Goblin files as [`Tree`]s.
 
+use std::any::Any;
 use std::path::Path;
 
 use zerocopy::FromBytes;
@@ -7,8 +8,9 @@ use zerocopy::FromBytes;
 use super::any::Tree;
 use super::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use super::dump;
-use super::field::{Field, Filling};
+use super::field::Field;
 use super::find::{Condition, FoundBlock};
+use super::occupancy::{Filling, Level};
 use super::points::PointSamples;
 use super::ray::Rays;
 use super::solid::{SolidStatistics, measure};
@@ -18,6 +20,16 @@ use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata, OpenOption
 use crate::tree::{MemTree, df};
 use crate::value::{Sample, Value};
 use crate::{Error, Progress, Result, with_value_type};
+
+/// What is generic over the dimension as the same of octrees, for questions about solids: they are then compiled for octrees
+/// only.
+///
+/// # Errors
+/// If it is a quadtree.
+pub(crate) fn octree<T: Any, O: Any>(tree: &T) -> Result<&O> {
+    let expected = "an octree: this is a question about solids";
+    (tree as &dyn Any).downcast_ref().ok_or_else(|| Error::invalid("tree", "a quadtree", expected))
+}
 
 /// Opens a Goblin file of any type.
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Tree>> {
@@ -37,6 +49,11 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Tree>> 
 }
 
 impl<D: Layout, V: Value> Goblin<D, V> {
+    /// The file as an octree, for questions about solids, which then are compiled for octrees only.
+    fn octree(&self) -> Result<&Goblin<Oct, V>> {
+        octree(self)
+    }
+
     fn in_memory(&self, most: u64) -> Result<MemTree<D, V>> {
         // The total in the trailer may be wrong.
         let records = (0..self.segments())
@@ -133,12 +150,13 @@ impl<D: Layout, V: Value> Tree for Goblin<D, V> {
     }
 
     fn solid(&self, level: u8, progress: &dyn Progress) -> Result<SolidStatistics> {
-        measure(self, level, Filling::of::<V>(self.header().rule), &self.metadata().frame, progress)
+        let filling = Filling::of::<V>(self.header().rule);
+        measure(self.octree()?, level, filling, &self.metadata().frame, progress)
     }
 
     fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>> {
         let filling = Filling::of::<V>(self.header().rule);
-        Ok(Box::new(Field::new(self, level, filling, level == self.depth())?))
+        Ok(Box::new(Field::new(Level::new(self.octree()?, level, filling, level == self.depth())?)))
     }
 
     fn find(
@@ -151,7 +169,7 @@ impl<D: Layout, V: Value> Tree for Goblin<D, V> {
     }
 
     fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + '_>> {
-        Ok(Box::new(SourceBlocks::new(self, level, self.header().rule, carry)?))
+        Ok(Box::new(SourceBlocks::new(self.octree()?, level, self.header().rule, carry)?))
     }
 
     fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {

@@ -5,10 +5,9 @@
 //! down remembered from block to block instead of a hash table, and whole numbers for the cells so that rounding
 //! can neither skip a block nor stay in one.
 
-use super::field::{Block, Field};
+use super::field::Field;
+use super::occupancy::Block;
 use crate::Result;
-use crate::tree::Source;
-use crate::value::{Sample, Value};
 
 /// Cells that are at least this full belong to the solid.
 pub(super) const HALF: u8 = 128;
@@ -93,15 +92,11 @@ pub trait Rays: Send {
     fn density(&mut self, point: [f64; 3]) -> Result<f64>;
 }
 
-impl<S: Source + Send> Rays for Field<S> {
+impl Rays for Field<'_> {
     fn cell(&mut self, ray: &Ray) -> Result<Option<CellHit>> {
-        let filling = self.filling();
-        self.along(ray, |_, step| {
-            let found = filling.fill(step.block.value) >= HALF;
-            Ok(found.then(|| {
-                let value = samples(step.block.value);
-                CellHit { t: step.from, cell: step.cell, axis: step.axis, value }
-            }))
+        self.along(ray, |_, step, value| {
+            let hit = CellHit { t: step.from, cell: step.cell, axis: step.axis, value };
+            Ok((step.block.fill >= HALF).then_some(hit))
         })
     }
 
@@ -109,15 +104,15 @@ impl<S: Source + Send> Rays for Field<S> {
         let length = ray.direction.iter().map(|number| number * number).sum::<f64>().sqrt();
         let (stride, back) = (STRIDE / length, 1.0 / length);
         let surface = if self.is_finest() { SURFACE } else { COARSE_SURFACE };
-        let found = self.along(ray, |field, step| {
-            if field.filling().fill(step.block.value) == 0 {
+        let found = self.along(ray, |field, step, value| {
+            if step.block.fill == 0 {
                 return Ok(None);
             }
             let mut t = step.from;
             let mut before = (step.from - back).max(0.0);
             loop {
                 if field.density(ray.at(t))? >= surface {
-                    return Ok(Some((before, t, step.block.value)));
+                    return Ok(Some((before, t, value)));
                 }
                 if t >= step.to {
                     return Ok(None);
@@ -144,7 +139,7 @@ impl<S: Source + Send> Rays for Field<S> {
         }
         let point = ray.at(inside);
         let inwards = self.gradient(point, REACH)?;
-        Ok(Some(SurfaceHit { t: inside, point, inwards, value: samples(value) }))
+        Ok(Some(SurfaceHit { t: inside, point, inwards, value }))
     }
 
     fn density(&mut self, point: [f64; 3]) -> Result<f64> {
@@ -152,17 +147,9 @@ impl<S: Source + Send> Rays for Field<S> {
     }
 }
 
-fn samples<V: Value>(value: Option<V>) -> [f64; 4] {
-    let mut numbers = [0.0; 4];
-    for (number, sample) in numbers.iter_mut().zip(value.unwrap_or_default().samples()) {
-        *number = sample.to_f64();
-    }
-    numbers
-}
-
 /// A block on a ray's way.
-struct Step<V> {
-    block: Block<V>,
+struct Step {
+    block: Block,
     /// The cell in which the ray enters it.
     cell: [u32; 3],
     /// Where the ray enters and leaves.
@@ -172,12 +159,12 @@ struct Step<V> {
     axis: Option<usize>,
 }
 
-impl<S: Source> Field<S> {
-    /// Shows the blocks along a ray, from near to far, until `visit` has found something.
+impl Field<'_> {
+    /// Shows the blocks along a ray that are not VOID, with their samples, from near to far, until `visit` has found something.
     fn along<T>(
         &mut self,
         ray: &Ray,
-        mut visit: impl FnMut(&mut Self, Step<S::Value>) -> Result<Option<T>>,
+        mut visit: impl FnMut(&mut Self, Step, [f64; 4]) -> Result<Option<T>>,
     ) -> Result<Option<T>> {
         let side = self.side();
         let Some((mut from, mut axis)) = entry(ray, f64::from(side)) else { return Ok(None) };
@@ -201,8 +188,8 @@ impl<S: Source> Field<S> {
                 }
             }
             let to = to.max(from);
-            if block.value.is_some()
-                && let Some(found) = visit(self, Step { block, cell, from, to, axis })?
+            if let Some(value) = block.value
+                && let Some(found) = visit(self, Step { block, cell, from, to, axis }, value)?
             {
                 return Ok(Some(found));
             }

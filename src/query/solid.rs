@@ -5,11 +5,11 @@
 //! between the children on its two sides. Pairs of blocks that are alike end the walk, so memory is proportional to
 //! depth and time to the surface.
 
-use rayon::prelude::*;
-
-use super::field::{Field, Filling, check};
+use super::field::Field;
+use super::occupancy::{Filling, Level, check_level};
 use super::ray::HALF;
-use crate::space::{Bounds, Dimension, Frame};
+use crate::parallel::{self, Rested};
+use crate::space::{Bounds, Frame, Oct};
 use crate::tree::{Child, Source};
 use crate::{Progress, Result};
 
@@ -118,39 +118,33 @@ type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
 /// Measures an octree at a level; `frame` is that of the deepest level.
 ///
 /// # Errors
-/// If the source fails, is a quadtree or has no such level, or on interruption.
-pub(crate) fn measure<S: Source + Sync>(
+/// If the source fails or has no such level, or on interruption.
+pub(crate) fn measure<S: Source<Dim = Oct> + Sync>(
     source: &S,
     level: u8,
     filling: Filling,
     frame: &Frame,
     progress: &dyn Progress,
 ) -> Result<SolidStatistics> {
-    check(source, level)?;
+    check_level(source, level)?;
     let frame = frame.coarser(source.depth() - level);
     let vectors = face_vectors(&frame);
     let tasks = Walk { source, level, shared: level.min(SHARED), tasks: Vec::new() }.tasks()?;
-    let parts: Result<Vec<Sums>> = tasks
-        .par_iter()
-        .map_init(
-            || None,
-            |field, task| {
-                progress.check()?;
-                let field = match field {
-                    Some(field) => field,
-                    none => none.insert(Field::new(source, level, filling, false)?),
-                };
-                let mut gather = Gather { source, filling, vectors, field, sums: Sums::default() };
-                match task {
-                    Task::Node(node) => gather.node(node)?,
-                    Task::Face(low, high, axis) => gather.face(low, high, *axis)?,
-                }
-                Ok(gather.sums)
-            },
-        )
-        .collect();
+    let fields = Rested::new();
+    let parts = parallel::map(&tasks, |task| {
+        progress.check()?;
+        let make = || Ok(Field::new(Level::new(source, level, filling, false)?));
+        fields.with(make, |field| {
+            let mut gather = Gather { source, filling, vectors, field, sums: Sums::default() };
+            match task {
+                Task::Node(node) => gather.node(node)?,
+                Task::Face(low, high, axis) => gather.face(low, high, *axis)?,
+            }
+            Ok(gather.sums)
+        })
+    });
     // In the order of the tree, so that sums of rounded numbers do not depend on threads.
-    let sums = parts?.into_iter().fold(Sums::default(), Sums::add);
+    let sums = parts.into_iter().try_fold(Sums::default(), |sums, part: Result<Sums>| Ok(sums.add(part?)))?;
     let centre = |axis: usize| sums.moments[axis] as f64 / (2.0 * sums.fills as f64);
     Ok(SolidStatistics {
         level,
@@ -251,7 +245,7 @@ struct Walk<'a, S: Source> {
     tasks: Vec<Task<Place<S>>>,
 }
 
-impl<S: Source> Walk<'_, S> {
+impl<S: Source<Dim = Oct>> Walk<'_, S> {
     fn tasks(mut self) -> Result<Vec<Task<Place<S>>>> {
         let side = 1i64 << self.level;
         let root = || -> Result<At<Place<S>>> {
@@ -310,9 +304,9 @@ impl<S: Source> Walk<'_, S> {
     }
 }
 
-type Children<S> = <<S as Source>::Dim as Dimension>::Array<Place<S>>;
+type Children<S> = [Place<S>; 8];
 
-fn children_of<S: Source>(source: &S, at: &At<Place<S>>) -> Result<Option<Children<S>>> {
+fn children_of<S: Source<Dim = Oct>>(source: &S, at: &At<Place<S>>) -> Result<Option<Children<S>>> {
     match &at.place {
         Child::Inner { node, .. } => source.children(node).map(Some),
         _ => Ok(None),
@@ -324,11 +318,11 @@ struct Gather<'a, 'f, S: Source> {
     source: &'a S,
     filling: Filling,
     vectors: [[f64; 3]; 3],
-    field: &'f mut Field<&'a S>,
+    field: &'f mut Field<'a>,
     sums: Sums,
 }
 
-impl<S: Source> Gather<'_, '_, S> {
+impl<S: Source<Dim = Oct>> Gather<'_, '_, S> {
     fn fill(&self, place: &Place<S>) -> u8 {
         self.filling.fill(place.value())
     }

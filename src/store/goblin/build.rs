@@ -2,8 +2,6 @@
 
 use std::mem;
 
-use rayon::prelude::*;
-
 use super::assemble::{Assembler, SegmentSink};
 use super::block::Block;
 use super::cells::{Found, Slab, Slabs};
@@ -15,6 +13,7 @@ use super::part::{Part, Sealed};
 use super::record::{LIGHT, Layout};
 use super::shape::Shape;
 use super::writer::Writer;
+use crate::parallel;
 use crate::space::Code;
 use crate::store::Output;
 use crate::tree::{Child, Source, Stored};
@@ -97,7 +96,7 @@ pub fn build_slabs<D: Layout, V: Value>(
     while more {
         // The next slab is read while this one is built.
         let (read, built) =
-            rayon::join(|| slabs.next(&mut next), || builder.slab(&current, nodata, total, progress));
+            parallel::join(|| slabs.next(&mut next), || builder.slab(&current, nodata, total, progress));
         built?;
         more = read?;
         mem::swap(&mut current, &mut next);
@@ -345,7 +344,7 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V> + Send> Builder<D, V, K> {
                 Found::Uniform(value) => plan.uniform(*code, value),
                 Found::Mixed(block) => plan.mixed(block),
             };
-            let built: Vec<Built<D, V>> = batch.par_iter().map(find).collect();
+            let built: Vec<Built<D, V>> = parallel::map(batch, find);
             built.into_iter().try_for_each(|built| self.push(built))?;
             let blocks = ((i + 1) * self.batch).min(codes.len()) as u64;
             let done = cells * blocks / count;
@@ -390,8 +389,8 @@ impl<D: Layout, V: Value, K: SegmentSink<D, V> + Send> Builder<D, V, K> {
             }
             _ => Ok(plan.uniform(*code, place.value().filter(|value| !value.is_nan()))),
         };
-        let built: Result<Vec<Built<D, V>>> = batch.par_iter().map(build).collect();
-        built?.into_iter().try_for_each(|built| self.push(built))?;
+        let built: Vec<Result<Built<D, V>>> = parallel::map(&batch, build);
+        built.into_iter().try_for_each(|built| self.push(built?))?;
         progress.advance(batch.iter().map(|(code, _)| self.cells(*code)).sum(), total);
         Ok(())
     }

@@ -1,7 +1,5 @@
 //! Takes over what a file has stored below a node, segment by segment, without making it anew.
 
-use rayon::prelude::*;
-
 use super::assemble::SegmentSink;
 use super::counts::LevelCounts;
 use super::part::{ENOUGH, Part, trim};
@@ -11,6 +9,7 @@ use super::segment::{Segment, child_places};
 use super::shape::Shape;
 use super::subtree::count_nodes;
 use crate::Result;
+use crate::parallel;
 use crate::space::Code;
 use crate::tree::{Child, Stored};
 use crate::value::Value;
@@ -64,7 +63,7 @@ impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
         let mut counts = LevelCounts::default();
         let mut ready: &[usize] = &[];
         for next in self.segments.chunks(BATCH).chain([&[][..]]) {
-            let (sent, counted) = rayon::join(|| self.send_some(ready, sink), || self.count(next));
+            let (sent, counted) = parallel::join(|| self.send_some(ready, sink), || self.count(next));
             sent?;
             counts.merge(&counted?);
             ready = next;
@@ -75,9 +74,10 @@ impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
     fn count(&self, segments: &[usize]) -> Result<LevelCounts> {
         let (file, from) = (self.from.file, self.from.node.code);
         let count = |index: &usize| count(file, &file.segment(*index)?, from, self.to);
-        let counted: Result<Vec<LevelCounts>> = segments.par_iter().map(count).collect();
         let mut counts = LevelCounts::default();
-        counted?.iter().for_each(|counted| counts.merge(counted));
+        for counted in parallel::map(segments, count) {
+            counts.merge(&counted?);
+        }
         Ok(counts)
     }
 
