@@ -3,6 +3,7 @@
 
 pub mod command;
 pub mod octree;
+pub mod solid;
 
 use std::path::{Path, PathBuf};
 

@@ -6,10 +6,11 @@
 use glam::DVec3;
 
 use super::bits::{Bits, Content, Pyramid};
+use super::coverage::Coverage;
 use super::crossing::{Lattice, Seen};
 use super::field::Field;
 use super::grid::Triangle;
-use super::source::{Attribute, Boundary, Fill, State};
+use super::source::{Attribute, Boundary, Fill, Inside, State};
 use crate::import::mesh::face::triangle;
 
 /// Where a line passes through a triangle.
@@ -136,36 +137,155 @@ fn walk(
     state
 }
 
+/// Hands out the stretches of all rows of a block's lattice along which the state is the same: the row along y and z, where
+/// it begins and ends along x, and the state. Rows without a crossing and with no winding are left out.
+fn each_stretch(
+    lattice: &Lattice,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+    state: State,
+    mut each: impl FnMut(usize, usize, usize, usize, State),
+) {
+    let first = lattice.first(min);
+    let points = lattice.per_cell.map(|bits| 1usize << (height + bits));
+    let along_z = cross::<2>(triangles, lattice, first, [1, 1], points[2]);
+    let along_y = cross::<1>(triangles, lattice, first, [1, points[2]], points[1]);
+    let along_x = cross::<0>(triangles, lattice, first, [points[1], points[2]], points[0]);
+    let mut slices = vec![state; points[2]];
+    walk(state, along_z.of(0), |state, from, to| slices[from..to].fill(state), points[2]);
+    let mut rows = vec![state; points[1]];
+    for (z, slice) in slices.into_iter().enumerate() {
+        walk(slice, along_y.of(z), |state, from, to| rows[from..to].fill(state), points[1]);
+        for (y, row) in rows.iter().enumerate() {
+            let line = along_x.of(z * points[1] + y);
+            if !line.is_empty() || row.winding != 0 {
+                walk(*row, line, |state, from, to| each(y, z, from, to, state), points[0]);
+            }
+        }
+    }
+}
+
+/// How far the cells of a block lie inside, exactly; `None` where that does not follow from the faces.
+fn covered(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state: State) -> Option<Pyramid> {
+    if !matches!(fill.inside, Inside::Winding) {
+        return None;
+    }
+    let mut inside = Bits::new(height);
+    let (mut least, mut most) = (0, 0);
+    each_stretch(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
+        (least, most) = (state.winding.min(least), state.winding.max(most));
+        if state.winding != 0 {
+            inside.rows[z << height | y] |= Bits::run(from, to);
+        }
+    });
+    let sign = match (least, most) {
+        (0, 0 | 1) => 1.0,
+        (-1, 0) => -1.0,
+        _ => return None,
+    };
+    let values = Coverage::new(triangles, min, fill.cell(), height).solve(&inside, sign)?;
+    for (row, values) in inside.rows.iter_mut().zip(values.chunks_exact(1 << height)) {
+        *row = values.iter().enumerate().fold(0, |bits, (x, value)| bits | u64::from(*value > 0) << x);
+    }
+    Some(Pyramid::new(inside, Some(values)))
+}
+
+/// How far the cells of a block lie inside, by many points in each cell.
+fn sampled(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, mut state: State) -> Pyramid {
+    let samples = Lattice::new(SAMPLES, fill.grid.fraction);
+    let (mut at, to) = (fill.lattice.first(min), samples.first(min));
+    // From the first centre to the first sample.
+    state.winding += change::<2>(triangles, &mut at, to);
+    state.winding += change::<1>(triangles, &mut at, to);
+    state.winding += change::<0>(triangles, &mut at, to);
+    let mut counts = Counts::new(height);
+    each_stretch(&samples, triangles, min, height, state, |y, z, from, to, state| {
+        if fill.is_inside(state.winding) {
+            counts.row(y, z, from, to);
+        }
+    });
+    counts.finish()
+}
+
+/// What winding numbers change by from a point to where another one is along the axis `D`; moves the first there.
+fn change<const D: usize>(triangles: &[Triangle], from: &mut [i32; 3], to: [i32; 3]) -> i32 {
+    let mut end = *from;
+    end[D] = to[D];
+    let passed = triangles.iter().filter_map(|triangle| {
+        let seen = Seen::<D>::new(triangle).filter(|seen| seen.is_met(end))?;
+        Some(seen.change() * (i32::from(seen.is_beyond(end)) - i32::from(seen.is_beyond(*from))))
+    });
+    let change = passed.sum();
+    *from = end;
+    change
+}
+
+/// Points of a cell along each axis, as powers of two, where cells are sampled: 4 x 4 lines of 16.
+const SAMPLES: [u8; 3] = [4, 2, 2];
+
+/// Points inside, counted in cells.
+struct Counts {
+    height: u8,
+    /// Differences from one cell of a row to the next, with one more for each row's end.
+    differences: Vec<i32>,
+}
+
+impl Counts {
+    fn new(height: u8) -> Counts {
+        Counts { height, differences: vec![0; (1 << (3 * height)) + (1 << (2 * height))] }
+    }
+
+    /// Points `from .. to` of a row are inside.
+    #[inline]
+    fn row(&mut self, y: usize, z: usize, from: usize, to: usize) {
+        let side = 1usize << self.height;
+        let row = (z >> SAMPLES[2]) << self.height | y >> SAMPLES[1];
+        let differences = &mut self.differences[row * (side + 1)..][..side + 1];
+        let whole = 1i32 << SAMPLES[0];
+        for (at, sign) in [(from, 1), (to, -1)] {
+            let cell = at >> SAMPLES[0];
+            let before = at as i32 & (whole - 1);
+            if cell < side {
+                differences[cell] += sign * (whole - before);
+                differences[cell + 1] += sign * before;
+            }
+        }
+    }
+
+    fn finish(self) -> Pyramid {
+        let side = 1usize << self.height;
+        let all = SAMPLES.iter().sum::<u8>();
+        let mut cells = Bits::new(self.height);
+        let mut values = vec![0; side * side * side];
+        for (row, differences) in self.differences.chunks_exact(side + 1).enumerate() {
+            let mut sum = 0;
+            for (x, difference) in differences[..side].iter().enumerate() {
+                sum += difference;
+                // 255 times the share that is inside, to the nearest.
+                let value = (sum as u32 * FULL + (1 << (all - 1))) >> all;
+                values[row * side + x] = value;
+                cells.rows[row] |= u64::from(value > 0) << x;
+            }
+        }
+        Pyramid::new(cells, Some(values))
+    }
+}
+
 /// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state` is that of its
 /// first lattice point.
 pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state: State) -> Pyramid {
-    let side = 1usize << height;
+    if fill.boundary == Boundary::Coverage && !fill.surface {
+        let exact = covered(fill, triangles, min, height, state);
+        return exact.unwrap_or_else(|| sampled(fill, triangles, min, height, state));
+    }
     let mut painter = Painter::new(fill, height);
     if !fill.surface {
-        let lattice = &fill.lattice;
-        let first = lattice.first(min);
-        let points = lattice.per_cell.map(|bits| side << bits);
-        let along_z = cross::<2>(triangles, lattice, first, [1, 1], points[2]);
-        let along_y = cross::<1>(triangles, lattice, first, [1, points[2]], points[1]);
-        let along_x = cross::<0>(triangles, lattice, first, [points[1], points[2]], points[0]);
-        let mut slices = vec![state; points[2]];
-        walk(state, along_z.of(0), |state, from, to| slices[from..to].fill(state), points[2]);
-        let mut rows = vec![state; points[1]];
-        for (z, slice) in slices.into_iter().enumerate() {
-            walk(slice, along_y.of(z), |state, from, to| rows[from..to].fill(state), points[1]);
-            for (y, row) in rows.iter().enumerate() {
-                let line = along_x.of(z * points[1] + y);
-                if line.is_empty() && !fill.is_inside(row.winding) {
-                    continue;
-                }
-                let paint = |state: State, from, to| {
-                    if fill.is_inside(state.winding) {
-                        painter.row(y, z, from, to, state.attribute);
-                    }
-                };
-                walk(*row, line, paint, points[0]);
+        each_stretch(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
+            if fill.is_inside(state.winding) {
+                painter.row(y, z, from, to, state.attribute);
             }
-        }
+        });
     }
     // What the surface cuts is there, or at least shows the surface's colour.
     if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
@@ -292,43 +412,19 @@ struct Painter<'a> {
     fill: &'a Fill,
     cells: Bits,
     values: Option<Vec<u32>>,
-    /// For coverage: lattice points that lie inside, as differences from one cell of a row to the next.
-    counts: Option<Vec<i32>>,
 }
 
 impl<'a> Painter<'a> {
     fn new(fill: &'a Fill, height: u8) -> Self {
-        let cells = 1usize << (3 * height);
-        let is_coverage = fill.boundary == Boundary::Coverage;
-        Painter {
-            fill,
-            cells: Bits::new(height),
-            values: (fill.attribute != Attribute::Occupancy).then(|| vec![0; cells]),
-            // One more for each row's end.
-            counts: is_coverage.then(|| vec![0; cells + (1 << (2 * height))]),
-        }
+        let values = (fill.attribute != Attribute::Occupancy).then(|| vec![0; 1 << (3 * height)]);
+        Painter { fill, cells: Bits::new(height), values }
     }
 
-    /// Lattice points `from .. to` of a row of the lattice are inside.
+    /// Cells `from .. to` of a row are inside.
     #[inline]
     fn row(&mut self, y: usize, z: usize, from: usize, to: usize, attribute: u32) {
-        let [bits_x, bits_y, bits_z] = self.fill.lattice.per_cell;
         let height = self.cells.height;
-        let side = 1usize << height;
-        let row = (z >> bits_z) << height | y >> bits_y;
-        if let Some(counts) = &mut self.counts {
-            let counts = &mut counts[row * (side + 1)..][..side + 1];
-            let whole = 1i32 << bits_x;
-            for (at, sign) in [(from, 1), (to, -1)] {
-                let cell = at >> bits_x;
-                let before = at as i32 & (whole - 1);
-                if cell < side {
-                    counts[cell] += sign * (whole - before);
-                    counts[cell + 1] += sign * before;
-                }
-            }
-            return;
-        }
+        let row = z << height | y;
         self.cells.rows[row] |= Bits::run(from, to);
         if let Some(values) = &mut self.values {
             values[row << height..][from..to].fill(attribute);
@@ -414,23 +510,7 @@ impl<'a> Painter<'a> {
         if self.fill.attribute == Attribute::Colour {
             self.values.iter_mut().flatten().for_each(|value| *value &= COLOUR);
         }
-        let Some(counts) = self.counts else { return Pyramid::new(self.cells, self.values) };
-        let side = 1usize << self.cells.height;
-        let all = self.fill.lattice.per_cell.iter().sum::<u8>();
-        let mut values = vec![0; side * side * side];
-        for (row, counts) in counts.chunks_exact(side + 1).enumerate() {
-            let mut sum = 0;
-            for (x, count) in counts[..side].iter().enumerate() {
-                sum += count;
-                // 255 times the share that is inside, to the nearest.
-                let value = (sum as u32 * 255 + (1 << (all - 1))) >> all;
-                values[row * side + x] = value;
-                if value > 0 {
-                    self.cells.rows[row] |= 1 << x;
-                }
-            }
-        }
-        Pyramid::new(self.cells, Some(values))
+        Pyramid::new(self.cells, self.values)
     }
 }
 

@@ -3,6 +3,7 @@
 mod bits;
 mod build;
 mod closure;
+mod coverage;
 mod crossing;
 mod field;
 mod fill;

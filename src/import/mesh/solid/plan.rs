@@ -127,8 +127,7 @@ pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Resul
     let known = models.iter().find_map(|model| model.info().epsg);
     let frame = Frame { epsg: options.epsg.or(frame.epsg).or(known), ..frame };
     let grid = Grid::new(depth, frame)?;
-    let per_cell = if options.boundary == Boundary::Coverage { [4, 2, 2] } else { [0; 3] };
-    let lattice = Lattice::new(per_cell, grid.fraction);
+    let lattice = Lattice::new([0; 3], grid.fraction);
     let description = describe(&models, options, &grid, extent);
     Ok(SolidImport { models, options: options.clone(), grid, lattice, extent, description })
 }

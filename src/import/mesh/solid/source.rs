@@ -24,7 +24,9 @@ pub enum Boundary {
     /// Those whose centre lies inside.
     #[default]
     Centre,
-    /// Each as far as it lies inside: by 4 x 4 lines through the cell, of 16 points each.
+    /// Each as far as it lies inside. Closed surfaces are clipped to the cells, which is exact; blocks of cells in which bodies
+    /// overlap, and surfaces with faces turned inside out, are sampled by 4 x 4 lines through each cell, of 16 points; open
+    /// surfaces by 4 x 4 x 4 points of their winding field.
     Coverage,
 }
 

@@ -1,0 +1,148 @@
+//! Models made in tests, solids built of them, and winding numbers by brute force.
+
+use std::path::PathBuf;
+
+use spinney::Result;
+use spinney::import::mesh::{Face, Model, ModelInfo, Resolution, SolidOptions, SolidReport, plan_models};
+use spinney::space::{Frame, Oct};
+use spinney::store::Output;
+use spinney::store::goblin::{Goblin, OpenOptions};
+use spinney::tree::Source;
+
+use super::{Random, cells_of};
+
+pub type Point = [f64; 3];
+pub type Triangle = [Point; 3];
+
+/// A face of a model: rings of corners, the first around the face and the others around its holes.
+#[derive(Clone)]
+pub struct Polygon {
+    pub rings: Vec<Vec<Point>>,
+    pub part: u32,
+    pub colour: [u8; 3],
+}
+
+/// A model from a list of faces.
+pub struct Polygons {
+    info: ModelInfo,
+    faces: Vec<Polygon>,
+}
+
+impl Polygons {
+    pub fn of_faces(faces: Vec<Polygon>) -> Box<dyn Model> {
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for point in faces.iter().flat_map(|face| face.rings.iter().flatten()) {
+            for axis in 0..3 {
+                bounds[0][axis] = bounds[0][axis].min(point[axis]);
+                bounds[1][axis] = bounds[1][axis].max(point[axis]);
+            }
+        }
+        let parts = faces.iter().map(|face| face.part + 1).max().unwrap_or(1);
+        let info = ModelInfo {
+            path: PathBuf::from("test"),
+            format: "polygons".into(),
+            faces: Some(faces.len() as u64),
+            bounds,
+            epsg: None,
+            unit: None,
+            parts: (0..parts).map(|part| format!("part {part}")).collect(),
+            is_coloured: true,
+            bytes: 0,
+        };
+        Box::new(Polygons { info, faces })
+    }
+
+    /// Triangles, each of a part and with a colour.
+    pub fn of_triangles(faces: Vec<(Triangle, u32, [u8; 3])>) -> Box<dyn Model> {
+        let face = |(triangle, part, colour): (Triangle, u32, [u8; 3])| Polygon {
+            rings: vec![triangle.to_vec()],
+            part,
+            colour,
+        };
+        Polygons::of_faces(faces.into_iter().map(face).collect())
+    }
+}
+
+impl Model for Polygons {
+    fn info(&self) -> &ModelInfo {
+        &self.info
+    }
+
+    fn faces(&mut self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        self.faces.iter().try_for_each(|face| {
+            let points: Vec<Point> = face.rings.concat();
+            let ring_ends: Vec<usize> = face
+                .rings
+                .iter()
+                .scan(0, |end, ring| {
+                    *end += ring.len();
+                    Some(*end)
+                })
+                .collect();
+            each(&Face { points: &points, ring_ends: &ring_ends, colours: &[face.colour], part: face.part })
+        })
+    }
+}
+
+pub fn plain(triangles: &[Triangle]) -> Box<dyn Model> {
+    Polygons::of_triangles(triangles.iter().map(|triangle| (*triangle, 0, [0; 3])).collect())
+}
+
+/// Builds a tree and opens it.
+pub fn build<V: spinney::value::Value>(
+    model: Box<dyn Model>,
+    options: &SolidOptions,
+) -> (Goblin<Oct, V>, SolidReport) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("solid.goblin");
+    let report =
+        plan_models(vec![model], options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
+    let tree = Goblin::open(&path, &OpenOptions::default()).unwrap();
+    assert_eq!(tree.verify(64 << 20, &()).unwrap(), [], "what was built is a good file");
+    (tree, report)
+}
+
+/// Cells of a space whose cells are the model's units.
+pub fn unit_cells(depth: u8) -> SolidOptions {
+    SolidOptions { resolution: Resolution::Like(Frame::identity(), depth), ..SolidOptions::default() }
+}
+
+/// All cells, x fastest, then y, then z.
+pub fn cells<S: Source<Dim = Oct>>(tree: &S) -> Vec<Option<S::Value>> {
+    let side = 1 << tree.depth();
+    cells_of(tree, [side; 3]).cells
+}
+
+/// The box from one corner to the other, outward.
+pub fn cuboid([x0, y0, z0]: Point, [x1, y1, z1]: Point) -> Vec<Triangle> {
+    let p = |i: usize| [[x0, x1][i & 1], [y0, y1][i >> 1 & 1], [z0, z1][i >> 2]];
+    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    quads.into_iter().flat_map(|[a, b, c, d]| [[p(a), p(b), p(c)], [p(a), p(c), p(d)]]).collect()
+}
+
+/// The winding number of a point by solid angles.
+pub fn winding(triangles: &[Triangle], at: Point) -> f64 {
+    let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let cross = |a: Point, b: Point| {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    };
+    let angle = |triangle: &Triangle| {
+        let [a, b, c] = triangle.map(|p| [p[0] - at[0], p[1] - at[1], p[2] - at[2]]);
+        let [la, lb, lc] = [a, b, c].map(|p| dot(p, p).sqrt());
+        let under = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb;
+        2.0 * dot(a, cross(b, c)).atan2(under)
+    };
+    triangles.iter().map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
+}
+
+/// Tetrahedra at random, some of them overlapping, some turned inside out as a whole.
+pub fn tetrahedra(random: &mut Random, count: usize, side: f64, grid: f64) -> Vec<Triangle> {
+    let mut triangles = Vec::new();
+    for _ in 0..count {
+        let mut point =
+            || -> Point { std::array::from_fn(|_| (random.below((side / grid) as u64 + 1) as f64) * grid) };
+        let [a, b, c, d] = [point(), point(), point(), point()];
+        triangles.extend([[a, c, b], [a, b, d], [b, c, d], [c, a, d]]);
+    }
+    triangles
+}
