@@ -73,7 +73,7 @@ fn broken_models_are_filled_as_whole_ones() {
         ("bunny_hr.ply", "bad_bunny_holes1pct.ply", Decided::Open, 0.999),
         ("bunny_hr.ply", "bad_bunny_flip10pct.ply", Decided::Flipped, 1.0),
         ("bunny_hr.ply", "bad_bunny_soup.ply", Decided::Open, 0.99),
-        ("armadillo.ply", "bad_duplicate_faces.ply", Decided::Open, 0.999),
+        ("armadillo.ply", "bad_duplicate_faces.ply", Decided::Closed, 1.0),
     ];
     for (whole, broken, decided, share) in cases {
         let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };

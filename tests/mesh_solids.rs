@@ -256,6 +256,19 @@ fn flipped_faces_are_parity_and_holes_a_field() {
     assert!(report.undecided > 0);
     assert!(inside(&tree, [28, 40, 30]) && inside(&tree, [5, 6, 7]) && !inside(&tree, [60, 60, 60]));
     assert!(tree.metadata().tags["solid.surface"].starts_with("open"));
+    // Turned inside out it is the same, and with faces there twice.
+    triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+    triangles.push(triangles[2]);
+    let (turned, report) = build::<[u8; 1]>(plain(&triangles), &unit_cells(6));
+    assert_eq!((report.inside, report.doubled), (Decided::Open, 1));
+    assert!(cells(&turned) == cells(&tree));
+    // As far as cells lie inside, away from the hole.
+    let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
+    let shifted: Vec<Triangle> =
+        triangles.iter().map(|corners| corners.map(|at| at.map(|x| x + 0.25))).collect();
+    let (covered, _) = build::<[u8; 1]>(plain(&shifted), &options);
+    let at = |cell| covered.value_at(Code::from_cell(6, cell).unwrap()).unwrap();
+    assert_eq!([[4, 30, 30], [30, 30, 30], [52, 20, 20]].map(at), [Some([191]), Some([255]), Some([64])]);
 }
 
 #[test]

@@ -137,6 +137,9 @@ pub(crate) fn build(
     if report.undecided > 0 {
         global.say(format_args!("{:<10} {} cells in its holes, by a guess", "undecided", report.undecided));
     }
+    if report.doubled > 0 {
+        global.say(format_args!("{:<10} {} triangles, which count once", "doubled", report.doubled));
+    }
     if args.stats {
         global.say(format_args!("{:<10} {} read, {} triangles", "faces", report.faces, report.triangles));
         global.say(format_args!("{:<10} vertices by at most {:e}", "moved", report.displacement));

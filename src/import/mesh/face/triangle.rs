@@ -55,7 +55,7 @@ pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max
 /// Whether the segment between two points has a point in common with the inside of the box from `min` to `max`, as in
 /// [`cuts`].
 #[inline]
-pub(super) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3]) -> bool {
+pub(in crate::import::mesh) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     let Some(size) = size_if_boxes_meet(&[a, b], min, max) else { return false };
     let (a, b) = (minus(a, min), minus(b, min));
     if reach(&[a, b], size) < SMALL_FOR_EDGES {

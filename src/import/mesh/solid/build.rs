@@ -1,6 +1,7 @@
 //! From models to the tree.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
+use std::path::Path;
 use std::sync::atomic::Ordering;
 
 use super::closure::Closure;
@@ -22,6 +23,9 @@ pub struct SolidReport {
     pub faces: u64,
     /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of triangles.
     pub repaired: u64,
+    /// Triangles that are there more than once, for each time but the first: they count once if the surface is not closed
+    /// with them.
+    pub doubled: u64,
     /// Triangles they were made of, without those that have no area on the grid.
     pub triangles: u64,
     /// The furthest that a vertex was moved to the grid, in units of the world.
@@ -70,8 +74,9 @@ impl SolidImport {
     /// # Errors
     /// If a model cannot be read or the output not be written, or on interruption; nothing is left behind then.
     pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
-        let read = self.read(folder(output.path()), progress)?;
-        let (inside, decided) = self.inside(&read)?;
+        let folder = folder(output.path()).to_path_buf();
+        let mut read = self.read(&folder, progress)?;
+        let (inside, decided) = self.inside(&mut read, &folder)?;
         let options = &self.options;
         let fill = Fill {
             grid: self.grid.clone(),
@@ -84,6 +89,7 @@ impl SolidImport {
         let report = SolidReport {
             faces: read.faces,
             repaired: read.repaired,
+            doubled: read.doubled,
             triangles: read.triangles.len() as u64,
             displacement: read.displacement,
             inside: decided,
@@ -115,7 +121,7 @@ impl SolidImport {
     }
 
     /// Snaps and triangulates all faces.
-    fn read(&mut self, folder: &std::path::Path, progress: &dyn Progress) -> Result<Read> {
+    fn read(&mut self, folder: &Path, progress: &dyn Progress) -> Result<Read> {
         let limit = (self.options.memory / 2 / TRIANGLE) as usize;
         let mut collector = Collector::new(limit, folder);
         let mut read = Reading::default();
@@ -143,11 +149,11 @@ impl SolidImport {
             ));
         }
         let Reading { faces, displacement, closure, repaired, .. } = read;
-        Ok(Read { triangles, faces, repaired, displacement, closure })
+        Ok(Read { triangles, faces, repaired, doubled: 0, displacement, closure })
     }
 
     /// How it is to be decided what lies inside.
-    fn inside(&self, read: &Read) -> Result<(Inside, Decided)> {
+    fn inside(&self, read: &mut Read, folder: &Path) -> Result<(Inside, Decided)> {
         if self.options.surface {
             return Ok((Inside::Winding, Decided::Surface));
         }
@@ -172,8 +178,35 @@ impl SolidImport {
             all.push(*triangle);
             Ok(())
         })?;
-        Ok((Inside::Field(Field::new(all.into_iter())?.into()), Decided::Open))
+        if let Some(single) = without_doubles(&all) {
+            read.doubled = (all.len() - single.len()) as u64;
+            let mut collector = Collector::new((self.options.memory / 2 / TRIANGLE) as usize, folder);
+            let mut closure = Closure::default();
+            for triangle in &single {
+                closure.add(triangle.corners);
+                collector.push(*triangle)?;
+            }
+            read.triangles = collector.finish()?;
+            if closure.is_closed() {
+                return Ok((Inside::Winding, Decided::Closed));
+            }
+            all = single;
+        }
+        Ok((Inside::Field(Field::new(&all)?.into()), Decided::Open))
     }
+}
+
+/// The triangles without those that are there a second time; `None` if there are no such.
+fn without_doubles(triangles: &[Triangle]) -> Option<Vec<Triangle>> {
+    let mut seen = HashSet::with_capacity(triangles.len());
+    let is_new = |triangle: &&Triangle| {
+        let mut corners = triangle.corners;
+        let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
+        corners.rotate_left(least);
+        seen.insert(corners)
+    };
+    let single: Vec<Triangle> = triangles.iter().filter(is_new).copied().collect();
+    (single.len() < triangles.len()).then_some(single)
 }
 
 /// What was read.
@@ -181,6 +214,7 @@ struct Read {
     triangles: Triangles,
     faces: u64,
     repaired: u64,
+    doubled: u64,
     displacement: f64,
     closure: Closure,
 }
@@ -303,6 +337,7 @@ fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> 
         ("solid.surface", report.inside.text().to_string()),
         ("solid.triangles", report.triangles.to_string()),
         ("solid.displacement", report.displacement.to_string()),
+        ("solid.doubled_triangles", report.doubled.to_string()),
         ("solid.repaired_faces", report.repaired.to_string()),
         ("solid.undecided_cells", report.undecided.to_string()),
     ];

@@ -20,9 +20,9 @@ impl Closure {
             if from == to {
                 continue;
             }
-            let forward = from < to;
-            let number = if forward { edge(from, to) } else { edge(to, from) };
-            self.directed = self.directed.wrapping_add(if forward { number } else { number.wrapping_neg() });
+            let (number, is_forward) = edge_number(from, to);
+            self.directed =
+                self.directed.wrapping_add(if is_forward { number } else { number.wrapping_neg() });
             self.undirected ^= number;
         }
     }
@@ -39,7 +39,13 @@ impl Closure {
     }
 }
 
-fn edge(from: [i32; 3], to: [i32; 3]) -> u64 {
+/// The number of an edge, whatever its direction, and whether it goes from the lesser end to the greater.
+pub(super) fn edge_number(from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
+    let is_forward = from < to;
+    (if is_forward { number(from, to) } else { number(to, from) }, is_forward)
+}
+
+fn number(from: [i32; 3], to: [i32; 3]) -> u64 {
     let pair = |a: i32, b: i32| u64::from(a as u32) << 32 | u64::from(b as u32);
     [pair(from[0], from[1]), pair(from[2], to[0]), pair(to[1], to[2])]
         .into_iter()

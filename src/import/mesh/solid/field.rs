@@ -7,15 +7,16 @@
 
 use glam::DVec3;
 
+use super::closure::edge_number;
 use super::grid::Triangle;
 use crate::{Error, Result};
 
 /// Triangles that are looked at one by one.
-const LEAF: usize = 8;
-/// A group is far away at so many times its radius. Dipoles are then right to about a hundredth.
-const FAR: f64 = 2.5;
+const LEAF: usize = 4;
+/// A group is far away at so many times its radius. What dipoles are wrong by is then about a hundredth of the field inside.
+const FAR: f64 = 2.0;
 /// Where the field is further than this from one half, what is inside is sure.
-const DOUBT: f64 = 0.2;
+pub(super) const DOUBT: f64 = 0.2;
 
 /// A surface's winding field, by a hierarchy of its triangles. A question takes time that grows with the logarithm of their
 /// number.
@@ -24,6 +25,8 @@ pub(super) struct Field {
     triangles: Vec<[DVec3; 3]>,
     /// In preorder; a group's first part follows it.
     groups: Vec<Group>,
+    /// Numbers of the edges that are the surface's boundary, in order.
+    rims: Vec<u64>,
 }
 
 #[derive(Debug)]
@@ -44,15 +47,18 @@ impl Field {
     /// Bytes of memory that a field of so many triangles takes.
     pub(super) fn memory(triangles: usize) -> u64 {
         let groups = 4 * triangles.div_ceil(LEAF);
-        (triangles * (size_of::<[DVec3; 3]>() + 16) + groups * size_of::<Group>()) as u64
+        // While it is made, there are three numbered edges for each triangle, too.
+        (triangles * (size_of::<[DVec3; 3]>() + 16 + 3 * 16) + groups * size_of::<Group>()) as u64
     }
 
     /// The field of these triangles.
     ///
     /// # Errors
     /// If there are more than 2^31.
-    pub(super) fn new(triangles: impl Iterator<Item = Triangle>) -> Result<Field> {
+    pub(super) fn new(triangles: &[Triangle]) -> Result<Field> {
+        let rims = rims(triangles);
         let mut sorted: Vec<(u64, [DVec3; 3])> = triangles
+            .iter()
             .map(|triangle| {
                 let middle = |axis: usize| {
                     triangle.corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>() / 3
@@ -69,7 +75,7 @@ impl Field {
         }
         sorted.sort_by_key(|(key, _)| *key);
         let triangles: Vec<_> = sorted.into_iter().map(|(_, triangle)| triangle).collect();
-        let mut field = Field { triangles, groups: Vec::new() };
+        let mut field = Field { triangles, groups: Vec::new(), rims };
         field.group(0, field.triangles.len());
         Ok(field)
     }
@@ -100,9 +106,14 @@ impl Field {
 
     /// The field at a point, in grid steps.
     pub(super) fn at(&self, point: DVec3) -> f64 {
+        self.of_groups(0, self.groups.len(), point)
+    }
+
+    /// What the groups from one up to, not including, another make of the field at a point.
+    fn of_groups(&self, mut place: usize, end: usize, point: DVec3) -> f64 {
         let mut sum = 0.0;
-        let mut place = 0;
-        while let Some(group) = self.groups.get(place) {
+        while place < end {
+            let group = &self.groups[place];
             let away = group.centre - point;
             let distance = away.length();
             if distance > FAR * group.radius {
@@ -119,21 +130,111 @@ impl Field {
         sum / (4.0 * std::f64::consts::PI)
     }
 
-    /// Whether a cube that no triangle reaches into lies inside; `None` where that is in doubt somewhere.
-    pub(super) fn uniform(&self, min: [i32; 3], width: i32) -> Option<bool> {
+    /// The field as it is everywhere.
+    pub(super) fn everywhere(&self) -> Nearby<'_> {
+        let near = if self.groups.is_empty() { Vec::new() } else { vec![0] };
+        Nearby { field: self, centre: DVec3::ZERO, value: 0.0, gradient: DVec3::ZERO, near }
+    }
+
+    /// Edges of a triangle that are the surface's boundary.
+    pub(super) fn rims(&self, triangle: &Triangle) -> impl Iterator<Item = [[i32; 3]; 2]> {
+        let edges = edges(triangle).into_iter();
+        edges.filter(|[from, to]| self.rims.binary_search(&edge_number(*from, *to).0).is_ok())
+    }
+
+    /// The winding number of a cube that no triangle reaches into; `None` where it is in doubt somewhere.
+    pub(super) fn uniform(&self, min: [i32; 3], width: i32) -> Option<i32> {
         let (min, width) = (DVec3::from_array(min.map(f64::from)), f64::from(width));
         let mut answer = None;
         let corners = (0..8).map(|i| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64));
         for place in [DVec3::splat(0.5)].into_iter().chain(corners) {
             // A little inside the cube: its corners may lie on triangles.
-            let field = self.at(min + (place * 0.98 + 0.01) * width) - 0.5;
-            if field.abs() < DOUBT || answer.is_some_and(|answer| answer != (field > 0.0)) {
+            let field = self.at(min + (place * 0.98 + 0.01) * width);
+            let whole = field.round();
+            if (field - whole).abs() > 0.5 - DOUBT || answer.is_some_and(|answer| answer != whole) {
                 return None;
             }
-            answer = Some(field > 0.0);
+            answer = Some(whole);
         }
-        answer
+        answer.map(|answer| answer as i32)
     }
+}
+
+/// The field in a ball: what comes from afar is taken as linear there, so that only what is near need be looked at for every
+/// point.
+pub(super) struct Nearby<'a> {
+    field: &'a Field,
+    centre: DVec3,
+    /// What comes from afar at the centre, and how it grows from there.
+    value: f64,
+    gradient: DVec3,
+    /// Groups that are near.
+    near: Vec<u32>,
+}
+
+/// A group is afar from a ball at so many times the ball's radius. What is not linear of its field is then less than
+/// a thirtieth.
+const AFAR: f64 = 6.0;
+
+impl Nearby<'_> {
+    /// The field in a ball inside this one.
+    pub(super) fn narrow(&self, centre: DVec3, radius: f64) -> Nearby<'_> {
+        let mut inner = Nearby {
+            field: self.field,
+            centre,
+            value: self.value + self.gradient.dot(centre - self.centre),
+            gradient: self.gradient,
+            near: Vec::new(),
+        };
+        let mut open = self.near.clone();
+        while let Some(place) = open.pop() {
+            let group = &self.field.groups[place as usize];
+            let away = group.centre - centre;
+            let distance = away.length();
+            if distance > (FAR * group.radius + radius).max(AFAR * radius) {
+                let scale = 4.0 * std::f64::consts::PI * distance.powi(3);
+                let along = group.normal.dot(away);
+                inner.value += along / scale;
+                inner.gradient += (away * (3.0 * along / distance.powi(2)) - group.normal) / scale;
+            } else if group.count as usize <= LEAF || group.radius < radius {
+                inner.near.push(place);
+            } else {
+                let first = place + 1;
+                open.extend([self.field.groups[first as usize].next, first]);
+            }
+        }
+        inner
+    }
+
+    /// The field at a point of the ball.
+    pub(super) fn at(&self, point: DVec3) -> f64 {
+        let groups = self.near.iter().map(|place| {
+            let end = self.field.groups[*place as usize].next;
+            self.field.of_groups(*place as usize, end as usize, point)
+        });
+        self.value + self.gradient.dot(point - self.centre) + groups.sum::<f64>()
+    }
+}
+
+fn edges(triangle: &Triangle) -> [[[i32; 3]; 2]; 3] {
+    let [a, b, c] = triangle.corners;
+    [[a, b], [b, c], [c, a]]
+}
+
+/// The numbers of the edges that triangles have more often in one direction than in the other, in order.
+fn rims(triangles: &[Triangle]) -> Vec<u64> {
+    let mut numbers: Vec<(u64, i32)> = triangles
+        .iter()
+        .flat_map(edges)
+        .filter(|[from, to]| from != to)
+        .map(|[from, to]| {
+            let (number, is_forward) = edge_number(from, to);
+            (number, if is_forward { 1 } else { -1 })
+        })
+        .collect();
+    numbers.sort_unstable();
+    let same = numbers.chunk_by(|a, b| a.0 == b.0);
+    same.filter(|edge| edge.iter().map(|(_, way)| way).sum::<i32>() != 0).map(|edge| edge[0].0).collect()
 }
 
 /// The solid angle under which a triangle is seen, positive from its inner side (Van Oosterom and Strackee, 1983).
@@ -178,18 +279,32 @@ mod tests {
                 triangles.push(Triangle { corners: [a, c, d], attribute: 0 });
             }
         }
-        let field = Field::new(triangles.iter().copied()).unwrap();
+        let field = Field::new(&triangles).unwrap();
         for (point, expected) in
             [([0.0, 0.0, 0.0], 1.0), ([9000.0, 0.0, 0.0], 1.0), ([0.0, 11000.0, 0.0], 0.0)]
         {
             let found = field.at(DVec3::from_array(point));
             assert!((found - expected).abs() < 0.02, "{point:?}: {found}");
         }
-        assert_eq!(field.uniform([-2000; 3], 4000), Some(true));
-        assert_eq!(field.uniform([9000; 3], 4000), Some(false));
+        assert_eq!(field.uniform([-2000; 3], 4000), Some(1));
+        assert_eq!(field.uniform([9000; 3], 4000), Some(0));
+        // What is far away is nearly linear.
+        let (middle, radius) = (DVec3::new(9500.0, 500.0, 0.0), 400.0);
+        let (everywhere, outer) = (field.everywhere(), DVec3::new(9000.0, 0.0, 0.0));
+        let outer = everywhere.narrow(outer, 1500.0);
+        let nearby = outer.narrow(middle, radius);
+        for corner in 0..8 {
+            let away = DVec3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64) - 0.5;
+            let point = middle + away * radius;
+            let (found, expected) = (nearby.at(point), field.at(point));
+            assert!((found - expected).abs() < 0.02, "{point}: {found}, not {expected}");
+        }
         // The upper half alone is a bowl; in its opening the field is a half.
-        let half = triangles.into_iter().filter(|triangle| triangle.min(2) >= -10);
-        let field = Field::new(half).unwrap();
+        assert!(triangles.iter().all(|triangle| field.rims(triangle).next().is_none()));
+        triangles.retain(|triangle| triangle.min(2) >= -10);
+        let field = Field::new(&triangles).unwrap();
+        let rims = triangles.iter().flat_map(|triangle| field.rims(triangle));
+        assert_eq!(rims.filter(|rim| rim.iter().all(|end| end[2].abs() < 10)).count(), 2 * rings as usize);
         assert!((field.at(DVec3::new(0.0, 0.0, 0.0)) - 0.5).abs() < 0.02);
         assert_eq!(field.uniform([-100; 3], 200), None);
     }

@@ -3,12 +3,9 @@
 //! The winding number at the block's first lattice point is known. Crossings along z lead to the first point of every
 //! slice, from there crossings along y to the first point of every row, and crossings along x through the rows.
 
-use glam::DVec3;
-
-use super::bits::{Bits, Content, Pyramid};
+use super::bits::{Bits, Pyramid};
 use super::coverage::Coverage;
 use super::crossing::{Lattice, Seen};
-use super::field::Field;
 use super::grid::Triangle;
 use super::source::{Attribute, Boundary, Fill, Inside, State};
 use crate::import::mesh::face::triangle;
@@ -139,7 +136,7 @@ fn walk(
 
 /// Hands out the stretches of all rows of a block's lattice along which the state is the same: the row along y and z, where
 /// it begins and ends along x, and the state. Rows without a crossing and with no winding are left out.
-fn each_stretch(
+pub(super) fn each_stretch(
     lattice: &Lattice,
     triangles: &[Triangle],
     min: [i32; 3],
@@ -287,135 +284,22 @@ pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: 
             }
         });
     }
-    // What the surface cuts is there, or at least shows the surface's colour.
-    if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
-        for triangle in triangles {
-            painter.cut(triangle, min, fill.cell());
-        }
-    }
+    painter.surface(triangles, min);
     painter.finish()
-}
-
-/// The cells of a block by a winding field; also how many cells it could not tell apart from others for sure.
-pub(super) fn open_block(
-    fill: &Fill,
-    field: &Field,
-    triangles: &[Triangle],
-    min: [i32; 3],
-    height: u8,
-    state: State,
-) -> (Pyramid, u64) {
-    let shell = Fill { surface: true, boundary: Boundary::Centre, ..fill.clone() };
-    let mut painter = Painter::new(&shell, height);
-    triangles.iter().for_each(|triangle| painter.cut(triangle, min, fill.cell()));
-    let Painter { cells, values, .. } = painter;
-    let side = 1usize << height;
-    let mut solid = Open {
-        fill,
-        field,
-        min,
-        touched: Pyramid::new(cells, None),
-        cells: Bits::new(height),
-        values: values
-            .or_else(|| (fill.boundary == Boundary::Coverage).then(|| vec![FULL; side * side * side])),
-        attribute: state.attribute,
-        undecided: 0,
-    };
-    solid.node(height, [0; 3]);
-    if fill.attribute == Attribute::Colour {
-        solid.values.iter_mut().flatten().for_each(|value| *value &= COLOUR);
-    }
-    (Pyramid::new(solid.cells, solid.values), solid.undecided)
 }
 
 /// Occupancy of a cell that is full.
 pub(super) const FULL: u32 = 255;
 
-/// A block that is filled by a winding field.
-struct Open<'a> {
-    fill: &'a Fill,
-    field: &'a Field,
-    min: [i32; 3],
-    /// Nodes that the surface cuts.
-    touched: Pyramid,
-    cells: Bits,
-    values: Option<Vec<u32>>,
-    attribute: u32,
-    undecided: u64,
-}
-
-impl Open<'_> {
-    fn node(&mut self, above: u8, at: [usize; 3]) {
-        let is_touched = !matches!(self.touched.node(above, at), Content::Nothing);
-        let first = at.map(|at| at << above);
-        let min: [i32; 3] =
-            std::array::from_fn(|axis| self.min[axis] + first[axis] as i32 * self.fill.cell());
-        if above == 0 {
-            return self.cell(at, min, is_touched);
-        }
-        if !is_touched && let Some(is_inside) = self.field.uniform(min, self.fill.cell() << above) {
-            if is_inside {
-                self.fill_cube(first, 1 << above);
-            }
-            return;
-        }
-        for child in 0..8 {
-            self.node(above - 1, std::array::from_fn(|axis| 2 * at[axis] + (child >> axis & 1)));
-        }
-    }
-
-    fn fill_cube(&mut self, [x, y, z]: [usize; 3], width: usize) {
-        let height = self.cells.height;
-        for row in (z..z + width).flat_map(|z| (y..y + width).map(move |y| z << height | y)) {
-            self.cells.rows[row] |= Bits::run(x, x + width);
-            if let (Some(values), true) = (&mut self.values, self.fill.attribute != Attribute::Occupancy) {
-                values[(row << height) + x..][..width].fill(self.attribute);
-            }
-        }
-    }
-
-    fn cell(&mut self, at: [usize; 3], min: [i32; 3], is_touched: bool) {
-        let corner = DVec3::from_array(min.map(f64::from));
-        let width = f64::from(self.fill.cell());
-        let inside = |place: DVec3| self.field.at(corner + place * width);
-        let place = ((at[2] << self.cells.height | at[1]) << self.cells.height) | at[0];
-        let middle = inside(DVec3::splat(0.5));
-        if !is_touched && (middle - 0.5).abs() < 0.2 {
-            self.undecided += 1;
-        }
-        let is_there = match self.fill.boundary {
-            Boundary::Full if is_touched => true,
-            Boundary::Coverage if is_touched => {
-                let points =
-                    (0..64).map(|i| DVec3::new((i & 3) as f64, (i >> 2 & 3) as f64, (i >> 4) as f64));
-                let count = points.filter(|place| inside((*place + 0.5) / 4.0) >= 0.5).count() as u32;
-                let value = (count * FULL + 32) / 64;
-                if let Some(values) = &mut self.values {
-                    values[place] = value;
-                }
-                value > 0
-            }
-            _ => middle >= 0.5,
-        };
-        if is_there {
-            self.cells.set(at);
-            if let (Some(values), false) = (&mut self.values, is_touched) {
-                values[place] =
-                    if self.fill.attribute == Attribute::Occupancy { FULL } else { self.attribute };
-            }
-        }
-    }
-}
-
 /// What is painted into a block.
-struct Painter<'a> {
+pub(super) struct Painter<'a> {
     fill: &'a Fill,
-    cells: Bits,
-    values: Option<Vec<u32>>,
+    pub(super) cells: Bits,
+    pub(super) values: Option<Vec<u32>>,
 }
 
 impl<'a> Painter<'a> {
-    fn new(fill: &'a Fill, height: u8) -> Self {
+    pub(super) fn new(fill: &'a Fill, height: u8) -> Self {
         let values = (fill.attribute != Attribute::Occupancy).then(|| vec![0; 1 << (3 * height)]);
         Painter { fill, cells: Bits::new(height), values }
     }
@@ -428,6 +312,14 @@ impl<'a> Painter<'a> {
         self.cells.rows[row] |= Bits::run(from, to);
         if let Some(values) = &mut self.values {
             values[row << height..][from..to].fill(attribute);
+        }
+    }
+
+    /// What the surface cuts is there, or at least shows the surface's colour.
+    pub(super) fn surface(&mut self, triangles: &[Triangle], min: [i32; 3]) {
+        let fill = self.fill;
+        if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
+            triangles.iter().for_each(|triangle| self.cut(triangle, min, fill.cell()));
         }
     }
 
@@ -506,7 +398,7 @@ impl<'a> Painter<'a> {
         }
     }
 
-    fn finish(mut self) -> Pyramid {
+    pub(super) fn finish(mut self) -> Pyramid {
         if self.fill.attribute == Attribute::Colour {
             self.values.iter_mut().flatten().for_each(|value| *value &= COLOUR);
         }

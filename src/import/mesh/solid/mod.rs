@@ -8,6 +8,7 @@ mod crossing;
 mod field;
 mod fill;
 mod grid;
+mod open;
 mod plan;
 mod source;
 mod triangles;

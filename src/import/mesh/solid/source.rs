@@ -9,6 +9,7 @@ use super::crossing::{Lattice, Seen};
 use super::field::Field;
 use super::fill::{self, FULL};
 use super::grid::{Grid, Triangle};
+use super::open;
 use super::triangles::{Sorter, Triangles};
 use crate::Result;
 use crate::import::mesh::face::triangle;
@@ -49,7 +50,7 @@ pub(super) enum Inside {
     Winding,
     /// An odd number of crossings.
     Parity,
-    /// A winding field of at least one half: for surfaces that are not closed.
+    /// A winding field of at least one half, or at most minus one half: for surfaces that are not closed.
     Field(Arc<Field>),
 }
 
@@ -238,8 +239,12 @@ impl<V: Value> Solid<V> {
         let is_inner = !region.triangles.is_empty();
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
             let (min, width) = self.bounds(&region);
-            if let (false, Some(is_inside)) = (is_inner, field.uniform(min, width)) {
-                return if is_inside { Child::Leaf(self.full(region.state.attribute)) } else { Child::Void };
+            if let (false, Some(winding)) = (is_inner, field.uniform(min, width)) {
+                return if winding != 0 {
+                    Child::Leaf(self.full(region.state.attribute))
+                } else {
+                    Child::Void
+                };
             }
         } else if !is_inner {
             let is_inside = !self.fill.surface && self.fill.is_inside(region.state.winding);
@@ -268,8 +273,7 @@ impl<V: Value> Solid<V> {
         })?;
         let height = self.fill.grid.depth - region.level;
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
-            let (block, undecided) =
-                fill::open_block(&self.fill, field, &triangles, min, height, region.state);
+            let (block, undecided) = open::block(&self.fill, field, &triangles, min, height, region.state);
             self.doubts.undecided.fetch_add(undecided, Ordering::Relaxed);
             return Ok(block);
         }

@@ -1,0 +1,197 @@
+//! Fills one block of cells inside a surface that is not closed.
+//!
+//! A surface without its holes' rims is closed as far as one can see from within a box: winding numbers change by the surface's
+//! crossings there, and what comes from holes far away changes slowly. So in boxes without a rim the winding field is
+//! asked for at a few places, tells how much it is off the number of crossings, and if that is nearly the same whole number
+//! everywhere, crossings decide all cells. Other boxes are divided, down to single cells whose field is asked for.
+
+use glam::DVec3;
+
+use super::bits::{Bits, Pyramid};
+use super::coverage::Coverage;
+use super::field::{DOUBT, Field, Nearby};
+use super::fill::{FULL, Painter, each_stretch};
+use super::grid::Triangle;
+use super::source::{Attribute, Boundary, Fill, State};
+use crate::import::mesh::face::triangle;
+
+/// The cells of a block by a winding field; also how many cells without a face it could not tell apart from others for sure.
+pub(super) fn block(
+    fill: &Fill,
+    field: &Field,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+    state: State,
+) -> (Pyramid, u64) {
+    let mut painter = Painter::new(fill, height);
+    if fill.boundary == Boundary::Coverage {
+        painter.values = Some(vec![0; 1 << (3 * height)]);
+    }
+    let mut open = Open { fill, field, min, painter, attribute: state.attribute, undecided: 0 };
+    open.cube(&field.everywhere(), triangles, height, [0; 3]);
+    let Open { mut painter, undecided, .. } = open;
+    painter.surface(triangles, min);
+    (painter.finish(), undecided)
+}
+
+struct Open<'a> {
+    fill: &'a Fill,
+    field: &'a Field,
+    min: [i32; 3],
+    painter: Painter<'a>,
+    attribute: u32,
+    undecided: u64,
+}
+
+impl Open<'_> {
+    /// The grid point at which a cell of the block begins.
+    fn corner(&self, at: [usize; 3]) -> [i32; 3] {
+        std::array::from_fn(|axis| self.min[axis] + at[axis] as i32 * self.fill.cell())
+    }
+
+    /// The middle of a cube of cells.
+    fn middle(&self, at: [usize; 3], height: u8) -> DVec3 {
+        let half = f64::from(self.fill.cell()) * f64::from(1u32 << height) / 2.0;
+        DVec3::from_array(self.corner(at).map(f64::from)) + half
+    }
+
+    /// Fills a cube of cells that begins at a cell of the block, from the triangles that reach into it and the field
+    /// around it.
+    fn cube(&mut self, around: &Nearby<'_>, triangles: &[Triangle], height: u8, at: [usize; 3]) {
+        let middle = self.middle(at, height);
+        let nearby =
+            around.narrow(middle, (middle - self.middle(at, 0)).length() + f64::from(self.fill.cell()));
+        if height == 0 {
+            return self.cell(&nearby, triangles, at);
+        }
+        let wide = |corner: [i32; 3]| corner.map(i64::from);
+        let end = |at: [usize; 3], height: u8| wide(self.corner(at.map(|at| at + (1 << height))));
+        let (low, high) = (wide(self.corner(at)), end(at, height));
+        let has_rim = triangles
+            .iter()
+            .flat_map(|triangle| self.field.rims(triangle))
+            .any(|[a, b]| triangle::segment_cuts(wide(a), wide(b), low, high));
+        if !has_rim && self.by_crossings(&nearby, triangles, height, at) {
+            return;
+        }
+        for child in 0..8 {
+            let at = std::array::from_fn(|axis| at[axis] + ((child >> axis & 1) << (height - 1)));
+            let (low, high) =
+                (wide(self.corner(at)), wide(self.corner(at.map(|at| at + (1 << (height - 1))))));
+            let reaches = |triangle: &&Triangle| triangle::cuts(&triangle.corners.map(wide), low, high);
+            let inner: Vec<Triangle> = triangles.iter().filter(reaches).copied().collect();
+            self.cube(&nearby, &inner, height - 1, at);
+        }
+    }
+
+    /// Fills a cube by the crossings of its rows, if the winding field agrees with them.
+    fn by_crossings(
+        &mut self,
+        nearby: &Nearby<'_>,
+        triangles: &[Triangle],
+        height: u8,
+        at: [usize; 3],
+    ) -> bool {
+        let (side, min) = (1usize << height, self.corner(at));
+        // Winding numbers against that of the first cell.
+        let mut windings = vec![0; side * side * side];
+        each_stretch(
+            &self.fill.lattice,
+            triangles,
+            min,
+            height,
+            State::default(),
+            |y, z, from, to, state| {
+                windings[(z << height | y) << height..][from..to].fill(state.winding);
+            },
+        );
+        let mut off = None;
+        let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| (corner >> axis & 1) * (side - 1)));
+        for cell in corners.chain([[side / 2; 3]]) {
+            let winding = windings[(cell[2] << height | cell[1]) << height | cell[0]];
+            let field = nearby.at(self.middle(std::array::from_fn(|axis| at[axis] + cell[axis]), 0));
+            let difference = field - f64::from(winding);
+            let whole = difference.round();
+            if (difference - whole).abs() > 0.5 - DOUBT || off.is_some_and(|off| off != whole) {
+                return false;
+            }
+            off = Some(whole);
+        }
+        let off = off.map_or(0, |off| off as i32);
+        if self.fill.boundary == Boundary::Coverage && !triangles.is_empty() {
+            return self.cover(triangles, &mut windings, off, height, at);
+        }
+        for (row, windings) in windings.chunks_exact(side).enumerate() {
+            for (x, _) in windings.iter().enumerate().filter(|(_, winding)| *winding + off != 0) {
+                self.set([at[0] + x, at[1] + row % side, at[2] + row / side], FULL);
+            }
+        }
+        true
+    }
+
+    /// Fills a cube of cells as far as they lie inside, if that can be told from their winding numbers.
+    fn cover(
+        &mut self,
+        triangles: &[Triangle],
+        windings: &mut [i32],
+        off: i32,
+        height: u8,
+        at: [usize; 3],
+    ) -> bool {
+        windings.iter_mut().for_each(|winding| *winding += off);
+        let (least, most) =
+            windings.iter().fold((0, 0), |(a, b), winding| (a.min(*winding), b.max(*winding)));
+        if most - least > 1 {
+            return false;
+        }
+        let sign = if least < 0 { -1.0 } else { 1.0 };
+        let mut inside = Bits::new(height);
+        for (row, windings) in inside.rows.iter_mut().zip(windings.chunks_exact(1 << height)) {
+            *row = windings
+                .iter()
+                .enumerate()
+                .fold(0, |bits, (x, winding)| bits | u64::from(*winding != 0) << x);
+        }
+        let coverage = Coverage::new(triangles, self.corner(at), self.fill.cell(), height);
+        let Some(values) = coverage.solve(&inside, sign) else { return false };
+        let mask = (1usize << height) - 1;
+        for (place, value) in values.into_iter().enumerate().filter(|(_, value)| *value > 0) {
+            let cell = [place & mask, place >> height & mask, place >> (2 * height)];
+            self.set(std::array::from_fn(|axis| at[axis] + cell[axis]), value);
+        }
+        true
+    }
+
+    /// Fills a single cell.
+    fn cell(&mut self, nearby: &Nearby<'_>, triangles: &[Triangle], at: [usize; 3]) {
+        let field = nearby.at(self.middle(at, 0)).abs();
+        if triangles.is_empty() && (field - 0.5).abs() < DOUBT {
+            self.undecided += 1;
+        }
+        if self.fill.boundary != Boundary::Coverage || triangles.is_empty() {
+            if field >= 0.5 {
+                self.set(at, FULL);
+            }
+            return;
+        }
+        let corner = DVec3::from_array(self.corner(at).map(f64::from));
+        let width = f64::from(self.fill.cell());
+        let points = (0..64).map(|i| DVec3::new((i & 3) as f64, (i >> 2 & 3) as f64, (i >> 4) as f64));
+        let is_inside = |place: &DVec3| nearby.at(corner + (*place + 0.5) * (width / 4.0)).abs() >= 0.5;
+        let count = points.filter(is_inside).count() as u32;
+        if count > 0 {
+            self.set(at, (count * FULL + 32) / 64);
+        }
+    }
+
+    fn set(&mut self, at: [usize; 3], value: u32) {
+        let height = self.painter.cells.height;
+        self.painter.cells.set(at);
+        if let Some(values) = &mut self.painter.values {
+            let is_occupancy = self.fill.attribute == Attribute::Occupancy;
+            values[(at[2] << height | at[1]) << height | at[0]] =
+                if is_occupancy { value } else { self.attribute };
+        }
+    }
+}
