@@ -1,6 +1,7 @@
 //! `spinney build` as users meet it.
 #![cfg(all(unix, feature = "cli"))]
 
+mod common;
 mod tiff_file;
 
 use std::fs;
@@ -10,6 +11,7 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
+use common::command::peak_memory;
 use spinney::store::goblin::{Goblin, OpenOptions};
 use tiff_file::{Ifd, Values, file};
 
@@ -192,22 +194,6 @@ fn interruption_leaves_nothing() {
     assert_eq!(output.status.code(), Some(130), "{err}");
     assert!(err.starts_with("spinney: interrupted"), "{err}");
     assert!(names(folder.path()).is_empty());
-}
-
-/// The most memory that a process ever had, in bytes, as seen shortly before its end.
-#[cfg(target_os = "linux")]
-fn peak_memory(child: &mut Child) -> u64 {
-    let status = PathBuf::from(format!("/proc/{}/status", child.id()));
-    let mut peak = 0;
-    while child.try_wait().unwrap().is_none() {
-        let text = fs::read_to_string(&status).unwrap_or_default();
-        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        let kib = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
-        peak = peak.max(kib.unwrap_or(0) * 1024);
-        std::thread::sleep(Duration::from_millis(2));
-    }
-    assert!(child.wait().unwrap().success());
-    peak
 }
 
 #[test]

@@ -4,7 +4,7 @@ mod common;
 
 use std::path::Path;
 
-use common::command::{spinney, stderr, stdout};
+use common::command::{peak_memory, spinney, stderr, stdout};
 
 /// A box of 4 x 2 x 1, as an OBJ file of polygons.
 const BOX: &str = "\
@@ -100,4 +100,43 @@ fn bad_models_are_told_and_leave_nothing() {
     let left: Vec<_> =
         std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert!(!left.iter().any(|name| name.to_string_lossy().contains("partial")), "{left:?}");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_stays_within_its_budget() {
+    /// The program itself, threads' stacks and the allocator's leftovers.
+    const ALLOWANCE: u64 = 32 << 20;
+    let folder = tempfile::tempdir().unwrap();
+    // A ball of 1.2 million triangles, 60 MB, that need 60 MB in memory.
+    let steps = 774u32;
+    let point = |i: u32, j: u32| {
+        let angle = |step: u32| f64::from(step) * std::f64::consts::PI / f64::from(steps);
+        // Poles are one point, and the last meridian is the first.
+        let radius = if i.is_multiple_of(steps) { 0.0 } else { angle(i).sin() };
+        let (x, y) = (angle(2 * (j % steps)).cos(), angle(2 * (j % steps)).sin());
+        [radius * x, radius * y, angle(i).cos()].map(|number| (number * 100.0) as f32)
+    };
+    let mut bytes = vec![0; 80];
+    bytes.extend((2 * steps * steps).to_le_bytes());
+    for (i, j) in (0..steps).flat_map(|i| (0..steps).map(move |j| (i, j))) {
+        let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1)];
+        for corners in [[a, b, c], [a, c, d]] {
+            let numbers = [0.0; 3].into_iter().chain(corners.into_iter().flatten());
+            bytes.extend(numbers.flat_map(f32::to_le_bytes).chain([0, 0]));
+        }
+    }
+    let model = folder.path().join("ball.stl");
+    std::fs::write(&model, bytes).unwrap();
+    let (tree, program) = (folder.path().join("ball.goblin"), env!("CARGO_BIN_EXE_spinney"));
+    for cells in ["512", "64"] {
+        let words = ["build", text(&model), "-qo", text(&tree), "--cells", cells, "--memory", "24M"];
+        let mut child = std::process::Command::new(program).args(words).spawn().unwrap();
+        let peak = peak_memory(&mut child);
+        assert!(peak > 0 && peak < (24 << 20) + ALLOWANCE, "{} MiB at {cells}", peak >> 20);
+    }
+    let stats: serde_json::Value = serde_json::from_str(&stdout(&["stats", text(&tree), "--json"])).unwrap();
+    let volume = 4.0 / 3.0 * std::f64::consts::PI * 100f64.powi(3);
+    let found = stats["solid"]["volume"].as_f64().or(stats["volume"].as_f64()).unwrap();
+    assert!((found / volume - 1.0).abs() < 5e-3, "{found}, expected {volume}");
 }

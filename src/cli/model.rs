@@ -143,6 +143,11 @@ pub(crate) fn build(
     if args.stats {
         global.say(format_args!("{:<10} {} read, {} triangles", "faces", report.faces, report.triangles));
         global.say(format_args!("{:<10} vertices by at most {:e}", "moved", report.displacement));
+        for (name, apart, cutting) in report.stages.named() {
+            global.say(format_args!(
+                "{name:<10} decided {apart} times that an octant is not cut, {cutting} times that it is"
+            ));
+        }
     }
     tell_output(global, path, start);
     Ok(())

@@ -105,27 +105,37 @@ impl<'a> Field<'a> {
     /// The first moment of the occupancy in a ball of radius `reach` around the point, weighted less towards its rim: the better known
     /// central differences see single cells, of which a digitized surface shows the steps; over a ball they average out.
     pub(super) fn gradient(&mut self, point: [f64; 3], reach: f64) -> Result<[f64; 3]> {
-        let first = point.map(|number| (number - reach + 0.5).floor() as i64);
-        let end = point.map(|number| (number + reach + 0.5).floor() as i64);
+        let side = i64::from(self.side());
+        let range = |axis: usize, reach: f64| {
+            let (low, high) = (point[axis] - reach - 0.5, point[axis] + reach - 0.5);
+            (low.floor() as i64 + 1).max(0)..(high.ceil() as i64).min(side)
+        };
         let mut sum = [0.0; 3];
-        for z in first[2]..end[2] {
+        for z in range(2, reach) {
             let dz = z as f64 + 0.5 - point[2];
-            for y in first[1]..end[1] {
+            for y in range(1, reach) {
                 let dy = y as f64 + 0.5 - point[1];
                 let rest = reach * reach - dz * dz - dy * dy;
                 if rest <= 0.0 {
                     continue;
                 }
-                for x in first[0]..end[0] {
-                    let dx = x as f64 + 0.5 - point[0];
-                    let weight = rest - dx * dx;
-                    if weight > 0.0 {
-                        let weight = weight * f64::from(self.fill_at([x, y, z])?);
-                        for (sum, distance) in sum.iter_mut().zip([dx, dy, dz]) {
-                            *sum += weight * distance;
-                        }
+                let (mut all, mut along) = (0.0, 0.0);
+                let row = range(0, rest.sqrt());
+                let mut x = row.start;
+                while x < row.end {
+                    let end = row.end.min((x | (SIDE - 1)) + 1);
+                    let start = self.brick([x, y, z].map(|cell| (cell >> BRICK) as u32))? + within([x, y, z]);
+                    for (step, fill) in self.bricks[start..][..(end - x) as usize].iter().enumerate() {
+                        let dx = (x + step as i64) as f64 + 0.5 - point[0];
+                        let weight = (rest - dx * dx) * f64::from(*fill);
+                        all += weight;
+                        along += weight * dx;
                     }
+                    x = end;
                 }
+                sum[0] += along;
+                sum[1] += all * dy;
+                sum[2] += all * dz;
             }
         }
         Ok(sum)

@@ -73,6 +73,20 @@ impl Mapped {
         let map = unsafe { memmap2::Mmap::map(file) }.map_err(Error::io(path, "map"))?;
         Ok(Mapped(map))
     }
+
+    /// Gives the memory behind all pages back to the system, which reads them anew when they are looked at again: who reads a
+    /// large file once from beginning to end need not hold what is behind.
+    pub fn let_go(&self) {
+        #[cfg(unix)]
+        {
+            // SAFETY: pages of a read-only mapping of a file have nothing that is not in the file; they come back as they
+            // were, or as the file is by then, which the mapping allows for anyway.
+            #[allow(unsafe_code)]
+            let done = unsafe { self.0.unchecked_advise(memmap2::UncheckedAdvice::DontNeed) };
+            // A system that cannot do it has to live with the pages.
+            let _ = done;
+        }
+    }
 }
 
 impl Storage for Mapped {

@@ -83,6 +83,15 @@ impl Stages {
         side[verdict.stage as usize] += 1;
     }
 
+    /// The tests that decided anything: their names, and how often they found that a face does not cut the octant, and that
+    /// it does.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, u64, u64)> {
+        let names = ["boxes", "planes", "vertices", "section", "holes", "triangles"];
+        let counts = self.apart.into_iter().zip(self.cutting);
+        let all = names.into_iter().zip(counts).map(|(name, (apart, cutting))| (name, apart, cutting));
+        all.filter(|(_, apart, cutting)| apart + cutting > 0)
+    }
+
     /// Adds what was counted elsewhere.
     pub fn add(&mut self, other: &Stages) {
         for stage in 0..6 {

@@ -6,6 +6,8 @@
 
 use std::ops::{Add, Mul, Sub};
 
+use super::polygon::{Stage, Verdict};
+
 /// Integers to calculate with: 64 bits where the numbers at hand are small enough, 128 otherwise.
 trait Integer:
     Copy + Ord + Default + From<i64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
@@ -28,10 +30,18 @@ const SMALL_FOR_PLANE: i64 = 1 << 19;
 /// or the point that it is. Coordinates are at most 2^31 in magnitude, and `min` is less than `max` on each axis.
 #[inline]
 pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> bool {
-    let Some(size) = size_if_boxes_meet(triangle, min, max) else { return false };
+    verdict(triangle, min, max).cuts
+}
+
+/// The same, with the test that decided: the fast path of [`Polygon::verdict`](super::Polygon::verdict), whose five
+/// stages are three here and the edges, which a triangle has instead of a section with corners inside and outside.
+#[inline]
+pub(in crate::import::mesh) fn verdict(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Verdict {
+    let decided = |stage, cuts| Verdict { cuts, stage };
+    let Some(size) = size_if_boxes_meet(triangle, min, max) else { return decided(Stage::Boxes, false) };
     let corners = triangle.map(|corner| minus(corner, min));
     if corners.iter().any(|&corner| is_inside(corner, size)) {
-        return true;
+        return decided(Stage::Vertices, true);
     }
     let reach = reach(&corners, size);
     let misses_plane = if reach < SMALL_FOR_PLANE {
@@ -40,16 +50,17 @@ pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max
         misses_plane::<i128>(&corners, size)
     };
     if misses_plane {
-        return false;
+        return decided(Stage::Planes, false);
     }
     let [a, b, c] = corners;
     // Both ends of an edge project to one point along any direction across the edge.
     let edges = [(minus(b, a), [a, c]), (minus(c, b), [b, a]), (minus(a, c), [c, b])];
-    if reach < SMALL_FOR_EDGES {
-        !edges.iter().any(|(edge, points)| misses_edge::<i64, 2>(*edge, points, size))
+    let misses_edge = if reach < SMALL_FOR_EDGES {
+        edges.iter().any(|(edge, points)| misses_edge::<i64, 2>(*edge, points, size))
     } else {
-        !edges.iter().any(|(edge, points)| misses_edge::<i128, 2>(*edge, points, size))
-    }
+        edges.iter().any(|(edge, points)| misses_edge::<i128, 2>(*edge, points, size))
+    };
+    decided(Stage::Section, !misses_edge)
 }
 
 /// Whether the segment between two points has a point in common with the inside of the box from `min` to `max`, as in

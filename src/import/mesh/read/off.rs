@@ -105,6 +105,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
     let mut bounds = Bounds::new();
     let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, header.has_colours, memory);
     for number in 0..header.vertices {
+        source.passed(number);
         let line = next(&source, &mut lines, "vertex", number)?;
         let wrong = |expected| wrong(&source, &lines, &format!("vertex {number}"), line, expected);
         let mut words = words(line);
@@ -170,6 +171,7 @@ impl Model for Off {
         let mut lines = Lines::new(source.bytes(), self.start);
         let mut corners = Corners::default();
         for number in 0..self.header.faces {
+            source.passed(number);
             let line = next(source, &mut lines, "face", number)?;
             let wrong = |expected: &str| wrong(source, &lines, &format!("face {number}"), line, expected);
             let face = Words::of(line).ok_or_else(|| wrong("a number of corners from 0 to 2^20"))?;

@@ -40,6 +40,16 @@ impl Source {
         self.map.bytes().unwrap_or_default()
     }
 
+    /// To be told of each line, vertex or face that is read, in order: lets the pages behind go from time to time, so that the
+    /// file does not fill the memory.
+    #[inline]
+    pub(super) fn passed(&self, number: u64) {
+        const OFTEN: u64 = 1 << 17;
+        if number.is_multiple_of(OFTEN) && number > 0 {
+            self.map.let_go();
+        }
+    }
+
     /// An error at some place of the file.
     pub(super) fn corrupt(
         &self,

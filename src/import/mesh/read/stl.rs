@@ -88,6 +88,7 @@ fn read_binary(source: &Source, each: Each<'_>) -> Result<()> {
     }
     let facets = bytes[HEADER..].chunks_exact(FACET).take(count as usize);
     for (number, facet) in facets.enumerate() {
+        source.passed(number as u64);
         let mut corners = [[0f64; 3]; 3];
         for (coordinate, bytes) in corners.as_flattened_mut().iter_mut().zip(facet[12..].as_chunks::<4>().0) {
             *coordinate = f32::from_le_bytes(*bytes).into();
@@ -108,6 +109,7 @@ fn read_text(source: &Source, parts: &mut Parts, each: Each<'_>) -> Result<()> {
     let mut number = 0;
     for line in Lines::new(source.bytes(), 0) {
         number += 1;
+        source.passed(number);
         let mut words = words(line);
         let Some(keyword) = words.next() else { continue };
         let wrong = |expected: &str| source.corrupt(format!("line {number}"), shown(line), expected);

@@ -10,7 +10,7 @@ use super::grid::Triangle;
 use super::plan::SolidImport;
 use super::source::{Attribute, Boundary, Fill, Inside, Solid};
 use super::triangles::{Collector, Triangles};
-use crate::import::mesh::{Face, ModelInfo, Triangulator};
+use crate::import::mesh::{Face, ModelInfo, Stages, Triangulator};
 use crate::store::goblin::{BuildOptions, Metadata, build_with};
 use crate::store::{Output, folder};
 use crate::value::{Kind, Rule, Value};
@@ -34,6 +34,8 @@ pub struct SolidReport {
     pub inside: Decided,
     /// Cells far from the surface that lie in its holes, where the answer is a guess.
     pub undecided: u64,
+    /// By which tests triangles were found to cut octants above the blocks of cells, or not.
+    pub stages: Stages,
 }
 
 /// How it was decided what lies inside a surface.
@@ -58,7 +60,7 @@ impl Decided {
             Decided::Flipped => {
                 "closed, but with faces turned inside out: inside is where rays cross it an odd number of times"
             }
-            Decided::Open => "open, doubled or loose: inside is where the winding field is at least one half",
+            Decided::Open => "open or loose: inside is where the winding field is at least one half",
         }
     }
 }
@@ -94,6 +96,7 @@ impl SolidImport {
             displacement: read.displacement,
             inside: decided,
             undecided: 0,
+            stages: Stages::default(),
         };
         let parts = self.parts();
         let held = (options.memory / 4 / TRIANGLE) as usize;
@@ -313,7 +316,8 @@ impl Build<'_> {
         metadata.provenance = import.models.iter().map(|model| provenance(model.info())).collect();
         let options = BuildOptions { rule, kind, depth, memory, metadata };
         build_with(&solid, import.extent, &options, output, progress, |metadata| {
-            report.undecided = solid.doubts.undecided.load(Ordering::Relaxed);
+            report.undecided = solid.counted.undecided.load(Ordering::Relaxed);
+            report.stages = *solid.counted.stages.lock().expect("nobody panics with this lock");
             metadata.tags = tags(import, &report);
         })?;
         Ok(report)

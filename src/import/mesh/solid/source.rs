@@ -1,8 +1,8 @@
 //! A solid bounded by triangles, as a source: space is divided until no triangle is left in a node, or down to blocks
 //! of cells.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use super::bits::{Content, Pyramid};
 use super::crossing::{Lattice, Seen};
@@ -13,6 +13,7 @@ use super::open;
 use super::triangles::{Sorter, Triangles};
 use crate::Result;
 use crate::import::mesh::face::triangle;
+use crate::import::mesh::{Stage, Stages, Verdict};
 use crate::space::Oct;
 use crate::tree::{Child, Source};
 use crate::value::Value;
@@ -100,11 +101,13 @@ impl State {
     }
 }
 
-/// Cells that were not decided by exact winding numbers.
+/// What is counted while a solid is walked.
 #[derive(Debug, Default)]
-pub(super) struct Doubts {
+pub(super) struct Counted {
     /// Cells inside a surface that is not closed there, by the winding field.
     pub(super) undecided: AtomicU64,
+    /// By which tests triangles were found to cut octants or not.
+    pub(super) stages: Mutex<Stages>,
 }
 
 /// A solid, or its surface, of values made from attributes.
@@ -114,7 +117,7 @@ pub(super) struct Solid<V> {
     held: usize,
     root: Region,
     value: fn(u32) -> V,
-    pub(super) doubts: Doubts,
+    pub(super) counted: Counted,
 }
 
 /// A node above the blocks.
@@ -156,7 +159,7 @@ impl<V: Value> Solid<V> {
     /// The solid of these triangles; up to `held` of them are taken to memory at once.
     pub(super) fn new(fill: Fill, triangles: Triangles, held: usize, value: fn(u32) -> V) -> Result<Self> {
         let root = Region { level: 0, place: [0; 3], triangles, state: State::default() };
-        let mut solid = Solid { fill, held, root, value, doubts: Doubts::default() };
+        let mut solid = Solid { fill, held, root, value, counted: Counted::default() };
         if !solid.fill.surface {
             solid.root.state = solid.outside_in()?;
         }
@@ -186,6 +189,13 @@ impl<V: Value> Solid<V> {
         (region.place.map(|place| (i64::from(place) * i64::from(width)) as i32), width)
     }
 
+    /// Whether a region is divided into regions and not filled as a block: as long as it is too large for one, or has more
+    /// triangles than fit into memory.
+    fn is_split(&self, region: &Region) -> bool {
+        let height = self.fill.grid.depth - region.level;
+        height > BLOCK || (height > 1 && region.triangles.len() > self.held)
+    }
+
     /// The eight regions of a region.
     fn split(&self, region: &Region) -> Result<Vec<Region>> {
         let triangles = match &region.triangles {
@@ -198,6 +208,7 @@ impl<V: Value> Solid<V> {
         let lines = Lines::new(self.fill.lattice.first(min), half);
         let mut events = Events::default();
         let mut sorter = Sorter::of(&triangles);
+        let mut stages = Stages::default();
         let wide = |at: [i32; 3]| at.map(i64::from);
         triangles.each(|number, triangle| {
             if !self.fill.surface {
@@ -212,17 +223,24 @@ impl<V: Value> Solid<V> {
             let reached = halves.map(|[low, high]| u8::from(low) + u8::from(high));
             let alone = reached.iter().all(|halves| *halves <= 1);
             for child in 0..8 {
-                if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
-                    continue;
-                }
-                let low: [i32; 3] = std::array::from_fn(|axis| min[axis] + (child >> axis & 1) as i32 * half);
-                let high = low.map(|low| low + half);
-                if alone || triangle::cuts(&triangle.corners.map(wide), wide(low), wide(high)) {
+                let verdict = if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
+                    Verdict { cuts: false, stage: Stage::Boxes }
+                } else if alone {
+                    Verdict { cuts: true, stage: Stage::Boxes }
+                } else {
+                    let low: [i32; 3] =
+                        std::array::from_fn(|axis| min[axis] + (child >> axis & 1) as i32 * half);
+                    let high = low.map(|low| low + half);
+                    triangle::verdict(&triangle.corners.map(wide), wide(low), wide(high))
+                };
+                stages.count(verdict);
+                if verdict.cuts {
                     sorter.push(child, number, triangle)?;
                 }
             }
             Ok(())
         })?;
+        self.counted.stages.lock().expect("nobody panics with this lock").add(&stages);
         let mut states = [region.state; 8];
         events.apply(&mut states, Lines::leads);
         let regions = sorter.finish()?.into_iter().enumerate().map(|(child, triangles)| Region {
@@ -274,7 +292,7 @@ impl<V: Value> Solid<V> {
         let height = self.fill.grid.depth - region.level;
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
             let (block, undecided) = open::block(&self.fill, field, &triangles, min, height, region.state);
-            self.doubts.undecided.fetch_add(undecided, Ordering::Relaxed);
+            self.counted.undecided.fetch_add(undecided, Ordering::Relaxed);
             return Ok(block);
         }
         Ok(fill::block(&self.fill, &triangles, min, height, region.state))
@@ -308,7 +326,7 @@ impl<V: Value> Source for Solid<V> {
         mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>,
     ) -> Result<()> {
         let (block, above, at) = match node {
-            Node::Region(region) if region.level + BLOCK < self.fill.grid.depth => {
+            Node::Region(region) if self.is_split(region) => {
                 let regions = self.split(region)?;
                 return regions
                     .into_iter()

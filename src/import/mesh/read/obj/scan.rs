@@ -50,6 +50,7 @@ impl<'a> Items<'a> {
         loop {
             let Some(mut line) = self.lines.next() else { return Ok(None) };
             self.count += 1;
+            self.source.passed(self.count);
             self.joined.clear();
             let mut is_joined = false;
             while let Some(start) = line.strip_suffix(b"\\") {

@@ -136,6 +136,7 @@ fn vertices(
         };
         let table = Table::new(&bytes[start..end], layout);
         for number in 0..table.len() {
+            source.passed(number);
             let point = table.position(number);
             if !point.iter().all(|coordinate| coordinate.is_finite()) {
                 return Err(not_finite(source, number, point));
@@ -211,6 +212,7 @@ impl Visit for CopyVertices<'_> {
         let is_coloured = self.colour.is_some();
         let mut vertices = VerticesBuilder::new(self.source.path(), coordinates, is_coloured, self.memory);
         for number in 0..self.element.count {
+            self.source.passed(number);
             let (mut point, mut colour) = ([0.0; 3], [0; 3]);
             for (place, property) in properties.iter().enumerate() {
                 let told = |fault: Box<Fault>| told(self.source, &format!("vertex {number}"), *fault);
@@ -283,6 +285,7 @@ impl Visit for ReadFaces<'_, '_> {
         let has_face_colours = !self.vertices.is_coloured() && self.element.colour().is_some();
         let mut corners = Corners::default();
         for number in 0..self.element.count {
+            self.source.passed(number);
             corners.clear();
             let mut colour = [0; 3];
             let told = |fault: Box<Fault>| told(self.source, &format!("face {number}"), *fault);
