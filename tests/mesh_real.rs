@@ -8,6 +8,7 @@ use common::shared_data;
 use spinney::import::mesh::{
     Attribute, Boundary, Decided, Resolution, SolidOptions, SolidReport, open_all, plan_models,
 };
+use spinney::query::Tree;
 use spinney::space::{Code, Oct};
 use spinney::store::Output;
 use spinney::store::goblin::{Goblin, OpenOptions};
@@ -21,12 +22,13 @@ fn build<V: Value>(inputs: &[PathBuf], options: &SolidOptions) -> (Goblin<Oct, V
     (Goblin::open(&path, &OpenOptions::default()).unwrap(), report)
 }
 
-/// The models of `expected.tsv`: name, whether watertight, signed volume.
-fn models(folder: &Path) -> Vec<(PathBuf, bool, f64)> {
+/// The models of `expected.tsv`: name, whether watertight, signed volume and area.
+fn models(folder: &Path) -> Vec<(PathBuf, bool, [f64; 2])> {
     let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
     let row = |line: &str| {
         let cells: Vec<&str> = line.split('\t').collect();
-        (folder.join(cells[0]), cells[3] == "True" && cells[4] == "True", cells[7].parse().unwrap())
+        let measures = [7, 8].map(|cell| cells[cell].parse().unwrap());
+        (folder.join(cells[0]), cells[3] == "True" && cells[4] == "True", measures)
     };
     table.lines().skip(1).map(row).collect()
 }
@@ -39,10 +41,10 @@ fn volume(tree: &Goblin<Oct, [u8; 1]>) -> f64 {
 }
 
 #[test]
-fn volumes_of_closed_models_are_right() {
+fn volumes_and_areas_of_closed_models_are_right() {
     let Some(data) = shared_data() else { return };
     let mut checked = 0;
-    for (path, is_closed, expected) in models(&data.join("mesh")) {
+    for (path, is_closed, [expected, area]) in models(&data.join("mesh")) {
         let name = path.file_name().unwrap().to_str().unwrap().to_string();
         // Loose triangles are no solid, and where bodies overlap the volume is not the sum of theirs.
         if !is_closed || name.contains("overlap") || name.contains("soup") {
@@ -53,12 +55,15 @@ fn volumes_of_closed_models_are_right() {
                 SolidOptions { resolution: Resolution::Cells(cells), boundary, ..SolidOptions::default() };
             let (tree, report) = build(std::slice::from_ref(&path), &options);
             assert_eq!(report.inside, Decided::Closed, "{name}");
-            volume(&tree) / expected - 1.0
+            let solid = Tree::solid(&tree, tree.header().shape.depth, &()).unwrap();
+            assert!((solid.world_volume() / volume(&tree) - 1.0).abs() < 1e-9, "{name}");
+            [volume(&tree) / expected - 1.0, solid.smooth_area() / area - 1.0]
         };
         // A flat face along the axes may be off by half a cell all over.
-        let errors = [64, 256].map(|cells| of(cells, Boundary::Centre).abs());
-        assert!(errors[0] < 5e-2 && errors[1] < 1e-2, "{name}: {errors:?}");
-        let error = of(512, Boundary::Coverage);
+        let [coarse, fine] = [64, 256].map(|cells| of(cells, Boundary::Centre).map(f64::abs));
+        assert!(coarse[0] < 5e-2 && fine[0] < 1e-2, "{name}: {coarse:?}, {fine:?}");
+        assert!(coarse[1] < 0.1 && fine[1] < 0.02 && fine[1] < coarse[1], "{name}: {coarse:?}, {fine:?}");
+        let [error, _] = of(512, Boundary::Coverage);
         assert!(error.abs() < 1e-4, "{name}: {error}");
         checked += 1;
     }

@@ -6,7 +6,9 @@ mod plane;
 mod polygon;
 pub(super) mod triangle;
 mod triangulate;
+mod verdict;
 
 pub use box3::Box3;
-pub use polygon::{Flaw, Polygon, Stage, Stages, Verdict};
+pub use polygon::{Flaw, Polygon};
 pub use triangulate::Triangulator;
+pub use verdict::{Stage, Stages, Verdict};

@@ -6,7 +6,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
-use super::polygon::{Stage, Verdict};
+use super::verdict::{Stage, Verdict};
 
 /// Integers to calculate with: 64 bits where the numbers at hand are small enough, 128 otherwise.
 trait Integer:

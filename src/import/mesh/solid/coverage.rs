@@ -13,8 +13,8 @@
 //! that cells next to them are known, then cells next to those.
 
 use super::bits::Bits;
-use super::fill::FULL;
 use super::grid::Triangle;
+use super::inside::FULL;
 
 /// What the faces in a cell are together.
 #[derive(Clone, Copy, Default)]

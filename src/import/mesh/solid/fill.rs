@@ -7,7 +7,7 @@ use super::bits::{Bits, Pyramid};
 use super::coverage::Coverage;
 use super::crossing::{Lattice, Seen};
 use super::grid::Triangle;
-use super::source::{Attribute, Boundary, Fill, Inside, State};
+use super::inside::{Attribute, Boundary, FULL, Fill, Inside, State};
 use crate::import::mesh::face::triangle;
 
 /// Where a line passes through a triangle.
@@ -287,9 +287,6 @@ pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: 
     painter.surface(triangles, min);
     painter.finish()
 }
-
-/// Occupancy of a cell that is full.
-pub(super) const FULL: u32 = 255;
 
 /// What is painted into a block.
 pub(super) struct Painter<'a> {

@@ -8,11 +8,12 @@ mod crossing;
 mod field;
 mod fill;
 mod grid;
+mod inside;
 mod open;
 mod plan;
 mod source;
 mod triangles;
 
 pub use build::{Decided, SolidReport};
+pub use inside::{Attribute, Boundary};
 pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, Up, plan_models};
-pub use source::{Attribute, Boundary};

@@ -10,9 +10,9 @@ use glam::DVec3;
 use super::bits::{Bits, Pyramid};
 use super::coverage::Coverage;
 use super::field::{DOUBT, Field, Nearby};
-use super::fill::{FULL, Painter, each_stretch};
+use super::fill::{Painter, each_stretch};
 use super::grid::Triangle;
-use super::source::{Attribute, Boundary, Fill, State};
+use super::inside::{Attribute, Boundary, FULL, Fill, State};
 use crate::import::mesh::face::triangle;
 
 /// The cells of a block by a winding field; also how many cells without a face it could not tell apart from others for sure.
@@ -50,6 +50,11 @@ impl Open<'_> {
         std::array::from_fn(|axis| self.min[axis] + at[axis] as i32 * self.fill.cell())
     }
 
+    /// The corners of a cube of cells, on the grid.
+    fn bounds(&self, at: [usize; 3], height: u8) -> ([i64; 3], [i64; 3]) {
+        (wide(self.corner(at)), wide(self.corner(at.map(|at| at + (1 << height)))))
+    }
+
     /// The middle of a cube of cells.
     fn middle(&self, at: [usize; 3], height: u8) -> DVec3 {
         let half = f64::from(self.fill.cell()) * f64::from(1u32 << height) / 2.0;
@@ -65,9 +70,7 @@ impl Open<'_> {
         if height == 0 {
             return self.cell(&nearby, triangles, at);
         }
-        let wide = |corner: [i32; 3]| corner.map(i64::from);
-        let end = |at: [usize; 3], height: u8| wide(self.corner(at.map(|at| at + (1 << height))));
-        let (low, high) = (wide(self.corner(at)), end(at, height));
+        let (low, high) = self.bounds(at, height);
         let has_rim = triangles
             .iter()
             .flat_map(|triangle| self.field.rims(triangle))
@@ -77,8 +80,7 @@ impl Open<'_> {
         }
         for child in 0..8 {
             let at = std::array::from_fn(|axis| at[axis] + ((child >> axis & 1) << (height - 1)));
-            let (low, high) =
-                (wide(self.corner(at)), wide(self.corner(at.map(|at| at + (1 << (height - 1))))));
+            let (low, high) = self.bounds(at, height - 1);
             let reaches = |triangle: &&Triangle| triangle::cuts(&triangle.corners.map(wide), low, high);
             let inner: Vec<Triangle> = triangles.iter().filter(reaches).copied().collect();
             self.cube(&nearby, &inner, height - 1, at);
@@ -194,4 +196,8 @@ impl Open<'_> {
                 if is_occupancy { value } else { self.attribute };
         }
     }
+}
+
+fn wide(corner: [i32; 3]) -> [i64; 3] {
+    corner.map(i64::from)
 }

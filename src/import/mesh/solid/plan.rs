@@ -2,7 +2,7 @@
 
 use super::crossing::Lattice;
 use super::grid::Grid;
-use super::source::{Attribute, Boundary};
+use super::inside::{Attribute, Boundary};
 use crate::import::mesh::Model;
 use crate::space::{Dimension, Frame, Oct};
 use crate::store::goblin::depth_for;

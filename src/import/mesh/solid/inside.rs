@@ -1,0 +1,93 @@
+//! What belongs to a solid, and what its cells say.
+
+use std::sync::Arc;
+
+use super::crossing::Lattice;
+use super::field::Field;
+use super::grid::Grid;
+
+/// Occupancy of a cell that is full.
+pub(super) const FULL: u32 = 255;
+
+/// Which of the cells that the surface cuts belong to the solid.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Boundary {
+    /// All of them: the literature's rule.
+    Full,
+    /// Those whose centre lies inside.
+    #[default]
+    Centre,
+    /// Each as far as it lies inside. Closed surfaces are clipped to the cells, which is exact; blocks of cells in which bodies
+    /// overlap, and surfaces with faces turned inside out, are sampled by 4 x 4 lines through each cell, of 16 points; open
+    /// surfaces by 4 x 4 x 4 points of their winding field.
+    Coverage,
+}
+
+/// What the cells of a solid say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Attribute {
+    /// That they are full, or how far.
+    #[default]
+    Occupancy,
+    /// The colour of the surface; inside, that of the face behind which a cell lies.
+    Colour,
+    /// Which part of the model they belong to.
+    Part,
+}
+
+/// How it is known what lies inside.
+#[derive(Clone, Debug)]
+pub(super) enum Inside {
+    /// Winding numbers other than zero.
+    Winding,
+    /// An odd number of crossings.
+    Parity,
+    /// A winding field of at least one half, or at most minus one half: for surfaces that are not closed.
+    Field(Arc<Field>),
+}
+
+/// How nodes are filled.
+#[derive(Clone, Debug)]
+pub(super) struct Fill {
+    pub(super) grid: Grid,
+    pub(super) lattice: Lattice,
+    pub(super) boundary: Boundary,
+    pub(super) attribute: Attribute,
+    /// Only the cells that the surface cuts.
+    pub(super) surface: bool,
+    pub(super) inside: Inside,
+}
+
+impl Fill {
+    /// Grid steps along a cell.
+    pub(super) fn cell(&self) -> i32 {
+        self.grid.cell()
+    }
+
+    #[inline]
+    pub(super) fn is_inside(&self, winding: i32) -> bool {
+        match self.inside {
+            Inside::Parity => winding & 1 != 0,
+            _ => winding != 0,
+        }
+    }
+}
+
+/// What is known at a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct State {
+    pub(super) winding: i32,
+    /// That of the face through which the solid was entered last.
+    pub(super) attribute: u32,
+}
+
+impl State {
+    /// Goes through a face.
+    #[inline]
+    pub(super) fn pass(&mut self, change: i32, attribute: u32) {
+        if self.winding == 0 {
+            self.attribute = attribute;
+        }
+        self.winding += change;
+    }
+}
