@@ -1,6 +1,6 @@
 //! `spinney build`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::bail;
@@ -9,8 +9,9 @@ use spinney::import::raster::{self, ImportOptions};
 use spinney::store::Output;
 use spinney::value::{Kind, Rule};
 
+use super::output::{check_output, tell_output_of};
 use super::progress::Work;
-use super::{Global, Result, check_output, model, quantity};
+use super::{Global, Result, model, quantity};
 
 /// Make a tree of a picture, or of several on one grid, or of models of solids.
 ///
@@ -126,19 +127,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
     let output = Output::create(&path)?;
     import.build(output, &work)?;
     work.finish();
-    let time = format!("{:.1} s", start.elapsed().as_secs_f64());
-    match std::fs::metadata(&path) {
-        Ok(file) if path != Path::new("-") => {
-            let percent = 100.0 * file.len() as f64 / raw as f64;
-            let (size, raw) = (quantity::bytes(file.len()), quantity::bytes(raw));
-            let name = path.display();
-            global.say(format_args!(
-                "{:<10} {name}: {size}, {percent:.1} % of {raw} of samples, in {time}",
-                "output"
-            ));
-        }
-        _ => global.say(format_args!("{:<10} standard output, in {time}", "output")),
-    }
+    tell_output_of(global, &path, start, Some(raw));
     Ok(())
 }
 

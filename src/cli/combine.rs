@@ -8,8 +8,9 @@ use serde_json::json;
 use spinney::ops::{self, Operation, Prefer};
 use spinney::store::Output;
 
+use super::output::{check_output, tell_output};
 use super::progress::Work;
-use super::{Global, Result, check_output, print_json, print_text, quantity, tell_output};
+use super::{Global, Result, print_json, print_text, quantity};
 
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
 ///

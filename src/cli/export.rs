@@ -7,9 +7,10 @@ use anyhow::{Context as _, bail};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
 use spinney::store::Output;
 
+use super::output::{check_output, tell_output};
 use super::progress::Work;
 use super::viewed::Viewed;
-use super::{Global, Result, check_output, tell_output};
+use super::{Global, Result};
 
 /// Write the surface of an octree as a mesh
 ///
@@ -35,9 +36,9 @@ pub(crate) struct Args {
     /// Triangles only, in PLY and OBJ too
     #[arg(long)]
     triangles: bool,
-    /// Format where the output's name does not tell
-    #[arg(long, value_parser = ["ply", "obj", "stl"])]
-    format: Option<String>,
+    /// Format where the output's name does not tell: ply, obj or stl
+    #[arg(long)]
+    format: Option<MeshFormat>,
 }
 
 const EXAMPLES: &str = "Examples:
@@ -49,11 +50,7 @@ const EXAMPLES: &str = "Examples:
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result {
     let start = Instant::now();
-    let format = match &args.format {
-        Some(name) => Some(name.parse()?),
-        None => MeshFormat::of(&args.output),
-    };
-    let Some(format) = format else {
+    let Some(format) = args.format.or_else(|| MeshFormat::of(&args.output)) else {
         bail!("{}: unknown format; use .ply, .obj or .stl, or --format", args.output.display());
     };
     let tree = args.tree.open()?;

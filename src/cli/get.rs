@@ -1,19 +1,20 @@
 //! `spinney get`: any part at any level as a picture or array.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context as _, Result, bail, ensure};
-use spinney::export::image::{Format, format_of};
+use anyhow::{Context as _, Result, ensure};
+use spinney::export::image::Format;
 use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
 use spinney::query::Tree;
 use spinney::space::Bounds;
 use spinney::store::Output;
 
+use super::Global;
+use super::output::{check_output, picture_format};
 use super::place::Part;
 use super::progress::Work;
 use super::slice::{Slice, box_cells, parse_box, parse_slice};
 use super::viewed::Viewed;
-use super::{Global, check_output};
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
@@ -73,11 +74,7 @@ pub(super) fn size(text: &str) -> Result<(u64, u64), String> {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
-    let name = args.format.as_ref().map(|format| Path::new("x").with_extension(format));
-    let format: Option<Format> = format_of(name.as_deref().unwrap_or(&args.output));
-    let Some(format) = format else {
-        bail!("{}: unknown format; use .png, .tif, .exr, .npy or .raw, or --format", args.output.display());
-    };
+    let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
     check_output([args.tree.file.as_path()], &args.output)?;
     ensure!(!args.world || args.slice.is_some() || args.cells.is_some(), "--world is for --slice and --box");
     let is_octree = tree.header().axes == 3;

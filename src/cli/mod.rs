@@ -9,6 +9,7 @@ mod find;
 mod get;
 mod info;
 mod model;
+mod output;
 mod place;
 mod point;
 mod progress;
@@ -24,7 +25,6 @@ mod viewed;
 use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
-use std::time::Instant;
 
 use clap::{Parser, Subcommand};
 use spinney::query::Tree;
@@ -32,7 +32,8 @@ use spinney::query::Tree;
 /// What most subcommands give back.
 type Result<T = (), E = anyhow::Error> = std::result::Result<T, E>;
 
-/// Keeps pictures that are larger than memory as quadtrees, any part at any level of detail straight from disk.
+/// Keeps pictures and solids that are larger than memory as quadtrees and octrees, any part at any level of detail straight
+/// from disk.
 #[derive(Parser)]
 #[command(name = "spinney", version, propagate_version = true, max_term_width = 100, after_help = EXAMPLES)]
 struct Cli {
@@ -47,6 +48,8 @@ Start here:
   spinney build world.tif -o world.goblin              make a tree of a picture
   spinney info world.goblin                            see what is in it
   spinney get world.goblin small.png --size 1024x512   look at it
+  spinney build bunny.ply -o bunny.goblin              make a tree of a solid
+  spinney render bunny.goblin bunny.png                look at that
   spinney help build                                   all about building
 
 Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
@@ -114,32 +117,6 @@ impl Global {
 /// Opens a tree file of any type.
 fn open(path: &Path) -> Result<Box<dyn Tree>> {
     Ok(spinney::query::open(path, &Default::default())?)
-}
-
-/// No input may be the output.
-fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result {
-    let same = |input: &Path| match (input.canonicalize(), output.canonicalize()) {
-        (Ok(a), Ok(b)) => a == b,
-        _ => false,
-    };
-    match inputs.into_iter().find(|input| same(input)) {
-        Some(input) => {
-            anyhow::bail!("{}: is an input and the output; choose another output", input.display())
-        }
-        None => Ok(()),
-    }
-}
-
-/// A line about the file that was made.
-fn tell_output(global: &Global, path: &Path, start: Instant) {
-    let time = format!("{:.1} s", start.elapsed().as_secs_f64());
-    match std::fs::metadata(path) {
-        Ok(file) if path != Path::new("-") => {
-            let size = quantity::bytes(file.len());
-            global.say(format_args!("{:<10} {}: {size}, in {time}", "output", path.display()));
-        }
-        _ => global.say(format_args!("{:<10} standard output, in {time}", "output")),
-    }
 }
 
 fn print_text(text: &str) -> Result {

@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
-use spinney::import::mesh::{self, Attribute, Boundary, Resolution, SolidOptions, Up};
+use spinney::import::mesh::{self, Attribute, Boundary, Resolution, SolidOptions};
+use spinney::space::Up;
 use spinney::store::Output;
 
+use super::output::{check_output, tell_output};
 use super::progress::Work;
-use super::{Global, Result, check_output, open, tell_output};
+use super::{Global, Result, open};
 
 /// Options for models only. (Not called `Args`: clap would take it for the group around it.)
 #[derive(clap::Args, Debug, Default)]
@@ -31,15 +33,15 @@ pub(crate) struct Model {
     surface: bool,
     /// Cells that the surface cuts: full (all belong to it), centre (those whose centre is inside) or coverage (as far
     /// as they are inside) [default: centre]
-    #[arg(long, value_name = "RULE", value_parser = ["full", "centre", "coverage"])]
-    boundary: Option<String>,
+    #[arg(long, value_name = "RULE")]
+    boundary: Option<Boundary>,
     /// What cells hold: occupancy (255 is full), colour, or part (the number of an object, group or material)
     /// [default: occupancy]
-    #[arg(long, value_parser = ["occupancy", "colour", "part"])]
-    attribute: Option<String>,
+    #[arg(long)]
+    attribute: Option<Attribute>,
     /// The axis of the model that points up; y is turned to z [default: z]
-    #[arg(long, value_parser = ["y", "z"])]
-    up: Option<String>,
+    #[arg(long, value_name = "AXIS")]
+    up: Option<Up>,
     /// Unit of the model's coordinates, where the file does not tell: mm, cm, m, km, in or ft
     #[arg(long, value_parser = ["mm", "cm", "m", "km", "in", "ft"])]
     unit: Option<String>,
@@ -71,8 +73,16 @@ impl Model {
     /// Whether any of them was given, which makes no sense for pictures.
     pub(crate) fn is_given(&self) -> bool {
         let Model { cells, cell, like, solid, surface, boundary, attribute, up, unit, stats } = self;
-        let strings = [boundary, attribute, up, unit].into_iter().any(Option::is_some);
-        cells.is_some() || cell.is_some() || like.is_some() || *solid || *surface || *stats || strings
+        cells.is_some()
+            || cell.is_some()
+            || like.is_some()
+            || *solid
+            || *surface
+            || boundary.is_some()
+            || attribute.is_some()
+            || up.is_some()
+            || unit.is_some()
+            || *stats
     }
 
     fn resolution(&self, depth: Option<u8>, unit: Option<&str>) -> Result<Resolution> {
@@ -106,18 +116,10 @@ pub(crate) fn build(
     let unit = models.iter().find_map(|model| model.info().unit.clone());
     let options = SolidOptions {
         resolution: args.resolution(depth, unit.as_deref())?,
-        boundary: match args.boundary.as_deref() {
-            Some("full") => Boundary::Full,
-            Some("coverage") => Boundary::Coverage,
-            _ => Boundary::Centre,
-        },
-        attribute: match args.attribute.as_deref() {
-            Some("colour") => Attribute::Colour,
-            Some("part") => Attribute::Part,
-            _ => Attribute::Occupancy,
-        },
+        boundary: args.boundary.unwrap_or_default(),
+        attribute: args.attribute.unwrap_or_default(),
         surface: args.surface,
-        up: if args.up.as_deref() == Some("y") { Up::Y } else { Up::Z },
+        up: args.up.unwrap_or_default(),
         unit: args.unit.clone().or(unit),
         epsg,
         memory,
@@ -141,7 +143,11 @@ pub(crate) fn build(
         global.say(format_args!("{:<10} {} triangles, which count once", "doubled", report.doubled));
     }
     if args.stats {
-        global.say(format_args!("{:<10} {} read, {} triangles", "faces", report.faces, report.triangles));
+        let (faces, degenerate, triangles) = (report.faces, report.degenerate, report.triangles);
+        global.say(format_args!(
+            "{:<10} {faces} read, {triangles} triangles; {degenerate} left out that cover nothing",
+            "faces"
+        ));
         global.say(format_args!("{:<10} vertices by at most {:e}", "moved", report.displacement));
         for (name, apart, cutting) in report.stages.named() {
             global.say(format_args!(

@@ -14,7 +14,6 @@ const EXAMPLES: &str = "Examples:
   spinney point relief.goblin -- -70.0,-33.4 7.66,45.98
   spinney point --cells world.goblin 21600,5000
   spinney point relief.goblin < coordinates.csv > heights.txt
-
   spinney point house.goblin 3.5,2.25,1.1
   spinney point --cells --level 6 house.goblin < voxels.csv
 

@@ -1,16 +1,17 @@
 //! `spinney render`: a shaded picture of a solid.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, bail, ensure};
-use spinney::export::image::format_of;
-use spinney::export::{Projection, RenderRequest, Up, render};
+use anyhow::{Context as _, ensure};
+use spinney::export::{Projection, RenderRequest, render};
+use spinney::space::Up;
 use spinney::store::Output;
 
+use super::output::{check_output, picture_format, tell_output};
 use super::progress::Work;
 use super::viewed::Viewed;
-use super::{Global, check_output, tell_output};
+use super::{Global, Result};
 
 const EXAMPLES: &str = "Examples:
   spinney render house.goblin house.png
@@ -49,9 +50,9 @@ pub(crate) struct Args {
     /// What is farther away is smaller (the default)
     #[arg(long)]
     perspective: bool,
-    /// Axis of the world that points up
-    #[arg(long, value_name = "AXIS", value_parser = ["y", "z"], default_value = "z")]
-    up: String,
+    /// Axis of the world that points up: y or z
+    #[arg(long, value_name = "AXIS", default_value_t = Up::Z)]
+    up: Up,
     /// Colour behind the solid: #rrggbb, white, grey, black, or transparent
     #[arg(long, value_name = "COLOUR", value_parser = colour, default_value = "white")]
     background: Background,
@@ -93,14 +94,11 @@ fn colour(text: &str) -> Result<Background, String> {
         .ok_or_else(|| "expected #rrggbb, white, grey, black or transparent".into())
 }
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+pub(crate) fn run(args: &Args, global: &Global) -> Result {
     let start = Instant::now();
     let tree = args.tree.open()?;
     ensure!(tree.header().axes == 3, "{}: is a quadtree; use `spinney get`", args.tree.file.display());
-    let name = args.format.as_ref().map(|format| Path::new("x").with_extension(format));
-    let Some(format) = format_of(name.as_deref().unwrap_or(&args.output)) else {
-        bail!("{}: unknown format; use .png, .tif, .npy or .raw, or --format", args.output.display());
-    };
+    let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let request = RenderRequest {
         width: args.size.0,
@@ -109,7 +107,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         elevation: args.from[1],
         zoom: args.zoom,
         projection: if args.orthographic { Projection::Orthographic } else { Projection::Perspective },
-        up: if args.up == "y" { Up::Y } else { Up::Z },
+        up: args.up,
         level: args.level,
         background: args.background.0,
         samples: args.samples,

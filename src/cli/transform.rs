@@ -6,9 +6,10 @@ use std::time::Instant;
 use spinney::ops::{self, Chain, Step};
 use spinney::store::Output;
 
+use super::output::{check_output, tell_output};
 use super::progress::Work;
 use super::viewed::step;
-use super::{Global, Result, check_output, quantity, tell_output};
+use super::{Global, Result, quantity};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned.
 ///

@@ -18,7 +18,7 @@ mod window;
 #[cfg(feature = "raster")]
 pub use array::{ArrayRequest, export_array};
 #[cfg(feature = "raster")]
-pub use camera::{Projection, Up};
+pub use camera::Projection;
 #[cfg(feature = "raster")]
 pub use render::{RenderRequest, render};
 #[cfg(feature = "raster")]

@@ -1,11 +1,13 @@
 //! Shaded pictures of solids: a ray per sample of a pixel through the tree as it is on disk.
 
-use super::camera::{Camera, Pose, Projection, Up, cross, dot, plus, unit};
+use glam::{DMat3, DVec3};
+
+use super::camera::{Camera, Pose, Projection};
 use super::image::{Format, ImageSpec, create};
 use super::paint::{Paint, to_linear, to_screen};
 use crate::parallel::{self, Rested};
 use crate::query::{Ray, Rays, SurfaceHit, Tree};
-use crate::space::{Bounds, Frame};
+use crate::space::{Bounds, Frame, Up};
 use crate::store::Output;
 use crate::value::{SampleType, ValueType};
 use crate::{Error, Progress, Result};
@@ -93,7 +95,7 @@ pub fn render(
     let bounds = rough.bounds.unwrap_or(space);
     let corners = std::array::from_fn(|corner| {
         let pick = |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
-        rough.frame().to_world(std::array::from_fn(|axis| pick(axis) as f64))
+        DVec3::from(rough.frame().to_world(std::array::from_fn(|axis| pick(axis) as f64)))
     });
     let pose = Pose { azimuth, elevation, zoom, projection, up, size: [width, height] };
     let camera = Camera::facing(&pose, &corners)?;
@@ -139,35 +141,31 @@ pub fn render(
 
 /// Edge of the cube that is as large as a cell, in the world.
 fn cell_size(frame: &Frame) -> f64 {
-    let [a, b, c] = columns(frame);
-    dot(cross(a, b), c).abs().cbrt()
-}
-
-fn columns(frame: &Frame) -> [[f64; 3]; 3] {
-    std::array::from_fn(|column| frame.matrix.map(|row| row[column]))
+    frame.linear().determinant().abs().cbrt()
 }
 
 struct Scene {
     camera: Camera,
     paint: Paint,
-    /// From cells of the level to the world, and the same without the shift.
+    /// From cells of the level to the world.
     frame: Frame,
-    linear: Frame,
-    /// Rows of the map that turns gradients in cells into directions in the world.
-    normals: [[f64; 3]; 3],
+    /// From directions in the world to those in cells.
+    to_cells: DMat3,
+    /// From gradients in cells to directions in the world.
+    normals: DMat3,
     /// Half the longest side of the box around the solid, in cells of the level.
     radius: f64,
     /// Direction to the light.
-    light: [f64; 3],
-    background: [f64; 3],
+    light: DVec3,
+    background: DVec3,
     is_opaque: bool,
     samples: u32,
     width: u64,
 }
 
 /// Colours of the light from above and from below, and how strong it is; the head light's; the highlight's.
-const SKY: [f64; 3] = [0.86, 0.93, 1.0];
-const GROUND: [f64; 3] = [0.50, 0.46, 0.42];
+const SKY: DVec3 = DVec3::new(0.86, 0.93, 1.0);
+const GROUND: DVec3 = DVec3::new(0.50, 0.46, 0.42);
 const AMBIENT: f64 = 0.50;
 const HEAD: f64 = 0.92;
 const HIGHLIGHT: f64 = 0.06;
@@ -183,27 +181,21 @@ impl Scene {
         request: &RenderRequest,
     ) -> Result<Scene> {
         let frame = tree.metadata().frame.coarser(tree.depth() - level);
-        let mut linear = frame.clone();
-        for row in &mut linear.matrix {
-            row[3] = 0.0;
-        }
-        let [a, b, c] = columns(&frame);
-        let mirrored = dot(cross(a, b), c).signum();
-        let areas = [cross(b, c), cross(c, a), cross(a, b)];
-        let normals = std::array::from_fn(|row| std::array::from_fn(|column| mirrored * areas[column][row]));
-        let light = plus(plus(camera.towards, 0.55, camera.top), -0.5, camera.right);
-        let light = unit(light).unwrap_or(camera.towards);
+        let linear = frame.linear();
+        let [a, b, c] = frame.face_areas();
+        let normals = DMat3::from_cols(a, b, c) * linear.determinant().signum();
+        let light = (camera.towards + 0.55 * camera.top - 0.5 * camera.right).normalize();
         let background =
             request.background.unwrap_or([0; 3]).map(|sample| to_linear(f64::from(sample) / 255.0));
         Ok(Scene {
             camera,
             paint: Paint::of(tree)?,
             frame,
-            linear,
+            to_cells: linear.inverse(),
             normals,
             radius,
             light,
-            background,
+            background: background.into(),
             is_opaque: request.background.is_some(),
             samples: request.samples,
             width: request.width,
@@ -215,22 +207,22 @@ impl Scene {
         let mut pixels = Vec::with_capacity(self.width as usize * 4);
         let count = f64::from(self.samples * self.samples);
         for column in 0..self.width {
-            let (mut sum, mut covered) = ([0.0; 3], 0.0);
+            let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
             for sample in 0..self.samples * self.samples {
                 let place = |number: u32| (f64::from(number) + 0.5) / f64::from(self.samples);
                 let (across, down) = (place(sample % self.samples), place(sample / self.samples));
                 if let Some(colour) = self.look(rays, [column as f64 + across, row as f64 + down])? {
-                    sum = plus(sum, 1.0, colour);
+                    sum += colour;
                     covered += 1.0;
                 }
             }
             let share = covered / count;
             if self.is_opaque {
-                let colour = plus(sum.map(|part| part / count), 1.0 - share, self.background);
-                pixels.extend(colour.map(to_screen));
+                let colour = sum / count + self.background * (1.0 - share);
+                pixels.extend(colour.to_array().map(to_screen));
             } else {
-                let colour = sum.map(|part| if covered > 0.0 { part / covered } else { 0.0 });
-                pixels.extend(colour.map(to_screen));
+                let colour = if covered > 0.0 { sum / covered } else { DVec3::ZERO };
+                pixels.extend(colour.to_array().map(to_screen));
                 pixels.push((share * 255.0 + 0.5) as u8);
             }
         }
@@ -238,46 +230,40 @@ impl Scene {
     }
 
     /// What is seen at a place of the picture; `None` is nothing.
-    fn look(&self, rays: &mut dyn Rays, place: [f64; 2]) -> Result<Option<[f64; 3]>> {
+    fn look(&self, rays: &mut dyn Rays, place: [f64; 2]) -> Result<Option<DVec3>> {
         let (origin, direction) = self.camera.ray(place);
         let no_inverse = || Error::invalid("the file's transform", "one without an inverse", "one with");
         let ray = Ray {
-            origin: self.frame.to_cells(origin).ok_or_else(no_inverse)?,
-            direction: self.linear.to_cells(direction).ok_or_else(no_inverse)?,
+            origin: self.frame.to_cells(origin.to_array()).ok_or_else(no_inverse)?,
+            direction: (self.to_cells * direction).to_array(),
         };
         let Some(hit) = rays.surface(&ray)? else { return Ok(None) };
-        let back = direction.map(|number| -number);
-        let inwards = hit.inwards;
-        let outwards = unit(self.normals.map(|row| -dot(row, inwards))).unwrap_or(back);
+        let back = -direction;
+        let inwards = DVec3::from(hit.inwards);
+        let outwards = (self.normals * -inwards).try_normalize().unwrap_or(back);
         let open = self.openness(rays, &hit)?;
-        let albedo = self.paint.colour(&hit.value);
-        let up = 0.5 + 0.5 * dot(outwards, self.camera.sky);
-        let lit = dot(outwards, self.light).max(0.0);
-        let half = unit(plus(self.light, 1.0, back)).unwrap_or(back);
-        let highlight = HIGHLIGHT * dot(outwards, half).max(0.0).powi(40) * open;
-        Ok(Some(std::array::from_fn(|channel| {
-            let around = GROUND[channel] + (SKY[channel] - GROUND[channel]) * up;
-            let light = AMBIENT * around * open + HEAD * lit * (0.35 + 0.65 * open);
-            albedo[channel] * light + highlight
-        })))
+        let albedo = DVec3::from(self.paint.colour(&hit.value));
+        let up = 0.5 + 0.5 * outwards.dot(self.camera.sky);
+        let lit = outwards.dot(self.light).max(0.0);
+        let half = (self.light + back).normalize_or(back);
+        let highlight = HIGHLIGHT * outwards.dot(half).max(0.0).powi(40) * open;
+        let light = GROUND.lerp(SKY, up) * (AMBIENT * open) + HEAD * lit * (0.35 + 0.65 * open);
+        Ok(Some(albedo * light + highlight))
     }
 
     /// How much of the sky's light reaches a place: 1 in the open.
     fn openness(&self, rays: &mut dyn Rays, hit: &SurfaceHit) -> Result<f64> {
-        let Some(outwards) = unit(hit.inwards.map(|number| -number)) else { return Ok(1.0) };
-        let least = (0..3).min_by(|a, b| outwards[*a].abs().total_cmp(&outwards[*b].abs())).unwrap_or(0);
-        let mut aside = [0.0; 3];
-        aside[least] = 1.0;
-        let Some(aside) = unit(cross(outwards, aside)) else { return Ok(1.0) };
-        let across = cross(outwards, aside);
+        let Some(outwards) = (-DVec3::from(hit.inwards)).try_normalize() else { return Ok(1.0) };
+        let (aside, across) = outwards.any_orthonormal_pair();
         let (mut hidden, mut most) = (0.0, 0.0);
         for distance in HOLLOWS {
             let weight = 1.0 / (1.0 + 6.0 * distance);
             // Nearer than that the surface itself is seen.
             let distance = (distance * self.radius).max(1.5);
             for (u, v) in [(0.8, 0.0), (-0.8, 0.0), (0.0, 0.8), (0.0, -0.8)] {
-                let direction = plus(plus(outwards, u, aside), v, across);
-                hidden += weight * rays.density(plus(hit.point, distance, direction))?;
+                let direction = outwards + u * aside + v * across;
+                hidden +=
+                    weight * rays.density((DVec3::from(hit.point) + distance * direction).to_array())?;
                 most += weight;
             }
         }

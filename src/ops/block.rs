@@ -6,7 +6,7 @@ use glam::DVec3;
 use super::look::{Around, ViewNode};
 use super::view::{TINY, View};
 use crate::Result;
-use crate::space::{Bounds, Dimension};
+use crate::space::{Bounds, Dimension, spread};
 use crate::tree::{CellBlock, Source};
 use crate::value::Value;
 
@@ -59,9 +59,7 @@ impl<S: Source> View<S> {
         let size = bounds.size().map(|size| size as i64);
         let origin = bounds.min.map(|cell| cell as i64);
         // Z order: the bits of each coordinate with gaps for the others'.
-        let spread: Vec<usize> = (0..side as usize)
-            .map(|cell| (0..levels).map(|bit| (cell >> bit & 1) << (axes * bit as usize)).sum())
-            .collect();
+        let spread: Vec<usize> = (0..side as u32).map(|cell| spread::<S::Dim>(cell) as usize).collect();
         let matrix = &self.lookup.to_source.0;
         let strides = [1, size[0], size[0] * size[1]];
         // Between whole cells it is a matter of counting.

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use super::occupancy::{Filling, HALF};
 use crate::space::{Code, Oct};
 use crate::tree::{CellBlock, Child, Source};
 use crate::value::{Rule, Sample, SampleType, Value, ValueType};
@@ -146,7 +147,7 @@ impl<S: Source<Dim = Oct>> SourceBlocks<S> {
         }
         Ok(SourceBlocks {
             source,
-            cells: Cells { occupancy: rule == Rule::Occupancy, carry },
+            cells: Cells { filling: Filling::of::<S::Value>(rule), carry },
             level,
             nodes: HashMap::new(),
             blocks: Default::default(),
@@ -260,7 +261,7 @@ fn code_of(level: u8, node: [i64; 3]) -> Option<Code<Oct>> {
 /// What is made of a tree's cells.
 #[derive(Clone, Copy)]
 struct Cells {
-    occupancy: bool,
+    filling: Filling,
     carry: Carry,
 }
 
@@ -268,15 +269,16 @@ impl Cells {
     /// Whether a cell is solid, and what is carried of it.
     #[inline]
     fn cell<V: Value>(self, value: Option<V>) -> (bool, u32) {
-        let Some(value) = value else { return (false, 0) };
-        let number = |channel: usize| value.samples()[channel].to_f64();
-        let coverage = if self.occupancy { number(0).clamp(0.0, 255.0) as u32 } else { 255 };
-        let told = match self.carry {
-            Carry::Nothing => 0,
-            Carry::Coverage => coverage,
-            Carry::Value => (0..V::CHANNELS.min(3)).fold(0, |told, i| told << 8 | number(i) as u32),
+        let fill = self.filling.fill(value);
+        let told = match (self.carry, value) {
+            (Carry::Nothing, _) | (_, None) => 0,
+            (Carry::Coverage, _) => fill.into(),
+            (Carry::Value, Some(value)) => {
+                let samples = value.samples().iter().take(3);
+                samples.fold(0, |told, sample| told << 8 | sample.to_f64() as u32)
+            }
         };
-        (coverage >= 128, told)
+        (fill >= HALF, told)
     }
 
     /// A cube of cells of one value.
@@ -305,12 +307,9 @@ impl Cells {
     fn copy<V: Value>(self, cells: &CellBlock<V>, height: u8, at: [u32; 3], block: &mut Block) {
         for (place, (present, value)) in cells.present.iter().zip(&cells.values).enumerate() {
             if *present > 0 {
-                let along = |axis: usize| {
-                    (0..height)
-                        .fold(0, |cell, bit| cell | (place >> (3 * usize::from(bit) + axis) & 1) << bit)
-                };
-                let at = std::array::from_fn(|axis| at[axis] + along(axis) as u32);
-                self.paint(Some(*value), 1, at, block);
+                let Some(code) = Code::<Oct>::from_path(height, place as u64) else { continue };
+                let cell = code.cell();
+                self.paint(Some(*value), 1, std::array::from_fn(|axis| at[axis] + cell[axis]), block);
             }
         }
     }

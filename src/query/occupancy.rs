@@ -10,6 +10,9 @@ pub(super) const BRICK: u8 = 3;
 pub(super) const SIDE: i64 = 1 << BRICK;
 pub(super) const BRICK_CELLS: usize = 1 << (3 * BRICK);
 
+/// Cells that are at least this full belong to the solid.
+pub(super) const HALF: u8 = 128;
+
 /// What a value says about how full a cell is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Filling {

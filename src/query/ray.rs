@@ -6,11 +6,9 @@
 //! can neither skip a block nor stay in one.
 
 use super::field::Field;
-use super::occupancy::Block;
+use super::occupancy::{Block, HALF};
 use crate::Result;
 
-/// Cells that are at least this full belong to the solid.
-pub(super) const HALF: u8 = 128;
 /// The surface is where the density between cells is this; at levels above the finest it is where it is this.
 ///
 /// Walls that are thinner than a cell would be gone with one half. With a quarter, walls of a quarter of a cell stay, and

@@ -5,9 +5,10 @@
 //! between the children on its two sides. Pairs of blocks that are alike end the walk, so memory is proportional to
 //! depth and time to the surface.
 
+use glam::{DMat3, DVec3};
+
 use super::field::Field;
-use super::occupancy::{Filling, Level, check_level};
-use super::ray::HALF;
+use super::occupancy::{Filling, HALF, Level, check_level};
 use crate::parallel::{self, Rested};
 use crate::space::{Bounds, Frame, Oct};
 use crate::tree::{Child, Source};
@@ -45,14 +46,13 @@ impl SolidStatistics {
 
     /// Volume in the cube of the world's units.
     pub fn world_volume(&self) -> f64 {
-        let [a, b, c] = columns(&self.frame);
-        self.volume * dot(cross(a, b), c).abs()
+        self.volume * self.frame.linear().determinant().abs()
     }
 
     /// Area of all faces, as they are, in the square of the world's units: up to half as much again as the area of the
     /// surface they stand for.
     pub fn block_area(&self) -> f64 {
-        let areas = face_vectors(&self.frame).map(|area| dot(area, area).sqrt());
+        let areas = self.frame.face_areas().map(DVec3::length);
         areas.iter().zip(self.faces).map(|(area, faces)| area * faces as f64).sum()
     }
 
@@ -88,25 +88,6 @@ impl SolidStatistics {
     }
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|axis| a[axis] * b[axis]).sum()
-}
-
-/// Edges of a cell in the world.
-fn columns(frame: &Frame) -> [[f64; 3]; 3] {
-    std::array::from_fn(|column| frame.matrix.map(|row| row[column]))
-}
-
-/// Area vectors of a cell's faces across x, y and z, in the world.
-fn face_vectors(frame: &Frame) -> [[f64; 3]; 3] {
-    let [a, b, c] = columns(frame);
-    [cross(b, c), cross(c, a), cross(a, b)]
-}
-
 /// Radius of the ball of cells that a face's normal comes from: wider than for pictures, because a face draws the normal
 /// at its own centre a little towards its axis.
 const REACH: f64 = 4.0;
@@ -128,14 +109,14 @@ pub(crate) fn measure<S: Source<Dim = Oct> + Sync>(
 ) -> Result<SolidStatistics> {
     check_level(source, level)?;
     let frame = frame.coarser(source.depth() - level);
-    let vectors = face_vectors(&frame);
+    let areas = frame.face_areas();
     let tasks = Walk { source, level, shared: level.min(SHARED), tasks: Vec::new() }.tasks()?;
     let fields = Rested::new();
     let parts = parallel::map(&tasks, |task| {
         progress.check()?;
         let make = || Ok(Field::new(Level::new(source, level, filling, false)?));
         fields.with(make, |field| {
-            let mut gather = Gather { source, filling, vectors, field, sums: Sums::default() };
+            let mut gather = Gather { source, filling, areas, field, sums: Sums::default() };
             match task {
                 Task::Node(node) => gather.node(node)?,
                 Task::Face(low, high, axis) => gather.face(low, high, *axis)?,
@@ -317,7 +298,8 @@ fn children_of<S: Source<Dim = Oct>>(source: &S, at: &At<Place<S>>) -> Result<Op
 struct Gather<'a, 'f, S: Source> {
     source: &'a S,
     filling: Filling,
-    vectors: [[f64; 3]; 3],
+    /// Of a cell's faces: see [`Frame::face_areas`].
+    areas: [DVec3; 3],
     field: &'f mut Field<'a>,
     sums: Sums,
 }
@@ -373,7 +355,7 @@ impl<S: Source<Dim = Oct>> Gather<'_, '_, S> {
         let side = 1i64 << high.height;
         let rim = REACH.ceil() as i64;
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let whole = dot(self.vectors[axis], self.vectors[axis]).sqrt();
+        let whole = self.areas[axis].length();
         for row in 0..side {
             let mut column = 0;
             while column < side {
@@ -387,14 +369,11 @@ impl<S: Source<Dim = Oct>> Gather<'_, '_, S> {
                 let mut point = high.min.map(|min| min as f64);
                 point[u] += column as f64 + 0.5;
                 point[v] += row as f64 + 0.5;
-                let inwards = self.field.gradient(point, REACH)?;
                 // Normals of surfaces go by the inverse transpose, which the area vectors are but for a factor.
-                let normal: [f64; 3] = std::array::from_fn(|row| {
-                    (0..3).map(|column| self.vectors[column][row] * inwards[column]).sum()
-                });
-                let length = dot(normal, normal).sqrt();
+                let [a, b, c] = self.areas;
+                let normal = DMat3::from_cols(a, b, c) * DVec3::from(self.field.gradient(point, REACH)?);
                 self.sums.area +=
-                    if length > 0.0 { dot(self.vectors[axis], normal).abs() / length } else { whole };
+                    normal.try_normalize().map_or(whole, |normal| self.areas[axis].dot(normal).abs());
                 column += 1;
             }
         }

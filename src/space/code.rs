@@ -207,8 +207,8 @@ impl Code<Quad> {
     }
 }
 
-/// Moves bit `i` of a coordinate to bit `i * AXES`.
-fn spread<D: Dimension>(x: u32) -> u64 {
+/// Moves bit `i` of a coordinate to bit `i * AXES`: what Z order is made of.
+pub(crate) fn spread<D: Dimension>(x: u32) -> u64 {
     let mut x = x as u64;
     if D::AXES == 2 {
         for (shift, mask) in [

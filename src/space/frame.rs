@@ -1,5 +1,6 @@
 //! Where the cells of a tree lie in the world.
 
+use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// The affine map from cell coordinates to the world, and the coordinate system it leads to.
@@ -44,6 +45,19 @@ impl Frame {
     /// Whether cells and world coincide, so that there is nothing to tell.
     pub fn is_identity(&self) -> bool {
         self.matrix == Frame::identity().matrix
+    }
+
+    /// The map without its shift: the columns are the edges of a cell, the determinant is a cell's volume, negative if
+    /// the map turns left into right.
+    pub fn linear(&self) -> DMat3 {
+        DMat3::from_cols_array_2d(&self.matrix.map(|[x, y, z, _]| [x, y, z])).transpose()
+    }
+
+    /// Area vectors in the world of a cell's faces across x, y and z, out of the cell at its upper ends; a mirrored
+    /// cell's point inwards.
+    pub fn face_areas(&self) -> [DVec3; 3] {
+        let DMat3 { x_axis: a, y_axis: b, z_axis: c } = self.linear();
+        [b.cross(c), c.cross(a), a.cross(b)]
     }
 
     /// World coordinates of a point given in cell coordinates.

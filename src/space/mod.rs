@@ -6,10 +6,13 @@ mod dimension;
 mod epsg;
 mod frame;
 mod region;
+mod up;
 
 pub use bounds::Bounds;
+pub(crate) use code::spread;
 pub use code::{Cell, Code};
 pub use dimension::{Dimension, Oct, Quad};
 pub use epsg::is_geographic;
 pub use frame::Frame;
 pub use region::Region;
+pub use up::Up;

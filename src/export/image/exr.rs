@@ -115,7 +115,7 @@ impl Exr {
 }
 
 /// One row, channel after channel, in the machine's byte order, as the encoder wants it.
-#[allow(clippy::host_endian_bytes)] // see above
+#[allow(clippy::host_endian_bytes)] // the encoder's interface is in the machine's order
 fn planes(row: &[u8], places: &'static [usize]) -> impl Iterator<Item = u8> {
     let samples = row.as_chunks::<4>().0;
     places.iter().flat_map(move |&place| {

@@ -180,26 +180,18 @@ enum Precision {
 impl Precision {
     fn of(frame: &Frame, level: u8) -> Result<Precision> {
         let m = &frame.matrix;
-        let det = determinant(frame);
+        let det = frame.linear().determinant();
         if !det.is_finite() || det == 0.0 || m.iter().flatten().any(|number| !number.is_finite()) {
             return Err(Error::invalid("frame", format!("{m:?}"), "one that is not flat"));
         }
         let side = (1u64 << level) as f64;
         let row_most = |row: &[f64; 4]| row[3].abs() + side * row[..3].iter().map(|x| x.abs()).sum::<f64>();
         let spacing = m.iter().map(row_most).fold(0.0, f64::max) * f64::from(f32::EPSILON);
-        let edge = |axis: usize| m.iter().map(|row| row[axis] * row[axis]).sum::<f64>().sqrt();
-        let cell = (0..3).map(edge).fold(f64::INFINITY, f64::min);
+        let cell = (0..3).map(|axis| frame.linear().col(axis).length()).fold(f64::INFINITY, f64::min);
         Ok(match cell / spacing {
             ratio if ratio >= 64.0 => Precision::Single,
             ratio if ratio >= 2.0 => Precision::Rough,
             _ => Precision::Double,
         })
     }
-}
-
-/// Of the frame's linear part: the volume of a cell, negative if it is mirrored.
-fn determinant(frame: &Frame) -> f64 {
-    let [a, b, c] = &frame.matrix;
-    a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
-        + a[2] * (b[0] * c[1] - b[1] * c[0])
 }

@@ -6,6 +6,8 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
+
 use super::numbers::{Shared, z_order};
 use super::sink::{Mesh, Vertex};
 use super::visit::{Reach, visit};
@@ -197,7 +199,7 @@ impl Nets<'_, '_> {
             return self.mesh.face(ring.into_iter(), told);
         }
         // Along the shorter diagonal.
-        let distance = |a: Vertex, b: Vertex| (0..3).map(|i| (a.at[i] - b.at[i]).powi(2)).sum::<f64>();
+        let distance = |a: Vertex, b: Vertex| DVec3::from(a.at).distance_squared(DVec3::from(b.at));
         let [a, b, c, d] = ring;
         let triangles =
             if distance(a, c) <= distance(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };

@@ -3,13 +3,11 @@
 use std::collections::{BTreeMap, HashMap};
 
 use super::sink::Vertex;
+use crate::space::{Oct, spread};
 
 /// The place of a block in Z order.
 pub(super) fn z_order(block: [u32; 3]) -> u64 {
-    // At most 15 bits each: 14 levels of blocks, and one block beyond.
-    (0..15).fold(0, |order, bit| {
-        (0..3).fold(order, |order, axis| order | u64::from(block[axis] >> bit & 1) << (3 * bit + axis))
-    })
+    block.into_iter().enumerate().fold(0, |order, (axis, cell)| order | spread::<Oct>(cell) << axis)
 }
 
 /// Vertices on the borders of blocks, kept until the last block that may ask for them is done.

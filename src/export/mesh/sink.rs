@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use super::{MeshSummary, determinant};
+use super::MeshSummary;
 use crate::space::Frame;
 use crate::store::Output;
 use crate::{Error, Result};
@@ -42,7 +42,7 @@ pub(super) struct Mesh<'a> {
 
 impl<'a> Mesh<'a> {
     pub(super) fn new(sink: Box<dyn Sink>, frame: &'a Frame, triangles: bool) -> Mesh<'a> {
-        let mirrored = determinant(frame) < 0.0;
+        let mirrored = frame.linear().determinant() < 0.0;
         Mesh { sink, frame, mirrored, triangles, summary: MeshSummary::default(), ring: Vec::new() }
     }
 

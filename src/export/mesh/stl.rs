@@ -2,6 +2,8 @@
 
 use std::io::Write;
 
+use glam::DVec3;
+
 use super::sink::{Sink, Spill, Vertex, failed};
 use crate::store::Output;
 use crate::{Error, Result};
@@ -33,11 +35,8 @@ impl Sink for Stl {
             return Err(Error::unsupported(self.output.path(), found, advice));
         }
         self.triangles += 1;
-        let to = |point: &Vertex| [0, 1, 2].map(|axis| point.at[axis] - a.at[axis]);
-        let ([bx, by, bz], [cx, cy, cz]) = (to(b), to(c));
-        let normal = [by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx];
-        let length = normal.iter().map(|n| n * n).sum::<f64>().sqrt();
-        let normal = if length > 0.0 { normal.map(|n| n / length) } else { [0.0; 3] };
+        let to = |point: &Vertex| DVec3::from(point.at) - DVec3::from(a.at);
+        let normal = to(b).cross(to(c)).normalize_or_zero().to_array();
         let mut bytes = [0; 50];
         let numbers = normal.iter().chain(&a.at).chain(&b.at).chain(&c.at);
         for (place, number) in bytes.chunks_exact_mut(4).zip(numbers) {

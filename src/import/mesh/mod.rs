@@ -9,6 +9,6 @@ pub use face::{Box3, Flaw, Polygon, Stage, Stages, Triangulator, Verdict};
 pub use model::{Face, Model, ModelInfo};
 pub use read::{is_model, open, open_all};
 pub use solid::{
-    Attribute, Boundary, DEFAULT_MEMORY, Decided, Resolution, SolidImport, SolidOptions, SolidReport, Up,
+    Attribute, Boundary, DEFAULT_MEMORY, Decided, Resolution, SolidImport, SolidOptions, SolidReport,
     plan_models,
 };

@@ -324,7 +324,7 @@ impl Exr {
 }
 
 /// Copies samples, which the decoder leaves in the machine's byte order, as little-endian f32 or u32.
-#[allow(clippy::host_endian_bytes)] // see above
+#[allow(clippy::host_endian_bytes)] // the decoder's interface is in the machine's order
 fn copy_samples<'a>(samples: &[u8], sample: ExrType, targets: impl Iterator<Item = &'a mut [u8]>) {
     if sample == ExrType::F16 {
         for (target, &bytes) in targets.zip(samples.as_chunks::<2>().0) {

@@ -5,7 +5,7 @@ use zerocopy::FromBytes;
 use super::block::Block;
 use super::record::{LEAF, Layout, VOID};
 use crate::Result;
-use crate::space::{Code, Dimension};
+use crate::space::{Code, spread};
 use crate::value::Value;
 
 /// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
@@ -81,7 +81,7 @@ impl Slab {
         let mut state = vec![if whole { LEAF } else { VOID }; cells_in_block];
         let mut value = vec![V::default(); cells_in_block];
         // Places of pairs along x, which stay together in Z order.
-        let spread: Vec<u32> = (0..side as u32).map(|x| spread::<D>(x)).collect();
+        let spread: Vec<u32> = (0..side as u32).map(|x| spread::<D>(x) as u32).collect();
         for (y, z, row) in rows {
             let row_place = spread[y] << 1 | if D::AXES > 2 { spread[z] << 2 } else { 0 };
             let pairs = spread.iter().step_by(2).map(|x| (row_place | x) as usize);
@@ -131,9 +131,4 @@ impl Slab {
         }
         first.is_some()
     }
-}
-
-/// Moves bit `i` of a coordinate within a block to bit `i * AXES`.
-fn spread<D: Dimension>(x: u32) -> u32 {
-    (0..12).fold(0, |spread, bit| spread | (x >> bit & 1) << (bit as usize * D::AXES).min(31))
 }

@@ -33,7 +33,7 @@ pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max
     verdict(triangle, min, max).cuts
 }
 
-/// The same, with the test that decided: the fast path of [`Polygon::verdict`](super::Polygon::verdict), whose five
+/// The same, with the test that decided: the fast path of [`Polygon::cuts`](super::Polygon::cuts), whose five
 /// stages are three here and the edges, which a triangle has instead of a section with corners inside and outside.
 #[inline]
 pub(in crate::import::mesh) fn verdict(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Verdict {

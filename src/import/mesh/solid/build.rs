@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use super::closure::Closure;
 use super::field::Field;
 use super::grid::Triangle;
-use super::inside::{Attribute, Boundary, Fill, Inside};
+use super::inside::{Attribute, Fill, Inside};
 use super::plan::SolidImport;
 use super::source::Solid;
 use super::triangles::{Collector, Triangles};
@@ -22,6 +22,8 @@ use crate::{Error, Progress, Result};
 pub struct SolidReport {
     /// Faces that were read.
     pub faces: u64,
+    /// Faces besides those that have fewer than three different corners.
+    pub degenerate: u64,
     /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of triangles.
     pub repaired: u64,
     /// Triangles that are there more than once, for each time but the first: they count once if the surface is not closed
@@ -91,6 +93,7 @@ impl SolidImport {
         };
         let report = SolidReport {
             faces: read.faces,
+            degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
             repaired: read.repaired,
             doubled: read.doubled,
             triangles: read.triangles.len() as u64,
@@ -124,10 +127,14 @@ impl SolidImport {
         self.models.iter().flat_map(|model| model.info().parts.iter().cloned()).collect()
     }
 
+    /// Triangles that are kept in memory.
+    fn held(&self) -> usize {
+        (self.options.memory / 2 / TRIANGLE) as usize
+    }
+
     /// Snaps and triangulates all faces.
     fn read(&mut self, folder: &Path, progress: &dyn Progress) -> Result<Read> {
-        let limit = (self.options.memory / 2 / TRIANGLE) as usize;
-        let mut collector = Collector::new(limit, folder);
+        let mut collector = Collector::new(self.held(), folder);
         let mut read = Reading::default();
         let mut first_part = 1;
         let mut models = std::mem::take(&mut self.models);
@@ -177,14 +184,9 @@ impl SolidImport {
                 advice: "give more with --memory, close the surface, or build it with --surface".into(),
             });
         }
-        let mut all = Vec::with_capacity(read.triangles.len());
-        read.triangles.each(|_, triangle| {
-            all.push(*triangle);
-            Ok(())
-        })?;
-        if let Some(single) = without_doubles(&all) {
-            read.doubled = (all.len() - single.len()) as u64;
-            let mut collector = Collector::new((self.options.memory / 2 / TRIANGLE) as usize, folder);
+        if let Some(single) = without_doubles(&read.triangles.all()?) {
+            read.doubled = (read.triangles.len() - single.len()) as u64;
+            let mut collector = Collector::new(self.held(), folder);
             let mut closure = Closure::default();
             for triangle in &single {
                 closure.add(triangle.corners);
@@ -194,9 +196,8 @@ impl SolidImport {
             if closure.is_closed() {
                 return Ok((Inside::Winding, Decided::Closed));
             }
-            all = single;
         }
-        Ok((Inside::Field(Field::new(&all)?.into()), Decided::Open))
+        Ok((Inside::Field(Field::new(&read.triangles.all()?)?.into()), Decided::Open))
     }
 }
 
@@ -331,12 +332,7 @@ fn provenance(info: &ModelInfo) -> String {
 
 /// What the file keeps of a report.
 fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> {
-    let boundary = match import.options.boundary {
-        _ if import.options.surface => "surface",
-        Boundary::Full => "full",
-        Boundary::Centre => "centre",
-        Boundary::Coverage => "coverage",
-    };
+    let boundary = if import.options.surface { "surface" } else { import.options.boundary.name() };
     let tags = [
         ("solid.boundary", boundary.to_string()),
         ("solid.surface", report.inside.text().to_string()),

@@ -9,6 +9,7 @@ use glam::DVec3;
 
 use super::closure::edge_number;
 use super::grid::Triangle;
+use crate::space::{Oct, spread};
 use crate::{Error, Result};
 
 /// Triangles that are looked at one by one.
@@ -64,8 +65,8 @@ impl Field {
                     triangle.corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>() / 3
                 };
                 // Coordinates run from -2^29 to 2^30.
-                let place = |axis: usize| ((middle(axis) + (1 << 29)) as u64) >> 10;
-                let key = spread(place(0)) | spread(place(1)) << 1 | spread(place(2)) << 2;
+                let place = |axis: usize| ((middle(axis) + (1 << 29)) >> 10) as u32;
+                let key = (0..3).fold(0, |key, axis| key | spread::<Oct>(place(axis)) << axis);
                 (key, triangle.corners.map(|corner| DVec3::from_array(corner.map(f64::from))))
             })
             .collect();
@@ -244,16 +245,6 @@ fn solid_angle([a, b, c]: &[DVec3; 3], from: DVec3) -> f64 {
     let over = a.dot(b.cross(c));
     let under = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
     2.0 * over.atan2(under)
-}
-
-/// Moves bit `i` of 21 to bit `3 i`.
-fn spread(mut x: u64) -> u64 {
-    x &= 0x1f_ffff;
-    x = (x | x << 32) & 0x001f_0000_0000_ffff;
-    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
-    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
-    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
 }
 
 #[cfg(test)]

@@ -1,10 +1,12 @@
 //! What belongs to a solid, and what its cells say.
 
+use std::str::FromStr;
 use std::sync::Arc;
 
 use super::crossing::Lattice;
 use super::field::Field;
 use super::grid::Grid;
+use crate::{Error, Result};
 
 /// Occupancy of a cell that is full.
 pub(super) const FULL: u32 = 255;
@@ -33,6 +35,46 @@ pub enum Attribute {
     Colour,
     /// Which part of the model they belong to.
     Part,
+}
+
+impl Boundary {
+    /// All of them.
+    pub const ALL: [Boundary; 3] = [Boundary::Full, Boundary::Centre, Boundary::Coverage];
+
+    /// The name on the command line and in files' tags.
+    pub fn name(self) -> &'static str {
+        ["full", "centre", "coverage"][self as usize]
+    }
+}
+
+impl FromStr for Boundary {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Boundary> {
+        let found = Boundary::ALL.into_iter().find(|boundary| boundary.name() == name);
+        let expected = || Boundary::ALL.map(Boundary::name).join(", ");
+        found.ok_or_else(|| Error::invalid("boundary", format!("`{name}`"), expected()))
+    }
+}
+
+impl Attribute {
+    /// All of them.
+    pub const ALL: [Attribute; 3] = [Attribute::Occupancy, Attribute::Colour, Attribute::Part];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        ["occupancy", "colour", "part"][self as usize]
+    }
+}
+
+impl FromStr for Attribute {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Attribute> {
+        let found = Attribute::ALL.into_iter().find(|attribute| attribute.name() == name);
+        let expected = || Attribute::ALL.map(Attribute::name).join(", ");
+        found.ok_or_else(|| Error::invalid("attribute", format!("`{name}`"), expected()))
+    }
 }
 
 /// How it is known what lies inside.

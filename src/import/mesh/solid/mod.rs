@@ -16,4 +16,4 @@ mod triangles;
 
 pub use build::{Decided, SolidReport};
 pub use inside::{Attribute, Boundary};
-pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, Up, plan_models};
+pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, plan_models};

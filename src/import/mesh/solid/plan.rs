@@ -4,7 +4,7 @@ use super::crossing::Lattice;
 use super::grid::Grid;
 use super::inside::{Attribute, Boundary};
 use crate::import::mesh::Model;
-use crate::space::{Dimension, Frame, Oct};
+use crate::space::{Dimension, Frame, Oct, Up};
 use crate::store::goblin::depth_for;
 use crate::{Error, Result};
 
@@ -25,25 +25,6 @@ pub enum Resolution {
     Like(Frame, u8),
 }
 
-/// The axis of a model's coordinates that points up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Up {
-    /// The second, as in most modelling programs: turned, so that z points up in the tree.
-    Y,
-    /// The third: nothing is turned.
-    #[default]
-    Z,
-}
-
-impl Up {
-    fn turn(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
-        match self {
-            Up::Y => [x, -z, y],
-            Up::Z => [x, y, z],
-        }
-    }
-}
-
 /// What the user wants of a solid.
 #[derive(Clone, Debug)]
 pub struct SolidOptions {
@@ -55,7 +36,7 @@ pub struct SolidOptions {
     pub attribute: Attribute,
     /// Only the cells that the surface cuts, instead of the whole solid.
     pub surface: bool,
-    /// Which axis points up.
+    /// Which axis of the models points up: y is turned to z.
     pub up: Up,
     /// Unit of length of the models' coordinates, to be kept in the file.
     pub unit: Option<String>,
@@ -97,14 +78,9 @@ impl SolidImport {
         &self.description
     }
 
-    /// Bytes of all models.
-    pub fn raw_bytes(&self) -> u64 {
-        self.models.iter().map(|model| model.info().bytes).sum()
-    }
-
     /// A point of a model, as it lies in the world.
     pub(super) fn turn(&self, point: [f64; 3]) -> [f64; 3] {
-        self.options.up.turn(point)
+        self.options.up.to_z_up(point)
     }
 }
 
@@ -136,7 +112,7 @@ pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Resul
 fn bounds(models: &[Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
     let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     for model in models {
-        for corner in model.info().bounds.map(|corner| up.turn(corner)) {
+        for corner in model.info().bounds.map(|corner| up.to_z_up(corner)) {
             for axis in 0..3 {
                 all[0][axis] = all[0][axis].min(corner[axis]);
                 all[1][axis] = all[1][axis].max(corner[axis]);

@@ -46,6 +46,14 @@ impl Triangles {
         }
     }
 
+    /// All of them in memory, in order, as long as nothing was sorted yet.
+    pub(super) fn all(&self) -> Result<Arc<Vec<Triangle>>> {
+        match self.clone().held()? {
+            Triangles::Held(all, _) => Ok(all),
+            Triangles::Spilled(_) => unreachable!("they were taken to memory"),
+        }
+    }
+
     /// The same triangles in memory.
     pub(super) fn held(self) -> Result<Triangles> {
         let Triangles::Spilled(spilled) = self else { return Ok(self) };
