@@ -8,7 +8,8 @@ use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_mai
 use spinney::Result;
 use spinney::space::{Bounds, Code, Quad};
 use spinney::store::Output;
-use spinney::store::goblin::{BuildOptions, Goblin, Layout, Metadata, Slab, Slabs, build_slabs, depth_for};
+use spinney::store::build::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
+use spinney::store::goblin::{Goblin, Layout, Metadata};
 use spinney::value::{Kind, Value};
 use zerocopy::IntoBytes;
 
@@ -88,6 +89,7 @@ where
         depth: depth_for(rows.extent()),
         memory: 256 << 20,
         metadata: Metadata::default(),
+        share: false,
     };
     let output = Output::create(&path).expect("a file");
     build_slabs::<Quad, V>(rows, None, &options, output, &()).expect("built");

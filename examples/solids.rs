@@ -8,7 +8,8 @@ use std::path::Path;
 use spinney::Result;
 use spinney::space::{Code, Oct};
 use spinney::store::Output;
-use spinney::store::goblin::{BuildOptions, Metadata, build};
+use spinney::store::build::{BuildOptions, build};
+use spinney::store::goblin::Metadata;
 use spinney::tree::{Child, Source};
 use spinney::value::{Kind, Rule};
 
@@ -67,8 +68,14 @@ fn store(folder: &Path, name: &str, depth: u8, distance: impl Fn([f64; 3]) -> f6
         row[axis] = side;
         row[3] = -1.0;
     }
-    let options =
-        BuildOptions { rule: Rule::Occupancy, kind: Kind::Continuous, depth, memory: 256 << 20, metadata };
+    let options = BuildOptions {
+        rule: Rule::Occupancy,
+        kind: Kind::Continuous,
+        depth,
+        memory: 256 << 20,
+        metadata,
+        share: false,
+    };
     build(&Formula { depth, distance }, [1 << depth; 3], &options, Output::create(&path)?, &())?;
     println!("{}", path.display());
     Ok(())

@@ -56,6 +56,14 @@ pub enum Error {
         /// What the user can do.
         advice: String,
     },
+    /// The file is being edited by somebody else.
+    #[error("{}: is being edited by {holder}; try again when it is done", path.display())]
+    Locked {
+        /// The file.
+        path: PathBuf,
+        /// Who has it, as far as is known.
+        holder: String,
+    },
     /// An argument makes no sense, by itself or for this file.
     #[error("{what}: got {found}, expected {expected}")]
     Invalid {

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use spinney::space::Quad;
 use spinney::store::Output;
-use spinney::store::goblin::{BuildOptions, Metadata, build};
+use spinney::store::build::{BuildOptions, build};
+use spinney::store::goblin::Metadata;
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule};
 
@@ -49,8 +50,14 @@ fn the_dump_is_what_the_builder_writes() {
     let cell = |[x, y, _]: [u32; 3]| Some([cells[(8 * y + x) as usize]]);
     let tree = MemTree::<Quad, [u8; 1]>::from_cells(3, Rule::Dominant, cell);
     let metadata = Metadata::default();
-    let options =
-        BuildOptions { rule: Rule::Dominant, kind: Kind::Categorical, depth: 3, memory: 1 << 20, metadata };
+    let options = BuildOptions {
+        rule: Rule::Dominant,
+        kind: Kind::Categorical,
+        depth: 3,
+        memory: 1 << 20,
+        metadata,
+        share: false,
+    };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classic.goblin");
     build(&tree, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();

@@ -2,33 +2,12 @@
 
 mod common;
 
-use common::{Cells, cells_below, goblin, goblin_bytes, goblin_from_source};
+use common::{Cells, cells_below, goblin, goblin_bytes, goblin_from_source, same_trees};
 use spinney::space::{Code, Dimension, Oct, Quad};
-use spinney::store::goblin::{Goblin, Layout, depth_for};
+use spinney::store::build::depth_for;
+use spinney::store::goblin::{Goblin, Layout};
 use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{Kind, Rule, Value};
-
-/// Compares every node of two sources.
-fn same_trees<A, B>(a: &A, b: &B)
-where
-    A: Source,
-    B: Source<Dim = A::Dim, Value = A::Value>,
-{
-    let mut pending = vec![(Code::<A::Dim>::ROOT, a.root().unwrap(), b.root().unwrap())];
-    while let Some((code, a_place, b_place)) = pending.pop() {
-        match (a_place, b_place) {
-            (Child::Void, Child::Void) => {}
-            (Child::Leaf(x), Child::Leaf(y)) => assert!(x.same(y), "{code}: {x:?} and {y:?}"),
-            (Child::Inner { representative: x, node: m }, Child::Inner { representative: y, node: n }) => {
-                assert!(x.same(y), "{code}: representatives {x:?} and {y:?}");
-                let (m, n) = (a.children(&m).unwrap(), b.children(&n).unwrap());
-                let pairs = m.as_ref().iter().zip(n.as_ref()).enumerate();
-                pending.extend(pairs.map(|(i, (m, n))| (code.child(i), m.clone(), n.clone())));
-            }
-            other => panic!("{code}: {other:?}"),
-        }
-    }
-}
 
 fn round_trip<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
     let cells = Cells::<V>::random(seed, size, 4 + seed % 60, !seed.is_multiple_of(3));

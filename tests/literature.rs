@@ -9,7 +9,8 @@ mod common;
 use common::CLASSIC;
 use spinney::space::{Code, Dimension, Oct, Quad};
 use spinney::store::Output;
-use spinney::store::goblin::{BuildOptions, Goblin, INNER, Metadata, Record, build};
+use spinney::store::build::{BuildOptions, build};
+use spinney::store::goblin::{Goblin, INNER, Metadata, Record};
 use spinney::tree::{Child, MemTree, Source, df};
 use spinney::value::{Kind, Rule};
 
@@ -23,8 +24,14 @@ fn picture_file() -> Goblin<Quad, [u8; 1]> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("picture.goblin");
     let metadata = Metadata::default();
-    let options =
-        BuildOptions { rule: Rule::Dominant, kind: Kind::Categorical, depth: 3, memory: 1 << 20, metadata };
+    let options = BuildOptions {
+        rule: Rule::Dominant,
+        kind: Kind::Categorical,
+        depth: 3,
+        memory: 1 << 20,
+        metadata,
+        share: false,
+    };
     build(&picture(), [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
     Goblin::from_bytes(std::fs::read(&path).unwrap()).unwrap()
 }
@@ -350,5 +357,5 @@ fn octant_numbers_and_the_rotation_of_octrees() {
 #[test]
 fn display_needs_no_deeper_tree_than_its_pixels() {
     // A display of 512 x 512 never needs more than nine levels.
-    assert_eq!(spinney::store::goblin::depth_for([512, 512, 1]), 9);
+    assert_eq!(spinney::store::build::depth_for([512, 512, 1]), 9);
 }

@@ -10,7 +10,7 @@ use spinney::export::mesh::{Attribute, MeshFormat, MeshRequest, MeshSummary, exp
 use spinney::query::cell_blocks::{Carry, SourceBlocks};
 use spinney::space::{Frame, Oct, Quad};
 use spinney::store::Output;
-use spinney::store::goblin::depth_for;
+use spinney::store::build::depth_for;
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule, Value};
 

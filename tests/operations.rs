@@ -7,7 +7,8 @@ use std::sync::Arc;
 use common::{Cells, Random, assert_same, cells_of, goblin, made, oct_size, quad_size};
 use spinney::ops::{Axis, Combined, Map, Operation, Prefer, Sampling, View};
 use spinney::space::{Code, Oct, Quad};
-use spinney::store::goblin::{Goblin, Layout, depth_for};
+use spinney::store::build::depth_for;
+use spinney::store::goblin::{Goblin, Layout};
 use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{Kind, Rule, Sample, Value};
 

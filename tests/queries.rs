@@ -5,7 +5,8 @@ mod common;
 use common::{Cells, Random, goblin};
 use spinney::query::{Condition, FoundBlock, Tree};
 use spinney::space::{Bounds, Code, Oct, Quad};
-use spinney::store::goblin::{Goblin, Layout, depth_for};
+use spinney::store::build::depth_for;
+use spinney::store::goblin::{Goblin, Layout};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule, Sample, Value};
 

@@ -5,7 +5,8 @@ mod common;
 use common::{Cells, Random, assert_same, cells_of, made, oct_size, quad_size, same};
 use spinney::ops::{Combined, Operation, Prefer};
 use spinney::space::{Oct, Quad};
-use spinney::store::goblin::{Layout, depth_for};
+use spinney::store::build::depth_for;
+use spinney::store::goblin::Layout;
 use spinney::tree::{MemTree, Source};
 use spinney::value::{Rule, Sample, Value};
 

@@ -13,7 +13,8 @@ use spinney::import::raster::{self, Pixels};
 use spinney::query::{PointSamples, Ray, Tree};
 use spinney::space::{Bounds, Code, Oct, Quad, Region};
 use spinney::store::Output;
-use spinney::store::goblin::{BuildOptions, Goblin, Metadata, build, depth_for};
+use spinney::store::build::{BuildOptions, build, depth_for};
+use spinney::store::goblin::{Goblin, Metadata};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule, Value};
 
@@ -295,7 +296,7 @@ fn framed(cells: &Cells<[u8; 1]>, matrix: [[f64; 4]; 3]) -> Goblin<Oct, [u8; 1]>
     let mut metadata = Metadata::default();
     metadata.frame.matrix = matrix;
     let (rule, kind, depth) = (Rule::Occupancy, Kind::Continuous, depth_for(cells.size));
-    let options = BuildOptions { rule, kind, depth, memory: 64 << 20, metadata };
+    let options = BuildOptions { rule, kind, depth, memory: 64 << 20, metadata, share: false };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
     build(&model(cells, rule), cells.size, &options, Output::create(&path).unwrap(), &()).unwrap();

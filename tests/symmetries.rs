@@ -5,7 +5,8 @@ mod common;
 use common::{Cells, assert_same, cells_of, same};
 use spinney::ops::{Axis, Map, Step, View};
 use spinney::space::{Frame, Oct, Quad};
-use spinney::store::goblin::{Layout, depth_for};
+use spinney::store::build::depth_for;
+use spinney::store::goblin::Layout;
 use spinney::tree::{MemTree, Source};
 use spinney::value::{Kind, Rule};
 

@@ -5,7 +5,8 @@ use std::path::Path;
 use spinney::Result;
 use spinney::space::{Dimension, Frame, Oct, Quad};
 use spinney::store::Output;
-use spinney::store::goblin::{BuildOptions, Layout, Metadata, build, depth_for};
+use spinney::store::build::{BuildOptions, build, depth_for};
+use spinney::store::goblin::{Layout, Metadata};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Palette, Rule, Value};
 
@@ -128,6 +129,6 @@ fn file<D: Layout + Dimension, V: Value>(
 ) -> Result<()> {
     let depth = depth_for(size);
     let tree = MemTree::<D, V>::from_cells(depth, rule, cell);
-    let options = BuildOptions { rule, kind, depth, memory: 16 << 20, metadata };
+    let options = BuildOptions { rule, kind, depth, memory: 16 << 20, metadata, share: false };
     build(&tree, size, &options, Output::create(path)?, &()).map(|_| ())
 }

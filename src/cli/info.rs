@@ -6,7 +6,7 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::query::Tree;
 
-use super::{open, print_json, print_text};
+use super::{history, open, print_json, print_text};
 
 const EXAMPLES: &str = "Examples:
   spinney info world.goblin
@@ -67,7 +67,8 @@ fn as_json(tree: &dyn Tree) -> Result<serde_json::Value> {
         .collect();
     Ok(json!({
         "file": tree.path().display().to_string(),
-        "format": "Goblin",
+        "format": tree.format().name(),
+        "commit": tree.commit().map(history::as_json),
         "codec": header.codec.name(),
         "tree": tree_name(tree),
         "value": header.value.to_string(),
@@ -85,7 +86,7 @@ fn as_json(tree: &dyn Tree) -> Result<serde_json::Value> {
         "raw_bytes": raw_bytes(tree),
         "sections": sections,
         "segments": tree.segments(),
-        "records": metadata.counts.records(),
+        "records": tree.commit().map_or(metadata.counts.records(), |commit| commit.records),
         "stored_records": tree.stored_records(),
         "levels": levels,
         "cells": stats.cells,
@@ -104,7 +105,10 @@ fn as_text(tree: &dyn Tree) -> Result<String> {
     let stats = tree.statistics(None)?;
     let mut text = String::new();
     let size: Vec<String> = header.extent[..header.axes as usize].iter().map(u64::to_string).collect();
-    writeln!(text, "{}: Goblin {}, codec {}", tree.path().display(), tree_name(tree), header.codec.name())?;
+    writeln!(text, "{}: {} {}", tree.path().display(), tree.format().name(), tree_name(tree))?;
+    if let Some(commit) = tree.commit() {
+        writeln!(text, "commit      {}{}", commit.number, history::about(commit))?;
+    }
     writeln!(
         text,
         "size        {} cells of {}, depth {}",
@@ -135,13 +139,16 @@ fn as_text(tree: &dyn Tree) -> Result<String> {
     let sections: Vec<String> =
         tree.sections().iter().map(|(name, bytes)| format!("{name} {bytes}")).collect();
     writeln!(text, "            {}", sections.join(", "))?;
-    writeln!(
-        text,
-        "records     {} in {} segments, {} of the tree",
-        tree.stored_records(),
-        tree.segments(),
-        metadata.counts.records()
-    )?;
+    match tree.commit() {
+        None => writeln!(
+            text,
+            "records     {} in {} segments, {} of the tree",
+            tree.stored_records(),
+            tree.segments(),
+            metadata.counts.records()
+        )?,
+        Some(commit) => writeln!(text, "records     {}; {}", commit.records, history::written(commit))?,
+    }
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
     for (i, channel) in stats.channels.iter().enumerate().filter(|_| stats.classes.is_empty()) {
         writeln!(
@@ -166,7 +173,9 @@ fn as_text(tree: &dyn Tree) -> Result<String> {
             writeln!(text, "         and {} more", stats.classes.len() - 32)?;
         }
     }
-    writeln!(text, "level           VOID           LEAF          INNER")?;
+    if !metadata.counts.levels().is_empty() {
+        writeln!(text, "level           VOID           LEAF          INNER")?;
+    }
     for (level, [void, leaf, inner]) in metadata.counts.levels().iter().enumerate() {
         writeln!(text, "{level:>5} {void:>14} {leaf:>14} {inner:>14}")?;
     }

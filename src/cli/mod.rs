@@ -7,6 +7,7 @@ mod dump;
 mod export;
 mod find;
 mod get;
+mod history;
 mod info;
 mod model;
 mod output;

@@ -29,6 +29,22 @@ pub(crate) fn count(number: f64) -> String {
     scaled(number, 1000.0, &["", "thousand", "million", "billion", "trillion"])
 }
 
+/// A moment in seconds since the beginning of 1970, in UTC: `2026-11-21 18:33:40`. (Days to dates after Hinnant.)
+pub(crate) fn time(seconds: i64) -> String {
+    let (days, rest) = (seconds.div_euclid(86400), seconds.rem_euclid(86400));
+    // Years begin in March, so that a leap day is a year's last; 400 years have 146097 days.
+    let days = days.saturating_add(719_468);
+    let (era, day) = (days.div_euclid(146_097), days.rem_euclid(146_097));
+    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
+    let day = day - (365 * year + year / 4 - year / 100);
+    let month = (5 * day + 2) / 153;
+    let day = day - (153 * month + 2) / 5 + 1;
+    let (year, month) =
+        (year + era * 400 + i64::from(month > 9), if month > 9 { month - 9 } else { month + 3 });
+    let (hour, minute, second) = (rest / 3600, rest / 60 % 60, rest % 60);
+    format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}")
+}
+
 fn scaled(mut number: f64, base: f64, units: &[&str]) -> String {
     let mut unit = 0;
     // 999.5 would be written as 1000.
@@ -68,6 +84,21 @@ mod tests {
         for text in ["", "M", "0", "-1", "1X", "1iB", "1e9", "1.2.3", "9999999T", "1 0"] {
             assert!(parse_bytes(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn moments_are_written() {
+        for (seconds, expected) in [
+            (0, "1970-01-01 00:00:00"),
+            (951_782_399, "2000-02-28 23:59:59"),
+            (951_782_400, "2000-02-29 00:00:00"),
+            (951_868_800, "2000-03-01 00:00:00"),
+            (1_795_286_020, "2026-11-21 18:33:40"),
+            (-1, "1969-12-31 23:59:59"),
+        ] {
+            assert_eq!(time(seconds), expected);
+        }
+        assert!(time(i64::MAX).ends_with(":07"));
     }
 
     #[test]

@@ -9,10 +9,11 @@ use super::cross::cross;
 use super::step::Step;
 use super::view::{Sampling, View};
 use super::viewed::Viewed;
-use crate::query::Tree;
+use crate::query::{Tree, as_tree};
 use crate::space::{Frame, Oct, Quad};
-use crate::store::Output;
-use crate::store::goblin::{BuildOptions, Goblin, Header, Layout, Metadata, OpenOptions, build, read_header};
+use crate::store::build::{BuildOptions, build};
+use crate::store::goblin::{Header, Layout, Metadata, OpenOptions, read_header};
+use crate::store::{File, Output, split_commit};
 use crate::value::{Sample, Value};
 use crate::{Error, Progress, Result, with_value_type};
 
@@ -84,7 +85,7 @@ pub fn cross_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>> {
 }
 
 /// A file and how to look at it.
-type FileView<D, V> = View<Arc<Goblin<D, V>>>;
+type FileView<D, V> = View<Arc<File<D, V>>>;
 
 /// What is wanted of the sources that a job makes.
 trait Want {
@@ -99,7 +100,8 @@ struct Job<'a> {
 }
 
 fn header_of(path: &Path) -> Result<Header> {
-    read_header(path, &*OpenOptions::default().storage(path)?)
+    let (file, _) = split_commit(path);
+    Ok(read_header(&file, &*OpenOptions::default().storage(&file)?)?.1)
 }
 
 impl Job<'_> {
@@ -130,7 +132,7 @@ impl Job<'_> {
     }
 
     fn typed<D: Layout, V: Value, W: Want>(&self, want: W) -> Result<W::Out> {
-        let open = |path: &PathBuf| Ok(Arc::new(Goblin::<D, V>::open(path, &OpenOptions::default())?));
+        let open = |path: &PathBuf| Ok(Arc::new(File::<D, V>::open(path, &OpenOptions::default())?));
         let files: Vec<_> = self.paths.iter().map(open).collect::<Result<_>>()?;
         let views = match (self.chain, files.into_iter()) {
             (Some(chain), files) => files.map(|file| chained(chain, file)).collect::<Result<_>>()?,
@@ -146,7 +148,7 @@ fn place_of(path: &Path) -> Result<(Frame, [u64; 3])> {
     Ok((tree.metadata().frame.clone(), tree.header().extent))
 }
 
-fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<Goblin<D, V>>) -> Result<FileView<D, V>> {
+fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<File<D, V>>) -> Result<FileView<D, V>> {
     let header = file.header();
     let mut view = View::new(file.clone(), header.extent)?;
     for step in &chain.steps {
@@ -158,7 +160,7 @@ fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<Goblin<D, V>>) -> Resul
     if chain.nearest { Ok(view) } else { view.sampled(Sampling::Area(header.rule)) }
 }
 
-fn aligned<D: Layout, V: Value>(files: Vec<Arc<Goblin<D, V>>>) -> Result<Vec<FileView<D, V>>> {
+fn aligned<D: Layout, V: Value>(files: Vec<Arc<File<D, V>>>) -> Result<Vec<FileView<D, V>>> {
     let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
     let trees: Vec<_> = files
         .iter()
@@ -199,7 +201,7 @@ impl Want for Store<'_> {
         let mut metadata = Metadata { frame: first.frame(&told.frame, moves), ..told.clone() };
         metadata.provenance.push(job.story());
         let before: Result<Vec<u64>> =
-            views.iter().map(|view| Ok(view.source().statistics(None)?.cells)).collect();
+            views.iter().map(|view| Ok(as_tree(&**view.source()).statistics(None)?.cells)).collect();
         let before = before?;
         let volume = to_source.0.matrix3.determinant().abs();
         let whole = job.chain.is_some() && !first.is_cut();
@@ -214,7 +216,7 @@ impl Want for Store<'_> {
             })?);
         }
         let (rule, kind, memory) = (header.rule, header.kind, self.memory);
-        let options = BuildOptions { rule, kind, depth, memory, metadata };
+        let options = BuildOptions { rule, kind, depth, memory, metadata, share: false };
         let tally = build(&source, extent, &options, self.output, self.progress)?;
         Ok(Outcome { extent, depth, before, after: tally.cells, expected })
     }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::map::Map;
 use crate::space::{Dimension, Frame};
-use crate::store::goblin::depth_for;
+use crate::store::build::depth_for;
 use crate::tree::Source;
 use crate::value::Rule;
 use crate::{Error, Result};

@@ -3,29 +3,30 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use zerocopy::FromBytes;
-
 use super::view::View;
 use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use crate::query::{
-    Condition, Field, Filling, FoundBlock, Level, Rays, SolidStatistics, Statistics, Tree, dump, measure,
-    node_bounds, octree, source_find, source_histogram, source_statistics,
+    Canvas, Condition, Field, Filling, FoundBlock, Level, Rays, SolidStatistics, Statistics, Tree, as_tree,
+    dump, fill_value, measure, node_bounds, octree, source_find, source_histogram, source_statistics,
+    wires_of,
 };
 use crate::space::{Bounds, Code, Frame, Oct};
-use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata};
+use crate::store::autumnal::Commit;
+use crate::store::goblin::{Finding, Header, Layout, Metadata};
+use crate::store::{File, TreeFormat};
 use crate::tree::{Child, MemTree, Source, df};
 use crate::value::{Sample, Value};
 use crate::{Error, Progress, Result};
 
 /// A file seen through a view. What is told of files (size, segments, checks) is that of the file itself.
 pub(crate) struct Viewed<D: Layout, V: Value> {
-    view: View<Arc<Goblin<D, V>>>,
+    view: View<Arc<File<D, V>>>,
     header: Header,
     metadata: Metadata,
 }
 
 impl<D: Layout, V: Value> Viewed<D, V> {
-    pub(crate) fn new(view: View<Arc<Goblin<D, V>>>, frame: Frame) -> Self {
+    pub(crate) fn new(view: View<Arc<File<D, V>>>, frame: Frame) -> Self {
         let file = view.source();
         let mut header = file.header().clone();
         header.shape.depth = view.depth();
@@ -34,12 +35,12 @@ impl<D: Layout, V: Value> Viewed<D, V> {
         Viewed { view, header, metadata }
     }
 
-    fn file(&self) -> &Goblin<D, V> {
+    fn file(&self) -> &File<D, V> {
         self.view.source()
     }
 
     /// The view with the cells of a level.
-    fn at(&self, level: u8) -> Result<View<Arc<Goblin<D, V>>>> {
+    fn at(&self, level: u8) -> Result<View<Arc<File<D, V>>>> {
         match level {
             level if level == self.view.depth() => Ok(self.view.clone()),
             level if level < self.view.depth() => self.view.clone().resolve(level),
@@ -48,7 +49,7 @@ impl<D: Layout, V: Value> Viewed<D, V> {
     }
 
     /// The same as an octree.
-    fn octree_at(&self, level: u8) -> Result<View<Arc<Goblin<Oct, V>>>> {
+    fn octree_at(&self, level: u8) -> Result<View<Arc<File<Oct, V>>>> {
         octree(&self.at(level)?).cloned()
     }
 
@@ -75,29 +76,15 @@ impl<D: Layout, V: Value> Viewed<D, V> {
     }
 }
 
-/// Draws the cells of a source: see [`Goblin::window`].
-fn draw<S: Source>(source: &S, bounds: &Bounds, mut paint: impl FnMut(&Bounds, S::Value)) -> Result<()>
-where
-    S::Dim: Layout,
-{
-    let mut pending = vec![(Code::<S::Dim>::ROOT, source.root()?)];
-    while let Some((code, place)) = pending.pop() {
-        let part = node_bounds(code, source.depth()).intersect(bounds);
-        if part.is_empty() {
-            continue;
-        }
-        match place {
-            Child::Inner { node, .. } if code.level() < source.depth() => {
-                let children = source.children(&node)?.into_iter().enumerate();
-                pending.extend(children.map(|(step, child)| (code.child(step), child)));
-            }
-            _ => place.value().into_iter().for_each(|value| paint(&part, value)),
-        }
-    }
-    Ok(())
-}
-
 impl<D: Layout, V: Value> Tree for Viewed<D, V> {
+    fn format(&self) -> TreeFormat {
+        as_tree(self.file()).format()
+    }
+
+    fn commit(&self) -> Option<&Commit> {
+        as_tree(self.file()).commit()
+    }
+
     fn header(&self) -> &Header {
         &self.header
     }
@@ -111,31 +98,31 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
     }
 
     fn file_size(&self) -> u64 {
-        self.file().file_size()
+        as_tree(self.file()).file_size()
     }
 
     fn segments(&self) -> usize {
-        self.file().segments()
+        as_tree(self.file()).segments()
     }
 
     fn stored_records(&self) -> u64 {
-        self.file().stored_records()
+        as_tree(self.file()).stored_records()
     }
 
     fn sections(&self) -> Vec<(&'static str, u64)> {
-        self.file().sections()
+        as_tree(self.file()).sections()
     }
 
     fn point(&self, cell: [u64; 3], level: u8, value: &mut [f64; 4]) -> Result<bool> {
         let view = self.at(level)?;
-        let mut found = None;
         let bounds = Bounds { min: cell, max: cell.map(|cell| cell.saturating_add(1)) };
-        draw(&view, &bounds, |_, value| found = Some(value))?;
-        let Some(found) = found else { return Ok(false) };
-        for (number, sample) in value.iter_mut().zip(found.samples()) {
+        let (mut found, mut valid) = ([V::default().to_wire()], [false]);
+        let mut canvas = Canvas::<V>::new(&bounds, V::default(), &mut found, Some(&mut valid))?;
+        canvas.draw(&view, view.root()?, view.depth())?;
+        for (number, sample) in value.iter_mut().zip(V::from_wire(found[0]).samples()) {
             *number = sample.to_f64();
         }
-        Ok(true)
+        Ok(valid[0])
     }
 
     fn window(
@@ -144,35 +131,11 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
         bounds: &Bounds,
         fill: f64,
         bytes: &mut [u8],
-        mut valid: Option<&mut [bool]>,
+        valid: Option<&mut [bool]>,
     ) -> Result<()> {
         let view = self.at(level)?;
-        let cells = bounds.volume() as usize;
-        let found = format!("{} bytes", bytes.len());
-        let wires = <[V::Wire]>::mut_from_bytes_with_elems(bytes, cells);
-        let flags = valid.as_ref().map_or(cells, |valid| valid.len());
-        let (Ok(wires), true) = (wires, flags == cells) else {
-            let expected = format!("{cells} values of {} and as many flags", V::TYPE);
-            return Err(Error::invalid("window buffer", found, expected));
-        };
-        wires.fill(V::from_channels(|_| V::Sample::from_f64_lossy(fill)).to_wire());
-        if let Some(valid) = &mut valid {
-            valid.fill(false);
-        }
-        let [width, height, _] = bounds.size().map(|size| size as usize);
-        draw(&view, bounds, |part, value| {
-            for z in part.min[2]..part.max[2] {
-                for y in part.min[1]..part.max[1] {
-                    let row = (z - bounds.min[2]) as usize * height + (y - bounds.min[1]) as usize;
-                    let start = row * width + (part.min[0] - bounds.min[0]) as usize;
-                    let end = start + (part.max[0] - part.min[0]) as usize;
-                    wires[start..end].fill(value.to_wire());
-                    if let Some(valid) = &mut valid {
-                        valid[start..end].fill(true);
-                    }
-                }
-            }
-        })
+        let values = wires_of::<V>(bytes, bounds.volume())?;
+        Canvas::new(bounds, fill_value(fill), values, valid)?.draw(&view, view.root()?, view.depth())
     }
 
     fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
@@ -206,7 +169,7 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
 
     fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
         // No view has values beyond its file's.
-        self.file().value_bounds()
+        as_tree(self.file()).value_bounds()
     }
 
     fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
@@ -239,7 +202,7 @@ impl<D: Layout, V: Value> Tree for Viewed<D, V> {
     }
 
     fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        self.file().verify(memory, progress)
+        as_tree(self.file()).verify(memory, progress)
     }
 
     fn df_text(&self, most: u64) -> Result<String> {

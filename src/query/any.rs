@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use crate::space::Bounds;
+use crate::store::TreeFormat;
+use crate::store::autumnal::Commit;
 use crate::store::goblin::{Finding, Header, Metadata, OpenOptions};
 use crate::{Progress, Result};
 
@@ -19,6 +21,20 @@ use super::stats::Statistics;
 /// (0) to the cells ([`Tree::depth`]); coordinates are cells of the level that is asked for, x, y, z, the last 0 in
 /// quadtrees.
 pub trait Tree: Send + Sync {
+    /// The file's format.
+    fn format(&self) -> TreeFormat;
+    /// The commit that is looked at; only Autumnal files have commits.
+    fn commit(&self) -> Option<&Commit> {
+        None
+    }
+    /// Moves on to the newest commit, if the file has got a newer one; tells whether. What was opened at a certain commit,
+    /// or through a view, stays as it is.
+    ///
+    /// # Errors
+    /// If the file cannot be read any more; the tree stays as it was then.
+    fn refresh(&mut self) -> Result<bool> {
+        Ok(false)
+    }
     /// What the header says: dimension, types, rule, depth, extent.
     fn header(&self) -> &Header;
     /// What is told about the data.
@@ -27,9 +43,10 @@ pub trait Tree: Send + Sync {
     fn path(&self) -> &Path;
     /// Bytes of the whole file.
     fn file_size(&self) -> u64;
-    /// Number of segments.
+    /// Number of segments; 0 in Autumnal files, which have none.
     fn segments(&self) -> usize;
-    /// Records in all segments, those stored more than once included.
+    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's tree, the
+    /// shared ones as often as they occur.
     fn stored_records(&self) -> u64;
     /// Name and bytes of each part of the file.
     fn sections(&self) -> Vec<(&'static str, u64)>;
@@ -142,7 +159,8 @@ pub trait Tree: Send + Sync {
     /// If the tree is a quadtree or has no such level, or its values cannot be carried.
     fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + '_>>;
 
-    /// Checks everything: see [`Goblin::verify`](crate::store::goblin::Goblin::verify).
+    /// Checks everything: see [`Goblin::verify`](crate::store::goblin::Goblin::verify) and
+    /// [`Autumnal::verify`](crate::store::autumnal::Autumnal::verify).
     ///
     /// # Errors
     /// If the file cannot be read, or on interruption.
@@ -156,7 +174,8 @@ pub trait Tree: Send + Sync {
 
     /// The classic table: a line per record with its number, the children's values (an INNER child's
     /// representative with a minus sign, or in parentheses where values may be 0 or negative; `.` is VOID) and the
-    /// number of the record to go on with when the node's detail is skipped.
+    /// number of the record to go on with when the node's detail is skipped. Of Autumnal files: the children's values with
+    /// a minus sign (or in parentheses), or the numbers of their records, and the node's representative.
     ///
     /// # Errors
     /// As [`Tree::df_text`].
@@ -169,10 +188,10 @@ pub trait Tree: Send + Sync {
     fn leaf_codes(&self, most: u64) -> Result<String>;
 }
 
-/// Opens a tree file of any type.
+/// Opens a tree file of either format and any type; `map.autumn@12` is commit 12 of `map.autumn`.
 ///
 /// # Errors
 /// If it cannot be read, is no tree file, is damaged, or of a newer version.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Tree>> {
-    super::goblin::open(path, options)
+    super::file::open(path, options)
 }

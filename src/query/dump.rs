@@ -60,6 +60,45 @@ fn number<D: Dimension, V: Value>(
     Ok(())
 }
 
+/// The literature's table of an Autumnal tree: a line per record with its number (from 1, in preorder), the children's values
+/// or the numbers of their records, and the node's representative.
+///
+/// A value has a minus sign as in the literature if all are greater than zero, and stands in parentheses otherwise; `.` is
+/// VOID.
+///
+/// # Errors
+/// None for a tree in memory.
+pub(crate) fn classic_pointer_table<D: Dimension, V: Value>(tree: &MemTree<D, V>) -> Result<String> {
+    let mut rows = Vec::new();
+    let mut positive = true;
+    let root = tree.root()?;
+    if let Child::Inner { node, .. } = root {
+        number(tree, node, &mut rows, &mut positive)?;
+    }
+    let mut representatives = vec![root.value().unwrap_or_default(); rows.len()];
+    let mut text = String::new();
+    for (i, (children, _)) in rows.iter().enumerate() {
+        let _ = write!(text, "{:>6}", i + 1);
+        let mut next = i + 1;
+        for child in children {
+            let cell = match child {
+                Child::Void => ".".to_string(),
+                Child::Leaf(value) if positive => format!("-{}", show(*value)),
+                Child::Leaf(value) => format!("({})", show(*value)),
+                Child::Inner { representative, .. } => {
+                    let below = next;
+                    representatives[below] = *representative;
+                    next = rows[below].1 - 1;
+                    (below + 1).to_string()
+                }
+            };
+            let _ = write!(text, " {cell:>6}");
+        }
+        let _ = writeln!(text, " {:>8}", show(representatives[i]));
+    }
+    Ok(text)
+}
+
 /// A line per leaf: FD code in digits, the code's integer, the value.
 pub(crate) fn leaf_codes<S: Source>(source: &S) -> Result<String> {
     let mut text = String::new();

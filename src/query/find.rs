@@ -6,7 +6,7 @@ use crate::tree::Source;
 use crate::value::{Sample, Tally, Value};
 use crate::{Error, Result};
 
-use super::walk::{Visitor, node_bounds, walk, walk_source};
+use super::walk::{Visitor, Zone, node_bounds, walk, walk_source};
 
 /// What to look for, in the first channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,7 +69,7 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     ) -> Result<()> {
         let picture = Bounds { min: [0; 3], max: self.header().extent };
         let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
-        let mut search = Search::new(Some(self), self.header().shape.depth, condition, found);
+        let mut search = Search::new(self.header().shape.depth, condition, found);
         let walked = walk(self, &bounds, &mut search);
         search.finish(walked)
     }
@@ -86,14 +86,12 @@ where
     S: Source,
     S::Dim: Layout,
 {
-    let mut search = Search::<S::Dim, S::Value>::new(None, source.depth(), condition, found);
+    let mut search = Search::<S::Dim>::new(source.depth(), condition, found);
     let walked = walk_source(source, bounds, &mut search);
     search.finish(walked)
 }
 
-struct Search<'a, D: Layout, V: Value> {
-    /// The file that has the zones.
-    tree: Option<&'a Goblin<D, V>>,
+struct Search<'a, D: Layout> {
     depth: u8,
     condition: Condition,
     found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
@@ -103,14 +101,9 @@ struct Search<'a, D: Layout, V: Value> {
     stopped: bool,
 }
 
-impl<'a, D: Layout, V: Value> Search<'a, D, V> {
-    fn new(
-        tree: Option<&'a Goblin<D, V>>,
-        depth: u8,
-        condition: Condition,
-        found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
-    ) -> Self {
-        Search { tree, depth, condition, found, pending: Vec::new(), stopped: false }
+impl<'a, D: Layout> Search<'a, D> {
+    fn new(depth: u8, condition: Condition, found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>) -> Self {
+        Search { depth, condition, found, pending: Vec::new(), stopped: false }
     }
 
     fn finish(mut self, walked: Result<()>) -> Result<()> {
@@ -146,10 +139,9 @@ impl<'a, D: Layout, V: Value> Search<'a, D, V> {
     }
 }
 
-impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D, V> {
-    fn zone(&mut self, code: Code<D>, segment: usize) -> Result<bool> {
-        let Some(tree) = self.tree else { return Ok(false) };
-        let zone = tree.entry(segment)?.zone;
+impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D> {
+    fn zone(&mut self, code: Code<D>, zone: &dyn Zone<V>) -> Result<bool> {
+        let zone = zone.tally()?;
         let full = zone.cells == node_bounds(code, self.depth).volume();
         match self.condition.of_zone(&zone) {
             Some(true) if full => self.pending.push((code, None)),

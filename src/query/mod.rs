@@ -2,10 +2,11 @@
 
 mod any;
 pub mod cell_blocks;
+mod draw;
 pub(crate) mod dump;
 mod field;
+mod file;
 mod find;
-mod goblin;
 mod occupancy;
 mod points;
 mod ray;
@@ -15,10 +16,11 @@ mod walk;
 mod window;
 
 pub use any::{Tree, open};
+pub(crate) use draw::{Canvas, fill_value, wires_of};
 pub(crate) use field::Field;
+pub(crate) use file::{as_tree, octree};
 pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};
-pub(crate) use goblin::octree;
 pub(crate) use occupancy::{Filling, Level};
 pub use points::{PointSamples, Points};
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};

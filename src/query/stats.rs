@@ -4,11 +4,12 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use crate::Result;
 use crate::space::{Bounds, Code};
-use crate::store::goblin::{BadSkip, Goblin, Layout, each_leaf};
+use crate::store::build::{BadSkip, each_leaf};
+use crate::store::goblin::{Goblin, Layout};
 use crate::tree::Source;
 use crate::value::{Sample, Sum, Tally, Value, channelwise_max, channelwise_min};
 
-use super::walk::{Visitor, walk, walk_source};
+use super::walk::{Visitor, Zone, walk, walk_source};
 
 /// Statistics of the cells of a box that are not VOID.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -48,7 +49,7 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         // A box that has the whole picture has the whole tree: the rest is VOID.
         let side = 1u64 << header.shape.depth;
         let space = Bounds { min: [0; 3], max: [side, side, if D::AXES > 2 { side } else { 1 }] };
-        let mut gather = Gather::new(Some(self), self.counts_classes());
+        let mut gather = Gather::new(self.counts_classes());
         walk(self, if bounds == picture { &space } else { &bounds }, &mut gather)?;
         Ok(gather.finish(bounds.volume()))
     }
@@ -58,7 +59,7 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     /// # Errors
     /// If the file is damaged there.
     pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
-        let mut histogram = Histogram::new(Some(self), low, high, bins);
+        let mut histogram = Histogram::new(low, high, bins);
         walk(self, bounds, &mut histogram)?;
         Ok(histogram.bins)
     }
@@ -70,7 +71,7 @@ where
     S: Source,
     S::Dim: Layout,
 {
-    let mut gather = Gather::<S::Dim, S::Value>::new(None, count_classes);
+    let mut gather = Gather::<S::Value>::new(count_classes);
     walk_source(source, bounds, &mut gather)?;
     Ok(gather.finish(bounds.volume()))
 }
@@ -86,7 +87,7 @@ where
     S: Source,
     S::Dim: Layout,
 {
-    let mut histogram = Histogram::<S::Dim, S::Value>::new(None, low, high, bins);
+    let mut histogram = Histogram::new(low, high, bins);
     walk_source(source, bounds, &mut histogram)?;
     Ok(histogram.bins)
 }
@@ -159,24 +160,18 @@ impl<V: Value> Classes<V> {
     }
 }
 
-struct Gather<'a, D: Layout, V: Value> {
-    /// The file that has the zones.
-    tree: Option<&'a Goblin<D, V>>,
+struct Gather<V: Value> {
     /// If classes are counted, everything else follows from the counts.
     classes: Option<Classes<V>>,
     tally: Tally<V>,
     segments: u64,
 }
 
-impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
-    fn zone(&mut self, _: Code<D>, segment: usize) -> Result<bool> {
-        let Some(tree) = self.tree else { return Ok(false) };
+impl<D: Layout, V: Value> Visitor<D, V> for Gather<V> {
+    fn zone(&mut self, _: Code<D>, zone: &dyn Zone<V>) -> Result<bool> {
         match &mut self.classes {
-            Some(classes) => {
-                let counts = tree.segment(segment)?.classes();
-                counts.into_iter().for_each(|(value, cells)| classes.add(value, cells));
-            }
-            None => self.tally = Tally::merge(&[&self.tally, &tree.entry(segment)?.zone]),
+            Some(classes) => zone.classes()?.into_iter().for_each(|(value, cells)| classes.add(value, cells)),
+            None => self.tally = Tally::merge(&[&self.tally, &zone.tally()?]),
         }
         Ok(true)
     }
@@ -197,10 +192,10 @@ impl<D: Layout, V: Value> Visitor<D, V> for Gather<'_, D, V> {
     }
 }
 
-impl<'a, D: Layout, V: Value> Gather<'a, D, V> {
-    fn new(tree: Option<&'a Goblin<D, V>>, count_classes: bool) -> Self {
+impl<V: Value> Gather<V> {
+    fn new(count_classes: bool) -> Self {
         let classes = count_classes.then(Classes::default);
-        Gather { tree, classes, tally: Tally::void(), segments: 0 }
+        Gather { classes, tally: Tally::void(), segments: 0 }
     }
 
     fn finish(self, volume: u64) -> Statistics {
@@ -234,31 +229,28 @@ impl<'a, D: Layout, V: Value> Gather<'a, D, V> {
     }
 }
 
-struct Histogram<'a, D: Layout, V: Value> {
-    /// The file that has the zones.
-    tree: Option<&'a Goblin<D, V>>,
+struct Histogram {
     low: f64,
     /// Bins per unit.
     scale: f64,
     bins: Vec<u64>,
 }
 
-impl<'a, D: Layout, V: Value> Histogram<'a, D, V> {
-    fn new(tree: Option<&'a Goblin<D, V>>, low: f64, high: f64, bins: usize) -> Self {
+impl Histogram {
+    fn new(low: f64, high: f64, bins: usize) -> Self {
         let bins = vec![0; bins.max(1)];
-        Histogram { tree, low, scale: bins.len() as f64 / (high - low), bins }
+        Histogram { low, scale: bins.len() as f64 / (high - low), bins }
     }
 
-    fn bin(&self, value: V) -> usize {
+    fn bin<V: Value>(&self, value: V) -> usize {
         let place = (value.samples()[0].to_f64() - self.low) * self.scale;
         (place.max(0.0) as usize).min(self.bins.len() - 1)
     }
 }
 
-impl<D: Layout, V: Value> Visitor<D, V> for Histogram<'_, D, V> {
-    fn zone(&mut self, _: Code<D>, segment: usize) -> Result<bool> {
-        let Some(tree) = self.tree else { return Ok(false) };
-        let zone = tree.entry(segment)?.zone;
+impl<D: Layout, V: Value> Visitor<D, V> for Histogram {
+    fn zone(&mut self, _: Code<D>, zone: &dyn Zone<V>) -> Result<bool> {
+        let zone = zone.tally()?;
         let (first, last) = (self.bin(zone.min), self.bin(zone.max));
         if first == last {
             self.bins[first] += zone.cells;

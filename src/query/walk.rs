@@ -2,14 +2,52 @@
 
 use crate::Result;
 use crate::space::{Bounds, Code};
-use crate::store::goblin::{BadSkip, CUT, Goblin, INNER, LEAF, Layout, Record, Segment, VOID, child_places};
+use crate::store::build::BadSkip;
+use crate::store::goblin::{CUT, Goblin, INNER, LEAF, Layout, Record, Segment, VOID, child_places};
 use crate::tree::{Child, Source};
-use crate::value::Value;
+use crate::value::{Tally, Value};
+
+/// What is known of all the cells below a node.
+pub(super) trait Zone<V: Value> {
+    /// Everything but the class counts.
+    fn tally(&self) -> Result<Tally<V>>;
+    /// Cells of each value.
+    fn classes(&self) -> Result<Vec<(V, u64)>>;
+}
+
+/// A segment's.
+struct SegmentZone<'a, D: Layout, V: Value> {
+    tree: &'a Goblin<D, V>,
+    index: usize,
+}
+
+impl<D: Layout, V: Value> Zone<V> for SegmentZone<'_, D, V> {
+    fn tally(&self) -> Result<Tally<V>> {
+        Ok(self.tree.entry(self.index)?.zone)
+    }
+
+    fn classes(&self) -> Result<Vec<(V, u64)>> {
+        Ok(self.tree.segment(self.index)?.classes())
+    }
+}
+
+/// What a source knows.
+struct Known<V: Value>(Tally<V>);
+
+impl<V: Value> Zone<V> for Known<V> {
+    fn tally(&self) -> Result<Tally<V>> {
+        Ok(self.0.clone())
+    }
+
+    fn classes(&self) -> Result<Vec<(V, u64)>> {
+        Ok(self.0.classes.clone())
+    }
+}
 
 /// What wants to know about a box of cells.
 pub(super) trait Visitor<D: Layout, V: Value> {
     /// Whether the statistics of a zone that lies wholly in the box will do; otherwise the walk goes into it.
-    fn zone(&mut self, code: Code<D>, segment: usize) -> Result<bool>;
+    fn zone(&mut self, code: Code<D>, zone: &dyn Zone<V>) -> Result<bool>;
     /// A uniform block (`None` is VOID) of which so many cells lie in the box; if not all do, `part` has those that do.
     fn block(&mut self, code: Code<D>, value: Option<V>, cells: u64, part: Option<&Bounds>) -> Result<()>;
     /// The records of a whole subtree that lies in the box, none of it in another segment, and its levels: whether the
@@ -65,7 +103,7 @@ pub(crate) fn node_bounds<D: Layout>(code: Code<D>, depth: u8) -> Bounds {
 
 /// A child's part of a node's cells.
 #[inline]
-fn child_bounds<D: Layout>(node: &Bounds, child: usize) -> Bounds {
+pub(super) fn child_bounds<D: Layout>(node: &Bounds, child: usize) -> Bounds {
     let mut bounds = *node;
     for axis in 0..D::AXES {
         let middle = node.min[axis].midpoint(node.max[axis]);
@@ -95,7 +133,7 @@ fn uniform<D: Layout, V: Value>(
     if part.is_empty() { visitor.outside() } else { visitor.block(code, value, part.volume(), Some(&part)) }
 }
 
-/// Walks all of `bounds` (cells of the deepest level) of any source, in FD order. There are no zones to ask about.
+/// Walks all of `bounds` (cells of the deepest level) of any source, in FD order. Zones are where the source knows tallies.
 pub(super) fn walk_source<S>(
     source: &S,
     bounds: &Bounds,
@@ -129,6 +167,12 @@ where
     if space.is_some_and(|space| space.intersect(bounds).is_empty()) {
         return visitor.outside();
     }
+    if space.is_none()
+        && let Some(tally) = source.tally(&node)?
+        && visitor.zone(code, &Known(tally))?
+    {
+        return Ok(());
+    }
     for (step, child) in source.children(&node)?.into_iter().enumerate() {
         let space = space.map(|space| child_bounds::<S::Dim>(&space, step));
         let space = space.filter(|space| !bounds.contains(space));
@@ -158,7 +202,7 @@ impl<D: Layout, V: Value> Walk<'_, D, V> {
         visitor: &mut impl Visitor<D, V>,
     ) -> Result<()> {
         let index = index.ok_or_else(|| self.tree.bad_cut(code))?;
-        if space.is_none() && visitor.zone(code, index)? {
+        if space.is_none() && visitor.zone(code, &SegmentZone { tree: self.tree, index })? {
             return Ok(());
         }
         visitor.enter_segment();

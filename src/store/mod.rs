@@ -1,9 +1,15 @@
-//! Trees on disk: the Goblin format, and how files are written and read safely.
+//! Trees on disk: the two formats, how trees are built, and how files are written and read safely.
 
 mod atomic;
+pub mod autumnal;
+pub mod build;
+mod file;
+mod format;
 pub mod goblin;
 mod storage;
 
 pub use atomic::Output;
 pub(crate) use atomic::folder;
+pub use file::{File, FileNode};
+pub use format::{TreeFormat, split_commit};
 pub use storage::{Mapped, Positioned, Storage};

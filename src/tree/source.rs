@@ -4,8 +4,9 @@ use std::fmt::Debug;
 
 use crate::Result;
 use crate::space::{Bounds, Dimension};
+use crate::store::autumnal::Kept;
 use crate::store::goblin::{Goblin, Handle, Layout};
-use crate::value::Value;
+use crate::value::{Tally, Value};
 
 /// What stands at one place of a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -192,6 +193,20 @@ pub trait Source {
         None
     }
 
+    /// The node of an Autumnal file that an INNER node is, with all that is below it, if it is one: the file need not be
+    /// written that again.
+    fn kept(&self, _: &Self::Node) -> Option<Kept> {
+        None
+    }
+
+    /// What is known of all the cells below an INNER node, where the source knows without looking.
+    ///
+    /// # Errors
+    /// If the source fails.
+    fn tally(&self, _: &Self::Node) -> Result<Option<Tally<Self::Value>>> {
+        Ok(None)
+    }
+
     /// The nodes of two files that an INNER node is made of, if it is no more than these, settled: what stores trees may
     /// then settle them itself, record by record.
     fn overlay(&self, _: &Self::Node) -> Option<Overlay<'_, Self::Dim, Self::Value>>
@@ -244,6 +259,14 @@ macro_rules! source_of_pointers {
                 Self::Dim: Layout,
             {
                 (**self).stored(node)
+            }
+
+            fn kept(&self, node: &Self::Node) -> Option<Kept> {
+                (**self).kept(node)
+            }
+
+            fn tally(&self, node: &Self::Node) -> Result<Option<Tally<Self::Value>>> {
+                (**self).tally(node)
             }
 
             fn overlay(&self, node: &Self::Node) -> Option<Overlay<'_, Self::Dim, Self::Value>>

@@ -10,10 +10,9 @@ use std::path::{Path, PathBuf};
 use spinney::Result;
 use spinney::space::{Cell, Code, Dimension, Frame};
 use spinney::store::Output;
-use spinney::store::goblin::{
-    BuildOptions, Goblin, Layout, Metadata, Slab, Slabs, build, build_slabs, depth_for,
-};
-use spinney::tree::{MemTree, Source};
+use spinney::store::build::{BuildOptions, Slab, Slabs, build, build_slabs, depth_for};
+use spinney::store::goblin::{Goblin, Layout, Metadata};
+use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{Kind, Rule, Sample, SampleType, Value};
 use zerocopy::IntoBytes;
 
@@ -165,7 +164,7 @@ impl<V: Value> Slabs for CellSlabs<'_, V> {
 }
 
 pub fn options(rule: Rule, kind: Kind, depth: u8) -> BuildOptions {
-    BuildOptions { rule, kind, depth, memory: 64 << 20, metadata: Metadata::default() }
+    BuildOptions { rule, kind, depth, memory: 64 << 20, metadata: Metadata::default(), share: false }
 }
 
 /// Makes a file of cells, by way of slabs.
@@ -262,4 +261,26 @@ pub fn quad_size(random: &mut Random) -> [u64; 3] {
 
 pub fn oct_size(random: &mut Random) -> [u64; 3] {
     std::array::from_fn(|_| 1 + random.below(14))
+}
+
+/// Compares every node of two sources.
+pub fn same_trees<A, B>(a: &A, b: &B)
+where
+    A: Source,
+    B: Source<Dim = A::Dim, Value = A::Value>,
+{
+    let mut pending = vec![(Code::<A::Dim>::ROOT, a.root().unwrap(), b.root().unwrap())];
+    while let Some((code, a_place, b_place)) = pending.pop() {
+        match (a_place, b_place) {
+            (Child::Void, Child::Void) => {}
+            (Child::Leaf(x), Child::Leaf(y)) => assert!(x.same(y), "{code}: {x:?} and {y:?}"),
+            (Child::Inner { representative: x, node: m }, Child::Inner { representative: y, node: n }) => {
+                assert!(x.same(y), "{code}: representatives {x:?} and {y:?}");
+                let (m, n) = (a.children(&m).unwrap(), b.children(&n).unwrap());
+                let pairs = m.as_ref().iter().zip(n.as_ref()).enumerate();
+                pending.extend(pairs.map(|(i, (m, n))| (code.child(i), m.clone(), n.clone())));
+            }
+            other => panic!("{code}: {other:?}"),
+        }
+    }
 }

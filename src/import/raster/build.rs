@@ -4,7 +4,7 @@ use super::plan::Import;
 use super::slabs::BLOCK;
 use super::{Order, RasterInfo, RasterSlabs, spill};
 use crate::space::Quad;
-use crate::store::goblin::build_slabs;
+use crate::store::build::build_slabs;
 use crate::store::{Output, folder};
 use crate::value::Value;
 use crate::{Progress, Result};
@@ -54,12 +54,20 @@ mod tests {
     use super::super::fake::Fake;
     use super::super::{DEFAULT_MEMORY, Raster};
     use super::*;
-    use crate::store::goblin::{BuildOptions, Metadata};
+    use crate::store::build::BuildOptions;
+    use crate::store::goblin::Metadata;
     use crate::value::{Kind, Rule, SampleType};
 
     fn bytes_of(raster: Box<dyn Raster>, memory: u64, path: &Path) -> Vec<u8> {
         let metadata = Metadata::default();
-        let options = BuildOptions { rule: Rule::Mean, kind: Kind::Continuous, depth: 11, memory, metadata };
+        let options = BuildOptions {
+            rule: Rule::Mean,
+            kind: Kind::Continuous,
+            depth: 11,
+            memory,
+            metadata,
+            share: false,
+        };
         let output = Output::create(path).unwrap();
         build_slabs::<Quad, [u8; 1]>(&mut RasterSlabs::new(raster, memory), None, &options, output, &())
             .unwrap();

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use super::validity::as_stored;
 use super::{OpenOptions, Pixels, Raster, RasterInfo, bands, mosaic, open};
 use crate::space::{Dimension, Frame, Quad, Region};
-use crate::store::goblin::{BuildOptions, Metadata, depth_for};
+use crate::store::build::{BuildOptions, depth_for};
+use crate::store::goblin::Metadata;
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Result};
 
@@ -155,7 +156,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
         lines
     };
     let nodata = info.nodata;
-    let options = BuildOptions { rule, kind, depth, memory: memory / 4, metadata };
+    let options = BuildOptions { rule, kind, depth, memory: memory / 4, metadata, share: false };
     Ok(Import { raster, value, nodata, options, memory, description })
 }
 

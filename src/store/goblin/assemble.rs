@@ -1,20 +1,24 @@
-//! Puts blocks together to a tree, in whatever order they come.
+//! Puts blocks together to a Goblin file, in whatever order they come.
 
-use std::collections::HashMap;
-
-use super::counts::LevelCounts;
+use super::copy::Copied;
 use super::directory::Entry;
-use super::part::{Part, Sealed};
+use super::header::Header;
+use super::metadata::Metadata;
 use super::record::Layout;
 use super::segment::Segment;
 use super::shape::Shape;
+use super::writer::Writer;
 use crate::Result;
 use crate::space::Code;
-use crate::tree::Child;
-use crate::value::{Rule, Value};
+use crate::store::Output;
+use crate::store::build::{
+    Assembly, BuildOptions, Built, Fill, LevelCounts, Part, Sealed, Siblings, state_of,
+};
+use crate::tree::Stored;
+use crate::value::{Rule, Tally, Value};
 
 /// Receives the segments of a tree as they are finished, a node's before its ancestors'.
-pub(super) trait SegmentSink<D: Layout, V: Value> {
+pub(in crate::store) trait SegmentSink<D: Layout, V: Value> {
     /// Takes one segment.
     fn segment(&mut self, segment: Sealed<D, V>) -> Result<()>;
 
@@ -22,82 +26,101 @@ pub(super) trait SegmentSink<D: Layout, V: Value> {
     fn copy(&mut self, segment: &Segment<'_, D, V>, entry: Entry<D, V>) -> Result<()>;
 }
 
-/// Merges parts whose siblings are complete and seals segments.
-pub(super) struct Assembler<D: Layout, V: Value> {
+/// Merges parts whose siblings are complete, seals segments, and hands them to a sink.
+pub(in crate::store) struct Assembler<D: Layout, V: Value, K> {
     shape: Shape,
     rule: Rule,
-    /// Cells along each axis that can be other than VOID.
-    extent: [u64; 3],
-    groups: HashMap<Code<D>, Group<D, V>>,
+    siblings: Siblings<D, Part<D, V>>,
     root: Option<Part<D, V>>,
-    pub(super) counts: LevelCounts,
+    counts: LevelCounts,
+    sink: K,
 }
 
-/// The children of one node that are there already.
-struct Group<D: Layout, V: Value> {
-    parts: Vec<Option<Part<D, V>>>,
-    missing: usize,
+/// What comes of all parts.
+pub(in crate::store) struct Assembled<D: Layout, V: Value, K> {
+    pub(in crate::store) sink: K,
+    pub(in crate::store) root: Part<D, V>,
+    pub(in crate::store) counts: LevelCounts,
 }
 
-impl<D: Layout, V: Value> Assembler<D, V> {
-    pub(super) fn new(shape: Shape, rule: Rule, extent: [u64; 3]) -> Self {
-        Assembler { shape, rule, extent, groups: HashMap::new(), root: None, counts: LevelCounts::default() }
+impl<D: Layout, V: Value, K: SegmentSink<D, V> + Send> Assembler<D, V, K> {
+    /// `covered` is the extent of the parts that will come; what is outside is VOID.
+    pub(in crate::store) fn new(shape: Shape, rule: Rule, covered: [u64; 3], sink: K) -> Self {
+        let siblings = Siblings::new(shape.depth, covered);
+        Assembler { shape, rule, siblings, root: None, counts: LevelCounts::default(), sink }
     }
 
-    /// Whether a node has cells within the extent.
-    pub(super) fn is_inside(&self, code: Code<D>) -> bool {
-        let size = self.shape.depth - code.level();
-        code.cell().iter().zip(self.extent).all(|(cell, extent)| (*cell as u64) << size < extent)
-    }
-
-    /// Takes a part whose own segment is already taken off; every node inside the extent must be covered once.
-    pub(super) fn push(&mut self, part: Part<D, V>, sink: &mut impl SegmentSink<D, V>) -> Result<()> {
-        let mut part = part;
+    /// Takes a part whose own segment is already taken off.
+    fn join(&mut self, mut part: Part<D, V>) -> Result<()> {
         loop {
             let Some(parent) = part.code.parent() else {
-                let state = match part.child {
-                    Child::Void => [1, 0, 0],
-                    Child::Leaf(_) => [0, 1, 0],
-                    Child::Inner { .. } => [0, 0, 1],
-                };
-                self.counts.add(0, state);
+                let mut root = [0; 3];
+                root[usize::from(state_of(&part.child))] = 1;
+                self.counts.add(0, root);
                 self.root = Some(part);
                 return Ok(());
             };
-            if !self.groups.contains_key(&parent) {
-                let group = self.new_group(parent);
-                self.groups.insert(parent, group);
-            }
-            let group = self.groups.get_mut(&parent).expect("just inserted");
-            let place = part.code.step(parent.level());
-            debug_assert!(group.parts[place].is_none(), "a node must not come twice");
-            group.parts[place] = Some(part);
-            group.missing -= 1;
-            if group.missing > 0 {
-                return Ok(());
-            }
-            let group = self.groups.remove(&parent).expect("it is there");
-            let parts: Vec<_> = group.parts.into_iter().flatten().collect();
-            part = Part::merge(parent, &parts, self.shape.depth, self.rule, &mut self.counts);
+            let depth = self.shape.depth;
+            let step = part.code.step(parent.level());
+            let void = |code| Part::uniform(code, depth, None, false);
+            let Some(parts) = self.siblings.join(parent, step, part, void) else { return Ok(()) };
+            part = Part::merge(parent, &parts, depth, self.rule, &mut self.counts);
             if let Some(sealed) = part.seal(&self.shape) {
-                sink.segment(sealed)?;
+                self.sink.segment(sealed)?;
             }
         }
     }
 
-    /// The children of a node, those outside the extent filled in.
-    fn new_group(&self, parent: Code<D>) -> Group<D, V> {
-        let outside = |i| {
-            let child = parent.child(i);
-            (!self.is_inside(child)).then(|| Part::uniform(child, self.shape.depth, None, false))
-        };
-        let parts: Vec<_> = (0..D::CHILDREN).map(outside).collect();
-        let missing = parts.iter().filter(|part| part.is_none()).count();
-        Group { parts, missing }
+    /// What has become of everything, once it has come.
+    pub(in crate::store) fn finish(self) -> Assembled<D, V, K> {
+        let root = self.root.expect("all blocks were pushed");
+        Assembled { sink: self.sink, root, counts: self.counts }
+    }
+}
+
+impl<D: Layout, V: Value, K: SegmentSink<D, V> + Send> Assembly<D, V> for Assembler<D, V, K> {
+    fn push(&mut self, (part, sealed, counts): Built<D, V>) -> Result<()> {
+        self.counts.merge(&counts);
+        if let Some(sealed) = sealed {
+            self.sink.segment(sealed)?;
+        }
+        self.join(part)
     }
 
-    /// The root, once everything has come.
-    pub(super) fn finish(self) -> Part<D, V> {
-        self.root.expect("all blocks were pushed")
+    fn copied<'s>(
+        &self,
+        code: Code<D>,
+        representative: V,
+        stored: Stored<'s, D, V>,
+    ) -> Result<Option<Copied<'s, D, V>>> {
+        if !stored.file.header().shape.is_cut_like(&self.shape) {
+            return Ok(None);
+        }
+        Copied::of(stored, code, representative, &self.shape)
     }
+
+    fn copy(&mut self, copied: Copied<'_, D, V>) -> Result<()> {
+        let counts = copied.send(&mut self.sink)?;
+        self.counts.merge(&counts);
+        self.join(copied.part)
+    }
+}
+
+/// Makes a Goblin file of the parts of a tree.
+pub(in crate::store) fn write<D: Layout, V: Value>(
+    options: &BuildOptions,
+    header: Header,
+    covered: [u64; 3],
+    output: Output,
+    fill: &mut Fill<'_, D, V>,
+    complete: &mut dyn FnMut(&mut Metadata),
+) -> Result<Tally<V>> {
+    let writer = Writer::new(output, &header, options.memory / 8)?;
+    let mut assembler = Assembler::<D, V, _>::new(header.shape, options.rule, covered, writer);
+    fill(&mut assembler, header.shape)?;
+    let Assembled { sink: writer, root, counts } = assembler.finish();
+    let mut metadata = Metadata { counts, ..options.metadata.clone() };
+    complete(&mut metadata);
+    writer.finish(root.child, &metadata)?;
+    Ok(root.tally)
 }

@@ -1,27 +1,27 @@
 //! Takes over what a file has stored below a node, segment by segment, without making it anew.
 
 use super::assemble::SegmentSink;
-use super::counts::LevelCounts;
-use super::part::{ENOUGH, Part, trim};
 use super::reader::Goblin;
 use super::record::{INNER, LEAF, Layout, Record, VOID};
 use super::segment::{Segment, child_places};
 use super::shape::Shape;
-use super::subtree::count_nodes;
 use crate::Result;
 use crate::parallel;
 use crate::space::Code;
+use crate::store::build::LevelCounts;
+use crate::store::build::count_nodes;
+use crate::store::build::{ENOUGH, Part, trim};
 use crate::tree::{Child, Stored};
 use crate::value::Value;
 
 /// A node of a file that owns a segment, to be copied to another node.
-pub(super) struct Copied<'a, D: Layout, V: Value> {
+pub(in crate::store) struct Copied<'a, D: Layout, V: Value> {
     from: Stored<'a, D, V>,
     to: Code<D>,
     /// Segments of the node and of what is below it, a node's before its ancestors'.
     segments: Vec<usize>,
     /// What the ancestors need of the node.
-    pub(super) part: Part<D, V>,
+    pub(in crate::store) part: Part<D, V>,
 }
 
 /// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are written.
@@ -29,7 +29,7 @@ const BATCH: usize = 8;
 
 impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
     /// What is to be copied, if the node owns a segment; both trees have the same shape.
-    pub(super) fn of(
+    pub(in crate::store) fn of(
         from: Stored<'a, D, V>,
         to: Code<D>,
         representative: V,
@@ -59,7 +59,7 @@ impl<'a, D: Layout, V: Value> Copied<'a, D, V> {
     }
 
     /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are counted.
-    pub(super) fn send(&self, sink: &mut (impl SegmentSink<D, V> + Send)) -> Result<LevelCounts> {
+    pub(in crate::store) fn send(&self, sink: &mut (impl SegmentSink<D, V> + Send)) -> Result<LevelCounts> {
         let mut counts = LevelCounts::default();
         let mut ready: &[usize] = &[];
         for next in self.segments.chunks(BATCH).chain([&[][..]]) {

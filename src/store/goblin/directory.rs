@@ -53,18 +53,18 @@ struct RawChannel {
 const ENTRY_CHECKSUM_AT: usize = 36;
 
 /// Bytes of one entry for values of so many channels.
-pub(super) fn entry_size(channels: usize) -> usize {
+pub(in crate::store) fn entry_size(channels: usize) -> usize {
     size_of::<RawEntry>() + channels * size_of::<RawChannel>()
 }
 
 /// The code that an entry starts with, checked by nothing yet.
-pub(super) fn code_bits(directory: &[u8], index: usize, size: usize) -> u64 {
+pub(in crate::store) fn code_bits(directory: &[u8], index: usize, size: usize) -> u64 {
     let start = index * size;
     u64::from_le_bytes(directory[start..start + 8].try_into().expect("8 bytes"))
 }
 
 impl<D: Dimension, V: Value> Entry<D, V> {
-    pub(super) fn to_bytes(&self) -> Vec<u8> {
+    pub(in crate::store) fn to_bytes(&self) -> Vec<u8> {
         let raw = RawEntry {
             code: self.code.bits().into(),
             offset: self.offset.into(),
@@ -92,7 +92,7 @@ impl<D: Dimension, V: Value> Entry<D, V> {
     }
 
     /// Checks and understands the `index`-th entry; `bytes` are this entry's.
-    pub(super) fn from_bytes(path: &Path, index: usize, bytes: &[u8]) -> Result<Self> {
+    pub(in crate::store) fn from_bytes(path: &Path, index: usize, bytes: &[u8]) -> Result<Self> {
         let corrupt = |found: String, expected: String| {
             Error::corrupt(path, format!("directory entry {index}"), found, expected)
         };

@@ -6,16 +6,15 @@ use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::shape::Shape;
+use crate::store::TreeFormat;
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Result};
 
-/// First bytes of every Goblin file: a byte that is no text, the name, and an end of line.
-pub(super) const MAGIC: [u8; 8] = *b"\x93Goblin\n";
 /// Last bytes of every Goblin file.
-pub(super) const END_MAGIC: [u8; 8] = *b"\nnilboG\x93";
+pub(in crate::store) const END_MAGIC: [u8; 8] = *b"\nnilboG\x93";
 /// Readers refuse files of a newer major version.
-pub(super) const MAJOR: u16 = 1;
-pub(super) const MINOR: u16 = 0;
+pub(in crate::store) const MAJOR: u16 = 1;
+pub(in crate::store) const MINOR: u16 = 0;
 
 /// How records are packed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,13 +72,13 @@ struct RawHeader {
 }
 
 /// Bytes of the header.
-pub(super) const HEADER_SIZE: usize = size_of::<RawHeader>();
+pub(in crate::store) const HEADER_SIZE: usize = size_of::<RawHeader>();
 const _: () = assert!(HEADER_SIZE == 60);
 
 impl Header {
-    pub(super) fn to_bytes(&self) -> Vec<u8> {
+    pub(in crate::store) fn to_bytes(&self, format: TreeFormat) -> Vec<u8> {
         let mut raw = RawHeader {
-            magic: MAGIC,
+            magic: format.magic(),
             major: MAJOR.into(),
             minor: MINOR.into(),
             axes: self.axes,
@@ -101,19 +100,24 @@ impl Header {
         raw.as_bytes().to_vec()
     }
 
-    /// Checks and understands the first bytes of a file.
-    pub(super) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Header> {
+    /// Checks and understands the first bytes of a file of either format.
+    pub(in crate::store) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(TreeFormat, Header)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
         let Ok((raw, _)) = RawHeader::ref_from_prefix(bytes) else {
-            return Err(corrupt(format!("{} bytes", bytes.len()), "a Goblin file of at least 60 bytes"));
+            return Err(corrupt(format!("{} bytes", bytes.len()), "a tree file of at least 60 bytes"));
         };
-        if raw.magic != MAGIC {
+        let format =
+            [TreeFormat::Goblin, TreeFormat::Autumnal].into_iter().find(|format| format.magic() == raw.magic);
+        let Some(format) = format else {
             let found = format!("`{}`", raw.magic.escape_ascii());
-            return Err(corrupt(found, "the first bytes of a Goblin file, `\\x93Goblin\\n`"));
-        }
+            return Err(corrupt(
+                found,
+                "the first bytes of a tree file, `\\x93Goblin\\n` or `\\x93Autumn\\n`",
+            ));
+        };
         if raw.major.get() != MAJOR {
             let advice = format!("this program reads version {MAJOR}; use one that is as new as the file");
-            return Err(Error::unsupported(path, format!("Goblin version {}", raw.major), advice));
+            return Err(Error::unsupported(path, format!("{} version {}", format.name(), raw.major), advice));
         }
         let checksum = crc32c::crc32c(&bytes[..HEADER_SIZE - 4]);
         if raw.checksum.get() != checksum {
@@ -151,7 +155,7 @@ impl Header {
         if !extent.iter().enumerate().all(good) {
             return Err(corrupt(format!("extent {extent:?}"), "1 to 2^depth cells along every axis"));
         }
-        Ok(Header {
+        let header = Header {
             axes: raw.axes,
             value: ValueType {
                 sample: *sample.ok_or_else(|| number("sample type", raw.sample, "0 to 6"))?,
@@ -172,31 +176,32 @@ impl Header {
             },
             shape,
             extent,
-        })
+        };
+        Ok((format, header))
     }
 }
 
 /// A section at the end of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Section {
-    pub(super) offset: u64,
-    pub(super) length: u64,
-    pub(super) checksum: u32,
+pub(in crate::store) struct Section {
+    pub(in crate::store) offset: u64,
+    pub(in crate::store) length: u64,
+    pub(in crate::store) checksum: u32,
 }
 
 /// What the end of a file says: the root, totals, and where the sections are.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Trailer {
+pub(in crate::store) struct Trailer {
     /// State of the root: VOID, LEAF or INNER.
-    pub(super) root_state: u8,
+    pub(in crate::store) root_state: u8,
     /// Value or representative of the root, as on disk, padded with zeros.
-    pub(super) root_value: [u8; 32],
+    pub(in crate::store) root_value: [u8; 32],
     /// Segments, which is the number of directory entries.
-    pub(super) segments: u64,
+    pub(in crate::store) segments: u64,
     /// Records in all segments, those stored more than once included.
-    pub(super) stored_records: u64,
-    pub(super) directory: Section,
-    pub(super) metadata: Section,
+    pub(in crate::store) stored_records: u64,
+    pub(in crate::store) directory: Section,
+    pub(in crate::store) metadata: Section,
 }
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned, Clone, Copy)]
@@ -233,11 +238,11 @@ const METADATA: [u8; 4] = *b"META";
 /// A trailer with more bytes than this is not believed.
 const TRAILER_MOST: usize = 4096;
 /// Bytes from the end of a file that are sure to hold the trailer.
-pub(super) const TAIL: usize = TRAILER_MOST + size_of::<RawEnd>();
+pub(in crate::store) const TAIL: usize = TRAILER_MOST + size_of::<RawEnd>();
 
 impl Trailer {
     /// The trailer of a file that has `before` bytes so far.
-    pub(super) fn to_bytes(&self, before: u64) -> Vec<u8> {
+    pub(in crate::store) fn to_bytes(&self, before: u64) -> Vec<u8> {
         let sections = [(DIRECTORY, self.directory), (METADATA, self.metadata)];
         let length = size_of::<RawTrailer>() + sections.len() * size_of::<RawSection>();
         let raw = RawTrailer {
@@ -266,7 +271,7 @@ impl Trailer {
     }
 
     /// Checks and understands the last bytes of a file of `file_length` bytes.
-    pub(super) fn from_bytes(path: &Path, tail: &[u8], file_length: u64) -> Result<Trailer> {
+    pub(in crate::store) fn from_bytes(path: &Path, tail: &[u8], file_length: u64) -> Result<Trailer> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "trailer", found, expected);
         let Ok((rest, end)) = RawEnd::ref_from_suffix(tail) else {
             return Err(corrupt(format!("{} bytes", tail.len()), "at least 16 bytes"));

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::counts::LevelCounts;
 use crate::space::Frame;
+use crate::store::build::LevelCounts;
 use crate::value::Palette;
 use crate::{Error, Result};
 
@@ -62,7 +62,7 @@ fn config() -> impl bincode::config::Config {
 }
 
 impl Metadata {
-    pub(super) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+    pub(in crate::store) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         bincode::serde::encode_to_vec((VERSION, self), config())
             .ok()
             .filter(|bytes| bytes.len() <= LIMIT)
@@ -75,7 +75,7 @@ impl Metadata {
             })
     }
 
-    pub(super) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
+    pub(in crate::store) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "metadata", found, expected);
         if bytes.len() > LIMIT {
             return Err(corrupt(format!("{} bytes", bytes.len()), "at most 16 MiB"));

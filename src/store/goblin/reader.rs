@@ -14,7 +14,7 @@ use super::metadata::Metadata;
 use super::record::{CUT, INNER, LEAF, Layout, Record, VOID};
 use super::segment::{Bytes, Segment, child_place, child_places};
 use crate::space::{Bounds, Code, Dimension};
-use crate::store::{Mapped, Positioned, Storage};
+use crate::store::{Mapped, Positioned, Storage, TreeFormat};
 use crate::tree::{Child, Source, Stored};
 use crate::value::{Sum, Tally, Value};
 use crate::{Error, Result};
@@ -73,8 +73,8 @@ pub struct Goblin<D: Layout, V: Value> {
 pub struct Handle<D: Dimension> {
     /// The node.
     pub code: Code<D>,
-    pub(super) segment: u32,
-    pub(super) record: u32,
+    pub(in crate::store) segment: u32,
+    pub(in crate::store) record: u32,
 }
 
 impl<D: Dimension> Handle<D> {
@@ -90,8 +90,8 @@ pub(crate) struct Located<'a, D, V> {
     pub(crate) record: usize,
 }
 
-/// Reads and checks the header, whatever the types.
-pub(crate) fn read_header(path: &Path, storage: &dyn Storage) -> Result<Header> {
+/// Reads and checks the header of a tree file, whatever the format and the types.
+pub(crate) fn read_header(path: &Path, storage: &dyn Storage) -> Result<(TreeFormat, Header)> {
     let length = storage.len().min(HEADER_SIZE as u64) as usize;
     Header::from_bytes(path, &storage.read(0, length)?)
 }
@@ -118,7 +118,10 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     /// # Errors
     /// As [`Goblin::open`].
     pub fn from_storage(path: &Path, storage: Box<dyn Storage>, options: &OpenOptions) -> Result<Self> {
-        let header = read_header(path, &*storage)?;
+        let (format, header) = read_header(path, &*storage)?;
+        if format != TreeFormat::Goblin {
+            return Err(Error::corrupt(path, "header", "an Autumnal file", "a Goblin file"));
+        }
         if header.axes as usize != D::AXES || header.value != V::TYPE {
             let found = format!("{} axes, values {}", header.axes, header.value);
             return Err(Error::corrupt(
@@ -217,7 +220,7 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     }
 
     /// The directory's and the metadata's checksums as stored and as found.
-    pub(super) fn section_checksums(&self) -> Result<Vec<(&'static str, u32, u32)>> {
+    pub(in crate::store) fn section_checksums(&self) -> Result<Vec<(&'static str, u32, u32)>> {
         let list = [("directory", self.trailer.directory), ("metadata", self.trailer.metadata)];
         list.into_iter()
             .map(|(name, section)| {
@@ -227,7 +230,7 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             .collect()
     }
 
-    pub(super) fn corrupt(&self, place: String, found: impl Into<String>, expected: &str) -> Error {
+    pub(in crate::store) fn corrupt(&self, place: String, found: impl Into<String>, expected: &str) -> Error {
         Error::corrupt(&self.path, place, found, expected)
     }
 

@@ -156,4 +156,4 @@ impl Layout for Oct {
 }
 
 /// A subtree with more records than this owns a segment (`T`), where files are written.
-pub(super) const LIGHT: u32 = 4096;
+pub(in crate::store) const LIGHT: u32 = 4096;

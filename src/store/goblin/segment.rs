@@ -12,7 +12,7 @@ use crate::value::Value;
 
 /// The bytes of a segment: seen where they are, or held by a cache.
 #[derive(Clone)]
-pub(super) enum Bytes<'a> {
+pub(in crate::store) enum Bytes<'a> {
     Seen(&'a [u8]),
     Held(Arc<Vec<u8>>),
 }
@@ -29,13 +29,13 @@ impl<'a> From<Cow<'a, [u8]>> for Bytes<'a> {
 /// A segment: the records of part of a tree, in preorder.
 #[derive(Clone)]
 pub struct Segment<'a, D, V> {
-    pub(super) code: Code<D>,
+    pub(in crate::store) code: Code<D>,
     /// Its number in the directory.
-    pub(super) index: usize,
-    pub(super) bytes: Bytes<'a>,
+    pub(in crate::store) index: usize,
+    pub(in crate::store) bytes: Bytes<'a>,
     /// Bytes that are records; class counts follow.
-    pub(super) record_bytes: usize,
-    pub(super) value: PhantomData<V>,
+    pub(in crate::store) record_bytes: usize,
+    pub(in crate::store) value: PhantomData<V>,
 }
 
 impl<D: Layout, V: Value> Segment<'_, D, V> {
@@ -49,7 +49,7 @@ impl<D: Layout, V: Value> Segment<'_, D, V> {
         self.index
     }
 
-    pub(super) fn all_bytes(&self) -> &[u8] {
+    pub(in crate::store) fn all_bytes(&self) -> &[u8] {
         match &self.bytes {
             Bytes::Seen(bytes) => bytes,
             Bytes::Held(bytes) => bytes,

@@ -14,6 +14,11 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// Whether trees of both shapes are cut into segments alike, depth aside.
+    pub fn is_cut_like(&self, other: &Shape) -> bool {
+        (self.reach, self.stride, self.light) == (other.reach, other.stride, other.light)
+    }
+
     /// Whether nodes of this level are candidates: they own a segment if they are heavy. The root is no
     /// candidate by this measure, it owns a segment anyway.
     pub fn is_candidate(&self, level: u8) -> bool {

@@ -10,7 +10,7 @@ use crate::{Error, Result};
 /// Collects items of one size, each with a key, and gives them back in the order of the keys.
 ///
 /// More items than the memory allows go to temporary files in sorted runs, which are merged in the end.
-pub(super) struct Sorter {
+pub(in crate::store) struct Sorter {
     folder: PathBuf,
     item_size: usize,
     /// Items kept in memory.
@@ -27,12 +27,12 @@ struct Run {
 
 impl Sorter {
     /// Items of `item_size` bytes that start with their key; about `memory` bytes are used.
-    pub(super) fn new(folder: &Path, item_size: usize, memory: u64) -> Sorter {
+    pub(in crate::store) fn new(folder: &Path, item_size: usize, memory: u64) -> Sorter {
         let most = (memory / (item_size as u64 + 48)).max(64) as usize;
         Sorter { folder: folder.to_path_buf(), item_size, most, items: Vec::new(), runs: Vec::new(), len: 0 }
     }
 
-    pub(super) fn push(&mut self, key: u64, item: Vec<u8>) -> Result<()> {
+    pub(in crate::store) fn push(&mut self, key: u64, item: Vec<u8>) -> Result<()> {
         debug_assert_eq!(item.len(), self.item_size);
         self.items.push((key, item));
         self.len += 1;
@@ -42,7 +42,7 @@ impl Sorter {
         self.spill().map_err(Error::io(&self.folder, "use a temporary file for the directory"))
     }
 
-    pub(super) fn len(&self) -> u64 {
+    pub(in crate::store) fn len(&self) -> u64 {
         self.len
     }
 
@@ -61,7 +61,7 @@ impl Sorter {
     }
 
     /// Hands out all items in order.
-    pub(super) fn finish(mut self, mut item: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    pub(in crate::store) fn finish(mut self, mut item: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let spill_error = || Error::io(&self.folder, "use a temporary file for the directory");
         self.items.sort_unstable_by_key(|(key, _)| *key);
         let mut last = self.items.into_iter().peekable();

@@ -5,13 +5,12 @@
 
 use zerocopy::IntoBytes;
 
-use super::assemble::SegmentSink;
-use super::build::{BuildOptions, Walked, walk};
+use super::assemble::{Assembled, Assembler, SegmentSink};
 use super::directory::Entry;
-use super::part::Sealed;
 use super::reader::Goblin;
 use super::record::{Layout, Record};
 use super::segment::Segment;
+use crate::store::build::{BuildOptions, Sealed, walk};
 use crate::value::Value;
 use crate::{Error, Progress, Result};
 
@@ -45,14 +44,17 @@ impl<D: Layout, V: Value> Goblin<D, V> {
             depth: self.header().shape.depth,
             memory,
             metadata: Default::default(),
+            share: false,
         };
-        let Walked { sink: mut checker, root, counts } =
-            match walk(self, &options, self.header().shape, false, checker, progress) {
-                Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
-                    return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
-                }
-                walked => walked?,
-            };
+        let shape = self.header().shape;
+        let mut assembler = Assembler::new(shape, options.rule, [u64::MAX; 3], checker);
+        match walk(self, &options, shape, false, &mut assembler, progress) {
+            Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
+                return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
+            }
+            walked => walked?,
+        }
+        let Assembled { sink: mut checker, root, counts } = assembler.finish();
         if checker.seen != self.segments() {
             let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
             checker.add("directory".into(), found);

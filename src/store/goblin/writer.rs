@@ -9,17 +9,17 @@ use super::assemble::SegmentSink;
 use super::directory::{Entry, entry_size};
 use super::header::{Header, Section, Trailer};
 use super::metadata::Metadata;
-use super::part::Sealed;
 use super::record::{INNER, LEAF, Layout, VOID};
 use super::segment::Segment;
 use super::sorter::Sorter;
-use crate::store::{Output, folder};
+use crate::store::build::Sealed;
+use crate::store::{Output, TreeFormat, folder};
 use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
 
 /// A Goblin file being written, append-only.
-pub(super) struct Writer {
+pub(in crate::store) struct Writer {
     out: Output,
     path: PathBuf,
     position: u64,
@@ -29,12 +29,12 @@ pub(super) struct Writer {
 
 impl Writer {
     /// Starts a file; about `memory` bytes hold directory entries before they go to a temporary file.
-    pub(super) fn new(out: Output, header: &Header, memory: u64) -> Result<Writer> {
+    pub(in crate::store) fn new(out: Output, header: &Header, memory: u64) -> Result<Writer> {
         let path = out.path().to_path_buf();
         let entry_size = entry_size(header.value.channels as usize);
         let sorter = Sorter::new(folder(&path), entry_size, memory);
         let mut writer = Writer { out, path, position: 0, sorter, stored_records: 0 };
-        writer.write(&header.to_bytes(), "write the header")?;
+        writer.write(&header.to_bytes(TreeFormat::Goblin), "write the header")?;
         Ok(writer)
     }
 
@@ -45,7 +45,7 @@ impl Writer {
     }
 
     /// Writes what stands after the segments and puts the file in its place.
-    pub(super) fn finish<V: Value>(self, root: Child<V, ()>, metadata: &Metadata) -> Result<()> {
+    pub(in crate::store) fn finish<V: Value>(self, root: Child<V, ()>, metadata: &Metadata) -> Result<()> {
         let Writer { mut out, path, mut position, sorter, stored_records } = self;
         let metadata = metadata.to_bytes(&path)?;
         let segments = sorter.len();
@@ -110,7 +110,7 @@ impl<D: Layout, V: Value> SegmentSink<D, V> for Writer {
 }
 
 /// Class counts as they stand behind a segment's records: the value, then the cells in 8 bytes.
-pub(super) fn class_bytes<V: Value>(classes: &[(V, u64)]) -> Vec<u8> {
+pub(in crate::store) fn class_bytes<V: Value>(classes: &[(V, u64)]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(classes.len() * (size_of::<V::Wire>() + 8));
     for (value, cells) in classes {
         bytes.extend_from_slice(value.to_wire().as_bytes());

@@ -12,7 +12,8 @@ use super::plan::SolidImport;
 use super::source::Solid;
 use super::triangles::{Collector, Triangles};
 use crate::import::mesh::{Face, ModelInfo, Stages, Triangulator};
-use crate::store::goblin::{BuildOptions, Metadata, build_with};
+use crate::store::build::{BuildOptions, build_with};
+use crate::store::goblin::Metadata;
 use crate::store::{Output, folder};
 use crate::value::{Kind, Rule, Value};
 use crate::{Error, Progress, Result};
@@ -316,7 +317,7 @@ impl Build<'_> {
             metadata.class_names = names.map(|(i, name)| (i as i64 + 1, name)).collect();
         }
         metadata.provenance = import.models.iter().map(|model| provenance(model.info())).collect();
-        let options = BuildOptions { rule, kind, depth, memory, metadata };
+        let options = BuildOptions { rule, kind, depth, memory, metadata, share: false };
         build_with(&solid, import.extent, &options, output, progress, |metadata| {
             report.undecided = solid.counted.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counted.stages.lock().expect("nobody panics with this lock");

@@ -5,7 +5,7 @@ use super::grid::Grid;
 use super::inside::{Attribute, Boundary};
 use crate::import::mesh::Model;
 use crate::space::{Dimension, Frame, Oct, Up};
-use crate::store::goblin::depth_for;
+use crate::store::build::depth_for;
 use crate::{Error, Result};
 
 /// Bytes of memory used if nothing is said.

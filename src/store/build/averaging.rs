@@ -1,12 +1,12 @@
 //! The rules at work on a block: what is carried up from level to level to make representatives.
 
-use super::record::{INNER, LEAF, Layout, Record, VOID};
 use super::subtree::{CHECKED, each_leaf};
+use crate::store::goblin::{INNER, LEAF, Layout, Record, VOID};
 use crate::tree::Child;
 use crate::value::{Rule, Value, channelwise_max, channelwise_min, dominant, most_frequent};
 
 /// A rule at work on a block, from the bottom up.
-pub(super) trait Averaging<V: Value> {
+pub(in crate::store) trait Averaging<V: Value> {
     /// What is carried up for an INNER node.
     type Of: Copy + Default;
 
@@ -19,9 +19,9 @@ pub(super) trait Averaging<V: Value> {
 }
 
 /// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the cells they are shared among.
-pub(super) struct Means {
+pub(in crate::store) struct Means {
     /// Whether cells that are VOID count.
-    pub(super) with_void: bool,
+    pub(in crate::store) with_void: bool,
 }
 
 impl<V: Value> Averaging<V> for Means {
@@ -82,8 +82,8 @@ fn block_sums_taken<D: Layout, V: Value>(
 }
 
 /// [`Rule::Majority`]: counts per class, as a range of one arena; in any order.
-pub(super) struct Majorities<V> {
-    pub(super) arena: Vec<(V, u64)>,
+pub(in crate::store) struct Majorities<V> {
+    pub(in crate::store) arena: Vec<(V, u64)>,
 }
 
 /// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with 200
@@ -92,7 +92,12 @@ const FEW: u32 = 64;
 
 impl<V: Value> Majorities<V> {
     /// The counts of a node, by ascending value.
-    pub(super) fn list(&self, (start, len): (u32, u32), node: Child<V, ()>, cells: u32) -> Vec<(V, u64)> {
+    pub(in crate::store) fn list(
+        &self,
+        (start, len): (u32, u32),
+        node: Child<V, ()>,
+        cells: u32,
+    ) -> Vec<(V, u64)> {
         match node {
             Child::Void => Vec::new(),
             Child::Leaf(value) => vec![(value, cells as u64)],
@@ -165,7 +170,7 @@ impl<V: Value> Averaging<V> for Majorities<V> {
 }
 
 /// The rules that look at the children alone.
-pub(super) struct Local(pub(super) Rule);
+pub(in crate::store) struct Local(pub(in crate::store) Rule);
 
 impl<V: Value> Averaging<V> for Local {
     type Of = ();
@@ -187,7 +192,7 @@ impl<V: Value> Averaging<V> for Local {
 
 /// Adds neighbours, then neighbours of those, and so on.
 #[inline]
-pub(super) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> T {
+pub(in crate::store) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> T {
     match items {
         [a, b, c, d] => add(add(*a, *b), add(*c, *d)),
         _ => {
@@ -198,7 +203,7 @@ pub(super) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> 
 }
 
 /// Sorts a list of counts by value and makes one entry of equal values.
-pub(super) fn sum_by_value<V: Value>(counts: &mut Vec<(V, u64)>) {
+pub(in crate::store) fn sum_by_value<V: Value>(counts: &mut Vec<(V, u64)>) {
     let len = sum_by_value_in(counts);
     counts.truncate(len);
 }

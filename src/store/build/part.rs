@@ -1,36 +1,36 @@
 //! Parts of a tree on their way up: merged four (or eight) by four, sealed into segments.
 
 use super::counts::LevelCounts;
-use super::record::{CUT, INNER, LEAF, Layout, Record, VOID};
-use super::shape::Shape;
 use crate::space::Code;
+use crate::store::goblin::Shape;
+use crate::store::goblin::{CUT, INNER, LEAF, Layout, Record, VOID};
 use crate::tree::Child;
 use crate::value::{Rule, Tally, Value, representative};
 
 /// A number of records that makes a node heavy in a file of any shape.
-pub(super) const ENOUGH: u64 = u32::MAX as u64;
+pub(in crate::store) const ENOUGH: u64 = u32::MAX as u64;
 
 /// A node and what coarser segments still need of the tree below it.
-pub(super) struct Part<D: Layout, V: Value> {
-    pub(super) code: Code<D>,
-    pub(super) child: Child<V, ()>,
+pub(in crate::store) struct Part<D: Layout, V: Value> {
+    pub(in crate::store) code: Code<D>,
+    pub(in crate::store) child: Child<V, ()>,
     /// Records of the whole subtree, written and forgotten ones included; [`ENOUGH`] or more where nobody counted.
-    pub(super) total: u64,
+    pub(in crate::store) total: u64,
     /// Records in preorder: all of them, or those above a cut.
-    pub(super) records: Vec<D::Record<V>>,
-    pub(super) tally: Tally<V>,
+    pub(in crate::store) records: Vec<D::Record<V>>,
+    pub(in crate::store) tally: Tally<V>,
 }
 
 /// A segment ready to be written.
-pub(super) struct Sealed<D: Layout, V: Value> {
-    pub(super) code: Code<D>,
-    pub(super) records: Vec<D::Record<V>>,
-    pub(super) tally: Tally<V>,
+pub(in crate::store) struct Sealed<D: Layout, V: Value> {
+    pub(in crate::store) code: Code<D>,
+    pub(in crate::store) records: Vec<D::Record<V>>,
+    pub(in crate::store) tally: Tally<V>,
 }
 
 impl<D: Layout, V: Value> Part<D, V> {
     /// A block of one value, or VOID.
-    pub(super) fn uniform(code: Code<D>, depth: u8, value: Option<V>, count_classes: bool) -> Self {
+    pub(in crate::store) fn uniform(code: Code<D>, depth: u8, value: Option<V>, count_classes: bool) -> Self {
         let cells = 1u64 << (D::AXES * (depth - code.level()) as usize);
         let (child, tally) = match value {
             None => (Child::Void, Tally::void()),
@@ -40,7 +40,7 @@ impl<D: Layout, V: Value> Part<D, V> {
     }
 
     /// The parent of these parts, which are all its children in order.
-    pub(super) fn merge(
+    pub(in crate::store) fn merge(
         code: Code<D>,
         parts: &[Part<D, V>],
         depth: u8,
@@ -88,7 +88,7 @@ impl<D: Layout, V: Value> Part<D, V> {
     }
 
     /// Takes the node's own segment off, if it owns one; what is left is what the next coarser segments need.
-    pub(super) fn seal(&mut self, shape: &Shape) -> Option<Sealed<D, V>> {
+    pub(in crate::store) fn seal(&mut self, shape: &Shape) -> Option<Sealed<D, V>> {
         let level = self.code.level();
         let is_root = level == 0;
         let heavy = shape.is_candidate(level) && self.total > shape.light as u64;
@@ -106,7 +106,7 @@ impl<D: Layout, V: Value> Part<D, V> {
 }
 
 /// Copies the records of `levels` levels of the subtree at `place`; what lies deeper is CUT.
-pub(super) fn trim<D: Layout, V: Value>(
+pub(in crate::store) fn trim<D: Layout, V: Value>(
     records: &[D::Record<V>],
     place: usize,
     levels: u8,

@@ -4,10 +4,10 @@
 use std::ops::Range;
 
 use super::block::{Block, Level};
-use super::record::{INNER, LEAF, Layout, Record, VOID};
 use super::take::{Splice, Subtree, Taken};
 use crate::Result;
 use crate::space::Code;
+use crate::store::goblin::{INNER, LEAF, Layout, Record, VOID};
 use crate::tree::{CellBlock, Child, Overlay, Source, Stored, Verdict};
 use crate::value::Value;
 
@@ -26,7 +26,7 @@ enum Open<N> {
 impl<D: Layout, V: Value> Block<D, V> {
     /// The block under `code`, whose root is the source's inner node `node`. Where `stored` gives a node of a file, its
     /// records are taken over.
-    pub(super) fn from_source<'s, S: Source<Dim = D, Value = V>>(
+    pub(in crate::store) fn from_source<'s, S: Source<Dim = D, Value = V>>(
         source: &'s S,
         code: Code<D>,
         height: u8,
@@ -112,7 +112,7 @@ impl<D: Layout, V: Value> Block<D, V> {
 
     /// The block under `code` of two stored subtrees, settled: what set operations spend most of their time on. `None` if
     /// records contradict each other; going through them the usual way tells what is wrong.
-    pub(super) fn from_overlay(
+    pub(in crate::store) fn from_overlay(
         overlay: &Overlay<'_, D, V>,
         code: Code<D>,
         height: u8,

@@ -3,9 +3,9 @@
 use zerocopy::FromBytes;
 
 use super::block::Block;
-use super::record::{LEAF, Layout, VOID};
 use crate::Result;
 use crate::space::{Code, spread};
+use crate::store::goblin::{LEAF, Layout, VOID};
 use crate::value::Value;
 
 /// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
@@ -37,7 +37,7 @@ pub trait Slabs: Send {
 }
 
 /// A block as found in the input.
-pub(super) enum Found<D: Layout, V: Value> {
+pub(in crate::store) enum Found<D: Layout, V: Value> {
     /// All cells alike.
     Uniform(Option<V>),
     /// Something else.
@@ -46,7 +46,7 @@ pub(super) enum Found<D: Layout, V: Value> {
 
 impl Slab {
     /// What the cells under a node look like. `nodata` is the value that means VOID; NaN always does.
-    pub(super) fn find<D: Layout, V: Value>(
+    pub(in crate::store) fn find<D: Layout, V: Value>(
         &self,
         code: Code<D>,
         height: u8,

@@ -8,37 +8,37 @@
 use super::averaging::{Averaging, Local, Majorities, Means, pairwise, sum_by_value};
 use super::counts::LevelCounts;
 use super::part::Part;
-use super::record::{INNER, LEAF, Layout, Record, VOID};
 use super::subtree::{CHECKED, each_leaf};
 use super::take::{Splice, Taken};
 use crate::space::Code;
+use crate::store::goblin::{INNER, LEAF, Layout, Record, VOID};
 use crate::tree::Child;
 use crate::value::{Rule, Sample, Tally, Value, channelwise_max, channelwise_min};
 
 /// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level above.
-pub(super) struct Level<V> {
-    pub(super) state: Vec<u8>,
-    pub(super) value: Vec<V>,
+pub(in crate::store) struct Level<V> {
+    pub(in crate::store) state: Vec<u8>,
+    pub(in crate::store) value: Vec<V>,
     /// Records of each node's subtree; empty for the level of the cells.
     records: Vec<u32>,
     /// Places, in this level, of the nodes whose children make up the next one; `None`: all of them.
-    pub(super) expanded: Option<Vec<u32>>,
+    pub(in crate::store) expanded: Option<Vec<u32>>,
     /// INNER nodes that came as a whole, in order.
     spliced: Vec<Splice>,
 }
 
 /// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
-pub(super) struct Block<D: Layout, V: Value> {
-    pub(super) code: Code<D>,
+pub(in crate::store) struct Block<D: Layout, V: Value> {
+    pub(in crate::store) code: Code<D>,
     /// Levels from the block's root to the cells.
-    pub(super) height: u8,
-    pub(super) levels: Vec<Level<V>>,
-    pub(super) taken: Taken<D, V>,
+    pub(in crate::store) height: u8,
+    pub(in crate::store) levels: Vec<Level<V>>,
+    pub(in crate::store) taken: Taken<D, V>,
 }
 
 impl<D: Layout, V: Value> Block<D, V> {
     /// The block under `code` of a tree of `depth` levels, from all its cells in Z order.
-    pub(super) fn from_cells(code: Code<D>, height: u8, state: Vec<u8>, value: Vec<V>) -> Self {
+    pub(in crate::store) fn from_cells(code: Code<D>, height: u8, state: Vec<u8>, value: Vec<V>) -> Self {
         debug_assert_eq!(state.len(), 1 << (D::AXES * height as usize));
         let mut levels: Vec<Level<V>> =
             (0..height).map(|level| Level::new(1 << (D::AXES * level as usize))).collect();
@@ -47,7 +47,12 @@ impl<D: Layout, V: Value> Block<D, V> {
     }
 
     /// Condenses and averages the block and turns it into records.
-    pub(super) fn build(mut self, rule: Rule, count_classes: bool, counts: &mut LevelCounts) -> Part<D, V> {
+    pub(in crate::store) fn build(
+        mut self,
+        rule: Rule,
+        count_classes: bool,
+        counts: &mut LevelCounts,
+    ) -> Part<D, V> {
         let classes = match rule {
             Rule::Mean => {
                 self.reduce(&mut Means { with_void: false });
@@ -299,7 +304,7 @@ impl<D: Layout, V: Value> Block<D, V> {
 
 impl<V: Value> Level<V> {
     /// `places` VOID nodes.
-    pub(super) fn new(places: usize) -> Level<V> {
+    pub(in crate::store) fn new(places: usize) -> Level<V> {
         Level {
             state: vec![VOID; places],
             value: vec![V::default(); places],
@@ -310,13 +315,13 @@ impl<V: Value> Level<V> {
     }
 
     /// The level of a block's root, which is INNER as far as is known.
-    pub(super) fn root() -> Level<V> {
+    pub(in crate::store) fn root() -> Level<V> {
         Level { expanded: Some(vec![0]), ..Level::new(1) }
     }
 
     /// Puts a LEAF in its place; NaN is VOID.
     #[inline]
-    pub(super) fn put_leaf(&mut self, place: usize, value: V) {
+    pub(in crate::store) fn put_leaf(&mut self, place: usize, value: V) {
         if !value.is_nan() {
             self.state[place] = LEAF;
             self.value[place] = value;
@@ -324,7 +329,7 @@ impl<V: Value> Level<V> {
     }
 
     /// Puts a node that was taken over in its place.
-    pub(super) fn take(&mut self, representative: V, splice: Splice) {
+    pub(in crate::store) fn take(&mut self, representative: V, splice: Splice) {
         let place = splice.place as usize;
         self.state[place] = INNER;
         self.value[place] = representative;

@@ -1,7 +1,7 @@
 //! One go over the records of a subtree, all of which is in one segment: no recursion, and nothing is believed.
 
 use super::counts::LevelCounts;
-use super::record::{INNER, LEAF, Layout, Record};
+use crate::store::goblin::{INNER, LEAF, Layout, Record};
 use crate::value::Value;
 
 /// The records of a subtree contradict each other.
@@ -9,7 +9,7 @@ use crate::value::Value;
 pub(crate) struct BadSkip;
 
 /// Why nothing can be wrong with records that were taken over.
-pub(super) const CHECKED: &str = "records are checked before they are taken";
+pub(in crate::store) const CHECKED: &str = "records are checked before they are taken";
 
 /// Levels of the deepest trees.
 const MOST_LEVELS: usize = 32;
@@ -143,7 +143,7 @@ pub(crate) fn each_leaf<D: Layout, V: Value>(
 ///
 /// # Errors
 /// As [`each_record`]; nothing has been counted then.
-pub(super) fn count_nodes<D: Layout, V: Value>(
+pub(in crate::store) fn count_nodes<D: Layout, V: Value>(
     records: &[D::Record<V>],
     levels: u8,
     level: u8,
@@ -169,12 +169,11 @@ pub(super) fn count_nodes<D: Layout, V: Value>(
 mod tests {
     use super::*;
     use crate::space::Quad;
-    use crate::store::goblin::record::QuadRecord;
 
     type Byte = [u8; 1];
 
     fn show(records: &[(u32, u32)], levels: u8) -> Option<Vec<u8>> {
-        let records: Vec<QuadRecord<[u8; 1]>> =
+        let records: Vec<<Quad as Layout>::Record<Byte>> =
             records.iter().map(|(states, skip)| Record::<Byte>::new(*states, |_| [0], *skip)).collect();
         let mut shown = Vec::new();
         each_record::<Quad, Byte>(&records, levels, |level, _| shown.push(level)).ok().map(|()| shown)
@@ -200,7 +199,7 @@ mod tests {
     #[test]
     fn nodes_are_counted_by_level() {
         let states = [0b1001_1010, 0b01_01_01_00, 0b01, 0];
-        let records: Vec<QuadRecord<[u8; 1]>> = [(0, 4), (1, 1), (2, 1), (3, 1)]
+        let records: Vec<<Quad as Layout>::Record<Byte>> = [(0, 4), (1, 1), (2, 1), (3, 1)]
             .map(|(i, skip)| Record::<Byte>::new(states[i], |_| [0], skip))
             .into();
         let mut counts = LevelCounts::default();

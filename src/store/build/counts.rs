@@ -15,7 +15,7 @@ impl LevelCounts {
     }
 
     /// Adds VOID, LEAF and INNER nodes at a level.
-    pub(super) fn add(&mut self, level: u8, nodes: [u64; 3]) {
+    pub(in crate::store) fn add(&mut self, level: u8, nodes: [u64; 3]) {
         let level = level as usize;
         // So that the list ends at the deepest level that has nodes.
         if nodes == [0; 3] {
@@ -30,12 +30,12 @@ impl LevelCounts {
     }
 
     /// Adds all of another tree part's counts.
-    pub(super) fn merge(&mut self, other: &LevelCounts) {
+    pub(in crate::store) fn merge(&mut self, other: &LevelCounts) {
         self.merge_below(0, other);
     }
 
     /// The same for counts that begin with a node at `level`.
-    pub(super) fn merge_below(&mut self, level: u8, other: &LevelCounts) {
+    pub(in crate::store) fn merge_below(&mut self, level: u8, other: &LevelCounts) {
         for (below, nodes) in other.levels.iter().enumerate() {
             self.add(level + below as u8, *nodes);
         }

@@ -1,0 +1,92 @@
+//! Writes some commits of a file to a new one, without the room that the others took.
+
+use std::path::Path;
+
+use super::commit::Commit;
+use super::editor::Editor;
+use super::grow::Twin;
+use super::history::History;
+use super::reader::Autumnal;
+use super::write::medium;
+use crate::store::Output;
+use crate::store::build::{BuildOptions, walk};
+use crate::store::goblin::{Layout, OpenOptions};
+use crate::value::Value;
+use crate::{Error, Progress, Result};
+
+/// Which commits stay.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Keep {
+    /// The newest ones, so many.
+    Last(u64),
+    /// Those with these numbers.
+    Numbers(Vec<u64>),
+}
+
+impl Keep {
+    /// The commits that stay, the oldest first.
+    fn of(&self, history: &History) -> Result<Vec<Commit>> {
+        let mut kept = match self {
+            Keep::Last(count) => history.commits().take(*count as usize).collect::<Result<Vec<_>>>()?,
+            Keep::Numbers(numbers) => {
+                numbers.iter().map(|number| history.commit(*number)).collect::<Result<Vec<_>>>()?
+            }
+        };
+        kept.sort_by_key(|commit| commit.number);
+        kept.dedup_by_key(|commit| commit.number);
+        if kept.is_empty() {
+            return Err(Error::invalid("commits to keep", "none", "at least one"));
+        }
+        Ok(kept)
+    }
+}
+
+/// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the same place is
+/// written once. Returns the commits as they are in the new file.
+///
+/// # Errors
+/// If there are no such commits, the file is damaged, the output cannot be written, or on interruption.
+pub fn compact<D: Layout, V: Value>(
+    path: &Path,
+    keep: &Keep,
+    share: bool,
+    mut output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Vec<Commit>> {
+    let history = History::open(path, &OpenOptions::default())?;
+    let commits = keep.of(&history)?;
+    let header = history.header().clone();
+    let mut made = Vec::new();
+    let mut before: Option<Autumnal<D, V>> = None;
+    let mut editor: Option<Editor<D, V>> = None;
+    for commit in commits {
+        let (number, note) = (commit.number, commit.note.clone());
+        let tree = Autumnal::<D, V>::new(history.archive.clone(), commit)?;
+        let options = BuildOptions {
+            rule: header.rule,
+            kind: header.kind,
+            depth: header.shape.depth,
+            memory,
+            metadata: tree.metadata().clone(),
+            share,
+        };
+        let editor = match &mut editor {
+            Some(editor) => editor,
+            empty => {
+                let path = output.path().to_path_buf();
+                empty.insert(Editor::create(medium(&mut output)?, path, header.clone(), &options)?)
+            }
+        };
+        let twin = before.as_ref().map(|other| Twin { other });
+        editor.fill([u64::MAX; 3], &options, twin, &mut |assembly, shape| {
+            walk(&tree, &options, shape, true, assembly, progress)
+        })?;
+        editor.set_metadata(options.metadata)?;
+        made.extend(editor.commit_as(number, note)?);
+        before = Some(tree);
+    }
+    drop(editor);
+    output.commit()?;
+    Ok(made)
+}

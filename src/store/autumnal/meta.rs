@@ -1,0 +1,65 @@
+//! The two meta slots: which commit is the newest.
+
+use zerocopy::little_endian::{U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use super::extents::{FIRST, PAGE};
+
+/// What a slot says: where the newest commit is when it was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Meta {
+    /// How many commits there were with this one; odd ones stand in the first slot.
+    pub(super) sequence: u64,
+    /// Where the commit's extent starts.
+    pub(super) commit: u64,
+    /// Where the commit ends.
+    pub(super) end: u64,
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawMeta {
+    magic: [u8; 8],
+    sequence: U64,
+    commit: U64,
+    end: U64,
+    zero: [u8; 4],
+    checksum: U32,
+}
+
+const MAGIC: [u8; 8] = *b"AutuMeta";
+
+/// Bytes of a slot.
+pub(super) const SIZE: usize = size_of::<RawMeta>();
+
+/// Where the slots are: in pages of their own, so that writing one cannot damage the other.
+pub(super) const PLACES: [u64; 2] = [PAGE, 2 * PAGE];
+
+impl Meta {
+    /// Where this slot belongs.
+    pub(super) fn place(&self) -> u64 {
+        PLACES[usize::from(self.sequence.is_multiple_of(2))]
+    }
+
+    pub(super) fn to_bytes(self) -> [u8; SIZE] {
+        let mut raw = RawMeta {
+            magic: MAGIC,
+            sequence: self.sequence.into(),
+            commit: self.commit.into(),
+            end: self.end.into(),
+            zero: [0; 4],
+            checksum: 0.into(),
+        };
+        raw.checksum = crc32c::crc32c(&raw.as_bytes()[..SIZE - 4]).into();
+        raw.as_bytes().try_into().expect("as long as it is")
+    }
+
+    /// A slot, if it is whole and makes sense in a file of so many bytes.
+    pub(super) fn from_bytes(bytes: &[u8], file_length: u64) -> Option<Meta> {
+        let raw = RawMeta::ref_from_bytes(bytes).ok()?;
+        let good = raw.magic == MAGIC && raw.checksum.get() == crc32c::crc32c(&bytes[..SIZE - 4]);
+        let meta = Meta { sequence: raw.sequence.get(), commit: raw.commit.get(), end: raw.end.get() };
+        let fits = meta.sequence > 0 && (FIRST..meta.end).contains(&meta.commit) && meta.end <= file_length;
+        (good && fits).then_some(meta)
+    }
+}

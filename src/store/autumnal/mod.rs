@@ -1,0 +1,32 @@
+//! The Autumnal format: trees that are edited, with their history. `formats.md` is its specification.
+//!
+//! The classic record has, per child, a leaf value or a pointer, and the node's representative. Files are append-only
+//! and copy-on-write: an edit writes the records that change and the path to a new root, in checksummed *extents*; a
+//! commit makes them durable and then names the new root in one of two *meta slots*. So a crash at any instant
+//! leaves the last commit, readers need no locks, and every commit stays readable.
+
+mod append;
+mod archive;
+mod commit;
+mod compact;
+mod editor;
+mod extents;
+mod form;
+mod grow;
+mod history;
+mod lock;
+mod medium;
+mod meta;
+mod reader;
+mod share;
+mod verify;
+mod write;
+mod zone;
+
+pub use commit::{Commit, Note, Written};
+pub use compact::{Keep, compact};
+pub use editor::Editor;
+pub use history::History;
+pub use medium::{FileId, Medium};
+pub use reader::{Autumnal, Kept, Node};
+pub(in crate::store) use write::write;

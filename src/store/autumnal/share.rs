@@ -1,0 +1,44 @@
+//! Finds records that are in the file already.
+
+/// A table of records by 128-bit hashes, of bounded size: newer ones take the place of older ones. What it finds is only
+/// likely to be the same: the finder compares.
+pub(super) struct Shares {
+    /// Two places per slot: 64 bits of the hash, and what is known by it; 0 is nothing.
+    table: Vec<[(u64, u64); 2]>,
+}
+
+impl Shares {
+    /// A table of at most so many bytes.
+    pub(super) fn new(memory: u64) -> Shares {
+        let slots = (memory / 32).max(1024);
+        // The largest power of two that fits.
+        let slots = 1usize << slots.ilog2().min(40);
+        Shares { table: vec![[(0, 0); 2]; slots] }
+    }
+
+    fn slot(&self, hash: u128) -> usize {
+        hash as usize & (self.table.len() - 1)
+    }
+
+    /// What may be known by a hash.
+    pub(super) fn find(&self, hash: u128) -> impl Iterator<Item = u64> + use<> {
+        let tag = (hash >> 64) as u64;
+        self.table[self.slot(hash)]
+            .into_iter()
+            .filter(move |(other, known)| *known != 0 && *other == tag)
+            .map(|(_, known)| known)
+    }
+
+    /// Remembers something that is not 0 by a hash.
+    pub(super) fn put(&mut self, hash: u128, known: u64) {
+        let slot = self.slot(hash);
+        let places = &mut self.table[slot];
+        places[1] = places[0];
+        places[0] = ((hash >> 64) as u64, known);
+    }
+}
+
+/// The hash of a record's content.
+pub(super) fn hash(content: &[u8]) -> u128 {
+    xxhash_rust::xxh3::xxh3_128(content)
+}

@@ -1,0 +1,125 @@
+//! Verifies a file: every checksum, and every rule of a commit's tree.
+//!
+//! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every record that
+//! this would write must be there.
+
+use super::commit::Commit;
+use super::extents::{FIRST, GRAIN, PAGE};
+use super::grow::{Grow, Sink, shape};
+use super::reader::Autumnal;
+use crate::store::build::{BuildOptions, walk};
+use crate::store::goblin::{Finding, Layout, Metadata};
+use crate::value::Value;
+use crate::{Error, Progress, Result};
+
+/// Findings that are collected before checking is given up.
+const MOST_FINDINGS: usize = 100;
+
+impl<D: Layout, V: Value> Autumnal<D, V> {
+    /// Checks every checksum of the file, all its commits, and every rule of the tree: pointers that lead to records,
+    /// representatives and zones that agree with the leaves, no uniform INNER node. Takes about as long as building;
+    /// memory is bounded by `memory`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding; at most 100
+    /// are collected.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut findings = Vec::new();
+        self.verify_extents(&mut findings, progress)?;
+        if findings.is_empty() {
+            self.verify_commits(&mut findings)?;
+        }
+        if findings.is_empty() {
+            self.verify_tree(&mut findings, memory, progress)?;
+        }
+        findings.truncate(MOST_FINDINGS);
+        Ok(findings)
+    }
+
+    /// Extents lie one behind the other; what was given up may stand between two commits.
+    fn verify_extents(&self, findings: &mut Vec<Finding>, progress: &dyn Progress) -> Result<()> {
+        let extents = self.extents();
+        let mut place = FIRST;
+        while place < extents.end && findings.len() < MOST_FINDINGS {
+            progress.check()?;
+            let (start, head) = match extents.head_at(place)? {
+                Some(head) => (place, Some(head)),
+                None => (place.next_multiple_of(PAGE), extents.head_at(place.next_multiple_of(PAGE))?),
+            };
+            let Some(head) = head else {
+                if start < extents.end {
+                    findings.push(Finding {
+                        place: format!("byte {start}"),
+                        problem: "no extent starts here".into(),
+                    });
+                }
+                return Ok(());
+            };
+            add(findings, format!("extent at {start}"), extents.payload(&head).map(|_| ()))?;
+            place = head.end().next_multiple_of(GRAIN);
+        }
+        Ok(())
+    }
+
+    fn verify_commits(&self, findings: &mut Vec<Finding>) -> Result<()> {
+        let mut next = self.archive.meta.commit;
+        let mut after: Option<Commit> = None;
+        while next != 0 {
+            let commit = match Commit::read(self.extents(), next) {
+                Ok(commit) => commit,
+                error => return add(findings, format!("commit at {next}"), error.map(|_| ())),
+            };
+            let fits = after
+                .is_none_or(|after| commit.number < after.number && commit.sequence + 1 == after.sequence);
+            if !fits || (commit.previous == 0) != (commit.sequence == 1) {
+                let problem =
+                    format!("number {}, sequence {}, which do not count", commit.number, commit.sequence);
+                findings.push(Finding { place: format!("commit at {next}"), problem });
+                return Ok(());
+            }
+            let metadata = Autumnal::<D, V>::new(self.archive.clone(), commit.clone()).map(|_| ());
+            add(findings, format!("commit {}", commit.number), metadata)?;
+            next = commit.previous;
+            after = Some(commit);
+        }
+        Ok(())
+    }
+
+    fn verify_tree(&self, findings: &mut Vec<Finding>, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let header = self.header();
+        let options = BuildOptions {
+            rule: header.rule,
+            kind: header.kind,
+            depth: header.shape.depth,
+            memory,
+            metadata: Metadata::default(),
+            share: false,
+        };
+        let mut made = Vec::new();
+        let mut grow = Grow::new(&options, [u64::MAX; 3], Sink::Check(&mut made), Some(self), None);
+        let walked = walk(self, &options, shape::<D>(options.depth), false, &mut grow, progress);
+        let is_good = walked.is_ok();
+        add(findings, "tree".into(), walked)?;
+        if is_good {
+            let (root, zone) = grow.finish();
+            let commit = &self.commit;
+            if (&root, zone.records, zone.tally.cells) != (&commit.root, commit.records, commit.cells) {
+                let problem = format!("a root or totals that differ from the tree's: {root:?}");
+                findings.push(Finding { place: format!("commit {}", commit.number), problem });
+            }
+        }
+        findings.append(&mut made);
+        Ok(())
+    }
+}
+
+/// What is wrong with a file is a finding; other errors are errors.
+fn add(findings: &mut Vec<Finding>, place: String, found: Result<()>) -> Result<()> {
+    match found {
+        Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. } | Error::Unsupported { .. })) => {
+            findings.push(Finding { place, problem: error.to_string() });
+            Ok(())
+        }
+        other => other,
+    }
+}

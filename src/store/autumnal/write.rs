@@ -1,0 +1,48 @@
+//! Makes a new file of the parts of a tree.
+
+use super::commit::Note;
+use super::editor::Editor;
+use super::medium::FileMedium;
+use crate::store::Output;
+use crate::store::build::{BuildOptions, Fill, LevelCounts};
+use crate::store::goblin::{Header, Layout, Metadata};
+use crate::value::{Tally, Value};
+use crate::{Error, Result};
+
+/// Makes a file with one commit. It has no time, so that the same input makes the same bytes; its message is where the
+/// data come from.
+pub(in crate::store) fn write<D: Layout, V: Value>(
+    options: &BuildOptions,
+    header: Header,
+    covered: [u64; 3],
+    mut output: Output,
+    fill: &mut Fill<'_, D, V>,
+    complete: &mut dyn FnMut(&mut Metadata),
+) -> Result<Tally<V>> {
+    let path = output.path().to_path_buf();
+    let mut editor = Editor::<D, V>::create(medium(&mut output)?, path, header, options)?;
+    let tally = editor.fill(covered, options, None, fill)?;
+    // Nobody keeps nodes per level up to date when trees are edited.
+    let mut metadata = Metadata { counts: LevelCounts::default(), ..options.metadata.clone() };
+    complete(&mut metadata);
+    let message = metadata.provenance.join("\n");
+    editor.set_metadata(metadata)?;
+    editor.commit(Note { message, ..Note::default() })?;
+    drop(editor);
+    output.commit()?;
+    Ok(tally)
+}
+
+/// The output as something to be written in any order.
+pub(super) fn medium(output: &mut Output) -> Result<Box<FileMedium>> {
+    let path = output.path().to_path_buf();
+    if path.exists() {
+        let advice = "edit it (see `spinney edit --help`), or remove it first: its history would be lost";
+        return Err(Error::unsupported(&path, "replacing an Autumnal file that is there", advice));
+    }
+    let Some(file) = output.file_mut() else {
+        return Err(Error::unsupported(&path, "an Autumnal file in a pipe", "write it to a file"));
+    };
+    let file = file.try_clone().map_err(Error::io(&path, "open"))?;
+    Ok(Box::new(FileMedium::new(file, &path)))
+}

@@ -1,0 +1,243 @@
+//! Autumnal files against Goblin files and the tree in memory: building, reading, conversion, sharing.
+
+mod common;
+
+use std::path::Path;
+
+use common::{CLASSIC, Cells, Random, goblin_bytes, options, same_trees};
+use spinney::query::Tree;
+use spinney::space::{Bounds, Code, Frame, Oct, Quad};
+use spinney::store::Output;
+use spinney::store::autumnal::Autumnal;
+use spinney::store::build::{build, build_slabs, depth_for};
+use spinney::store::goblin::{Goblin, Layout, OpenOptions};
+use spinney::tree::{MemTree, Source};
+use spinney::value::{Kind, Rule, Value};
+
+/// Makes a file of cells, by way of slabs.
+fn write_cells<D: Layout, V: Value>(path: &Path, cells: &Cells<V>, (rule, kind): (Rule, Kind), share: bool) {
+    let nodata = common::value(250);
+    let mut options = options(rule, kind, depth_for(cells.size));
+    options.metadata.frame = Frame::identity();
+    options.share = share;
+    let output = Output::create(path).unwrap();
+    build_slabs::<D, V>(&mut cells.slabs(1 << D::REACH, nodata), Some(nodata), &options, output, &())
+        .unwrap();
+}
+
+/// Makes a file of a source.
+fn write_source<S>(path: &Path, source: &S, extent: [u64; 3], (rule, kind): (Rule, Kind), share: bool)
+where
+    S: Source + Sync,
+    S::Dim: Layout,
+{
+    let mut options = options(rule, kind, source.depth());
+    options.share = share;
+    build(source, extent, &options, Output::create(path).unwrap(), &()).unwrap();
+}
+
+fn open<D: Layout, V: Value>(path: &Path) -> Autumnal<D, V> {
+    Autumnal::open(path, &OpenOptions::default()).unwrap()
+}
+
+fn round_trip<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    let cells = Cells::<V>::random(seed, size, 4 + seed % 60, !seed.is_multiple_of(3));
+    let depth = depth_for(size);
+    let tree = MemTree::<D, V>::from_cells(depth, rule, |cell| cells.get(cell.map(u64::from)));
+    let published = goblin_bytes::<D, V>(&cells, rule, kind);
+    let goblin = Goblin::<D, V>::from_bytes(published.clone()).unwrap();
+    for share in [false, true] {
+        let name = |what: &str| file(&format!("{what}{share}.autumn"));
+        write_cells::<D, V>(&name("slabs"), &cells, (rule, kind), share);
+        write_source(&name("memory"), &tree, size, (rule, kind), share);
+        write_source(&name("goblin"), &goblin, size, (rule, kind), share);
+        for what in ["slabs", "memory", "goblin"] {
+            let autumnal = open::<D, V>(&name(what));
+            same_trees(&autumnal, &tree);
+            assert_eq!(autumnal.commit().records, tree.inner_nodes() as u64);
+            assert_eq!(autumnal.commit().number, 1);
+            assert_eq!(autumnal.verify(1 << 24, &()).unwrap(), []);
+            let written = autumnal.commit().written;
+            assert_eq!(written.records + written.shared, tree.inner_nodes() as u64);
+            assert!(share || written.shared == 0);
+            // Back to the same bytes.
+            let back = file("back.goblin");
+            write_source(&back, &autumnal, size, (rule, kind), false);
+            assert!(std::fs::read(&back).unwrap() == published, "{what} {rule} {kind} {size:?}");
+        }
+    }
+    answers_agree(&open::<D, V>(&file("slabsfalse.autumn")), &goblin, seed);
+    let positioned = OpenOptions { positioned: true, ..OpenOptions::default() };
+    answers_agree(&Autumnal::<D, V>::open(&file("goblintrue.autumn"), &positioned).unwrap(), &goblin, seed);
+}
+
+/// Asks both the same questions.
+fn answers_agree<D: Layout, V: Value>(a: &Autumnal<D, V>, b: &Goblin<D, V>, seed: u64) {
+    let mut random = Random(seed + 1);
+    let (depth, extent) = (b.header().shape.depth, b.header().extent);
+    let (a, b): (&dyn Tree, &dyn Tree) = (a, b);
+    for _ in 0..12 {
+        let level = random.below(u64::from(depth) + 1) as u8;
+        let min: [u64; 3] = std::array::from_fn(|axis| random.below(extent[axis]));
+        let max = std::array::from_fn(|axis| {
+            min[axis] + 1 + random.below(extent[axis] + 5 - min[axis].min(extent[axis]))
+        });
+        let bounds = Bounds { min, max: if D::AXES > 2 { max } else { [max[0], max[1], 1] } };
+        let bounds =
+            Bounds { min: bounds.min, max: std::array::from_fn(|i| bounds.max[i].max(bounds.min[i] + 1)) };
+        let mut statistics = [a, b].map(|tree| tree.statistics(Some(bounds)).unwrap());
+        statistics.iter_mut().for_each(|statistics| statistics.segments_read = 0);
+        if !V::TYPE.sample.is_float() {
+            assert_eq!(statistics[0], statistics[1]);
+        }
+        assert_eq!(statistics[0].cells, statistics[1].cells);
+        let histograms = [a, b].map(|tree| tree.histogram(&bounds, 0.0, 64.0, 7).unwrap());
+        assert_eq!(histograms[0], histograms[1]);
+        let shown = Bounds {
+            min: bounds.min.map(|x| x >> (depth - level)),
+            max: bounds.max.map(|x| (x >> (depth - level)) + 1),
+        };
+        let shown = if D::AXES > 2 {
+            shown
+        } else {
+            Bounds { min: [shown.min[0], shown.min[1], 0], max: [shown.max[0], shown.max[1], 1] }
+        };
+        let windows = [a, b].map(|tree| {
+            let mut bytes = vec![0; shown.volume() as usize * V::TYPE.size()];
+            let mut valid = vec![false; shown.volume() as usize];
+            tree.window(level, &shown, 9.0, &mut bytes, Some(&mut valid)).unwrap();
+            (bytes, valid)
+        });
+        assert!(windows[0] == windows[1], "{shown:?} at level {level}");
+        let cells: Vec<[u64; 3]> =
+            (0..50).map(|_| std::array::from_fn(|axis| random.below(shown.max[axis] + 2))).collect();
+        for cell in cells {
+            let points = [a, b].map(|tree| {
+                let mut value = [0.0; 4];
+                let found = tree.point(cell, level, &mut value).unwrap();
+                (found, value.map(f64::to_bits))
+            });
+            assert_eq!(points[0].0, points[1].0, "{cell:?}");
+            assert!(!points[0].0 || points[0] == points[1], "{cell:?}");
+        }
+    }
+    let found = [a, b].map(|tree| {
+        let mut found = Vec::new();
+        tree.find(spinney::query::Condition::Above(2.0), None, &mut |block| {
+            // (Which blocks have a zone, which tells no value, is a matter of the format.)
+            found.push((block.code, block.bounds));
+            Ok(true)
+        })
+        .unwrap();
+        found
+    });
+    assert_eq!(found[0], found[1]);
+}
+
+#[test]
+fn quadtrees_of_every_type_and_rule_come_back() {
+    use Kind::{Categorical, Continuous};
+    for seed in 0..4 {
+        let size = [1 + 137 * seed, 300 - 40 * seed, 1];
+        round_trip::<Quad, [u8; 1]>(seed, size, Rule::Majority, Categorical);
+        round_trip::<Quad, [f32; 1]>(seed, size, Rule::Mean, Continuous);
+        round_trip::<Quad, [i16; 1]>(seed, size, Rule::ALL[seed as usize], Continuous);
+    }
+    round_trip::<Quad, [u8; 1]>(7, [513, 700, 1], Rule::Mean, Categorical);
+    round_trip::<Quad, [u16; 4]>(7, [200, 300, 1], Rule::Mean, Continuous);
+    round_trip::<Quad, [u16; 1]>(8, [300, 300, 1], Rule::Dominant, Categorical);
+    round_trip::<Quad, [f64; 1]>(11, [257, 256, 1], Rule::Mean, Continuous);
+    round_trip::<Quad, [u8; 2]>(13, [1, 1, 1], Rule::Mean, Continuous);
+    round_trip::<Quad, [u8; 4]>(14, [2, 1, 1], Rule::Nearest, Continuous);
+}
+
+#[test]
+fn octrees_come_back() {
+    for seed in 0..3 {
+        let size = [1 + 13 * seed, 70 - 9 * seed, 1 + 17 * seed];
+        round_trip::<Oct, [u8; 1]>(seed, size, Rule::Occupancy, Kind::Continuous);
+        round_trip::<Oct, [u8; 1]>(seed, size, Rule::ALL[seed as usize], Kind::Categorical);
+    }
+    round_trip::<Oct, [f32; 3]>(3, [65, 20, 70], Rule::Mean, Kind::Continuous);
+}
+
+#[test]
+fn the_table_of_the_literature() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("picture.autumn");
+    let picture = MemTree::<Quad, [u8; 1]>::from_cells(3, Rule::Dominant, |[x, y, _]| {
+        Some([CLASSIC[y as usize][x as usize]])
+    });
+    write_source(&path, &picture, [8, 8, 1], (Rule::Dominant, Kind::Categorical), false);
+    let file = open::<Quad, [u8; 1]>(&path);
+    let table = (&file as &dyn Tree).classic_table(100).unwrap();
+    let rows: Vec<Vec<i32>> = table
+        .lines()
+        .map(|line| line.split_whitespace().map(|number| number.parse().unwrap()).collect())
+        .collect();
+    // Number, four children (leaf < 0, record > 0), representative.
+    let expected = [
+        [1, 2, 5, -1, 9, 1],
+        [2, -1, 3, -1, 4, 1],
+        [3, -1, -3, -3, -3, 3],
+        [4, -3, -3, -1, -2, 3],
+        [5, 6, -1, 7, 8, 1],
+        [6, -3, -1, -3, -3, 3],
+        [7, -3, -2, -2, -2, 2],
+        [8, -1, -1, -2, -2, 1],
+        [9, -2, -2, -1, 10, 2],
+        [10, -1, -2, -1, -1, 1],
+    ];
+    assert_eq!(rows, expected);
+    // The survey's count: a point needs 2.125 records on average, at most 3.
+    let reads = |cell: u32| {
+        let code = Code::<Quad>::from_cell(3, [cell % 8, cell / 8, 0]).unwrap();
+        let mut place = picture.root().unwrap();
+        let mut reads = 0;
+        for step in code.digits() {
+            let spinney::tree::Child::Inner { node, .. } = place else { break };
+            reads += 1;
+            place = picture.children(&node).unwrap()[step];
+        }
+        reads
+    };
+    let reads: Vec<u32> = (0..64).map(reads).collect();
+    assert_eq!((reads.iter().sum::<u32>(), reads.iter().max()), (136, Some(&3)));
+}
+
+#[test]
+fn the_bytes_do_not_depend_on_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let cells = Cells::<[u8; 1]>::random(3, [700, 600, 1], 5, true);
+    let files: Vec<Vec<u8>> = [1, 2, 5]
+        .into_iter()
+        .map(|threads| {
+            let path = folder.path().join(format!("{threads}.autumn"));
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| write_cells::<Quad, _>(&path, &cells, (Rule::Majority, Kind::Categorical), true));
+            std::fs::read(&path).unwrap()
+        })
+        .collect();
+    assert!(files[1..].iter().all(|file| *file == files[0]));
+}
+
+#[test]
+fn equal_subtrees_are_stored_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // A picture of 64 equal parts.
+    let part = Cells::<[u8; 1]>::random(1, [64, 64, 1], 4, false);
+    let tiled = common::made([512, 512, 1], |[x, y, _]| part.get([x % 64, y % 64, 0]));
+    let records = [false, true].map(|share| {
+        let path = folder.path().join(format!("{share}.autumn"));
+        write_cells::<Quad, _>(&path, &tiled, (Rule::Majority, Kind::Categorical), share);
+        let file = open::<Quad, [u8; 1]>(&path);
+        let written = file.commit().written;
+        assert_eq!(written.records + written.shared, file.commit().records);
+        (written.records, written.bytes)
+    });
+    // One part's records at most, and one for each level above.
+    assert!(records[1].0 <= records[0].0 / 64 + 3, "{records:?}");
+    assert!(records[1].1 < records[0].1 / 20, "{records:?}");
+}
