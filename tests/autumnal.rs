@@ -5,6 +5,7 @@ mod common;
 use std::path::Path;
 
 use common::{CLASSIC, Cells, Random, goblin_bytes, options, same_trees};
+use spinney::ops::convert;
 use spinney::query::Tree;
 use spinney::space::{Bounds, Code, Frame, Oct, Quad};
 use spinney::store::Output;
@@ -48,29 +49,27 @@ fn round_trip<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: 
     let tree = MemTree::<D, V>::from_cells(depth, rule, |cell| cells.get(cell.map(u64::from)));
     let published = goblin_bytes::<D, V>(&cells, rule, kind);
     let goblin = Goblin::<D, V>::from_bytes(published.clone()).unwrap();
+    let goblin_path = file("t.goblin");
+    std::fs::write(&goblin_path, &published).unwrap();
     for share in [false, true] {
-        let name = |what: &str| file(&format!("{what}{share}.autumn"));
-        write_cells::<D, V>(&name("slabs"), &cells, (rule, kind), share);
-        write_source(&name("memory"), &tree, size, (rule, kind), share);
-        write_source(&name("goblin"), &goblin, size, (rule, kind), share);
-        for what in ["slabs", "memory", "goblin"] {
-            let autumnal = open::<D, V>(&name(what));
-            same_trees(&autumnal, &tree);
-            assert_eq!(autumnal.commit().records, tree.inner_nodes() as u64);
-            assert_eq!(autumnal.commit().number, 1);
-            assert_eq!(autumnal.verify(1 << 24, &()).unwrap(), []);
-            let written = autumnal.commit().written;
-            assert_eq!(written.records + written.shared, tree.inner_nodes() as u64);
-            assert!(share || written.shared == 0);
-            // Back to the same bytes.
-            let back = file("back.goblin");
-            write_source(&back, &autumnal, size, (rule, kind), false);
-            assert!(std::fs::read(&back).unwrap() == published, "{what} {rule} {kind} {size:?}");
-        }
+        let path = file(&format!("{share}.autumn"));
+        convert(&goblin_path, share, Output::create(&path).unwrap(), 1 << 24, &()).unwrap();
+        let autumnal = open::<D, V>(&path);
+        same_trees(&autumnal, &tree);
+        assert_eq!(autumnal.commit().records, tree.inner_nodes() as u64);
+        assert_eq!(autumnal.commit().number, 1);
+        assert_eq!(autumnal.verify(1 << 24, &()).unwrap(), []);
+        let written = autumnal.commit().written;
+        assert_eq!(written.records + written.shared, tree.inner_nodes() as u64);
+        assert!(share || written.shared == 0);
+        // Back to the same bytes.
+        let back = file("back.goblin");
+        convert(&path, false, Output::create(&back).unwrap(), 1 << 24, &()).unwrap();
+        assert!(std::fs::read(&back).unwrap() == published, "{rule} {kind} {size:?}");
     }
-    answers_agree(&open::<D, V>(&file("slabsfalse.autumn")), &goblin, seed);
+    answers_agree(&open::<D, V>(&file("false.autumn")), &goblin, seed);
     let positioned = OpenOptions { positioned: true, ..OpenOptions::default() };
-    answers_agree(&Autumnal::<D, V>::open(&file("goblintrue.autumn"), &positioned).unwrap(), &goblin, seed);
+    answers_agree(&Autumnal::<D, V>::open(&file("true.autumn"), &positioned).unwrap(), &goblin, seed);
 }
 
 /// Asks both the same questions.
@@ -151,6 +150,28 @@ fn quadtrees_of_every_type_and_rule_come_back() {
     round_trip::<Quad, [f64; 1]>(11, [257, 256, 1], Rule::Mean, Continuous);
     round_trip::<Quad, [u8; 2]>(13, [1, 1, 1], Rule::Mean, Continuous);
     round_trip::<Quad, [u8; 4]>(14, [2, 1, 1], Rule::Nearest, Continuous);
+}
+
+#[test]
+fn slabs_and_sources_make_the_same_tree() {
+    let folder = tempfile::tempdir().unwrap();
+    let (slabs, source) = (folder.path().join("slabs.autumn"), folder.path().join("source.autumn"));
+    for seed in 0..5 {
+        let size = [1 + 137 * seed, 300 - 40 * seed, 1];
+        let cells = Cells::<[u8; 1]>::random(seed, size, 9, true);
+        let tree = MemTree::<Quad, _>::from_cells(depth_for(size), Rule::Mean, |cell| {
+            cells.get(cell.map(u64::from))
+        });
+        write_cells::<Quad, [u8; 1]>(&slabs, &cells, (Rule::Mean, Kind::Continuous), seed % 2 == 0);
+        write_source(&source, &tree, size, (Rule::Mean, Kind::Continuous), seed % 2 == 0);
+        for path in [&slabs, &source] {
+            let file = open::<Quad, [u8; 1]>(path);
+            same_trees(&file, &tree);
+            assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+            drop(file);
+            std::fs::remove_file(path).unwrap();
+        }
+    }
 }
 
 #[test]

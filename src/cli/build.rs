@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::bail;
 use spinney::import::mesh;
 use spinney::import::raster::{self, ImportOptions};
-use spinney::store::Output;
+use spinney::store::{Output, file_is_tree};
 use spinney::value::{Kind, Rule};
 
 use super::output::{check_output, tell_output_of};
@@ -15,8 +15,8 @@ use super::{Global, Result, model, quantity};
 
 /// Make a tree of a picture, or of several on one grid, or of models of solids.
 ///
-/// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one .goblin file that
-/// holds them at every level of detail. What the files say about their pixels (coordinates, nodata, palette, names)
+/// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that holds them at
+/// every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can be edited. What the files say about their pixels (coordinates, nodata, palette, names)
 /// is kept; options overrule it.
 ///
 /// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses becomes an
@@ -60,6 +60,9 @@ pub(crate) struct Args {
     /// Memory to use, such as 256M or 2G; what does not fit goes to a temporary file beside the output
     #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
     memory: u64,
+    /// Store equal subtrees once; for .autumn files
+    #[arg(long)]
+    share: bool,
     #[command(flatten)]
     model: model::Model,
 }
@@ -74,6 +77,7 @@ Examples:
   spinney build bunny.ply -o bunny.goblin --cells 1024
   spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --boundary coverage
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
+  spinney build landcover.tif -o landcover.autumn --share
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
 
 The output appears under its name only when it is complete; until then, an older file of that name stays.";
@@ -81,6 +85,10 @@ The output appears under its name only when it is complete; until then, an older
 pub(crate) fn run(args: Args, global: &Global) -> Result {
     let start = Instant::now();
     check_output(args.inputs.iter().map(PathBuf::as_path), &args.output)?;
+    if let Some(tree) = args.inputs.iter().find(|input| file_is_tree(input)) {
+        let tree = tree.display();
+        bail!("{tree}: is a tree already; `spinney publish {tree} OUT` writes it in either format");
+    }
     let Args {
         inputs,
         output: path,
@@ -93,6 +101,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
         transform,
         layer,
         memory,
+        share,
         model: solid,
     } = args;
     if inputs.iter().any(|input| mesh::is_model(input)) {
@@ -107,7 +116,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
                 "--kind, --rule, --band, --nodata, --transform and --layer are for pictures, not for models"
             );
         }
-        return model::build(&inputs, &path, &solid, (depth, epsg, memory), global);
+        return model::build(&inputs, &path, &solid, (depth, epsg, memory, share), global);
     }
     if solid.is_given() {
         bail!(
@@ -116,7 +125,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
         );
     }
     let memory = Some(memory);
-    let options = ImportOptions { kind, rule, bands, nodata, depth, epsg, transform, layer, memory };
+    let options = ImportOptions { kind, rule, bands, nodata, depth, epsg, transform, layer, memory, share };
     let import = raster::plan(&inputs, &options)?;
     for (heading, text) in import.description() {
         global.say(format_args!("{heading:<10} {text}"));

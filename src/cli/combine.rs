@@ -87,7 +87,7 @@ const SETS: [(u8, &[&str]); 16] = [
     (15, &["all"]),
 ];
 
-fn operation(name: &str, files: usize, prefer: Prefer) -> Option<Operation> {
+pub(super) fn operation(name: &str, files: usize, prefer: Prefer) -> Option<Operation> {
     let by_number = name.parse().ok().filter(|number| *number < 16);
     let by_name = SETS.iter().find(|(_, names)| names.contains(&name)).map(|(number, _)| *number);
     Some(match (name, by_number.or(by_name)) {
@@ -106,7 +106,7 @@ fn operation(name: &str, files: usize, prefer: Prefer) -> Option<Operation> {
 }
 
 /// A name that means something.
-fn known(name: &str) -> Result<String, String> {
+pub(super) fn known(name: &str) -> Result<String, String> {
     let is_known = name == "cross" || operation(name, 2, Prefer::First).is_some();
     is_known.then(|| name.to_string()).ok_or_else(|| "no such operation; see the list in --help".into())
 }

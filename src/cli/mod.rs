@@ -2,20 +2,26 @@
 
 mod build;
 mod combine;
+mod compact;
 mod completions;
+mod diff;
 mod dump;
+mod edit;
 mod export;
 mod find;
 mod get;
 mod history;
 mod info;
+mod log;
 mod model;
 mod output;
 mod place;
 mod point;
 mod progress;
+mod publish;
 mod quantity;
 mod render;
+mod revert;
 mod slice;
 mod solid;
 mod stats;
@@ -51,6 +57,8 @@ Start here:
   spinney get world.goblin small.png --size 1024x512   look at it
   spinney build bunny.ply -o bunny.goblin              make a tree of a solid
   spinney render bunny.goblin bunny.png                look at that
+  spinney build world.tif -o world.autumn              make a tree that can be edited
+  spinney help edit                                    all about that
   spinney help build                                   all about building
 
 Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
@@ -80,6 +88,12 @@ enum Command {
     Export(export::Args),
     Transform(transform::Args),
     Combine(combine::Args),
+    Edit(edit::Args),
+    Log(log::Args),
+    Diff(diff::Args),
+    Revert(revert::Args),
+    Compact(compact::Args),
+    Publish(publish::Args),
     Verify(verify::Args),
     Completions(completions::Args),
 }
@@ -98,6 +112,12 @@ impl Command {
             Command::Export(args) => export::run(&args, global),
             Command::Transform(args) => transform::run(args, global),
             Command::Combine(args) => combine::run(args, global),
+            Command::Edit(args) => edit::run(args, global),
+            Command::Log(args) => log::run(&args),
+            Command::Diff(args) => diff::run(&args, global),
+            Command::Revert(args) => revert::run(&args, global),
+            Command::Compact(args) => compact::run(&args, global),
+            Command::Publish(args) => publish::run(&args, global),
             Command::Verify(args) => return verify::run(&args, global),
             Command::Completions(args) => completions::run(args),
         }

@@ -107,7 +107,7 @@ pub(crate) fn build(
     inputs: &[PathBuf],
     path: &Path,
     args: &Model,
-    (depth, epsg, memory): (Option<u8>, Option<u32>, u64),
+    (depth, epsg, memory, share): (Option<u8>, Option<u32>, u64, bool),
     global: &Global,
 ) -> Result {
     let start = Instant::now();
@@ -123,6 +123,7 @@ pub(crate) fn build(
         unit: args.unit.clone().or(unit),
         epsg,
         memory,
+        share,
     };
     if options.surface && args.boundary.is_some() {
         bail!("--boundary: says which cells belong to a solid; with --surface all that the surface cuts do");

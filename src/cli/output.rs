@@ -5,12 +5,14 @@ use std::time::Instant;
 
 use anyhow::{Context as _, bail};
 use spinney::export::image::{Format, format_of};
+use spinney::store::split_commit;
 
 use super::{Global, Result, quantity};
 
 /// No input may be the output.
 pub(super) fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result {
-    let same = |input: &Path| match (input.canonicalize(), output.canonicalize()) {
+    // (A commit of a file is the file.)
+    let same = |input: &Path| match (split_commit(input).0.canonicalize(), output.canonicalize()) {
         (Ok(a), Ok(b)) => a == b,
         _ => false,
     };

@@ -1,5 +1,6 @@
 //! Importers: what turns other programs' files into sources and blocks of samples.
 
+pub mod cells;
 #[cfg(any(feature = "mesh", feature = "raster"))]
 mod guard;
 #[cfg(feature = "mesh")]

@@ -3,9 +3,10 @@
 use smallvec::SmallVec;
 
 use crate::space::{Code, Dimension};
+use crate::store::autumnal::Kept;
 use crate::store::goblin::Layout;
 use crate::tree::{CellBlock, Child, Overlay, Source, Stored, Verdict, Verdicts};
-use crate::value::{Sample, SampleType, Value, channelwise_max, channelwise_min};
+use crate::value::{Sample, SampleType, Tally, Value, channelwise_max, channelwise_min};
 use crate::{Error, Result};
 
 /// Whose value counts where both have one.
@@ -181,7 +182,33 @@ impl<S: Source> Combined<S> {
         &self.sources
     }
 
+    /// Whether both of two places are one node of one file.
+    fn is_one_node(&self, places: &[(usize, Place<S>)]) -> bool {
+        let kept = |(tree, place): &(usize, Place<S>)| match place {
+            Child::Inner { node, .. } => self.sources[*tree].kept(node),
+            _ => None,
+        };
+        let [first, second] = places else { return false };
+        kept(first).is_some_and(|node| kept(second) == Some(node))
+    }
+
+    /// What becomes of a node that both trees have as it is, if that is known.
+    fn settle_same(&self) -> Option<Settled<S::Value>> {
+        match self.operation {
+            Operation::Set { number, .. } if number & 9 == 1 => Some(Settled::Take(0)),
+            Operation::Set { number, .. } if number & 9 == 0 => Some(Settled::Void),
+            Operation::Over | Operation::Min | Operation::Max | Operation::Equal => Some(Settled::Take(0)),
+            Operation::Changed => Some(Settled::Void),
+            _ => None,
+        }
+    }
+
     fn settle(&self, code: Code<S::Dim>, places: &[(usize, Place<S>)]) -> Settled<S::Value> {
+        if self.is_one_node(places)
+            && let Some(settled) = self.settle_same()
+        {
+            return settled;
+        }
         let all_leaves = |join: fn(S::Value, S::Value) -> S::Value| {
             let mut result: Option<S::Value> = None;
             let mut inner = false;
@@ -346,6 +373,20 @@ impl<S: Source> Source for Combined<S> {
     fn cells(&self, node: &Self::Node, levels: u8) -> Result<Option<CellBlock<S::Value>>> {
         match node {
             CombinedNode::Same(tree, node) => self.sources[*tree].cells(node, levels),
+            CombinedNode::Open(..) => Ok(None),
+        }
+    }
+
+    fn kept(&self, node: &Self::Node) -> Option<Kept> {
+        match node {
+            CombinedNode::Same(tree, node) => self.sources[*tree].kept(node),
+            CombinedNode::Open(..) => None,
+        }
+    }
+
+    fn tally(&self, node: &Self::Node) -> Result<Option<Tally<S::Value>>> {
+        match node {
+            CombinedNode::Same(tree, node) => self.sources[*tree].tally(node),
             CombinedNode::Open(..) => Ok(None),
         }
     }

@@ -10,12 +10,12 @@ use super::step::Step;
 use super::view::{Sampling, View};
 use super::viewed::Viewed;
 use crate::query::{Tree, as_tree};
-use crate::space::{Frame, Oct, Quad};
+use crate::space::Frame;
 use crate::store::build::{BuildOptions, build};
 use crate::store::goblin::{Header, Layout, Metadata, OpenOptions, read_header};
-use crate::store::{File, Output, split_commit};
+use crate::store::{File, Output, Typed, split_commit, typed};
 use crate::value::{Sample, Value};
-use crate::{Error, Progress, Result, with_value_type};
+use crate::{Error, Progress, Result};
 
 /// A file and the steps of what is done to it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -120,25 +120,28 @@ impl Job<'_> {
                 return Err(Error::invalid(path.display().to_string(), kind(&other), expected));
             }
         }
-        let unknown = || {
-            let expected = "1 to 4 channels of u8, u16 or f32, or 1 channel";
-            Error::corrupt(first, "header", format!("values {}", header.value), expected)
-        };
-        if header.axes == 2 {
-            with_value_type!(header.value, V => self.typed::<Quad, V, W>(want), else Err(unknown()))
-        } else {
-            with_value_type!(header.value, V => self.typed::<Oct, V, W>(want), else Err(unknown()))
-        }
+        typed(first, Typing { job: self, want })
     }
+}
 
-    fn typed<D: Layout, V: Value, W: Want>(&self, want: W) -> Result<W::Out> {
+/// A job and what is wanted of it, whatever the types are.
+struct Typing<'a, W> {
+    job: &'a Job<'a>,
+    want: W,
+}
+
+impl<W: Want> Typed for Typing<'_, W> {
+    type Out = W::Out;
+
+    fn of<D: Layout, V: Value>(self) -> Result<W::Out> {
+        let Typing { job, want } = self;
         let open = |path: &PathBuf| Ok(Arc::new(File::<D, V>::open(path, &OpenOptions::default())?));
-        let files: Vec<_> = self.paths.iter().map(open).collect::<Result<_>>()?;
-        let views = match (self.chain, files.into_iter()) {
+        let files: Vec<_> = job.paths.iter().map(open).collect::<Result<_>>()?;
+        let views = match (job.chain, files.into_iter()) {
             (Some(chain), files) => files.map(|file| chained(chain, file)).collect::<Result<_>>()?,
             (None, files) => aligned(files.collect())?,
         };
-        want.of(views, self)
+        want.of(views, job)
     }
 }
 
@@ -148,7 +151,7 @@ fn place_of(path: &Path) -> Result<(Frame, [u64; 3])> {
     Ok((tree.metadata().frame.clone(), tree.header().extent))
 }
 
-fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<File<D, V>>) -> Result<FileView<D, V>> {
+pub(super) fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<File<D, V>>) -> Result<FileView<D, V>> {
     let header = file.header();
     let mut view = View::new(file.clone(), header.extent)?;
     for step in &chain.steps {

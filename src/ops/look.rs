@@ -6,9 +6,10 @@ use super::area::Area;
 use super::view::{Sampling, TINY, View};
 use crate::Result;
 use crate::space::{Code, Dimension};
+use crate::store::autumnal::Kept;
 use crate::store::goblin::Layout;
 use crate::tree::{CellBlock, Child, Source, Stored};
-use crate::value::Value;
+use crate::value::{Tally, Value};
 
 type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
 
@@ -239,6 +240,20 @@ impl<S: Source> Source for View<S> {
         match node {
             ViewNode::Same(node) => self.source.cells(node, levels),
             ViewNode::Around(_) => self.draw_block(node, levels),
+        }
+    }
+
+    fn kept(&self, node: &Self::Node) -> Option<Kept> {
+        match node {
+            ViewNode::Same(node) => self.source.kept(node),
+            ViewNode::Around(_) => None,
+        }
+    }
+
+    fn tally(&self, node: &Self::Node) -> Result<Option<Tally<S::Value>>> {
+        match node {
+            ViewNode::Same(node) => self.source.tally(node),
+            ViewNode::Around(_) => Ok(None),
         }
     }
 

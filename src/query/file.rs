@@ -14,13 +14,13 @@ use super::points::PointSamples;
 use super::ray::Rays;
 use super::solid::{SolidStatistics, measure};
 use super::stats::{Statistics, source_histogram, source_statistics};
-use crate::space::{Bounds, Cell, Code, Dimension as _, Oct, Quad};
+use crate::space::{Bounds, Cell, Code, Dimension as _, Oct};
 use crate::store::autumnal::{Autumnal, Commit};
-use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata, OpenOptions, read_header};
-use crate::store::{File, TreeFormat, split_commit};
+use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata, OpenOptions};
+use crate::store::{File, TreeFormat, Typed, file_format, split_commit, typed};
 use crate::tree::{MemTree, Source, df};
 use crate::value::{Kind, Sample, Value};
-use crate::{Error, Progress, Result, with_value_type};
+use crate::{Error, Progress, Result};
 
 /// What is generic over the dimension as the same of octrees, for questions about solids: they are then compiled for octrees
 /// only.
@@ -34,31 +34,32 @@ pub(crate) fn octree<T: Any, O: Any>(tree: &T) -> Result<&O> {
 
 /// Opens a file of any type.
 pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Tree>> {
-    let (file, _) = split_commit(path);
-    let (_, header) = read_header(&file, &*options.storage(&file)?)?;
-    let unknown = || {
-        let expected = "1 to 4 channels of u8, u16 or f32, or 1 channel";
-        Error::corrupt(&*file, "header", format!("values {}", header.value), expected)
-    };
-    if header.axes == 2 {
-        with_value_type!(header.value, V => Ok(boxed(File::<Quad, V>::open(path, options)?)), else Err(unknown()))
-    } else {
-        with_value_type!(header.value, V => Ok(boxed(File::<Oct, V>::open(path, options)?)), else Err(unknown()))
-    }
+    typed(path, Opening { path, options })
 }
 
-fn boxed<D: Layout, V: Value>(file: File<D, V>) -> Box<dyn Tree> {
-    match file {
-        File::Goblin(file) => Box::new(file),
-        File::Autumnal(file) => Box::new(file),
+struct Opening<'a> {
+    path: &'a Path,
+    options: &'a OpenOptions,
+}
+
+impl Typed for Opening<'_> {
+    type Out = Box<dyn Tree>;
+
+    fn of<D: Layout, V: Value>(self) -> Result<Box<dyn Tree>> {
+        let (file, _) = split_commit(self.path);
+        Ok(match file_format(&file)? {
+            TreeFormat::Goblin => Box::new(Goblin::<D, V>::open(self.path, self.options)?),
+            TreeFormat::Autumnal => Box::new(Autumnal::<D, V>::open(self.path, self.options)?),
+        })
     }
 }
 
 /// The tree that a file is.
 pub(crate) fn as_tree<D: Layout, V: Value>(file: &File<D, V>) -> &dyn Tree {
     match file {
-        File::Goblin(file) => file,
-        File::Autumnal(file) => file,
+        File::Goblin(file) => &**file,
+        File::Autumnal(file) => &**file,
+        File::Patched(file) => &**file.source(),
     }
 }
 

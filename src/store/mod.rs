@@ -10,6 +10,8 @@ mod storage;
 
 pub use atomic::Output;
 pub(crate) use atomic::folder;
+pub use file::file_is_tree;
 pub use file::{File, FileNode};
+pub(crate) use file::{Typed, file_format, typed};
 pub use format::{TreeFormat, split_commit};
 pub use storage::{Mapped, Positioned, Storage};

@@ -2,7 +2,9 @@
 
 pub mod df;
 mod memory;
+mod patch;
 mod source;
 
 pub use memory::MemTree;
+pub use patch::{Change, Patch, Patched, PatchedNode};
 pub use source::{CellBlock, Child, Overlay, Source, Stored, Verdict, Verdicts};

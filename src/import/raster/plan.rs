@@ -36,6 +36,8 @@ pub struct ImportOptions {
     /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if not
     /// said.
     pub memory: Option<u64>,
+    /// Whether equal subtrees are stored once, in Autumnal files.
+    pub share: bool,
 }
 
 /// Files that are open and understood, ready to be built: see [`Import::build`].
@@ -156,7 +158,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
         lines
     };
     let nodata = info.nodata;
-    let options = BuildOptions { rule, kind, depth, memory: memory / 4, metadata, share: false };
+    let options = BuildOptions { rule, kind, depth, memory: memory / 4, metadata, share: options.share };
     Ok(Import { raster, value, nodata, options, memory, description })
 }
 

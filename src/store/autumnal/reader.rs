@@ -13,7 +13,7 @@ use super::extents::{ExtentKind, Extents, FIRST};
 use super::form::{FAR, HEAD_MOST, LONGEST, NEAR};
 use super::medium::FileId;
 use super::zone::{BadZone, Zone, records, zone_height};
-use crate::space::{Bounds, Code};
+use crate::space::Code;
 use crate::store::goblin::{Header, INNER, LEAF, Layout, Metadata, OpenOptions, VOID};
 use crate::store::{Storage, split_commit};
 use crate::tree::{Child, Source};
@@ -435,11 +435,6 @@ impl<D: Layout, V: Value> Source for Autumnal<D, V> {
             each(step, child)?;
         }
         Ok(())
-    }
-
-    fn draw(&self, bounds: &Bounds, values: &mut [V::Wire], valid: &mut [bool]) -> Result<bool> {
-        let _ = (bounds, values, valid);
-        Ok(false)
     }
 
     fn kept(&self, node: &Node) -> Option<Kept> {

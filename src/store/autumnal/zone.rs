@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn zones_come_back() {
-        let classes = vec![([-3i16], 5), ([7], 90)];
+        let classes = [([-3i16], 5), ([7], 90)];
         let tally =
             Tally::merge(&[&Tally::leaf(classes[0].0, 5, true), &Tally::leaf(classes[1].0, 90, true)]);
         let zone = Zone { records: 17, tally };

@@ -317,7 +317,7 @@ impl Build<'_> {
             metadata.class_names = names.map(|(i, name)| (i as i64 + 1, name)).collect();
         }
         metadata.provenance = import.models.iter().map(|model| provenance(model.info())).collect();
-        let options = BuildOptions { rule, kind, depth, memory, metadata, share: false };
+        let options = BuildOptions { rule, kind, depth, memory, metadata, share: import.options.share };
         build_with(&solid, import.extent, &options, output, progress, |metadata| {
             report.undecided = solid.counted.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counted.stages.lock().expect("nobody panics with this lock");

@@ -44,6 +44,8 @@ pub struct SolidOptions {
     pub epsg: Option<u32>,
     /// Bytes of memory for everything.
     pub memory: u64,
+    /// Whether equal subtrees are stored once, in Autumnal files.
+    pub share: bool,
 }
 
 impl Default for SolidOptions {
@@ -57,6 +59,7 @@ impl Default for SolidOptions {
             unit: None,
             epsg: None,
             memory: DEFAULT_MEMORY,
+            share: false,
         }
     }
 }

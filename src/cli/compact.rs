@@ -1,0 +1,58 @@
+//! `spinney compact`: less history, less room.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use spinney::ops;
+use spinney::store::Output;
+use spinney::store::autumnal::Keep;
+
+use super::output::{check_output, tell_output};
+use super::progress::Work;
+use super::{Global, Result, history, quantity};
+
+/// Write some commits of an Autumnal file to a new one, without the room that the others took.
+///
+/// Commits keep their numbers, messages, authors and times. Whoever reads the old file goes on.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// The Autumnal file
+    file: PathBuf,
+    /// The file to make
+    #[arg(short, long, value_name = "OUT.autumn")]
+    output: PathBuf,
+    /// How many commits stay, the newest ones
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
+    keep: u64,
+    /// The commits that stay, by their numbers
+    #[arg(long, value_name = "N,...", value_delimiter = ',', conflicts_with = "keep")]
+    commits: Option<Vec<u64>>,
+    /// Store equal subtrees once, from now on
+    #[arg(long)]
+    share: bool,
+    /// Memory to use, such as 256M or 2G
+    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
+    memory: u64,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  spinney compact map.autumn -o small.autumn
+  spinney compact map.autumn -o small.autumn --keep 10 --share
+  spinney compact map.autumn -o releases.autumn --commits 1,12,40";
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result {
+    let start = Instant::now();
+    check_output([Path::new(&args.file)], &args.output)?;
+    let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
+    let work = Work::start(global, "cells")?;
+    let output = Output::create(&args.output)?;
+    let commits = ops::compact_file(&args.file, &keep, args.share, output, args.memory, &work)?;
+    work.finish();
+    for commit in &commits {
+        global.say(format_args!("{:<10} {}: {}", "commit", commit.number, history::written(commit)));
+    }
+    tell_output(global, &args.output, start);
+    Ok(())
+}

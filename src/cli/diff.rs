@@ -1,0 +1,79 @@
+//! `spinney diff`: where two trees differ.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use serde_json::json;
+use spinney::Error;
+use spinney::ops::{self, Operation};
+use spinney::store::Output;
+
+use super::output::{check_output, tell_output};
+use super::progress::Work;
+use super::{Global, Result, print_json, print_text, quantity};
+
+/// Tell where two trees differ, most often two commits of one file.
+///
+/// Prints how many cells have come, gone, and got another value. What the commits have in common is not looked at.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// The tree before
+    first: PathBuf,
+    /// The tree after
+    second: PathBuf,
+    /// Make a tree of the cells that differ, with the second's value, or the first's where the second is VOID
+    #[arg(short, long, value_name = "OUT.goblin")]
+    output: Option<PathBuf>,
+    /// Print the runs of cells that differ, in FD order: the paths of the first and the last
+    #[arg(long, conflicts_with = "json")]
+    ranges: bool,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    /// Memory to use, such as 256M or 2G
+    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
+    memory: u64,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  spinney diff map.autumn@3 map.autumn
+  spinney diff map.autumn@3 map.autumn@5 --ranges > changed.txt
+  spinney diff 2020.goblin 2025.goblin -o changes.goblin";
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result {
+    let start = Instant::now();
+    let paths = [args.first.as_path(), &args.second];
+    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+    let mut runs = 0u64;
+    let sum = ops::diff_files(paths[0], paths[1], &mut |range| {
+        runs += 1;
+        if args.ranges {
+            writeln!(out, "{} {}", range.first, range.last).map_err(Error::io("-", "write"))?;
+        }
+        Ok(())
+    })?;
+    out.flush()?;
+    drop(out);
+    let ops::Differences { added, removed, changed, blocks } = sum;
+    if args.json {
+        print_json(&json!({
+            "added": added, "removed": removed, "changed": changed, "blocks": blocks, "ranges": runs,
+        }))?;
+    } else if !args.ranges {
+        print_text(&format!(
+            "added      {added} cells\nremoved    {removed} cells\nchanged    {changed} cells\nblocks     {blocks}, \
+             in {runs} runs of cells\n"
+        ))?;
+    }
+    let Some(output) = &args.output else { return Ok(()) };
+    check_output(paths, output)?;
+    let files = paths.map(Path::to_path_buf);
+    let work = Work::start(global, "cells")?;
+    ops::combine(Operation::Changed, None, &files, Output::create(output)?, args.memory, &work)?;
+    work.finish();
+    tell_output(global, output, start);
+    Ok(())
+}

@@ -1,0 +1,46 @@
+//! `spinney publish`: the same tree in the other format.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use spinney::ops;
+use spinney::store::Output;
+
+use super::output::{check_output, tell_output};
+use super::progress::Work;
+use super::{Global, Result, quantity};
+
+/// Write a tree as it is to a file of the other format (or of the same).
+///
+/// Makes a compact, read-only Goblin file of an Autumnal file or of one of its commits, or an Autumnal file, to be edited,
+/// if the output's name ends with .autumn. From Goblin to Autumnal and back the bytes stay the same.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Tree file; FILE@N is one of its commits
+    file: PathBuf,
+    /// The file to make; - is standard output
+    output: PathBuf,
+    /// Store equal subtrees once; for .autumn files
+    #[arg(long)]
+    share: bool,
+    /// Memory to use, such as 256M or 2G
+    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
+    memory: u64,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  spinney publish map.autumn map.goblin
+  spinney publish map.autumn@12 release.goblin
+  spinney publish map.goblin map.autumn --share";
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result {
+    let start = Instant::now();
+    check_output([Path::new(&args.file)], &args.output)?;
+    let work = Work::start(global, "cells")?;
+    ops::convert(&args.file, args.share, Output::create(&args.output)?, args.memory, &work)?;
+    work.finish();
+    tell_output(global, &args.output, start);
+    Ok(())
+}

@@ -1,0 +1,97 @@
+//! Cells as rows of NumPy arrays.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::coordinate;
+use crate::ops::CellValue;
+use crate::{Error, Result};
+
+pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// How numbers of a type are read.
+type Decode = fn(&[u8]) -> f64;
+
+macro_rules! decoders {
+    ($($name:literal $type:ty),*) => {
+        &[$(($name, size_of::<$type>(), |bytes| <$type>::from_le_bytes(bytes.try_into().expect("as long")) as f64)),*]
+    };
+}
+
+const TYPES: &[(&str, usize, Decode)] = decoders!(
+    "|u1" u8, "|i1" i8, "<u2" u16, "<i2" i16, "<u4" u32, "<i4" i32, "<u8" u64, "<i8" i64, "<f4" f32, "<f8" f64
+);
+
+/// A cell per row; the array must have two dimensions, and coordinates before values. Values that are not numbers are VOID.
+pub(super) fn rows<R: Read>(
+    mut input: R,
+    path: &Path,
+    axes: usize,
+    channels: usize,
+) -> Result<impl Iterator<Item = Result<CellValue>> + use<R>> {
+    let unsupported = |found: String| {
+        let advice = format!("give rows of {} numbers, in C order, little-endian", axes + channels);
+        Error::unsupported(path, found, advice)
+    };
+    let mut start = [0; 8];
+    input.read_exact(&mut start).map_err(Error::io(path, "read the header"))?;
+    let mut length = [0; 4];
+    let bytes = if start[6] == 1 { 2 } else { 4 };
+    input.read_exact(&mut length[..bytes]).map_err(Error::io(path, "read the header"))?;
+    let length = u32::from_le_bytes(length);
+    let mut header = Vec::new();
+    let read = input.by_ref().take(u64::from(length.min(1 << 16))).read_to_end(&mut header);
+    read.map_err(Error::io(path, "read the header"))?;
+    let header = String::from_utf8_lossy(&header).replace('"', "'");
+    let after = |key: &str| header.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
+    let name = after("descr").and_then(|rest| rest.split('\'').nth(1)).unwrap_or_default();
+    let Some((_, size, decode)) = TYPES.iter().find(|(known, _, _)| *known == name) else {
+        return Err(unsupported(format!("an array of type `{name}`")));
+    };
+    let shape = after("shape")
+        .and_then(|rest| rest.strip_prefix('(')?.split_once(')'))
+        .map_or("", |(shape, _)| shape);
+    let lengths: Option<Vec<u64>> = shape
+        .split(',')
+        .map(str::trim)
+        .filter(|number| !number.is_empty())
+        .map(|number| number.parse().ok())
+        .collect();
+    let in_order = after("fortran_order").is_some_and(|rest| rest.starts_with("False"));
+    let columns = axes + channels;
+    let count = match lengths.as_deref() {
+        Some([rows, width]) if *width == columns as u64 && in_order => *rows,
+        _ => return Err(unsupported(format!("an array of shape ({shape})"))),
+    };
+    let (path, size, decode) = (path.to_path_buf(), *size, *decode);
+    let mut row = vec![0; columns * size];
+    let mut number = 0;
+    Ok(std::iter::from_fn(move || {
+        if number == count {
+            return None;
+        }
+        number += 1;
+        if let Err(error) = input.read_exact(&mut row) {
+            number = count;
+            return Some(Err(Error::io(&path, "read")(error)));
+        }
+        let numbers: Vec<f64> = row.chunks(size).map(decode).collect();
+        let mut cell = [0; 3];
+        for (place, found) in cell[..axes].iter_mut().zip(&numbers) {
+            match coordinate(*found) {
+                Some(found) => *place = found,
+                None => {
+                    let place = format!("row {}", number - 1);
+                    return Some(Err(Error::corrupt(
+                        &path,
+                        place,
+                        found.to_string(),
+                        "a cell, counted from 0",
+                    )));
+                }
+            }
+        }
+        let values = numbers[axes..].to_vec();
+        Some(Ok((cell, Some(values).filter(|values| !values.iter().any(|value| value.is_nan())))))
+    }))
+}
