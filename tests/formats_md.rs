@@ -68,6 +68,18 @@ fn the_dump_is_what_the_builder_writes() {
 }
 
 #[test]
+fn the_dump_of_pointered_records_is_what_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("classic.autumn");
+    let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
+    spinney::ops::convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    let expected = dumped(block(&text("formats.md"), "<!-- dump: classic.autumn -->"));
+    assert_eq!(std::fs::read(&path).unwrap()[12288..][..expected.len()], expected);
+    // The record behind is no record: the extent ends there.
+    assert_eq!(expected.len(), 32 + 69);
+}
+
+#[test]
 fn tables_of_byte_positions_add_up() {
     // In every table whose first columns are a position and a length, each row starts where the one before ended.
     let formats = text("formats.md");

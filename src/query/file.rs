@@ -5,7 +5,6 @@ use std::path::Path;
 
 use super::any::Tree;
 use super::cell_blocks::{Carry, CellBlocks, SourceBlocks};
-use super::draw::{Canvas, fill_value, wires_of};
 use super::dump;
 use super::field::Field;
 use super::find::{Condition, FoundBlock, source_find};
@@ -13,12 +12,13 @@ use super::occupancy::{Filling, Level};
 use super::points::PointSamples;
 use super::ray::Rays;
 use super::solid::{SolidStatistics, measure};
-use super::stats::{Statistics, source_histogram, source_statistics};
+use super::stats::{Statistics, source_histogram, source_statistics, tally_statistics};
+use super::window::{fill_value, wires_of};
 use crate::space::{Bounds, Cell, Code, Dimension as _, Oct};
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::{Finding, Goblin, Header, Layout, Metadata, OpenOptions};
 use crate::store::{File, TreeFormat, Typed, file_format, split_commit, typed};
-use crate::tree::{MemTree, Source, df};
+use crate::tree::{Child, MemTree, Source, df};
 use crate::value::{Kind, Sample, Value};
 use crate::{Error, Progress, Result};
 
@@ -267,16 +267,19 @@ impl<D: Layout, V: Value> TreeFile for Autumnal<D, V> {
         values: &mut [V::Wire],
         valid: Option<&mut [bool]>,
     ) -> Result<()> {
-        let depth = self.header().shape.depth;
-        if level > depth {
-            return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
-        }
-        Canvas::new(bounds, fill, values, valid)?.draw(self, self.top(), level)
+        self.window(level, bounds, fill, values, valid)
     }
 
     fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let picture = Bounds { min: [0; 3], max: self.header().extent };
         let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        // All of the picture is all of the tree, however many nodes that has.
+        if bounds == picture
+            && let Child::Inner { node, .. } = self.root_place()
+            && let Some(tally) = self.tally(&node)?
+        {
+            return Ok(tally_statistics(tally, bounds.volume(), self.counts_classes()));
+        }
         source_statistics(self, &bounds, self.counts_classes())
     }
 

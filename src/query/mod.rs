@@ -2,7 +2,6 @@
 
 mod any;
 pub mod cell_blocks;
-mod draw;
 pub(crate) mod dump;
 mod field;
 mod file;
@@ -16,7 +15,6 @@ mod walk;
 mod window;
 
 pub use any::{Tree, open};
-pub(crate) use draw::{Canvas, fill_value, wires_of};
 pub(crate) use field::Field;
 pub(crate) use file::{as_tree, octree};
 pub(crate) use find::source_find;
@@ -29,3 +27,4 @@ pub(crate) use solid::measure;
 pub use stats::{ChannelStatistics, Statistics};
 pub(crate) use stats::{source_histogram, source_statistics};
 pub(crate) use walk::node_bounds;
+pub(crate) use window::{Canvas, fill_value, wires_of};

@@ -76,6 +76,16 @@ where
     Ok(gather.finish(bounds.volume()))
 }
 
+/// Statistics of all cells of a tally, of a box of so many cells.
+pub(super) fn tally_statistics<V: Value>(tally: Tally<V>, volume: u64, count_classes: bool) -> Statistics {
+    let mut gather = Gather::new(count_classes);
+    match &mut gather.classes {
+        Some(classes) => tally.classes.iter().for_each(|(value, cells)| classes.add(*value, *cells)),
+        None => gather.tally = tally,
+    }
+    gather.finish(volume)
+}
+
 /// [`Goblin::histogram`] of any source.
 pub(crate) fn source_histogram<S>(
     source: &S,

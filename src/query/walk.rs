@@ -103,7 +103,7 @@ pub(crate) fn node_bounds<D: Layout>(code: Code<D>, depth: u8) -> Bounds {
 
 /// A child's part of a node's cells.
 #[inline]
-pub(super) fn child_bounds<D: Layout>(node: &Bounds, child: usize) -> Bounds {
+pub(in crate::query) fn child_bounds<D: Layout>(node: &Bounds, child: usize) -> Bounds {
     let mut bounds = *node;
     for axis in 0..D::AXES {
         let middle = node.min[axis].midpoint(node.max[axis]);

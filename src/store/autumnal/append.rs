@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::commit::{Commit, Written};
 use super::extents::{ExtentKind, GRAIN, HEAD, LONG, PAGE, head};
-use super::form::{FAR, Field, Form, LONGEST, NEAR};
+use super::form::{Field, Form, LONGEST};
 use super::medium::{Medium, failed};
 use super::meta::Meta;
 use super::share::{Shares, hash};
@@ -256,8 +256,7 @@ impl Appender {
                 state => {
                     let Some(to) = form.pointer(bytes, at, state, address) else { return Ok(false) };
                     *field = Field::Inner(to);
-                    at += usize::from(if state == NEAR { form.near } else { form.far });
-                    debug_assert!(state == NEAR || state == FAR);
+                    at += form.pointer_size(state);
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! Extents: checksummed runs of bytes, from which everything but the first three pages of a file is made.
 
 use std::borrow::Cow;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -73,6 +74,41 @@ pub(super) struct Extents {
     check: bool,
 }
 
+/// Bytes of extents, the one way or the other.
+pub(super) trait Reach<'a>: Copy {
+    /// Some bytes.
+    type Bytes: Deref<Target = [u8]>;
+
+    /// As [`Extents::bytes`]; there may be more than `most`.
+    fn bytes(self, address: u64, most: usize) -> Result<Self::Bytes>;
+}
+
+/// The bytes of a mapped file.
+#[derive(Clone, Copy)]
+pub(super) struct Seen<'a> {
+    extents: &'a Extents,
+    bytes: &'a [u8],
+}
+
+impl<'a> Reach<'a> for Seen<'a> {
+    type Bytes = &'a [u8];
+
+    #[inline]
+    fn bytes(self, address: u64, _: usize) -> Result<&'a [u8]> {
+        self.extents.check_at(address)?;
+        // (What is not within the extents was not found good.)
+        Ok(self.bytes.get(address as usize..).unwrap_or_default())
+    }
+}
+
+impl<'a> Reach<'a> for &'a Extents {
+    type Bytes = Cow<'a, [u8]>;
+
+    fn bytes(self, address: u64, most: usize) -> Result<Cow<'a, [u8]>> {
+        Extents::bytes(self, address, most)
+    }
+}
+
 /// An extent's place, as its head tells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
@@ -114,19 +150,26 @@ impl Extents {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// Bytes of an extent of records from an address on, up to `most`; fewer at the end of the file.
+    /// Makes sure that the extent of records that an address is in is good.
     #[inline]
-    pub(super) fn bytes(&self, address: u64, most: usize) -> Result<Cow<'_, [u8]>> {
+    fn check_at(&self, address: u64) -> Result<()> {
         let grain = address / GRAIN;
         let word = self.good.get((grain / 64) as usize).map_or(0, |word| word.load(Ordering::Relaxed));
-        if word >> (grain % 64) & 1 == 0 {
-            self.admit(address)?;
-        }
+        if word >> (grain % 64) & 1 == 0 { self.admit(address) } else { Ok(()) }
+    }
+
+    /// Bytes of an extent of records from an address on, up to `most`; fewer at the end of the file.
+    pub(super) fn bytes(&self, address: u64, most: usize) -> Result<Cow<'_, [u8]>> {
+        self.check_at(address)?;
         let rest = self.end.saturating_sub(address);
-        if let Some(bytes) = self.storage.bytes() {
-            return Ok(Cow::Borrowed(&bytes[address as usize..][..(rest as usize).min(most)]));
-        }
         self.storage.read(address, rest.min(most as u64) as usize)
+    }
+
+    /// All bytes where they are, if they can be seen: many records are then read without asking for each.
+    #[inline]
+    pub(super) fn seen(&self) -> Option<Seen<'_>> {
+        let bytes = self.storage.bytes()?.get(..self.end as usize)?;
+        Some(Seen { extents: self, bytes })
     }
 
     /// Checks the extent of records that an address is in.

@@ -79,10 +79,16 @@ impl Form {
         self.head() + self.fields(states)
     }
 
+    /// Bytes of a pointer.
+    #[inline]
+    pub(super) fn pointer_size(&self, state: u32) -> usize {
+        usize::from(if state == NEAR { self.near } else { self.far })
+    }
+
     /// Where the pointer in a field of a record leads; `None` if it is cut short or does not lead back.
     #[inline]
     pub(super) fn pointer(&self, record: &[u8], at: usize, state: u32, address: u64) -> Option<u64> {
-        let length = usize::from(if state == NEAR { self.near } else { self.far });
+        let length = self.pointer_size(state);
         let number = match record.get(at..at + 8) {
             Some(bytes) => {
                 u64::from_le_bytes(bytes.try_into().expect("8 bytes")) & (u64::MAX >> (64 - 8 * length))

@@ -7,6 +7,7 @@
 
 mod append;
 mod archive;
+mod blocks;
 mod commit;
 mod compact;
 mod editor;

@@ -3,13 +3,14 @@
 use std::borrow::Cow;
 use std::fs::File;
 use std::marker::PhantomData;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
 use zerocopy::FromBytes;
 
 use super::archive::{Archive, newest};
 use super::commit::{Commit, Root};
-use super::extents::{ExtentKind, Extents, FIRST};
+use super::extents::{ExtentKind, Extents, FIRST, Reach};
 use super::form::{FAR, HEAD_MOST, LONGEST, NEAR};
 use super::medium::FileId;
 use super::zone::{BadZone, Zone, records, zone_height};
@@ -56,12 +57,15 @@ pub struct Autumnal<D: Layout, V: Value> {
 const MOST_RECORDS: u64 = 1 << 36;
 
 /// A record as it stands in the file.
-pub(super) struct Record<'a> {
-    address: u64,
-    states: u32,
+pub(super) struct Record<B> {
+    pub(super) address: u64,
+    pub(super) states: u32,
     /// From the record's first byte on, at least all of its fields.
-    bytes: Cow<'a, [u8]>,
+    pub(super) bytes: B,
 }
+
+/// One that was asked for by itself.
+type OneRecord<'a> = Record<Cow<'a, [u8]>>;
 
 impl<D: Layout, V: Value> Autumnal<D, V> {
     /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest.
@@ -196,10 +200,15 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
         self.extents().corrupt(format!("record at {address}"), found, expected)
     }
 
+    /// A node's record.
+    pub(super) fn record(&self, node: Node) -> Result<OneRecord<'_>> {
+        self.record_in(self.extents(), node)
+    }
+
     #[inline]
-    pub(super) fn record(&self, node: Node) -> Result<Record<'_>> {
+    pub(super) fn record_in<'a, R: Reach<'a>>(&self, reach: R, node: Node) -> Result<Record<R::Bytes>> {
         let Node { address, .. } = node;
-        let bytes = self.archive.extents.bytes(address, LONGEST)?;
+        let bytes = reach.bytes(address, LONGEST)?;
         let form = &self.archive.form;
         match form.states_of(&bytes) {
             Some(states) if form.length(states) <= bytes.len() => Ok(Record { address, states, bytes }),
@@ -208,9 +217,13 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     }
 
     /// The representative of a record.
-    #[inline]
     pub(super) fn representative(&self, address: u64) -> Result<V> {
-        let bytes = self.archive.extents.bytes(address, HEAD_MOST)?;
+        self.representative_in(self.extents(), address)
+    }
+
+    #[inline]
+    pub(super) fn representative_in<'a, R: Reach<'a>>(&self, reach: R, address: u64) -> Result<V> {
+        let bytes = reach.bytes(address, HEAD_MOST)?;
         let wire =
             bytes.get(self.archive.form.states..).and_then(|rest| V::Wire::read_from_prefix(rest).ok());
         let wire = wire.ok_or_else(|| self.bad_record(address, "the end of the file", "a whole record"))?;
@@ -219,7 +232,10 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
 
     /// What a record has for a child; the representative of an INNER one stands in its own record.
     #[inline]
-    pub(super) fn child(&self, record: &Record<'_>, height: u8, step: usize) -> Result<Child<(), Node>> {
+    pub(super) fn child<B>(&self, record: &Record<B>, height: u8, step: usize) -> Result<Child<(), Node>>
+    where
+        B: Deref<Target = [u8]>,
+    {
         let state = record.states >> (2 * step) & 3;
         match state {
             0 => Ok(Child::Void),
@@ -233,7 +249,10 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
 
     /// The node that a pointer leads to.
     #[inline]
-    fn follow(&self, record: &Record<'_>, at: usize, state: u32, height: u8) -> Result<Node> {
+    pub(super) fn follow<B>(&self, record: &Record<B>, at: usize, state: u32, height: u8) -> Result<Node>
+    where
+        B: Deref<Target = [u8]>,
+    {
         debug_assert!(state == NEAR || state == FAR);
         let target = self.archive.form.pointer(&record.bytes, at, state, record.address);
         match target {
@@ -249,11 +268,15 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
 
     /// The value of a child that is a LEAF.
     #[inline]
-    pub(super) fn leaf(&self, record: &Record<'_>, step: usize) -> V {
-        let at = self.archive.form.field(record.states, step);
-        // (A record is all there: see `record`.)
-        let wire = V::Wire::read_from_prefix(&record.bytes[at..]).map(|(wire, _)| wire);
-        wire.map_or_else(|_| V::default(), V::from_wire)
+    pub(super) fn leaf<B: Deref<Target = [u8]>>(&self, record: &Record<B>, step: usize) -> V {
+        Self::value_in(&record.bytes, self.archive.form.field(record.states, step))
+    }
+
+    /// The value in a field of a record, all of which is there.
+    #[inline]
+    pub(super) fn value_in(bytes: &[u8], at: usize) -> V {
+        let wire = bytes.get(at..).and_then(|rest| V::Wire::read_from_prefix(rest).ok());
+        wire.map_or_else(V::default, |(wire, _)| V::from_wire(wire))
     }
 
     /// The whole tree seen from far away.
@@ -266,25 +289,29 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     ///
     /// # Errors
     /// If the file is damaged there.
-    #[inline]
     pub fn value_at(&self, code: Code<D>) -> Result<Option<V>> {
+        match self.extents().seen() {
+            Some(seen) => self.value_in_reach(seen, code),
+            None => self.value_in_reach(self.extents(), code),
+        }
+    }
+
+    #[inline]
+    fn value_in_reach<'a, R: Reach<'a>>(&self, reach: R, code: Code<D>) -> Result<Option<V>> {
         let mut node = match self.root {
-            Child::Inner { node, representative } if code.level() == 0 => {
-                let _ = node;
-                return Ok(Some(representative));
-            }
-            Child::Inner { node, .. } => node,
-            uniform => return Ok(uniform.value()),
+            Child::Inner { node, .. } if code.level() > 0 => node,
+            place => return Ok(place.value()),
         };
         for level in 0..code.level() {
-            let record = self.record(node)?;
-            match self.child(&record, node.height, code.step(level))? {
+            let record = self.record_in(reach, node)?;
+            let step = code.step(level);
+            match self.child(&record, node.height, step)? {
                 Child::Void => return Ok(None),
-                Child::Leaf(()) => return Ok(Some(self.leaf(&record, code.step(level)))),
+                Child::Leaf(()) => return Ok(Some(self.leaf(&record, step))),
                 Child::Inner { node: below, .. } => node = below,
             }
         }
-        self.representative(node.address).map(Some)
+        self.representative_in(reach, node.address).map(Some)
     }
 
     /// The record of an INNER node, if it is one.
@@ -334,18 +361,20 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     }
 
     /// INNER nodes of a subtree, as its zone says; what has none is too small to matter.
-    fn records_below(&self, node: Node) -> Result<u64> {
+    fn records_below<'a, R: Reach<'a>>(&self, reach: R, node: Node) -> Result<u64> {
         if node.height < zone_height::<D>() {
             return Ok(1);
         }
-        let bytes = self.behind(node, 16)?;
-        records(&mut &bytes[..])
-            .map_err(|_| self.bad_record(node.address, "an impossible zone", "one of its cells"))
+        let bytes = reach.bytes(node.address, LONGEST + 16)?;
+        let form = &self.archive.form;
+        let zone = form.states_of(&bytes).and_then(|states| bytes.get(form.length(states)..));
+        let claimed = zone.and_then(|mut zone| records(&mut zone).ok());
+        claimed.ok_or_else(|| self.bad_record(node.address, "an impossible zone", "one of its cells"))
     }
 
     /// Zones must add up: else a small file could claim few records and have any number.
-    fn check_zone(&self, node: Node, record: &Record<'_>) -> Result<()> {
-        let claimed = self.records_below(node)?;
+    fn check_zone<'a, R: Reach<'a>>(&self, reach: R, node: Node, record: &Record<R::Bytes>) -> Result<()> {
+        let claimed = self.records_below(reach, node)?;
         let expected = if node.height == zone_height::<D>() {
             let most = ((1u64 << (D::AXES * usize::from(node.height))) - 1) / (D::CHILDREN as u64 - 1);
             1..=most
@@ -353,7 +382,7 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
             let mut sum = 1u64;
             for step in 0..D::CHILDREN {
                 if let Child::Inner { node, .. } = self.child(record, node.height, step)? {
-                    sum = sum.saturating_add(self.records_below(node)?);
+                    sum = sum.saturating_add(self.records_below(reach, node)?);
                 }
             }
             sum..=sum
@@ -365,6 +394,40 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
+    /// As [`Source::each_child`].
+    #[inline]
+    fn each_child_in<'a, R: Reach<'a>>(
+        &self,
+        reach: R,
+        node: Node,
+        mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>,
+    ) -> Result<()> {
+        let record = self.record_in(reach, node)?;
+        if node.height >= zone_height::<D>() {
+            self.check_zone(reach, node, &record)?;
+        }
+        let form = &self.archive.form;
+        let mut at = form.head();
+        for step in 0..D::CHILDREN {
+            let state = record.states >> (2 * step) & 3;
+            let child = match state {
+                0 => Child::Void,
+                1 => {
+                    let value = Self::value_in(&record.bytes, at);
+                    at += size_of::<V::Wire>();
+                    Child::Leaf(value)
+                }
+                _ => {
+                    let node = self.follow(&record, at, state, node.height)?;
+                    at += form.pointer_size(state);
+                    Child::Inner { representative: self.representative_in(reach, node.address)?, node }
+                }
+            };
+            each(step, child)?;
+        }
+        Ok(())
+    }
+
     /// INNER nodes of the tree, those of shared subtrees as often as they occur.
     ///
     /// # Errors
@@ -372,11 +435,6 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     pub fn walkable_records(&self) -> Result<u64> {
         self.root()?;
         Ok(self.commit.records)
-    }
-
-    /// As [`Source::root`], without asking whether all of the tree can be walked.
-    pub(crate) fn top(&self) -> Child<V, Node> {
-        self.root
     }
 }
 
@@ -393,7 +451,7 @@ impl<D: Layout, V: Value> Source for Autumnal<D, V> {
     /// If the tree has too many records to be walked as a whole, which can only be when they are shared.
     fn root(&self) -> Result<Child<V, Node>> {
         if let Child::Inner { node, .. } = self.root {
-            let records = self.records_below(node)?;
+            let records = self.records_below(self.extents(), node)?;
             if records > MOST_RECORDS {
                 let found = format!("walking {records} nodes, most of which are stored once for many");
                 return Err(Error::unsupported(
@@ -406,35 +464,11 @@ impl<D: Layout, V: Value> Source for Autumnal<D, V> {
         Ok(self.root)
     }
 
-    fn each_child(
-        &self,
-        node: &Node,
-        mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>,
-    ) -> Result<()> {
-        let record = self.record(*node)?;
-        if node.height >= zone_height::<D>() {
-            self.check_zone(*node, &record)?;
+    fn each_child(&self, node: &Node, each: impl FnMut(usize, Child<V, Node>) -> Result<()>) -> Result<()> {
+        match self.extents().seen() {
+            Some(seen) => self.each_child_in(seen, *node, each),
+            None => self.each_child_in(self.extents(), *node, each),
         }
-        let form = &self.archive.form;
-        let mut at = form.head();
-        for step in 0..D::CHILDREN {
-            let state = record.states >> (2 * step) & 3;
-            let child = match state {
-                0 => Child::Void,
-                1 => {
-                    let wire = V::Wire::read_from_prefix(&record.bytes[at..]).map(|(wire, _)| wire);
-                    at += size_of::<V::Wire>();
-                    Child::Leaf(wire.map_or_else(|_| V::default(), V::from_wire))
-                }
-                _ => {
-                    let node = self.follow(&record, at, state, node.height)?;
-                    at += usize::from(if state == NEAR { form.near } else { form.far });
-                    Child::Inner { representative: self.representative(node.address)?, node }
-                }
-            };
-            each(step, child)?;
-        }
-        Ok(())
     }
 
     fn kept(&self, node: &Node) -> Option<Kept> {

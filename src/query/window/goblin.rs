@@ -1,4 +1,4 @@
-//! Windows: the values of any box of cells at any level.
+//! Windows of Goblin files.
 
 use crate::space::{Bounds, Code};
 use crate::store::goblin::{CUT, Goblin, INNER, Layout, Record, Segment, VOID};

@@ -2,7 +2,8 @@
 
 use zerocopy::FromBytes;
 
-use super::walk::{child_bounds, node_bounds};
+use crate::query::node_bounds;
+use crate::query::walk::child_bounds;
 use crate::space::{Bounds, Code};
 use crate::store::goblin::Layout;
 use crate::tree::{Child, Source};
@@ -12,6 +13,8 @@ use crate::{Error, Result};
 /// A box of cells to draw on.
 pub(crate) struct Canvas<'a, V: Value> {
     bounds: Bounds,
+    /// Places from a cell to the next along each axis.
+    strides: [usize; 3],
     values: &'a mut [V::Wire],
     valid: Option<&'a mut [bool]>,
 }
@@ -37,7 +40,8 @@ impl<'a, V: Value> Canvas<'a, V> {
         if let Some(valid) = &mut valid {
             valid.fill(false);
         }
-        Ok(Canvas { bounds: *bounds, values, valid })
+        let [width, height, _] = bounds.size().map(|size| size as usize);
+        Ok(Canvas { bounds: *bounds, strides: [1, width, width * height], values, valid })
     }
 
     /// Draws what a source has below some place of it, at a level: all of it by default.
@@ -66,24 +70,34 @@ impl<'a, V: Value> Canvas<'a, V> {
                 self.place(source, child, child_bounds::<S::Dim>(&space, step), levels - 1)
             }),
             place => {
-                place.value().into_iter().for_each(|value| self.paint(&part, value));
+                let size = part.size().map(|size| size as usize);
+                place.value().into_iter().for_each(|value| self.paint(part.min, size, value));
                 Ok(())
             }
         }
     }
 
-    /// Gives all cells of a part one value.
-    fn paint(&mut self, part: &Bounds, value: V) {
-        let [width, height, _] = self.bounds.size().map(|size| size as usize);
-        let at: [usize; 3] = std::array::from_fn(|axis| (part.min[axis] - self.bounds.min[axis]) as usize);
-        let size = part.size().map(|size| size as usize);
+    /// Gives all cells of a block one value.
+    #[inline]
+    pub(super) fn paint(&mut self, min: [u64; 3], size: [usize; 3], value: V) {
         let wire = value.to_wire();
-        for z in at[2]..at[2] + size[2] {
-            for y in at[1]..at[1] + size[1] {
-                let start = (z * height + y) * width + at[0];
-                self.values[start..start + size[0]].fill(wire);
+        let strides = self.strides;
+        let start: usize =
+            (0..3).map(|axis| (min[axis] - self.bounds.min[axis]) as usize * strides[axis]).sum();
+        // Single cells are most of what there is.
+        if size == [1; 3] {
+            self.values[start] = wire;
+            if let Some(valid) = &mut self.valid {
+                valid[start] = true;
+            }
+            return;
+        }
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                let row = start + z * strides[2] + y * strides[1];
+                self.values[row..row + size[0]].fill(wire);
                 if let Some(valid) = &mut self.valid {
-                    valid[start..start + size[0]].fill(true);
+                    valid[row..row + size[0]].fill(true);
                 }
             }
         }

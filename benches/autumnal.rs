@@ -1,0 +1,325 @@
+//! Autumnal files beside Goblin files of the same tree, on one thread: single cells, windows, whole walks, small edits; and
+//! several processes that read at once.
+//!
+//! `cargo bench --bench autumnal -- [--readers] GOBLIN AUTUMN [GOBLIN AUTUMN ...]`
+//!
+//! Files are warm; nothing is written to them: edits go to a copy beside the file, and nothing is synced.
+
+use std::error::Error;
+use std::hint::black_box;
+use std::io::{self, Read, Write};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use spinney::ops::{Combined, FillPatch, FillRegion, Map, Operation, View};
+use spinney::query::{Tree, open};
+use spinney::space::{Bounds, Code, Oct, Quad};
+use spinney::store::autumnal::{Autumnal, Editor, FileId, Medium, Note};
+use spinney::store::goblin::{Goblin, Layout, OpenOptions};
+use spinney::store::{File, Storage};
+use spinney::tree::{Child, Patched, Source};
+use spinney::value::{SampleType, Value};
+
+const CELLS: usize = 1_000_000;
+const WINDOWS: usize = 1000;
+const SIDE: u64 = 256;
+const EDITS: usize = 200;
+const PASSES: usize = 5;
+
+type Outcome<T> = Result<T, Box<dyn Error>>;
+
+fn main() -> Outcome<()> {
+    let mut files: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    if files.first().is_some_and(|argument| argument == "--read") {
+        return read(&files[1]);
+    }
+    let only_readers = files.first().is_some_and(|argument| argument == "--readers");
+    if only_readers {
+        files.remove(0);
+    }
+    if files.is_empty() {
+        println!("autumnal: no files given, nothing to measure");
+    }
+    for pair in files.chunks_exact(2) {
+        println!("{} and {}", pair[0], pair[1]);
+        if only_readers {
+            readers(&pair[1])?;
+            continue;
+        }
+        let tree = open(pair[0].as_ref(), &OpenOptions::default())?;
+        let (value, axes) = (tree.header().value, tree.header().axes);
+        // (The types of the usual files: all of them take minutes to compile.)
+        match (axes, value.sample, value.channels) {
+            (2, SampleType::U8, 1) => measure::<Quad, [u8; 1]>(&pair[0], &pair[1])?,
+            (2, SampleType::U8, 3) => measure::<Quad, [u8; 3]>(&pair[0], &pair[1])?,
+            (2, SampleType::I16, 1) => measure::<Quad, [i16; 1]>(&pair[0], &pair[1])?,
+            (3, SampleType::U8, 1) => measure::<Oct, [u8; 1]>(&pair[0], &pair[1])?,
+            _ => return Err(format!("no measuring of {axes} axes and {value}").into()),
+        }
+    }
+    Ok(())
+}
+
+/// The same numbers every time.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, end: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((u128::from(z ^ (z >> 31)) * u128::from(end)) >> 64) as u64
+    }
+}
+
+/// Nanoseconds of processor time of this thread, so that other processes do not count.
+fn processor_time() -> u64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let number = text.split_whitespace().next().and_then(|number| number.parse().ok());
+    number.unwrap_or_else(|| {
+        static START: Mutex<Option<Instant>> = Mutex::new(None);
+        let start = *START.lock().expect("one thread").get_or_insert_with(Instant::now);
+        start.elapsed().as_nanos() as u64
+    })
+}
+
+/// The median time of some passes, in nanoseconds for each of `count` things.
+fn median(count: usize, mut pass: impl FnMut() -> Outcome<()>) -> Outcome<f64> {
+    let mut times = Vec::new();
+    for _ in 0..PASSES {
+        let start = processor_time();
+        pass()?;
+        times.push(processor_time() - start);
+    }
+    times.sort_unstable();
+    Ok(times[PASSES / 2] as f64 / count as f64)
+}
+
+fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
+    let options = OpenOptions::default();
+    let goblin = Goblin::<D, V>::open(goblin.as_ref(), &options)?;
+    let autumnal_path = Path::new(autumnal);
+    let autumnal = Autumnal::<D, V>::open(autumnal_path, &options)?;
+    let (depth, extent) = (goblin.header().shape.depth, goblin.header().extent);
+    let mut random = Random(1);
+    let cells: Vec<Code<D>> = (0..CELLS)
+        .filter_map(|_| Code::from_cell(depth, extent.map(|cells| random.below(cells) as u32)))
+        .collect();
+    let a = median(CELLS, || {
+        cells.iter().try_for_each(|cell| goblin.value_at(*cell).map(|value| _ = black_box(value)))?;
+        Ok(())
+    })?;
+    let b = median(CELLS, || {
+        cells.iter().try_for_each(|cell| autumnal.value_at(*cell).map(|value| _ = black_box(value)))?;
+        Ok(())
+    })?;
+    println!("  single cells     {a:8.0} ns  {b:8.0} ns  {:.2}", b / a);
+
+    let trees: [&dyn Tree; 2] = [&goblin, &autumnal];
+    let windows: Vec<(u8, Bounds)> = (0..WINDOWS)
+        .map(|_| {
+            let level = depth - random.below(u64::from(depth.saturating_sub(8)) + 1) as u8;
+            let size = extent.map(|cells| cells.div_ceil(1 << (depth - level)));
+            let min: [u64; 3] = std::array::from_fn(|axis| random.below(size[axis]) / SIDE * SIDE);
+            let max = std::array::from_fn(|axis| if axis < 2 { min[axis] + SIDE } else { min[axis] + 1 });
+            (level, Bounds { min, max })
+        })
+        .collect();
+    let mut times = [0.0; 2];
+    for (tree, time) in trees.iter().zip(&mut times) {
+        let mut bytes = vec![0; (SIDE * SIDE) as usize * V::TYPE.size()];
+        *time = median(WINDOWS, || {
+            windows
+                .iter()
+                .try_for_each(|(level, bounds)| tree.window(*level, bounds, 0.0, &mut bytes, None))?;
+            Ok(())
+        })?;
+    }
+    println!(
+        "  windows of 256^2 {:8.1} us  {:8.1} us  {:.2}",
+        times[0] / 1e3,
+        times[1] / 1e3,
+        times[1] / times[0]
+    );
+
+    let mut times = [0.0; 2];
+    let mut records = 0;
+    times[0] = median(1, || walk(&goblin, &mut records))?;
+    times[1] = median(1, || walk(&autumnal, &mut records))?;
+    let rate = |time: f64| records as f64 / time * 1e3;
+    println!("  walk, {records} records: {:.1} and {:.1} million/s", rate(times[0]), rate(times[1]));
+
+    if D::AXES == 2 && extent[0] > 2 * SIDE && extent[1] > 2 * SIDE {
+        edits(&goblin, autumnal_path)?;
+    }
+    Ok(())
+}
+
+/// Visits every node.
+fn walk<S: Source>(source: &S, records: &mut u64) -> Outcome<()> {
+    fn node<S: Source>(source: &S, node_of: &S::Node, records: &mut u64) -> spinney::Result<()> {
+        *records += 1;
+        source.each_child(node_of, |_, child| match child {
+            Child::Inner { node: below, .. } => node(source, &below, records),
+            place => {
+                black_box(place.value());
+                Ok(())
+            }
+        })
+    }
+    *records = 0;
+    if let Child::Inner { node: root, .. } = source.root()? {
+        node(source, &root, records)?;
+    }
+    Ok(())
+}
+
+/// A file in the system's memory that is never synced.
+struct Unsynced(std::fs::File, std::path::PathBuf);
+
+impl Medium for Unsynced {
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        std::os::unix::fs::FileExt::write_all_at(&self.0, bytes, offset)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn storage(&self) -> spinney::Result<Box<dyn Storage>> {
+        Ok(Box::new(spinney::store::Mapped::open(&self.1)?))
+    }
+
+    fn id(&self) -> FileId {
+        FileId::of(&self.0).unwrap_or_else(|_| FileId::unique())
+    }
+}
+
+fn edits<D: Layout, V: Value>(goblin: &Goblin<D, V>, path: &Path) -> Outcome<()> {
+    let copy = tempfile::NamedTempFile::new_in(path.parent().unwrap_or(Path::new(".")))?;
+    std::fs::copy(path, copy.path())?;
+    let file = std::fs::File::options().read(true).write(true).open(copy.path())?;
+    let medium = Unsynced(file, copy.path().to_path_buf());
+    let mut editor = Editor::<D, V>::on(Box::new(medium), copy.path(), 64 << 20)?;
+    let extent = goblin.header().extent;
+    let mut random = Random(2);
+    let depth = goblin.header().shape.depth;
+    let corner = |random: &mut Random| [random.below(extent[0] - SIDE), random.below(extent[1] - SIDE), 0];
+    let patch_file = Arc::new(File::<D, V>::open(goblin.path(), &OpenOptions::default())?);
+    for what in ["a fill", "a paste", "an aligned paste"] {
+        let mut times = Vec::new();
+        let mut written = 0;
+        for _ in 0..EDITS {
+            let (mut min, mut from) = (corner(&mut random), corner(&mut random));
+            if what == "an aligned paste" {
+                (min, from) = (min.map(|cell| cell / SIDE * SIDE), from.map(|cell| cell / SIDE * SIDE));
+            }
+            let bounds = Bounds { min, max: [min[0] + SIDE, min[1] + SIDE, 1] };
+            let start = processor_time();
+            let patch = Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None));
+            let base = Arc::new(File::Patched(Patched::new(editor.tree(), patch)));
+            let mut views = vec![View::new(base, extent)?];
+            if what != "a fill" {
+                // Cells of another place of the map.
+                let part = View::new(patch_file.clone(), extent)?
+                    .window(from.map(|cell| cell as i64), [SIDE, SIDE, 1])?;
+                let place = Map::translation(min.map(|cell| cell as f64));
+                views.insert(0, part.onto(&place, extent)?.deepened(depth)?);
+            }
+            editor.replace(&Combined::new(views, Operation::Over, extent)?, &())?;
+            let commit = editor.commit(Note::default())?;
+            times.push(processor_time() - start);
+            written += commit.map_or(0, |commit| commit.written.bytes);
+        }
+        times.sort_unstable();
+        let (median, worst) = (times[EDITS / 2] as f64 / 1e6, times[EDITS * 99 / 100] as f64 / 1e6);
+        println!(
+            "  {what} of 256^2: {median:.2} ms, 99 in 100 within {worst:.2} ms, {} KiB written on average",
+            written / EDITS as u64 / 1024
+        );
+    }
+    Ok(())
+}
+
+/// Answers for single cells until the input ends; tells how many there were, and the process's share of memory.
+fn read(path: &str) -> Outcome<()> {
+    let tree = open(path.as_ref(), &OpenOptions::default())?;
+    let extent = tree.header().extent;
+    let depth = tree.depth();
+    let mut random = Random(u64::from(std::process::id()));
+    let mut value = [0.0; 4];
+    let mut pass = |count: usize| -> Outcome<()> {
+        for _ in 0..count {
+            let cell = extent.map(|cells| random.below(cells));
+            black_box(tree.point(cell, depth, &mut value)?);
+        }
+        Ok(())
+    };
+    pass(3_000_000)?;
+    println!("ready");
+    let mut go = [0];
+    io::stdin().read_exact(&mut go)?;
+    let start = Instant::now();
+    let mut answered = 0;
+    while start.elapsed() < Duration::from_secs(3) {
+        pass(100_000)?;
+        answered += 100_000;
+    }
+    let rate = answered as f64 / start.elapsed().as_secs_f64();
+    println!("rate {rate}");
+    io::stdin().read_exact(&mut go)?;
+    let maps = std::fs::read_to_string("/proc/self/smaps_rollup")?;
+    let pss = maps.lines().find_map(|line| line.strip_prefix("Pss:")).unwrap_or("0");
+    println!("pss {}", pss.trim().trim_end_matches(" kB"));
+    io::stdin().read_exact(&mut go)?;
+    Ok(())
+}
+
+/// One process that reads, then four at once: answers a second, and memory, shared pages counted by shares.
+fn readers(path: &str) -> Outcome<()> {
+    let mut sums = Vec::new();
+    for count in [1, 4] {
+        let mut children = Vec::new();
+        for _ in 0..count {
+            let mut child = Command::new(std::env::current_exe()?)
+                .args(["--read", path])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .spawn()?;
+            let input = child.stdin.take().ok_or("no pipe")?;
+            let output = io::BufReader::new(child.stdout.take().ok_or("no pipe")?);
+            children.push((child, input, output));
+        }
+        let mut sum = [0.0; 2];
+        for step in 0..3 {
+            let mut lines = Vec::new();
+            for (_, _, output) in &mut children {
+                let mut line = String::new();
+                io::BufRead::read_line(output, &mut line)?;
+                lines.push(line);
+            }
+            if step > 0 {
+                let number =
+                    |line: &String| line.split_whitespace().nth(1).and_then(|n| n.parse::<f64>().ok());
+                sum[step - 1] = lines.iter().filter_map(number).sum();
+            }
+            for (_, input, _) in &mut children {
+                input.write_all(b"x")?;
+            }
+        }
+        for (mut child, ..) in children {
+            child.wait()?;
+        }
+        println!("  {count} readers: {:.2} million cells/s, {:.1} MiB", sum[0] / 1e6, sum[1] / 1024.0);
+        sums.push(sum);
+    }
+    println!(
+        "  four to one: {:.2} times the rate, {:.2} of the memory",
+        sums[1][0] / sums[0][0],
+        sums[1][1] / sums[0][1]
+    );
+    Ok(())
+}
