@@ -8,7 +8,9 @@ mod island;
 use std::path::{Path, PathBuf};
 
 use spinney::space::{Code, Dimension, Oct, Quad};
+use spinney::store::autumnal::{Autumnal, History};
 use spinney::store::goblin::{Goblin, Header, Layout, OpenOptions};
+use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 fn fixture(name: &str) -> PathBuf {
@@ -44,6 +46,49 @@ fn the_same_bytes_are_built_today() {
         let path = folder.path().join(name);
         frozen::make(name, &island, &path).unwrap();
         assert!(std::fs::read(&path).unwrap() == std::fs::read(fixture(name)).unwrap(), "{name} differs");
+    }
+}
+
+#[test]
+fn history() {
+    let frozen_path = fixture("history").with_extension("autumn");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("history.autumn");
+    frozen::make_history(&island::make(), &path).unwrap();
+    assert!(std::fs::read(&path).unwrap() == std::fs::read(&frozen_path).unwrap(), "history differs");
+    let cell = |number: u64, x: u32, y: u32| match (number, x, y) {
+        (3, 0, 0) => None,
+        (3, 7, 7) => Some([2]),
+        (2 | 3, 2..=5, 1..=4) => Some([3]),
+        _ => Some([frozen::CLASSIC[y as usize][x as usize]]),
+    };
+    let history = History::open(&frozen_path, &OpenOptions::default()).unwrap();
+    let told: Vec<_> = history
+        .commits()
+        .map(|commit| {
+            let commit = commit.unwrap();
+            (commit.number, commit.note.time, commit.note.message, commit.cells, commit.records)
+        })
+        .collect();
+    let records = |number| {
+        let tree = MemTree::<Quad, _>::from_cells(3, Rule::Dominant, |[x, y, _]| cell(number, x, y));
+        tree.inner_nodes() as u64
+    };
+    let expected = [
+        (4, Some(3), "Back to the beginning".to_string(), 64, 10),
+        (3, Some(2), "Set two cells".to_string(), 63, records(3)),
+        (2, Some(1), "Fill a box".to_string(), 64, records(2)),
+        (1, None, String::new(), 64, 10),
+    ];
+    assert_eq!(told, expected);
+    for number in 1..=4 {
+        let name = format!("{}@{number}", frozen_path.display());
+        let file = Autumnal::<Quad, [u8; 1]>::open(name.as_ref(), &OpenOptions::default()).unwrap();
+        assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+        for (x, y) in (0..64).map(|i| (i % 8, i / 8)) {
+            let code = Code::from_cell(3, [x, y, 0]).unwrap();
+            assert_eq!(file.value_at(code).unwrap(), cell(number, x, y), "{x}, {y} in commit {number}");
+        }
     }
 }
 

@@ -1,18 +1,20 @@
-//! What the frozen Goblin files are built from.
+//! What the frozen files are built from.
 
 use std::path::Path;
 
-use spinney::Result;
-use spinney::space::{Dimension, Frame, Oct, Quad};
+use spinney::ops::{Edit, FillRegion, edit};
+use spinney::space::{Bounds, Dimension, Frame, Oct, Quad};
 use spinney::store::Output;
+use spinney::store::autumnal::Note;
 use spinney::store::build::{BuildOptions, build, depth_for};
 use spinney::store::goblin::{Layout, Metadata};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Palette, Rule, Value};
+use spinney::{Error, Result};
 
 use super::island::{self, Island};
 
-/// Names of the files, without `.goblin`.
+/// Names of the Goblin files, without `.goblin`.
 pub(crate) const FILES: [&str; 6] = ["classic", "classes", "elevation", "rgb", "ball", "segments"];
 
 /// The picture behind the survey's two ten-record tables.
@@ -131,4 +133,20 @@ fn file<D: Layout + Dimension, V: Value>(
     let tree = MemTree::<D, V>::from_cells(depth, rule, cell);
     let options = BuildOptions { rule, kind, depth, memory: 16 << 20, metadata, share: false };
     build(&tree, size, &options, Output::create(path)?, &()).map(|_| ())
+}
+
+/// Builds the frozen Autumnal file: the classic picture, changed and changed back.
+pub(crate) fn make_history(island: &Island, path: &Path) -> Result<()> {
+    make("classic", island, path)?;
+    let note =
+        |time, message: &str| Note { time: Some(time), author: "Spinney".into(), message: message.into() };
+    let region = FillRegion::Box(Bounds { min: [2, 1, 0], max: [6, 5, 1] });
+    edit(path, [Ok(Edit::Fill(region, Some(vec![3.0])))], note(1, "Fill a box"), 1 << 20, &())?;
+    let cells = vec![([0, 0, 0], None), ([7, 7, 0], Some(vec![2.0]))];
+    edit(path, [Ok(Edit::Set(cells))], note(2, "Set two cells"), 1 << 20, &())?;
+    edit(path, [Ok(Edit::Revert(1))], note(3, "Back to the beginning"), 1 << 20, &())?;
+    // Who edited it is told in the first page, and is somebody else each time.
+    let mut bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    bytes[2048..2304].fill(0);
+    std::fs::write(path, bytes).map_err(Error::io(path, "write"))
 }

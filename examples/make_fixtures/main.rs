@@ -25,6 +25,10 @@ fn main() -> Result<()> {
         for name in frozen::FILES {
             frozen::make(name, &island, &folder.join("v1").join(format!("{name}.goblin")))?;
         }
+        let history = folder.join("v1/history.autumn");
+        // (Files with a history are not replaced.)
+        let _ = std::fs::remove_file(&history);
+        frozen::make_history(&island, &history)?;
     }
     Ok(())
 }

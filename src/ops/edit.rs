@@ -5,16 +5,14 @@ use std::sync::Arc;
 
 use super::align::align;
 use super::combine::{Combined, Operation};
-use super::diff::diff;
 use super::files::{Chain, chained};
 use super::map::Map;
 use super::patch::{CellPatch, FillPatch, FillRegion};
 use super::view::View;
 use crate::space::Bounds;
-use crate::store::autumnal::{Autumnal, Commit, Editor, Keep, Note, compact};
-use crate::store::build::{BuildOptions, build};
+use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
 use crate::store::goblin::{Layout, OpenOptions};
-use crate::store::{File, Output, Typed, typed};
+use crate::store::{File, Typed, typed};
 use crate::tree::{Patch, Patched};
 use crate::value::{Sample, Value};
 use crate::{Error, Progress, Result};
@@ -170,146 +168,4 @@ fn placed<D: Layout, V: Value>(
     let cell = |number: f64| number.round().max(0.0) as u64;
     let bounds = Bounds { min: low.to_array().map(cell), max: high.to_array().map(cell) };
     Ok((view.onto(&map, extent)?, bounds))
-}
-
-/// What differs between two trees.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Differences {
-    /// Cells that were VOID and are not any more.
-    pub added: u64,
-    /// Cells that have become VOID.
-    pub removed: u64,
-    /// Cells whose value is another one.
-    pub changed: u64,
-    /// Blocks in which they differ, uniform in both.
-    pub blocks: u64,
-}
-
-/// A run of cells in FD order in which two trees differ, from one path to another: see
-/// [`Code::path`](crate::space::Code::path).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FdRange {
-    /// The first cell's path.
-    pub first: u64,
-    /// The last cell's.
-    pub last: u64,
-}
-
-/// Compares two trees, or two commits of one; hands out the runs of cells that differ.
-///
-/// # Errors
-/// If they cannot be read, are of different kinds, or `range` fails.
-pub fn diff_files(
-    first: &Path,
-    second: &Path,
-    range: &mut dyn FnMut(FdRange) -> Result<()>,
-) -> Result<Differences> {
-    typed(first, Diffing { paths: [first, second], range })
-}
-
-struct Diffing<'a> {
-    paths: [&'a Path; 2],
-    range: &'a mut dyn FnMut(FdRange) -> Result<()>,
-}
-
-impl Typed for Diffing<'_> {
-    type Out = Differences;
-
-    fn of<D: Layout, V: Value>(self) -> Result<Differences> {
-        let [first, second] = self.paths;
-        let open = |path| File::<D, V>::open(path, &OpenOptions::default());
-        let (first, second) = (open(first)?, open(second)?);
-        let depth = first.header().shape.depth;
-        let mut sum = Differences::default();
-        let mut run: Option<FdRange> = None;
-        diff(&first, &second, &mut |found| {
-            let bits = D::AXES * usize::from(depth - found.code.level());
-            let cells = 1u64 << bits;
-            match (found.before, found.after) {
-                (None, _) => sum.added += cells,
-                (_, None) => sum.removed += cells,
-                _ => sum.changed += cells,
-            }
-            sum.blocks += 1;
-            let block =
-                FdRange { first: found.code.path() << bits, last: (found.code.path() << bits) + (cells - 1) };
-            match &mut run {
-                Some(run) if run.last + 1 == block.first => run.last = block.last,
-                _ => run.replace(block).into_iter().try_for_each(&mut *self.range)?,
-            }
-            Ok(())
-        })?;
-        run.into_iter().try_for_each(self.range)?;
-        Ok(sum)
-    }
-}
-
-/// Writes some commits of a file to a new one: see [`compact`]. Without `share` equal subtrees are stored once if the file
-/// stores them so.
-///
-/// # Errors
-/// As [`compact`].
-pub fn compact_file(
-    path: &Path,
-    keep: &Keep,
-    share: bool,
-    output: Output,
-    memory: u64,
-    progress: &dyn Progress,
-) -> Result<Vec<Commit>> {
-    typed(path, Compacting { path, keep, share, output, memory, progress })
-}
-
-struct Compacting<'a> {
-    path: &'a Path,
-    keep: &'a Keep,
-    share: bool,
-    output: Output,
-    memory: u64,
-    progress: &'a dyn Progress,
-}
-
-impl Typed for Compacting<'_> {
-    type Out = Vec<Commit>;
-
-    fn of<D: Layout, V: Value>(self) -> Result<Vec<Commit>> {
-        compact::<D, V>(self.path, self.keep, self.share, self.output, self.memory, self.progress)
-    }
-}
-
-/// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its commits) to be
-/// published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay the same.
-///
-/// # Errors
-/// If the file cannot be read, the output not be written, or on interruption.
-pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-    typed(path, Converting { path, share, output, memory, progress })
-}
-
-struct Converting<'a> {
-    path: &'a Path,
-    share: bool,
-    output: Output,
-    memory: u64,
-    progress: &'a dyn Progress,
-}
-
-impl Typed for Converting<'_> {
-    type Out = ();
-
-    fn of<D: Layout, V: Value>(self) -> Result<()> {
-        let file = Arc::new(File::<D, V>::open(self.path, &OpenOptions::default())?);
-        let header = file.header().clone();
-        let options = BuildOptions {
-            rule: header.rule,
-            kind: header.kind,
-            depth: header.shape.depth,
-            memory: self.memory,
-            metadata: file.metadata().clone(),
-            share: self.share,
-        };
-        let view = View::new(file, header.extent)?.deepened(header.shape.depth)?;
-        let source = Combined::new(vec![view], Operation::Over, header.extent)?;
-        build(&source, header.extent, &options, self.output, self.progress).map(|_| ())
-    }
 }

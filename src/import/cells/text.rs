@@ -36,7 +36,8 @@ pub(super) fn rows<R: BufRead>(
             }
             return Some(row(text, axes, channels).ok_or_else(|| {
                 let axes = if axes == 3 { "X,Y,Z" } else { "X,Y" };
-                let found = format!("`{}`", text.chars().take(60).collect::<String>());
+                let found =
+                    format!("`{}`", text.chars().take(60).flat_map(char::escape_debug).collect::<String>());
                 let expected = format!("{axes} and {channels} numbers, or {axes} and `void`");
                 Error::corrupt(&path, format!("line {number}"), found, expected)
             }));

@@ -74,7 +74,9 @@ impl Archive {
         let mut bytes = storage()?;
         let (format, header) = read_header(path, &*bytes)?;
         if format != TreeFormat::Autumnal {
-            return Err(Error::corrupt(path, "header", "a Goblin file", "an Autumnal file"));
+            let advice =
+                "`spinney publish` makes an Autumnal file of it, which can be edited and has a history";
+            return Err(Error::unsupported(path, "editing a Goblin file", advice));
         }
         let corrupt = |place, found: &str, expected| Error::corrupt(path, place, found, expected);
         if bytes.len() < super::extents::FIRST {

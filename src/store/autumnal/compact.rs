@@ -42,7 +42,8 @@ impl Keep {
 }
 
 /// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the same place is
-/// written once. Returns the commits as they are in the new file.
+/// written once; equal subtrees anywhere with `share`, or if the file stores them so. Returns the commits as they are in
+/// the new file.
 ///
 /// # Errors
 /// If there are no such commits, the file is damaged, the output cannot be written, or on interruption.
@@ -57,6 +58,7 @@ pub fn compact<D: Layout, V: Value>(
     let history = History::open(path, &OpenOptions::default())?;
     let commits = keep.of(&history)?;
     let header = history.header().clone();
+    let share = share || history.is_shared();
     let mut made = Vec::new();
     let mut before: Option<Autumnal<D, V>> = None;
     let mut editor: Option<Editor<D, V>> = None;

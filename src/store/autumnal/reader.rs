@@ -205,7 +205,7 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
         self.record_in(self.extents(), node)
     }
 
-    #[inline]
+    #[inline(always)] // the heart of every descent
     pub(super) fn record_in<'a, R: Reach<'a>>(&self, reach: R, node: Node) -> Result<Record<R::Bytes>> {
         let Node { address, .. } = node;
         let bytes = reach.bytes(address, LONGEST)?;

@@ -1,7 +1,7 @@
 //! Building: from slabs of samples, or from any source, to a tree file of either format.
 //!
-//! Building is bottom-up and streaming: blocks of cells become parts of the tree ([`block`]), and what makes a file of
-//! parts ([`assembly`]) merges them and writes what is finished.
+//! Building is bottom-up and streaming: blocks of cells become parts of the tree (`block`), and what makes a file of
+//! parts (`assembly`) merges them and writes what is finished.
 
 mod assembly;
 mod averaging;
