@@ -11,7 +11,7 @@ use spinney::space::{Bounds, Code, Frame, Oct, Quad};
 use spinney::store::Output;
 use spinney::store::autumnal::Autumnal;
 use spinney::store::build::{build, build_slabs, depth_for};
-use spinney::store::goblin::{Goblin, Layout, OpenOptions};
+use spinney::store::goblin::{Layout, OpenOptions};
 use spinney::tree::{MemTree, Source};
 use spinney::value::{Kind, Rule, Value};
 
@@ -48,7 +48,6 @@ fn round_trip<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: 
     let depth = depth_for(size);
     let tree = MemTree::<D, V>::from_cells(depth, rule, |cell| cells.get(cell.map(u64::from)));
     let published = goblin_bytes::<D, V>(&cells, rule, kind);
-    let goblin = Goblin::<D, V>::from_bytes(published.clone()).unwrap();
     let goblin_path = file("t.goblin");
     std::fs::write(&goblin_path, &published).unwrap();
     for share in [false, true] {
@@ -58,7 +57,7 @@ fn round_trip<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: 
         same_trees(&autumnal, &tree);
         assert_eq!(autumnal.commit().records, tree.inner_nodes() as u64);
         assert_eq!(autumnal.commit().number, 1);
-        assert_eq!(autumnal.verify(1 << 24, &()).unwrap(), []);
+        assert_good(&path);
         let written = autumnal.commit().written;
         assert_eq!(written.records + written.shared, tree.inner_nodes() as u64);
         assert!(share || written.shared == 0);
@@ -67,28 +66,35 @@ fn round_trip<D: Layout, V: Value>(seed: u64, size: [u64; 3], rule: Rule, kind: 
         convert(&path, false, Output::create(&back).unwrap(), 1 << 24, &()).unwrap();
         assert!(std::fs::read(&back).unwrap() == published, "{rule} {kind} {size:?}");
     }
-    answers_agree(&open::<D, V>(&file("false.autumn")), &goblin, seed);
     let positioned = OpenOptions { positioned: true, ..OpenOptions::default() };
-    answers_agree(&Autumnal::<D, V>::open(&file("true.autumn"), &positioned).unwrap(), &goblin, seed);
+    answers_agree(&file("false.autumn"), &goblin_path, &OpenOptions::default(), seed);
+    answers_agree(&file("true.autumn"), &goblin_path, &positioned, seed);
 }
 
-/// Asks both the same questions.
-fn answers_agree<D: Layout, V: Value>(a: &Autumnal<D, V>, b: &Goblin<D, V>, seed: u64) {
+fn assert_good(path: &Path) {
+    let tree = spinney::query::open(path, &OpenOptions::default()).unwrap();
+    assert_eq!(tree.verify(1 << 24, &()).unwrap(), []);
+}
+
+/// Asks both files the same questions. (As trees of any type: what is asked is then compiled in the library, not here.)
+fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
     let mut random = Random(seed + 1);
-    let (depth, extent) = (b.header().shape.depth, b.header().extent);
-    let (a, b): (&dyn Tree, &dyn Tree) = (a, b);
+    let (a, b) = (spinney::query::open(a, options).unwrap(), spinney::query::open(b, options).unwrap());
+    let (a, b): (&dyn Tree, &dyn Tree) = (&*a, &*b);
+    let (depth, extent, value) = (b.depth(), b.header().extent, b.header().value);
+    let is_octree = b.header().axes == 3;
     for _ in 0..12 {
         let level = random.below(u64::from(depth) + 1) as u8;
         let min: [u64; 3] = std::array::from_fn(|axis| random.below(extent[axis]));
         let max = std::array::from_fn(|axis| {
             min[axis] + 1 + random.below(extent[axis] + 5 - min[axis].min(extent[axis]))
         });
-        let bounds = Bounds { min, max: if D::AXES > 2 { max } else { [max[0], max[1], 1] } };
+        let bounds = Bounds { min, max: if is_octree { max } else { [max[0], max[1], 1] } };
         let bounds =
             Bounds { min: bounds.min, max: std::array::from_fn(|i| bounds.max[i].max(bounds.min[i] + 1)) };
         let mut statistics = [a, b].map(|tree| tree.statistics(Some(bounds)).unwrap());
         statistics.iter_mut().for_each(|statistics| statistics.segments_read = 0);
-        if !V::TYPE.sample.is_float() {
+        if !value.sample.is_float() {
             assert_eq!(statistics[0], statistics[1]);
         }
         assert_eq!(statistics[0].cells, statistics[1].cells);
@@ -98,13 +104,13 @@ fn answers_agree<D: Layout, V: Value>(a: &Autumnal<D, V>, b: &Goblin<D, V>, seed
             min: bounds.min.map(|x| x >> (depth - level)),
             max: bounds.max.map(|x| (x >> (depth - level)) + 1),
         };
-        let shown = if D::AXES > 2 {
+        let shown = if is_octree {
             shown
         } else {
             Bounds { min: [shown.min[0], shown.min[1], 0], max: [shown.max[0], shown.max[1], 1] }
         };
         let windows = [a, b].map(|tree| {
-            let mut bytes = vec![0; shown.volume() as usize * V::TYPE.size()];
+            let mut bytes = vec![0; shown.volume() as usize * value.size()];
             let mut valid = vec![false; shown.volume() as usize];
             tree.window(level, &shown, 9.0, &mut bytes, Some(&mut valid)).unwrap();
             (bytes, valid)
@@ -114,9 +120,9 @@ fn answers_agree<D: Layout, V: Value>(a: &Autumnal<D, V>, b: &Goblin<D, V>, seed
             (0..50).map(|_| std::array::from_fn(|axis| random.below(shown.max[axis] + 2))).collect();
         for cell in cells {
             let points = [a, b].map(|tree| {
-                let mut value = [0.0; 4];
-                let found = tree.point(cell, level, &mut value).unwrap();
-                (found, value.map(f64::to_bits))
+                let mut samples = [0.0; 4];
+                let found = tree.point(cell, level, &mut samples).unwrap();
+                (found, samples.map(f64::to_bits))
             });
             assert_eq!(points[0].0, points[1].0, "{cell:?}");
             assert!(!points[0].0 || points[0] == points[1], "{cell:?}");
@@ -167,7 +173,7 @@ fn slabs_and_sources_make_the_same_tree() {
         for path in [&slabs, &source] {
             let file = open::<Quad, [u8; 1]>(path);
             same_trees(&file, &tree);
-            assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+            assert_good(path);
             drop(file);
             std::fs::remove_file(path).unwrap();
         }
@@ -192,8 +198,8 @@ fn the_table_of_the_literature() {
         Some([CLASSIC[y as usize][x as usize]])
     });
     write_source(&path, &picture, [8, 8, 1], (Rule::Dominant, Kind::Categorical), false);
-    let file = open::<Quad, [u8; 1]>(&path);
-    let table = (&file as &dyn Tree).classic_table(100).unwrap();
+    let file = spinney::query::open(&path, &OpenOptions::default()).unwrap();
+    let table = file.classic_table(100).unwrap();
     let rows: Vec<Vec<i32>> = table
         .lines()
         .map(|line| line.split_whitespace().map(|number| number.parse().unwrap()).collect())

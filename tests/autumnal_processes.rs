@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use common::Random;
 use spinney::ops::{Edit, FillRegion, convert, edit};
-use spinney::query::{Tree, open};
-use spinney::space::{Bounds, Quad};
+use spinney::query::open;
+use spinney::space::{Bounds, Code, Quad};
 use spinney::store::Output;
 use spinney::store::autumnal::{Autumnal, Editor, Note};
 use tempfile::TempDir;
@@ -176,9 +176,11 @@ fn a_reader_keeps_its_commit_when_the_file_is_compacted_and_replaced() {
     assert!(run.unwrap().success());
     std::fs::rename(&small, &path).unwrap();
     let value = |reader: &Autumnal<Quad, [u8; 1]>| {
-        let mut value = [0.0; 4];
-        assert!(Tree::point(reader, [5, 5, 0], 9, &mut value).unwrap());
-        value[0]
+        reader
+            .value_at(Code::from_cell(9, [5, 5, 0]).unwrap())
+            .unwrap()
+            .map(|[sample]| f64::from(sample))
+            .unwrap()
     };
     assert_eq!((reader.commit().number, value(&reader)), (20, 19.0));
     let region = FillRegion::Box(Bounds { min: [0; 3], max: [SIDE, SIDE, 1] });
