@@ -5,14 +5,16 @@
 //!
 //! Files are warm; nothing is written to them: edits go to a copy beside the file, and nothing is synced.
 
-use std::error::Error;
+mod measuring;
+
 use std::hint::black_box;
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use measuring::{Outcome, Random, median, quantile, seconds};
 use spinney::ops::{Combined, FillPatch, FillRegion, Map, Operation, View};
 use spinney::query::{Tree, open};
 use spinney::space::{Bounds, Code, Oct, Quad};
@@ -27,8 +29,6 @@ const WINDOWS: usize = 1000;
 const SIDE: u64 = 256;
 const EDITS: usize = 200;
 const PASSES: usize = 5;
-
-type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn main() -> Outcome<()> {
     let mut files: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
@@ -62,40 +62,10 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// The same numbers every time.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, end: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((u128::from(z ^ (z >> 31)) * u128::from(end)) >> 64) as u64
-    }
-}
-
-/// Nanoseconds of processor time of this thread, so that other processes do not count.
-fn processor_time() -> u64 {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    let number = text.split_whitespace().next().and_then(|number| number.parse().ok());
-    number.unwrap_or_else(|| {
-        static START: Mutex<Option<Instant>> = Mutex::new(None);
-        let start = *START.lock().expect("one thread").get_or_insert_with(Instant::now);
-        start.elapsed().as_nanos() as u64
-    })
-}
-
 /// The median time of some passes, in nanoseconds for each of `count` things.
-fn median(count: usize, mut pass: impl FnMut() -> Outcome<()>) -> Outcome<f64> {
-    let mut times = Vec::new();
-    for _ in 0..PASSES {
-        let start = processor_time();
-        pass()?;
-        times.push(processor_time() - start);
-    }
-    times.sort_unstable();
-    Ok(times[PASSES / 2] as f64 / count as f64)
+fn nanoseconds(count: usize, mut pass: impl FnMut() -> Outcome<()>) -> Outcome<f64> {
+    let times: Outcome<Vec<f64>> = (0..PASSES).map(|_| seconds(&mut pass)).collect();
+    Ok(median(&mut times?) * 1e9 / count as f64)
 }
 
 fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
@@ -108,11 +78,11 @@ fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
     let cells: Vec<Code<D>> = (0..CELLS)
         .filter_map(|_| Code::from_cell(depth, extent.map(|cells| random.below(cells) as u32)))
         .collect();
-    let a = median(CELLS, || {
+    let a = nanoseconds(CELLS, || {
         cells.iter().try_for_each(|cell| goblin.value_at(*cell).map(|value| _ = black_box(value)))?;
         Ok(())
     })?;
-    let b = median(CELLS, || {
+    let b = nanoseconds(CELLS, || {
         cells.iter().try_for_each(|cell| autumnal.value_at(*cell).map(|value| _ = black_box(value)))?;
         Ok(())
     })?;
@@ -131,7 +101,7 @@ fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
     let mut times = [0.0; 2];
     for (tree, time) in trees.iter().zip(&mut times) {
         let mut bytes = vec![0; (SIDE * SIDE) as usize * V::TYPE.size()];
-        *time = median(WINDOWS, || {
+        *time = nanoseconds(WINDOWS, || {
             windows
                 .iter()
                 .try_for_each(|(level, bounds)| tree.window(*level, bounds, 0.0, &mut bytes, None))?;
@@ -147,8 +117,8 @@ fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
 
     let mut times = [0.0; 2];
     let mut records = 0;
-    times[0] = median(1, || walk(&goblin, &mut records))?;
-    times[1] = median(1, || walk(&autumnal, &mut records))?;
+    times[0] = nanoseconds(1, || walk(&goblin, &mut records))?;
+    times[1] = nanoseconds(1, || walk(&autumnal, &mut records))?;
     let rate = |time: f64| records as f64 / time * 1e3;
     println!("  walk, {records} records: {:.1} and {:.1} million/s", rate(times[0]), rate(times[1]));
 
@@ -218,24 +188,25 @@ fn edits<D: Layout, V: Value>(goblin: &Goblin<D, V>, path: &Path) -> Outcome<()>
                 (min, from) = (min.map(|cell| cell / SIDE * SIDE), from.map(|cell| cell / SIDE * SIDE));
             }
             let bounds = Bounds { min, max: [min[0] + SIDE, min[1] + SIDE, 1] };
-            let start = processor_time();
-            let patch = Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None));
-            let base = Arc::new(File::Patched(Patched::new(editor.tree(), patch)));
-            let mut views = vec![View::new(base, extent)?];
-            if what != "a fill" {
-                // Cells of another place of the map.
-                let part = View::new(patch_file.clone(), extent)?
-                    .window(from.map(|cell| cell as i64), [SIDE, SIDE, 1])?;
-                let place = Map::translation(min.map(|cell| cell as f64));
-                views.insert(0, part.onto(&place, extent)?.deepened(depth)?);
-            }
-            editor.replace(&Combined::new(views, Operation::Over, extent)?, &())?;
-            let commit = editor.commit(Note::default())?;
-            times.push(processor_time() - start);
-            written += commit.map_or(0, |commit| commit.written.bytes);
+            let edit = || {
+                let patch = Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None));
+                let base = Arc::new(File::Patched(Patched::new(editor.tree(), patch)));
+                let mut views = vec![View::new(base, extent)?];
+                if what != "a fill" {
+                    // Cells of another place of the map.
+                    let part = View::new(patch_file.clone(), extent)?
+                        .window(from.map(|cell| cell as i64), [SIDE, SIDE, 1])?;
+                    let place = Map::translation(min.map(|cell| cell as f64));
+                    views.insert(0, part.onto(&place, extent)?.deepened(depth)?);
+                }
+                editor.replace(&Combined::new(views, Operation::Over, extent)?, &())?;
+                let commit = editor.commit(Note::default())?;
+                written += commit.map_or(0, |commit| commit.written.bytes);
+                Ok(())
+            };
+            times.push(seconds(edit)? * 1e3);
         }
-        times.sort_unstable();
-        let (median, worst) = (times[EDITS / 2] as f64 / 1e6, times[EDITS * 99 / 100] as f64 / 1e6);
+        let (median, worst) = (median(&mut times), quantile(&mut times, 0.99));
         println!(
             "  {what} of 256^2: {median:.2} ms, 99 in 100 within {worst:.2} ms, {} KiB written on average",
             written / EDITS as u64 / 1024

@@ -7,11 +7,13 @@
 //! Files are warm. LIST has a window a line, `UP COLUMN ROW`: levels above the finest, and the first cell; without it,
 //! aligned windows at random levels are read.
 
-use std::error::Error;
+mod measuring;
+
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
+use measuring::{Outcome, Random, median, quantile, seconds};
 use spinney::query::open;
 use spinney::space::{Bounds, Code, Oct, Quad};
 use spinney::store::goblin::{Goblin, Layout, OpenOptions};
@@ -25,8 +27,6 @@ const CELLS: usize = 1_000_000;
 const POINTS: usize = 8_000_000;
 const BOXES: usize = 300;
 const BOX_SIDE: u64 = 4096;
-
-type Outcome<T> = Result<T, Box<dyn Error>>;
 
 fn main() -> Outcome<()> {
     let mut listed = None;
@@ -60,44 +60,6 @@ fn main() -> Outcome<()> {
         with_value_type!(value, V => measure::<V>(path, listed.as_deref(), only.as_deref())?, else return Err("unknown type of values".into()));
     }
     Ok(())
-}
-
-/// The same numbers every time.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, end: u64) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((u128::from(z ^ (z >> 31)) * u128::from(end)) >> 64) as u64
-    }
-}
-
-/// Nanoseconds of processor time of this thread, so that other processes do not count.
-fn processor_time() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-    text.split(' ').next()?.parse().ok()
-}
-
-/// Seconds of work: processor time where the system tells, else time.
-fn seconds(work: impl FnOnce() -> Outcome<()>) -> Outcome<f64> {
-    let (processor, clock) = (processor_time(), Instant::now());
-    work()?;
-    Ok(match (processor, processor_time()) {
-        (Some(start), Some(end)) if end > start => (end - start) as f64 * 1e-9,
-        _ => clock.elapsed().as_secs_f64(),
-    })
-}
-
-fn median(numbers: &mut [f64]) -> f64 {
-    quantile(numbers, 0.5)
-}
-
-fn quantile(numbers: &mut [f64], share: f64) -> f64 {
-    numbers.sort_by(f64::total_cmp);
-    numbers[((numbers.len() - 1) as f64 * share).round() as usize]
 }
 
 fn measure<V: Value>(path: &Path, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()>

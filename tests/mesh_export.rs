@@ -202,7 +202,6 @@ impl Job {
         let request = MeshRequest { level: None, smooth: self.smooth, triangles: self.triangles };
         let summary = export_blocks(
             &mut blocks,
-            self.carry,
             self.attribute,
             &self.frame,
             &request,
@@ -412,7 +411,6 @@ fn frames_turn_nothing_inside_out() {
     for (matrix, words) in [(frames[4], "single precision"), (flat, "flat")] {
         let error = export_blocks(
             &mut blocks,
-            Carry::Nothing,
             Attribute::None,
             &Frame { matrix, ..Frame::identity() },
             &MeshRequest::default(),

@@ -67,14 +67,9 @@ impl Typed for Converting<'_> {
     fn of<D: Layout, V: Value>(self) -> Result<()> {
         let file = Arc::new(File::<D, V>::open(self.path, &OpenOptions::default())?);
         let header = file.header().clone();
-        let options = BuildOptions {
-            rule: header.rule,
-            kind: header.kind,
-            depth: header.shape.depth,
-            memory: self.memory,
-            metadata: file.metadata().clone(),
-            share: self.share,
-        };
+        let metadata = file.metadata().clone();
+        let options =
+            BuildOptions { metadata, share: self.share, ..BuildOptions::like(&header, self.memory) };
         let view = View::new(file, header.extent)?.deepened(header.shape.depth)?;
         let source = Combined::new(vec![view], Operation::Over, header.extent)?;
         build(&source, header.extent, &options, self.output, self.progress).map(|_| ())

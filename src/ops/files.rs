@@ -218,8 +218,7 @@ impl Want for Store<'_> {
                 Error::invalid("fill value", fill.to_string(), expected)
             })?);
         }
-        let (rule, kind, memory) = (header.rule, header.kind, self.memory);
-        let options = BuildOptions { rule, kind, depth, memory, metadata, share: false };
+        let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, self.memory) };
         let tally = build(&source, extent, &options, self.output, self.progress)?;
         Ok(Outcome { extent, depth, before, after: tally.cells, expected })
     }

@@ -91,6 +91,9 @@ pub trait CellBlocks {
     /// The level of the cells: the octree's space has `2^level` of them along each axis.
     fn level(&self) -> u8;
 
+    /// What is told of each cell.
+    fn carry(&self) -> Carry;
+
     /// The level of the blocks: [`SIDE`] cells along each axis, or all there are.
     fn block_level(&self) -> u8 {
         self.level().saturating_sub(LEVELS)
@@ -220,6 +223,10 @@ impl<S: Source<Dim = Oct>> SourceBlocks<S> {
 }
 
 impl<S: Source<Dim = Oct>> CellBlocks for SourceBlocks<S> {
+    fn carry(&self) -> Carry {
+        self.cells.carry
+    }
+
     fn level(&self) -> u8 {
         self.level
     }

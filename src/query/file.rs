@@ -116,26 +116,45 @@ trait TreeFile: Source<Dim: Layout> + Send + Sync + Sized + 'static {
     }
 }
 
+/// What files of both formats tell by methods of the same names.
+macro_rules! own_answers {
+    () => {
+        fn header(&self) -> &Header {
+            self.header()
+        }
+
+        fn metadata(&self) -> &Metadata {
+            self.metadata()
+        }
+
+        fn path(&self) -> &Path {
+            self.path()
+        }
+
+        fn file_size(&self) -> u64 {
+            self.file_size()
+        }
+
+        fn sections(&self) -> Vec<(&'static str, u64)> {
+            self.sections()
+        }
+
+        fn value_at(&self, code: Code<D>) -> Result<Option<V>> {
+            self.value_at(code)
+        }
+
+        fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+            self.verify(memory, progress)
+        }
+    };
+}
+
 impl<D: Layout, V: Value> TreeFile for Goblin<D, V> {
     type Octree = Goblin<Oct, V>;
 
     const FORMAT: TreeFormat = TreeFormat::Goblin;
 
-    fn header(&self) -> &Header {
-        self.header()
-    }
-
-    fn metadata(&self) -> &Metadata {
-        self.metadata()
-    }
-
-    fn path(&self) -> &Path {
-        self.path()
-    }
-
-    fn file_size(&self) -> u64 {
-        self.file_size()
-    }
+    own_answers!();
 
     fn segments(&self) -> usize {
         self.segments()
@@ -143,10 +162,6 @@ impl<D: Layout, V: Value> TreeFile for Goblin<D, V> {
 
     fn stored_records(&self) -> u64 {
         self.stored_records()
-    }
-
-    fn sections(&self) -> Vec<(&'static str, u64)> {
-        self.sections()
     }
 
     fn commit(&self) -> Option<&Commit> {
@@ -160,10 +175,6 @@ impl<D: Layout, V: Value> TreeFile for Goblin<D, V> {
     fn records(&self) -> Result<u64> {
         // The total in the trailer may be wrong.
         (0..self.segments()).map(|index| Ok(u64::from(self.entry(index)?.records))).sum()
-    }
-
-    fn value_at(&self, code: Code<D>) -> Result<Option<V>> {
-        self.value_at(code)
     }
 
     fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<V>]) -> Result<()> {
@@ -197,10 +208,6 @@ impl<D: Layout, V: Value> TreeFile for Goblin<D, V> {
     ) -> Result<()> {
         self.find(condition, bounds, found)
     }
-
-    fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        self.verify(memory, progress)
-    }
 }
 
 impl<D: Layout, V: Value> TreeFile for Autumnal<D, V> {
@@ -208,21 +215,7 @@ impl<D: Layout, V: Value> TreeFile for Autumnal<D, V> {
 
     const FORMAT: TreeFormat = TreeFormat::Autumnal;
 
-    fn header(&self) -> &Header {
-        self.header()
-    }
-
-    fn metadata(&self) -> &Metadata {
-        self.metadata()
-    }
-
-    fn path(&self) -> &Path {
-        self.path()
-    }
-
-    fn file_size(&self) -> u64 {
-        self.file_size()
-    }
+    own_answers!();
 
     fn segments(&self) -> usize {
         0
@@ -230,10 +223,6 @@ impl<D: Layout, V: Value> TreeFile for Autumnal<D, V> {
 
     fn stored_records(&self) -> u64 {
         self.commit().records
-    }
-
-    fn sections(&self) -> Vec<(&'static str, u64)> {
-        self.sections()
     }
 
     fn commit(&self) -> Option<&Commit> {
@@ -246,10 +235,6 @@ impl<D: Layout, V: Value> TreeFile for Autumnal<D, V> {
 
     fn records(&self) -> Result<u64> {
         self.walkable_records()
-    }
-
-    fn value_at(&self, code: Code<D>) -> Result<Option<V>> {
-        self.value_at(code)
     }
 
     fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<V>]) -> Result<()> {
@@ -295,10 +280,6 @@ impl<D: Layout, V: Value> TreeFile for Autumnal<D, V> {
     ) -> Result<()> {
         let picture = Bounds { min: [0; 3], max: self.header().extent };
         source_find(self, condition, &bounds.map_or(picture, |bounds| bounds.intersect(&picture)), found)
-    }
-
-    fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        self.verify(memory, progress)
     }
 }
 

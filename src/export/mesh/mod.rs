@@ -122,18 +122,16 @@ pub fn export_mesh(
     };
     let mut blocks = tree.cell_blocks(level, carry)?;
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
-    export_blocks(&mut *blocks, carry, attribute, &frame, request, output, format, progress)
+    export_blocks(&mut *blocks, attribute, &frame, request, output, format, progress)
 }
 
 /// Writes the surface of the cells that any source has in blocks; `frame` places these cells, and
-/// [`MeshRequest::level`] does not matter. `carry` is what the blocks carry; an attribute needs [`Carry::Value`].
+/// [`MeshRequest::level`] does not matter. An attribute needs blocks that carry [`Carry::Value`].
 ///
 /// # Errors
 /// As [`export_mesh`].
-#[allow(clippy::too_many_arguments)] // each says one thing that no other does
 pub fn export_blocks(
     blocks: &mut dyn CellBlocks,
-    carry: Carry,
     attribute: Attribute,
     frame: &Frame,
     request: &MeshRequest,
@@ -142,6 +140,7 @@ pub fn export_blocks(
     progress: &dyn Progress,
 ) -> Result<MeshSummary> {
     let precision = Precision::of(frame, blocks.level())?;
+    let carry = blocks.carry();
     let sink: Box<dyn Sink> = match format {
         MeshFormat::Ply => {
             let attribute = if carry == Carry::Value { attribute } else { Attribute::None };

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::commit::{Commit, Written};
 use super::extents::{ExtentKind, GRAIN, HEAD, LONG, PAGE, head};
 use super::form::{Field, Form, LONGEST};
-use super::medium::{Medium, failed};
+use super::medium::Medium;
 use super::meta::Meta;
 use super::share::{Shares, hash};
 use crate::store::Storage;
@@ -118,7 +118,7 @@ impl Appender {
         }
         let done = act(&mut *self.medium);
         self.poisoned = done.is_err();
-        done.map_err(failed(&self.path, doing))
+        done.map_err(Error::io(&*self.path, doing))
     }
 
     /// Writes a record, its zone behind it, and tells where it is; or where an equal one is.

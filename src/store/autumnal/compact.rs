@@ -4,7 +4,6 @@ use std::path::Path;
 
 use super::commit::Commit;
 use super::editor::Editor;
-use super::grow::Twin;
 use super::history::History;
 use super::reader::Autumnal;
 use super::write::medium;
@@ -65,14 +64,8 @@ pub fn compact<D: Layout, V: Value>(
     for commit in commits {
         let (number, note) = (commit.number, commit.note.clone());
         let tree = Autumnal::<D, V>::new(history.archive.clone(), commit)?;
-        let options = BuildOptions {
-            rule: header.rule,
-            kind: header.kind,
-            depth: header.shape.depth,
-            memory,
-            metadata: tree.metadata().clone(),
-            share,
-        };
+        let metadata = tree.metadata().clone();
+        let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
         let editor = match &mut editor {
             Some(editor) => editor,
             empty => {
@@ -80,8 +73,7 @@ pub fn compact<D: Layout, V: Value>(
                 empty.insert(Editor::create(medium(&mut output)?, path, header.clone(), &options)?)
             }
         };
-        let twin = before.as_ref().map(|other| Twin { other });
-        editor.fill([u64::MAX; 3], &options, twin, &mut |assembly, shape| {
+        editor.fill([u64::MAX; 3], &options, before.as_ref(), &mut |assembly, shape| {
             walk(&tree, &options, shape, true, assembly, progress)
         })?;
         editor.set_metadata(options.metadata)?;

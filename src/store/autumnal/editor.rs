@@ -8,9 +8,9 @@ use super::archive::{Archive, first_page, pointer_bytes};
 use super::commit::{Commit, Note, Root, Written};
 use super::extents::{ExtentKind, Extents, FIRST, PAGE};
 use super::form::Form;
-use super::grow::{Grow, Sink, Twin, shape};
+use super::grow::{Grow, Sink, shape};
 use super::lock::lock;
-use super::medium::{FileMedium, Medium, failed};
+use super::medium::{FileMedium, Medium};
 use super::meta::Meta;
 use super::reader::Autumnal;
 use crate::store::build::{Assembly, BuildOptions, Fill, walk};
@@ -60,8 +60,8 @@ impl<D: Layout, V: Value> Editor<D, V> {
         let archive = Archive::open(path, || medium.storage(), medium.id(), true)?;
         // Perhaps the newest slot was written and never became durable: what comes next stands on it.
         let meta = archive.meta;
-        medium.write(meta.place(), &meta.to_bytes()).map_err(failed(path, "write the meta slot"))?;
-        medium.sync().map_err(failed(path, "sync"))?;
+        medium.write(meta.place(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
+        medium.sync().map_err(Error::io(path, "sync"))?;
         let newest = archive.newest()?;
         let share = archive.share.then_some(memory / 4);
         let appender = Appender::new(medium, path.to_path_buf(), archive.form.clone(), meta.end, share);
@@ -83,7 +83,7 @@ impl<D: Layout, V: Value> Editor<D, V> {
         let form = Form::new(&header, near, far);
         let mut page = first_page(&header, &form, options.share);
         page.resize(FIRST as usize, 0);
-        medium.write(0, &page).map_err(failed(&path, "write the header"))?;
+        medium.write(0, &page).map_err(Error::io(&*path, "write the header"))?;
         let meta = Meta { sequence: 0, commit: 0, end: FIRST };
         let extents = Arc::new(Extents::new(&path, medium.storage()?, FIRST, true));
         let archive =
@@ -129,23 +129,16 @@ impl<D: Layout, V: Value> Editor<D, V> {
 
     /// How blocks of the file are built.
     fn options(&self) -> BuildOptions {
-        let header = self.draft.header();
-        BuildOptions {
-            rule: header.rule,
-            kind: header.kind,
-            depth: header.shape.depth,
-            memory: self.memory,
-            metadata: Metadata::default(),
-            share: self.draft.is_shared(),
-        }
+        BuildOptions { share: self.draft.is_shared(), ..BuildOptions::like(self.draft.header(), self.memory) }
     }
 
-    /// Makes the tree of parts, which cover some extent; the rest is VOID.
+    /// Makes the tree of parts, which cover some extent; the rest is VOID. `twin` is a commit of another file with the
+    /// tree that this one has.
     pub(super) fn fill(
         &mut self,
         covered: [u64; 3],
         options: &BuildOptions,
-        twin: Option<Twin<'_, D, V>>,
+        twin: Option<&Autumnal<D, V>>,
         fill: &mut Fill<'_, D, V>,
     ) -> Result<Tally<V>> {
         let base = self.draft.clone();

@@ -33,11 +33,6 @@ pub(super) struct Grown<V: Value> {
     pub(super) zone: Zone<V>,
 }
 
-/// Two commits with the same tree in two files: what is known to be in one is in the other, too.
-pub(super) struct Twin<'a, D: Layout, V: Value> {
-    pub(super) other: &'a Autumnal<D, V>,
-}
-
 /// Merges parts whose siblings are complete, and writes the records that are new.
 pub(super) struct Grow<'a, D: Layout, V: Value> {
     rule: Rule,
@@ -46,7 +41,8 @@ pub(super) struct Grow<'a, D: Layout, V: Value> {
     sink: Sink<'a>,
     /// What the file has.
     base: Option<&'a Autumnal<D, V>>,
-    twin: Option<Twin<'a, D, V>>,
+    /// A commit of another file with the same tree as the base: what is known to be in one is in the other, too.
+    twin: Option<&'a Autumnal<D, V>>,
     siblings: Siblings<D, Grown<V>>,
     root: Option<Grown<V>>,
 }
@@ -58,7 +54,7 @@ impl<'a, D: Layout, V: Value> Grow<'a, D, V> {
         covered: [u64; 3],
         sink: Sink<'a>,
         base: Option<&'a Autumnal<D, V>>,
-        twin: Option<Twin<'a, D, V>>,
+        twin: Option<&'a Autumnal<D, V>>,
     ) -> Self {
         Grow {
             rule: options.rule,
@@ -248,7 +244,7 @@ impl<D: Layout, V: Value> Assembly<D, V> for Grow<'_, D, V> {
         let node = Node { address: kept.address, height: kept.height };
         let node = if kept.file == base.archive.file {
             Some(node)
-        } else if let Some(Twin { other }) = &self.twin
+        } else if let Some(other) = self.twin
             && other.archive.file == kept.file
             && other.inner_at(code)? == Some(node)
         {

@@ -4,7 +4,7 @@ use std::fs::{File, TryLockError};
 use std::io::Read;
 use std::path::Path;
 
-use super::medium::{FileMedium, Medium, failed};
+use super::medium::{FileMedium, Medium};
 use crate::{Error, Result};
 
 /// Where the writer says who it is: in the header's page, behind everything else. It is no part of what is stored.
@@ -18,14 +18,14 @@ pub(super) fn lock(medium: &mut FileMedium) -> Result<()> {
         Err(TryLockError::WouldBlock) => {
             return Err(Error::Locked { path: medium.path.clone(), holder: holder(&medium.path) });
         }
-        Err(TryLockError::Error(cause)) => return Err(failed(&medium.path, "lock")(cause)),
+        Err(TryLockError::Error(cause)) => return Err(Error::io(&*medium.path, "lock")(cause)),
     }
     let program = std::env::args().next().unwrap_or_default();
     let program = Path::new(&program).file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut note = format!("process {} ({program})", std::process::id()).into_bytes();
     note.truncate(LENGTH);
     note.resize(LENGTH, 0);
-    medium.write(PLACE, &note).map_err(failed(&medium.path, "write the lock's note"))
+    medium.write(PLACE, &note).map_err(Error::io(&*medium.path, "write the lock's note"))
 }
 
 /// Who has locked the file, as far as it says.

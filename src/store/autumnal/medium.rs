@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::Result;
 use crate::store::{Mapped, Storage};
-use crate::{Error, Result};
 
 /// Somewhere bytes can be written at any place and made durable: a file, or what tests put in its place.
 ///
@@ -112,9 +112,4 @@ fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io::Result<()
         }
     }
     Ok(())
-}
-
-/// The error of an operation on the file at `path`.
-pub(super) fn failed(path: &Path, doing: &'static str) -> impl FnOnce(io::Error) -> Error {
-    Error::io(path, doing)
 }

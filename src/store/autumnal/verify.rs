@@ -8,7 +8,7 @@ use super::extents::{FIRST, GRAIN, PAGE};
 use super::grow::{Grow, Sink, shape};
 use super::reader::Autumnal;
 use crate::store::build::{BuildOptions, walk};
-use crate::store::goblin::{Finding, Layout, Metadata};
+use crate::store::goblin::{Finding, Layout};
 use crate::value::Value;
 use crate::{Error, Progress, Result};
 
@@ -86,15 +86,7 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     }
 
     fn verify_tree(&self, findings: &mut Vec<Finding>, memory: u64, progress: &dyn Progress) -> Result<()> {
-        let header = self.header();
-        let options = BuildOptions {
-            rule: header.rule,
-            kind: header.kind,
-            depth: header.shape.depth,
-            memory,
-            metadata: Metadata::default(),
-            share: false,
-        };
+        let options = BuildOptions::like(self.header(), memory);
         let mut made = Vec::new();
         let mut grow = Grow::new(&options, [u64::MAX; 3], Sink::Check(&mut made), Some(self), None);
         let walked = walk(self, &options, shape::<D>(options.depth), false, &mut grow, progress);

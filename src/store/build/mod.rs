@@ -50,6 +50,13 @@ pub struct BuildOptions {
 }
 
 impl BuildOptions {
+    /// For a tree of the same kind as one that is there, with nothing told about its data.
+    pub(crate) fn like(header: &Header, memory: u64) -> BuildOptions {
+        let Header { rule, kind, shape, .. } = *header;
+        let metadata = Metadata::default();
+        BuildOptions { rule, kind, depth: shape.depth, memory, metadata, share: false }
+    }
+
     pub(in crate::store) fn count_classes(&self) -> bool {
         self.kind == Kind::Categorical || self.rule == Rule::Majority
     }

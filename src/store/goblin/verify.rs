@@ -38,14 +38,7 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         if !checker.findings.is_empty() {
             return Ok(checker.findings);
         }
-        let options = BuildOptions {
-            rule: self.header().rule,
-            kind: self.header().kind,
-            depth: self.header().shape.depth,
-            memory,
-            metadata: Default::default(),
-            share: false,
-        };
+        let options = BuildOptions::like(self.header(), memory);
         let shape = self.header().shape;
         let mut assembler = Assembler::new(shape, options.rule, [u64::MAX; 3], checker);
         match walk(self, &options, shape, false, &mut assembler, progress) {

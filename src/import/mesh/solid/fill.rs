@@ -295,6 +295,18 @@ pub(super) struct Painter<'a> {
     pub(super) values: Option<Vec<u32>>,
 }
 
+/// A triangle that may cut several cells.
+struct Cut {
+    corners: [[i64; 3]; 3],
+    attribute: u32,
+    /// The first cell's corner, and the width of a cell.
+    min: [i32; 3],
+    cell: i32,
+    /// The cells that its box reaches: from the first up to, not including, the last.
+    from: [usize; 3],
+    to: [usize; 3],
+}
+
 impl<'a> Painter<'a> {
     pub(super) fn new(fill: &'a Fill, height: u8) -> Self {
         let values = (fill.attribute != Attribute::Occupancy).then(|| vec![0; 1 << (3 * height)]);
@@ -343,35 +355,28 @@ impl<'a> Painter<'a> {
         }
         // (Wide: the cut test multiplies differences.)
         let corners = triangle.corners.map(|corner| corner.map(i64::from));
-        self.descend(&corners, triangle.attribute, min, cell, [0; 3], self.cells.height, (from, to));
+        let cut = Cut { corners, attribute: triangle.attribute, min, cell, from, to };
+        self.descend(&cut, [0; 3], self.cells.height);
     }
 
-    #[allow(clippy::too_many_arguments)] // the state of a descent
-    fn descend(
-        &mut self,
-        corners: &[[i64; 3]; 3],
-        attribute: u32,
-        min: [i32; 3],
-        cell: i32,
-        at: [usize; 3],
-        height: u8,
-        (from, to): ([usize; 3], [usize; 3]),
-    ) {
+    /// Marks those of a node of cells that has its first one at a place.
+    fn descend(&mut self, cut: &Cut, at: [usize; 3], height: u8) {
         let side = 1usize << height;
-        if (0..3).any(|axis| at[axis] >= to[axis] || at[axis] + side <= from[axis]) {
+        if (0..3).any(|axis| at[axis] >= cut.to[axis] || at[axis] + side <= cut.from[axis]) {
             return;
         }
-        let low: [i64; 3] = std::array::from_fn(|axis| min[axis] as i64 + at[axis] as i64 * cell as i64);
-        let high = low.map(|low| low + side as i64 * cell as i64);
-        if !triangle::cuts(corners, low, high) {
+        let cell = i64::from(cut.cell);
+        let low: [i64; 3] = std::array::from_fn(|axis| i64::from(cut.min[axis]) + at[axis] as i64 * cell);
+        let high = low.map(|low| low + side as i64 * cell);
+        if !triangle::cuts(&cut.corners, low, high) {
             return;
         }
         if height == 0 {
-            return self.mark(at, attribute);
+            return self.mark(at, cut.attribute);
         }
         for child in 0..8 {
             let at = std::array::from_fn(|axis| at[axis] + (child >> axis & 1) * side / 2);
-            self.descend(corners, attribute, min, cell, at, height - 1, (from, to));
+            self.descend(cut, at, height - 1);
         }
     }
 
