@@ -54,18 +54,19 @@ pub fn edit(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
-    typed(path, Editing { path, edits: edits.into_iter(), note, memory, progress })
+    let edits = &mut edits.into_iter();
+    typed(path, Editing { path, edits, note, memory, progress })
 }
 
-struct Editing<'a, I> {
+struct Editing<'a> {
     path: &'a Path,
-    edits: I,
+    edits: &'a mut dyn Iterator<Item = Result<Edit>>,
     note: Note,
     memory: u64,
     progress: &'a dyn Progress,
 }
 
-impl<I: Iterator<Item = Result<Edit>>> Typed for Editing<'_, I> {
+impl Typed for Editing<'_> {
     type Out = Option<Commit>;
 
     fn of<D: Layout, V: Value>(self) -> Result<Option<Commit>> {
