@@ -4,10 +4,11 @@
 
 use std::path::PathBuf;
 
+use spinney::dataset::open;
 use spinney::import::raster::{ImportOptions, plan};
-use spinney::query::{Condition, open};
+use spinney::io::Output;
+use spinney::query::Condition;
 use spinney::space::Bounds;
-use spinney::store::Output;
 
 fn main() -> spinney::Result<()> {
     let input = std::env::args_os()
@@ -33,7 +34,7 @@ fn main() -> spinney::Result<()> {
     // A window of coarse detail, as bytes ready to be written or shown.
     let level = tree.depth() - 3;
     let bounds = Bounds { min: [8, 8, 0], max: [16, 16, 1] };
-    let mut bytes = vec![0; bounds.volume() as usize * tree.header().value.size()];
+    let mut bytes = vec![0; bounds.volume() as usize * tree.header().form.width()];
     tree.window(level, &bounds, f64::NAN, &mut bytes, None)?;
     println!("{} bytes of an 8 x 8 window", bytes.len());
 

@@ -64,6 +64,12 @@ pub enum Error {
         /// Who has it, as far as is known.
         holder: String,
     },
+    /// An earlier write or sync failed, so that nobody knows what is on the disk: whoever edits the file must open it again.
+    #[error("{}: nothing more can be written, an earlier write or sync failed; open the file again, its last commit is whole", path.display())]
+    Poisoned {
+        /// The file.
+        path: PathBuf,
+    },
     /// An argument makes no sense, by itself or for this file.
     #[error("{what}: got {found}, expected {expected}")]
     Invalid {

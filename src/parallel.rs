@@ -37,11 +37,11 @@ fn run_both(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send))
 }
 
 /// Things that threads take to work with and put back: what one job has read serves another.
-pub(crate) struct Rested<T>(Mutex<Vec<T>>);
+pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 
-impl<T: Send> Rested<T> {
-    pub(crate) fn new() -> Rested<T> {
-        Rested(Mutex::new(Vec::new()))
+impl<T: Send> Pool<T> {
+    pub(crate) fn new() -> Pool<T> {
+        Pool(Mutex::new(Vec::new()))
     }
 
     /// Runs a job with one of the things, made anew if all are in use. One whose job fails is not used again.
@@ -50,8 +50,8 @@ impl<T: Send> Rested<T> {
         make: impl FnOnce() -> Result<T, E>,
         job: impl FnOnce(&mut T) -> Result<R, E>,
     ) -> Result<R, E> {
-        let rested = self.0.lock().expect("nobody panics with this lock").pop();
-        let mut thing = rested.map_or_else(make, Ok)?;
+        let free = self.0.lock().expect("nobody panics with this lock").pop();
+        let mut thing = free.map_or_else(make, Ok)?;
         let result = job(&mut thing)?;
         self.0.lock().expect("as above").push(thing);
         Ok(result)

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
+use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
-use spinney::space::{Bounds, Dimension, Frame, Oct, Quad};
-use spinney::store::Output;
+use spinney::space::{Bounds, Cell, Dimension, Frame};
 use spinney::store::autumnal::Note;
-use spinney::store::build::{BuildOptions, build, depth_for};
-use spinney::store::goblin::{Layout, Metadata};
-use spinney::tree::MemTree;
-use spinney::value::{Kind, Palette, Rule, Value};
+use spinney::store::{BuildOptions, Metadata, build_tree, depth_for};
+use spinney::tree::{Form, MemTree};
+use spinney::value::{Kind, Palette, Rule, SampleType, Value, ValueType};
 use spinney::{Error, Result};
 
 use super::island::{self, Island};
@@ -32,6 +31,9 @@ pub(crate) const CLASSIC: [[u8; 8]; 8] = [
 /// Pixels that are left out to the right and below one that is kept, in files that should be small.
 pub(crate) const STEP: usize = 4;
 
+const BYTE: ValueType = ValueType::new(SampleType::U8, 1);
+const QUAD: Form = Form::new(Dimension::Quad, BYTE);
+
 /// UTM zone 28 north, somewhere west of Africa.
 pub(crate) fn frame() -> Frame {
     let matrix = [[50.0, 0.0, 0.0, 300_000.0], [0.0, -50.0, 0.0, 3_200_000.0], [0.0, 0.0, 1.0, 0.0]];
@@ -49,14 +51,10 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
         inside.then(|| y as usize * STEP * island::WIDTH + x as usize * STEP)
     };
     match name {
-        "classic" => file::<Quad, [u8; 1]>(
-            path,
-            [8, 8, 1],
-            Rule::Dominant,
-            Kind::Categorical,
-            Metadata::default(),
-            |c| Some([CLASSIC[c[1] as usize][c[0] as usize]]),
-        ),
+        "classic" => {
+            let what = (QUAD, Rule::Dominant, Kind::Categorical, Metadata::default());
+            file(path, [8, 8, 1], what, &|[x, y, _]| Some(Value::from([CLASSIC[y as usize][x as usize]])))
+        }
         "classes" => {
             let metadata = Metadata {
                 frame: frame(),
@@ -69,10 +67,10 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 ..Metadata::default()
             };
             let size = [island::WIDTH as u64, island::HEIGHT as u64, 1];
-            file::<Quad, [u8; 1]>(path, size, Rule::Majority, Kind::Categorical, metadata, |[x, y, _]| {
+            file(path, size, (QUAD, Rule::Majority, Kind::Categorical, metadata), &|[x, y, _]| {
                 let inside = (x as usize) < island::WIDTH && (y as usize) < island::HEIGHT;
                 let class = inside.then(|| island.cover[y as usize * island::WIDTH + x as usize] as u8);
-                class.filter(|class| *class != 0).map(|class| [class])
+                class.filter(|class| *class != 0).map(|class| Value::from([class]))
             })
         }
         "elevation" => {
@@ -84,55 +82,53 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 scale_offset: vec![(1.0, 0.0)],
                 ..Metadata::default()
             };
-            file::<Quad, [f32; 1]>(path, small, Rule::Mean, Kind::Continuous, metadata, |cell| {
-                coarse(cell).and_then(|i| elevation[i]).map(|height| [height])
+            let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, 1));
+            file(path, small, (form, Rule::Mean, Kind::Continuous, metadata), &|cell| {
+                coarse(cell).and_then(|i| elevation[i]).map(|height| Value::from([height]))
             })
         }
         "rgb" => {
             let picture = island.picture();
             let band_names = ["red", "green", "blue"].map(String::from).to_vec();
             let metadata = Metadata { frame: frame().coarser(2), band_names, ..Metadata::default() };
-            file::<Quad, [u8; 3]>(path, small, Rule::Mean, Kind::Continuous, metadata, |cell| {
-                coarse(cell).map(|i| picture[i])
+            let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 3));
+            file(path, small, (form, Rule::Mean, Kind::Continuous, metadata), &|cell| {
+                coarse(cell).map(|i| Value::from(picture[i]))
             })
         }
         "ball" => {
-            file::<Oct, [u8; 1]>(path, [32; 3], Rule::Mean, Kind::Continuous, Metadata::default(), |cell| {
+            let form = Form::new(Dimension::Oct, BYTE);
+            file(path, [32; 3], (form, Rule::Mean, Kind::Continuous, Metadata::default()), &|cell| {
                 let square = |x: u32| (2 * x as i64 - 31) * (2 * x as i64 - 31);
-                (cell.into_iter().map(square).sum::<i64>() <= 29 * 29).then_some([255])
+                (cell.into_iter().map(square).sum::<i64>() <= 29 * 29).then_some(Value::from([255u8]))
             })
         }
-        // One block with more records than a light one may have, in a tree deep enough for it to be cut.
-        "segments" => file::<Quad, [u8; 1]>(
-            path,
-            [1000, 300, 1],
-            Rule::Mean,
-            Kind::Continuous,
-            Metadata::default(),
-            |[x, y, _]| {
-                if x >= 1000 || y >= 300 {
-                    return None;
-                }
+        // One block with more records than a subtree without a segment may have, in a tree deep enough for it to be cut.
+        "segments" => {
+            let what = (QUAD, Rule::Mean, Kind::Continuous, Metadata::default());
+            file(path, [1000, 300, 1], what, &|[x, y, _]| {
                 let speckled = (256..512).contains(&x) && y < 256;
-                Some([if speckled { ((x / 2 + y / 2) % 2 * 100) as u8 } else { (x / 256 * 40) as u8 }])
-            },
-        ),
+                let number = if speckled { (x / 2 + y / 2) % 2 * 100 } else { x / 256 * 40 };
+                (x < 1000 && y < 300).then(|| Value::from([number as u8]))
+            })
+        }
         other => panic!("no frozen file is called {other}"),
     }
 }
 
-fn file<D: Layout + Dimension, V: Value>(
+/// What is known of a file before its cells.
+type What = (Form, Rule, Kind, Metadata);
+
+fn file(
     path: &Path,
     size: [u64; 3],
-    rule: Rule,
-    kind: Kind,
-    metadata: Metadata,
-    cell: impl Fn([u32; 3]) -> Option<V>,
+    (form, rule, kind, metadata): What,
+    cell: &dyn Fn(Cell) -> Option<Value>,
 ) -> Result<()> {
     let depth = depth_for(size);
-    let tree = MemTree::<D, V>::from_cells(depth, rule, cell);
-    let options = BuildOptions { rule, kind, depth, memory: 16 << 20, metadata, share: false };
-    build(&tree, size, &options, Output::create(path)?, &()).map(|_| ())
+    let tree = MemTree::from_cells(form, depth, rule, cell);
+    let options = BuildOptions::new(kind, depth).rule(rule).memory(16 << 20).metadata(metadata);
+    build_tree(&tree, size, &options, Output::create(path)?, &()).map(|_| ())
 }
 
 /// Builds the frozen Autumnal file: the classic picture, changed and changed back.

@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use island::{HEIGHT, Island, WIDTH};
 use spinney::Result;
 use spinney::export::image::{ImageSpec, create, format_of};
+use spinney::io::Output;
 use spinney::space::Frame;
-use spinney::store::Output;
 use spinney::value::{Palette, SampleType, ValueType};
 
 fn main() -> Result<()> {

@@ -6,7 +6,8 @@ use std::time::Instant;
 use anyhow::bail;
 use spinney::import::mesh;
 use spinney::import::raster::{self, ImportOptions};
-use spinney::store::{Output, file_is_tree};
+use spinney::io::Output;
+use spinney::store::file_is_tree;
 use spinney::value::{Kind, Rule};
 
 use super::output::{check_output, tell_output_of};

@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, bail, ensure};
 use serde_json::json;
 use spinney::ops::{self, Operation, Prefer};
-use spinney::store::Output;
+use spinney::io::Output;
 
 use super::output::{check_output, tell_output};
 use super::progress::Work;

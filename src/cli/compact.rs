@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use spinney::ops;
-use spinney::store::Output;
+use spinney::io::Output;
 use spinney::store::autumnal::Keep;
 
 use super::output::{check_output, tell_output};

@@ -7,7 +7,7 @@ use std::time::Instant;
 use serde_json::json;
 use spinney::Error;
 use spinney::ops::{self, Operation};
-use spinney::store::Output;
+use spinney::io::Output;
 
 use super::output::{check_output, tell_output};
 use super::progress::Work;

@@ -7,9 +7,10 @@ use clap::Subcommand;
 use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
 use spinney::ops::{Chain, Edit, FillRegion, Polygon, Step, edit};
-use spinney::query::Tree;
-use spinney::space::{Bounds, Code, Oct, Quad};
-use spinney::store::{Output, file_is_tree};
+use spinney::dataset::Dataset;
+use spinney::space::Code;
+use spinney::io::Output;
+use spinney::store::file_is_tree;
 
 use super::history::{self, Told};
 use super::place::Part;
@@ -173,7 +174,7 @@ impl Change {
             }
             Change::Fill(fill) => {
                 let tree = open(file)?;
-                let (region, name) = fill.region(&*tree)?;
+                let (region, name) = fill.region(&tree)?;
                 let value = fill.value.filter(|_| !fill.void);
                 let what = value.as_ref().map_or("VOID".into(), |value| format!("{value:?}"));
                 one(Edit::Fill(region, value), format!("Fill {name} with {what}"))
@@ -204,7 +205,7 @@ fn picture(
     let tree = open(file)?;
     let header = tree.header();
     ensure!(
-        header.axes == 2,
+        header.form.axes() == 2,
         "{}: is no tree file, and pictures cannot be pasted into octrees",
         path.display()
     );
@@ -224,28 +225,17 @@ fn picture(
 
 impl Fill {
     /// The region, and what to call it.
-    fn region(&self, tree: &dyn Tree) -> Result<(FillRegion, String)> {
+    fn region(&self, tree: &Dataset) -> Result<(FillRegion, String)> {
         let header = tree.header();
         if let Some(text) = &self.polygon {
             return Ok((FillRegion::Polygon(polygon(text, tree)?), "a polygon".into()));
         }
         if let Some(text) = &self.block {
-            let bounds = if header.axes == 2 {
-                text.parse::<Code<Quad>>().ok().map(|code| (code.level(), code.cell()))
-            } else {
-                text.parse::<Code<Oct>>().ok().map(|code| (code.level(), code.cell()))
-            };
-            let Some((level, cell)) = bounds.filter(|(level, _)| *level <= tree.depth()) else {
+            let code = Code::parse(header.form.dimension, text).ok();
+            let Some(code) = code.filter(|code| code.level() <= tree.depth()) else {
                 bail!("--block: {text} is no node of this tree; give `/` and a digit per level");
             };
-            let size = tree.depth() - level;
-            let extent = |axis: usize, cell: u64| if axis < header.axes.into() { cell << size } else { cell };
-            let cell = cell.map(u64::from);
-            let bounds = Bounds {
-                min: std::array::from_fn(|axis| extent(axis, cell[axis])),
-                max: std::array::from_fn(|axis| extent(axis, cell[axis] + 1)),
-            };
-            return Ok((FillRegion::Box(bounds), format!("block {text}")));
+            return Ok((FillRegion::Box(code.bounds(tree.depth())), format!("block {text}")));
         }
         let bounds = match self.cuboid {
             Some(_) => super::slice::box_cells(tree, self.cuboid, tree.depth(), false)?,
@@ -255,13 +245,13 @@ impl Fill {
             },
         };
         let size = bounds.size();
-        let size: Vec<String> = size[..header.axes.into()].iter().map(u64::to_string).collect();
+        let size: Vec<String> = size[..header.form.axes()].iter().map(u64::to_string).collect();
         Ok((FillRegion::Box(bounds), format!("a box of {} cells", size.join(" x "))))
     }
 }
 
 /// A polygon of corners in the world, in cells.
-fn polygon(text: &str, tree: &dyn Tree) -> Result<Polygon> {
+fn polygon(text: &str, tree: &Dataset) -> Result<Polygon> {
     let corner = |text: &str| -> Result<[f64; 2]> {
         let numbers = text.split_once(',').map(|(x, y)| (x.trim().parse(), y.trim().parse()));
         let Some((Ok(x), Ok(y))) = numbers else { bail!("--polygon: `{text}` is no corner X,Y") };

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, bail};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
-use spinney::store::Output;
+use spinney::io::Output;
 
 use super::output::{check_output, tell_output};
 use super::progress::Work;
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result {
     let request = MeshRequest { level: args.level, smooth: args.smooth, triangles: args.triangles };
     let output = Output::create(&args.output)?;
     let work = Work::start(global, "cells")?;
-    let summary = export_mesh(&*tree, &request, output, format, &work)
+    let summary = export_mesh(&tree, &request, output, format, &work)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
     global.say(format_args!("{:<10} {} faces, {} vertices", "mesh", summary.faces, summary.vertices));

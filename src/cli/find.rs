@@ -50,7 +50,7 @@ struct Wanted {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = args.tree.open()?;
-    let bounds = args.part.bounds(&*tree)?;
+    let bounds = args.part.bounds(&tree)?;
     let Wanted { above, below, class } = args.condition;
     let condition = match (above, below, class) {
         (Some(bound), _, _) => Condition::Above(bound),
@@ -59,7 +59,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     };
     let mut out = BufWriter::new(stdout().lock());
     let mut left = args.limit.unwrap_or(u64::MAX);
-    let octree = tree.header().axes == 3;
+    let octree = tree.header().form.axes() == 3;
     let mut failed = Ok(());
     tree.find(condition, bounds, &mut |block| {
         if left == 0 {

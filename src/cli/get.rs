@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, ensure};
 use spinney::export::image::Format;
 use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
-use spinney::query::Tree;
+use spinney::dataset::Dataset;
 use spinney::space::Bounds;
-use spinney::store::Output;
+use spinney::io::Output;
 
 use super::Global;
 use super::output::{check_output, picture_format};
@@ -77,18 +77,18 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
     check_output([args.tree.file.as_path()], &args.output)?;
     ensure!(!args.world || args.slice.is_some() || args.cells.is_some(), "--world is for --slice and --box");
-    let is_octree = tree.header().axes == 3;
+    let is_octree = tree.header().form.axes() == 3;
     let is_array = matches!(format, Format::Npy | Format::Raw);
     if args.cells.is_some() || is_octree && is_array && args.slice.is_none() && args.size.is_none() {
         ensure!(is_octree, "--box: {} is a quadtree; use --window", args.tree.file.display());
-        return array(args, &*tree, format, global);
+        return array(args, &tree, format, global);
     }
     let slice = args.slice.unwrap_or(Slice::FLOOR);
     ensure!(is_octree || slice.axis == 2, "--slice: {} is a quadtree", args.tree.file.display());
     let across = slice.axis;
     let picture = Bounds { min: [0; 3], max: tree.header().extent };
-    let mut bounds = args.part.slice_bounds(&*tree, across)?.unwrap_or(picture);
-    let place = slice.cell(&*tree, args.world)?;
+    let mut bounds = args.part.slice_bounds(&tree, across)?.unwrap_or(picture);
+    let place = slice.cell(&tree, args.world)?;
     (bounds.min[across], bounds.max[across]) = (place, place + 1);
     let detail = match args.size {
         Some((width, height)) => Detail::Size(width, height),
@@ -97,12 +97,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let request = WindowRequest { bounds, across, detail, nodata: args.nodata, memory: 64 << 20 };
     let output = Output::create(&args.output)?;
     let progress = Work::start(global, "pixels")?;
-    export_window(&*tree, &request, output, format, &progress)
+    export_window(&tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", args.output.display()))
 }
 
 /// A box of an octree, or all of it.
-fn array(args: &Args, tree: &dyn Tree, format: Format, global: &Global) -> Result<()> {
+fn array(args: &Args, tree: &Dataset, format: Format, global: &Global) -> Result<()> {
     let level = args.level.unwrap_or(tree.depth());
     ensure!(level <= tree.depth(), "--level: {level}, the tree's levels are 0 to {}", tree.depth());
     let bounds = match args.part.bounds(tree)? {

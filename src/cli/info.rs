@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::query::Tree;
+use spinney::dataset::Dataset;
 
 use super::{history, open, print_json, print_text};
 
@@ -25,23 +25,23 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = open(&args.file)?;
-    if args.json { print_json(&as_json(&*tree)?) } else { print_text(&as_text(&*tree)?) }
+    if args.json { print_json(&as_json(&tree)?) } else { print_text(&as_text(&tree)?) }
 }
 
 /// Bytes of the picture as plain samples.
-fn raw_bytes(tree: &dyn Tree) -> u64 {
-    tree.header().extent.iter().product::<u64>().saturating_mul(tree.header().value.size() as u64)
+fn raw_bytes(tree: &Dataset) -> u64 {
+    tree.header().extent.iter().product::<u64>().saturating_mul(tree.header().form.value.size() as u64)
 }
 
-fn tree_name(tree: &dyn Tree) -> &'static str {
-    if tree.header().axes == 2 { "quadtree" } else { "octree" }
+fn tree_name(tree: &Dataset) -> &'static str {
+    if tree.header().form.axes() == 2 { "quadtree" } else { "octree" }
 }
 
-fn as_json(tree: &dyn Tree) -> Result<serde_json::Value> {
+fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
     let header = tree.header();
     let metadata = tree.metadata();
     let stats = tree.statistics(None)?;
-    let axes = header.axes as usize;
+    let axes = header.form.axes() as usize;
     let levels: Vec<_> = metadata
         .counts
         .levels()
@@ -71,7 +71,7 @@ fn as_json(tree: &dyn Tree) -> Result<serde_json::Value> {
         "commit": tree.commit().map(history::as_json),
         "codec": header.codec.name(),
         "tree": tree_name(tree),
-        "value": header.value.to_string(),
+        "value": header.form.value.to_string(),
         "size": header.extent[..axes],
         "depth": header.shape.depth,
         "kind": header.kind.name(),
@@ -98,13 +98,13 @@ fn as_json(tree: &dyn Tree) -> Result<serde_json::Value> {
     }))
 }
 
-fn as_text(tree: &dyn Tree) -> Result<String> {
+fn as_text(tree: &Dataset) -> Result<String> {
     use std::fmt::Write;
     let header = tree.header();
     let metadata = tree.metadata();
     let stats = tree.statistics(None)?;
     let mut text = String::new();
-    let size: Vec<String> = header.extent[..header.axes as usize].iter().map(u64::to_string).collect();
+    let size: Vec<String> = header.extent[..header.form.axes() as usize].iter().map(u64::to_string).collect();
     writeln!(text, "{}: {} {}", tree.path().display(), tree.format().name(), tree_name(tree))?;
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, history::about(commit))?;
@@ -113,7 +113,7 @@ fn as_text(tree: &dyn Tree) -> Result<String> {
         text,
         "size        {} cells of {}, depth {}",
         size.join(" x "),
-        header.value,
+        header.form.value,
         header.shape.depth
     )?;
     writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;

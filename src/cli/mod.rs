@@ -34,7 +34,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use spinney::query::Tree;
+use spinney::dataset::Dataset;
 
 /// What most subcommands give back.
 type Result<T = (), E = anyhow::Error> = std::result::Result<T, E>;
@@ -136,8 +136,8 @@ impl Global {
 }
 
 /// Opens a tree file of any type.
-fn open(path: &Path) -> Result<Box<dyn Tree>> {
-    Ok(spinney::query::open(path, &Default::default())?)
+fn open(path: &Path) -> Result<Dataset> {
+    Ok(spinney::dataset::open(path, &Default::default())?)
 }
 
 fn print_text(text: &str) -> Result {

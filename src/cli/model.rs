@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, bail, ensure};
 use spinney::import::mesh::{self, Attribute, Boundary, Resolution, SolidOptions};
 use spinney::space::Up;
-use spinney::store::Output;
+use spinney::io::Output;
 
 use super::output::{check_output, tell_output};
 use super::progress::Work;
@@ -95,7 +95,7 @@ impl Model {
         }
         if let Some(path) = &self.like {
             let tree = open(path)?;
-            ensure!(tree.header().axes == 3, "{}: is a quadtree, --like needs an octree", path.display());
+            ensure!(tree.header().form.axes() == 3, "{}: is a quadtree, --like needs an octree", path.display());
             return Ok(Resolution::Like(tree.metadata().frame.clone(), tree.depth()));
         }
         Ok(depth.map_or(Resolution::Cells(self.cells.unwrap_or(256)), Resolution::Depth))

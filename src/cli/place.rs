@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use spinney::query::Tree;
+use spinney::dataset::Dataset;
 use spinney::space::Bounds;
 
 /// A part of a picture; all of it if neither is given.
@@ -19,7 +19,7 @@ pub(crate) struct Part {
 
 impl Part {
     /// The cells of the deepest level that are meant in a slice across an axis; `None`: all.
-    pub(crate) fn slice_bounds(&self, tree: &dyn Tree, across: usize) -> Result<Option<Bounds>> {
+    pub(crate) fn slice_bounds(&self, tree: &Dataset, across: usize) -> Result<Option<Bounds>> {
         if across == 2 {
             return self.bounds(tree);
         }
@@ -38,7 +38,7 @@ impl Part {
     }
 
     /// The cells of the deepest level that are meant; `None`: all.
-    pub(crate) fn bounds(&self, tree: &dyn Tree) -> Result<Option<Bounds>> {
+    pub(crate) fn bounds(&self, tree: &Dataset) -> Result<Option<Bounds>> {
         let depth_of_z = tree.header().extent[2];
         if let Some([x, y, width, height]) = self.window {
             let end = |start: u64, length: u64| start.checked_add(length).context("--window: too large");
@@ -82,7 +82,7 @@ fn four<T: std::str::FromStr>(text: &str) -> std::result::Result<[T; 4], String>
 }
 
 /// West, south, east and north of the whole picture, for people.
-pub(crate) fn world_box(tree: &dyn Tree) -> String {
+pub(crate) fn world_box(tree: &Dataset) -> String {
     let [width, height, _] = tree.header().extent.map(|cells| cells as f64);
     let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
     let world = corners.map(|[x, y]| tree.metadata().frame.to_world([x, y, 0.0]));

@@ -4,7 +4,8 @@ use std::io::{self, BufRead, Write};
 
 use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
-use spinney::query::{PointSamples, Tree};
+use spinney::dataset::Dataset;
+use spinney::query::PointSamples;
 use spinney::value::SampleType;
 
 use super::viewed::Viewed;
@@ -43,7 +44,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let level = args.level.unwrap_or(depth);
     ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
-    let points = Points { tree: &*tree, level, cells: args.cells, from };
+    let points = Points { tree: &tree, level, cells: args.cells, from };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
     if !args.points.is_empty() {
         let lines = args.points.join("\n");
@@ -55,7 +56,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 struct Points<'a> {
-    tree: &'a dyn Tree,
+    tree: &'a Dataset,
     level: u8,
     cells: bool,
     /// What a point's number counts, for people.
@@ -107,11 +108,11 @@ impl Points<'_> {
 
     /// An answer per line of input.
     fn answer(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
-        let is_double = self.tree.header().value.sample == SampleType::F64;
+        let is_double = self.tree.header().form.value.sample == SampleType::F64;
         let mut answers = Vec::with_capacity(lines.len());
         let text = std::str::from_utf8(lines).context("standard input is not text")?;
         let shift = self.tree.depth() - self.level;
-        let axes = usize::from(self.tree.header().axes);
+        let axes = usize::from(self.tree.header().form.axes());
         let wanted = if axes == 3 { "X,Y,Z" } else { "X,Y" };
         let mut cells = Vec::new();
         for (i, line) in text.lines().enumerate() {

@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, ensure};
 use spinney::export::{Projection, RenderRequest, render};
 use spinney::space::Up;
-use spinney::store::Output;
+use spinney::io::Output;
 
 use super::output::{check_output, picture_format, tell_output};
 use super::progress::Work;
@@ -97,7 +97,7 @@ fn colour(text: &str) -> Result<Background, String> {
 pub(crate) fn run(args: &Args, global: &Global) -> Result {
     let start = Instant::now();
     let tree = args.tree.open()?;
-    ensure!(tree.header().axes == 3, "{}: is a quadtree; use `spinney get`", args.tree.file.display());
+    ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", args.tree.file.display());
     let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let request = RenderRequest {
@@ -114,7 +114,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result {
     };
     let work = Work::start(global, "pixels")?;
     let output = Output::create(&args.output)?;
-    let level = render(&*tree, &request, output, format, &work)
+    let level = render(&tree, &request, output, format, &work)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
     global.say(format_args!("{:<10} {level} of {}", "level", tree.depth()));

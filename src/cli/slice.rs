@@ -1,7 +1,7 @@
 //! Parts of octrees as people give them: slices and boxes, in cells or in the world.
 
 use anyhow::{Context as _, Result, bail, ensure};
-use spinney::query::Tree;
+use spinney::dataset::Dataset;
 use spinney::space::Bounds;
 
 /// A slice: the axis it lies across, and where.
@@ -37,7 +37,7 @@ impl Slice {
     pub(super) const FLOOR: Slice = Slice { axis: 2, place: 0.0 };
 
     /// The cell of the deepest level in which it lies.
-    pub(super) fn cell(&self, tree: &dyn Tree, world: bool) -> Result<u64> {
+    pub(super) fn cell(&self, tree: &Dataset, world: bool) -> Result<u64> {
         let Slice { axis, place } = *self;
         let name = AXES[axis];
         let extent = tree.header().extent;
@@ -69,7 +69,7 @@ impl Slice {
 
 /// The cells of a level that a box has; the whole tree if there is none.
 pub(super) fn box_cells(
-    tree: &dyn Tree,
+    tree: &Dataset,
     numbers: Option<[f64; 6]>,
     level: u8,
     world: bool,

@@ -2,10 +2,11 @@
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::query::{SolidStatistics, Tree};
+use spinney::dataset::Dataset;
+use spinney::query::SolidStatistics;
 
 /// What lengths are counted in, for people.
-fn unit(tree: &dyn Tree) -> &'static str {
+fn unit(tree: &Dataset) -> &'static str {
     if tree.metadata().frame.is_identity() { "cells" } else { "units of the world" }
 }
 
@@ -14,7 +15,7 @@ fn list(numbers: &[f64; 3]) -> String {
     numbers.map(|number| ((number * 1e6).round() / 1e6).to_string()).join(", ")
 }
 
-pub(super) fn as_json(tree: &dyn Tree, solid: &SolidStatistics) -> serde_json::Value {
+pub(super) fn as_json(tree: &Dataset, solid: &SolidStatistics) -> serde_json::Value {
     json!({
         "level": solid.level,
         "unit": unit(tree),
@@ -31,7 +32,7 @@ pub(super) fn as_json(tree: &dyn Tree, solid: &SolidStatistics) -> serde_json::V
     })
 }
 
-pub(super) fn as_text(tree: &dyn Tree, solid: &SolidStatistics) -> Result<String> {
+pub(super) fn as_text(tree: &Dataset, solid: &SolidStatistics) -> Result<String> {
     use std::fmt::Write;
     let mut text = String::new();
     writeln!(text, "solid      at level {} of {}; lengths in {}", solid.level, tree.depth(), unit(tree))?;

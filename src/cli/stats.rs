@@ -2,7 +2,8 @@
 
 use anyhow::{Result, ensure};
 use serde_json::json;
-use spinney::query::{Statistics, Tree};
+use spinney::dataset::Dataset;
+use spinney::query::Statistics;
 use spinney::space::{Bounds, is_geographic};
 use spinney::value::Rule;
 
@@ -49,10 +50,10 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
-    let bounds = args.part.bounds(&*tree)?;
+    let bounds = args.part.bounds(&tree)?;
     let is_asked = args.solid || args.level.is_some();
     ensure!(
-        !is_asked || tree.header().axes == 3,
+        !is_asked || tree.header().form.axes() == 3,
         "{}: is a quadtree; --solid and --level are for octrees",
         args.tree.file.display()
     );
@@ -60,7 +61,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         !is_asked || bounds.is_none(),
         "--solid and --level are for the whole octree; see --view window=..."
     );
-    let is_solid = tree.header().axes == 3 && tree.header().rule == Rule::Occupancy && bounds.is_none();
+    let is_solid = tree.header().form.axes() == 3 && tree.header().rule == Rule::Occupancy && bounds.is_none();
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
         let level = args.level.unwrap_or(tree.depth());
@@ -81,19 +82,19 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         _ => Vec::new(),
     };
     if args.json {
-        let mut json = as_json(&*tree, &stats, &histogram);
+        let mut json = as_json(&tree, &stats, &histogram);
         if let Some(measured) = &measured {
-            json["solid"] = solid::as_json(&*tree, measured);
+            json["solid"] = solid::as_json(&tree, measured);
         }
         print_json(&json)
     } else {
-        print(&*tree, &stats, &histogram)?;
-        measured.map_or(Ok(()), |measured| super::print_text(&solid::as_text(&*tree, &measured)?))
+        print(&tree, &stats, &histogram)?;
+        measured.map_or(Ok(()), |measured| super::print_text(&solid::as_text(&tree, &measured)?))
     }
 }
 
 /// Square metres of a cell, in projected systems that count in metres and keep areas nearly true; otherwise why not.
-fn cell_area(tree: &dyn Tree) -> Result<f64, &'static str> {
+fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
     let frame = &tree.metadata().frame;
     let epsg = frame.epsg.ok_or("no EPSG number tells how large a cell is")?;
     if epsg == 3857 {
@@ -111,11 +112,11 @@ fn cell_area(tree: &dyn Tree) -> Result<f64, &'static str> {
     if feet { Err("the coordinate system counts in feet") } else { Ok((a * e - b * d).abs()) }
 }
 
-fn class_name(tree: &dyn Tree, value: f64) -> Option<&str> {
+fn class_name(tree: &Dataset, value: f64) -> Option<&str> {
     tree.metadata().class_names.get(&(value as i64)).map(String::as_str)
 }
 
-fn as_json(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {
+fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {
     let area = cell_area(tree).ok();
     let channels: Vec<_> = stats
         .channels
@@ -142,7 +143,7 @@ fn as_json(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> ser
     })
 }
 
-fn print(tree: &dyn Tree, stats: &Statistics, histogram: &[(f64, u64)]) -> Result<()> {
+fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result<()> {
     use std::fmt::Write;
     let mut text = String::new();
     let area = cell_area(tree);

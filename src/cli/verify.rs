@@ -30,7 +30,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     let work = Work::start(global, "cells")?;
     let mut good = true;
     for file in &args.files {
-        let tree = spinney::query::open(file, &Default::default());
+        let tree = spinney::dataset::open(file, &Default::default());
         let findings = match tree.and_then(|tree| tree.verify(256 << 20, &work)) {
             Ok(findings) => findings,
             Err(Error::Interrupted) => return Err(Error::Interrupted.into()),

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use spinney::ops::{Chain, Step, open_view};
-use spinney::query::Tree;
+use spinney::dataset::open_view;
+use spinney::ops::{Chain, Step};
+use spinney::dataset::Dataset;
 
 use super::{Result, open};
 
@@ -20,7 +21,7 @@ pub(crate) struct Viewed {
 }
 
 impl Viewed {
-    pub(crate) fn open(&self) -> Result<Box<dyn Tree>> {
+    pub(crate) fn open(&self) -> Result<Dataset> {
         if self.steps.is_empty() {
             return open(&self.file);
         }

@@ -4,9 +4,9 @@ use std::io::Write;
 
 use super::image::{Format, array_header};
 use super::window::fill_for;
-use crate::query::Tree;
+use crate::dataset::Dataset;
 use crate::space::Bounds;
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::Rule;
 use crate::{Error, Progress, Result};
 
@@ -29,7 +29,7 @@ pub struct ArrayRequest {
 /// If the tree is a quadtree or has no such level, the box is empty or sticks out of the space of the tree, one row of it
 /// needs more memory than is allowed, the format is another one, the tree is damaged, or on interruption.
 pub fn export_array(
-    tree: &dyn Tree,
+    tree: &Dataset,
     request: &ArrayRequest,
     mut output: Output,
     format: Format,
@@ -37,7 +37,7 @@ pub fn export_array(
 ) -> Result<()> {
     let ArrayRequest { bounds, level, nodata, memory } = *request;
     let header = tree.header();
-    if header.axes != 3 {
+    if header.form.axes() != 3 {
         return Err(Error::invalid("tree", "a quadtree", "an octree: there are no boxes in a plane"));
     }
     if level > tree.depth() {
@@ -56,14 +56,14 @@ pub fn export_array(
     let [width, height, depth] = bounds.size();
     match format {
         Format::Npy => {
-            let header = array_header(header.value, &[depth, height, width]);
+            let header = array_header(header.form.value, &[depth, height, width]);
             output.write_all(&header).map_err(Error::io(output.path(), "write"))?;
         }
         Format::Raw => {}
         _ => return Err(Error::unsupported(output.path(), "a box in a picture file", "write .npy or .raw")),
     }
     // A flag tells whether there is a value.
-    let row = width * (header.value.size() as u64 + 1);
+    let row = width * (header.form.value.size() as u64 + 1);
     if row > memory {
         return Err(Error::TooLarge {
             path: tree.path().to_path_buf(),
@@ -88,7 +88,7 @@ pub fn export_array(
                 min: [bounds.min[0], y, z],
                 max: [bounds.max[0], bounds.max[1].min(y + rows), bounds.max[2].min(z + planes)],
             };
-            let mut bytes = vec![0; part.volume() as usize * header.value.size()];
+            let mut bytes = vec![0; part.volume() as usize * header.form.value.size()];
             tree.window(level, &part, fill, &mut bytes, None)?;
             output.write_all(&bytes).map_err(Error::io(output.path(), "write"))?;
             progress.advance(part.volume(), bounds.volume());

@@ -1,7 +1,7 @@
 //! Colours of what pictures of solids show.
 
 use crate::Result;
-use crate::query::Tree;
+use crate::dataset::Dataset;
 use crate::value::{Kind, Palette, Rule, SampleType};
 
 /// How values become colours: red, green and blue in light, 0 to 1.
@@ -29,9 +29,9 @@ const RANGE: [[f64; 3]; 5] = [
 ];
 
 impl Paint {
-    pub(super) fn of(tree: &dyn Tree) -> Result<Paint> {
+    pub(super) fn of(tree: &Dataset) -> Result<Paint> {
         let header = tree.header();
-        let value = header.value;
+        let value = header.form.value;
         if value.channels >= 3 {
             let most = match value.sample {
                 SampleType::U8 => 255.0,

@@ -5,10 +5,11 @@ use glam::{DMat3, DVec3};
 use super::camera::{Camera, Pose, Projection};
 use super::image::{Format, ImageSpec, create};
 use super::paint::{Paint, to_linear, to_screen};
-use crate::parallel::{self, Rested};
-use crate::query::{Ray, Rays, SurfaceHit, Tree};
+use crate::parallel::{self, Pool};
+use crate::dataset::Dataset;
+use crate::query::{Ray, Rays, SurfaceHit};
 use crate::space::{Bounds, Frame, Up};
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::{SampleType, ValueType};
 use crate::{Error, Progress, Result};
 
@@ -75,7 +76,7 @@ const MOST: u64 = 1 << 16;
 /// If the tree is a quadtree or has no such level, a number of the request makes no sense, the format cannot hold
 /// colours of 8 bits, the tree is damaged, or on interruption.
 pub fn render(
-    tree: &dyn Tree,
+    tree: &Dataset,
     request: &RenderRequest,
     output: Output,
     format: Format,
@@ -123,12 +124,12 @@ pub fn render(
     };
     let mut writer = create(output, format, &spec)?;
     // Rays remember where they were: what one row has read serves another.
-    let rested = Rested::new();
+    let pool = Pool::new();
     for first in (0..height).step_by(BAND as usize) {
         let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
         let rows = parallel::map(&rows, |row| {
             progress.check()?;
-            rested.with(|| tree.rays(level), |rays| scene.row(&mut **rays, *row))
+            pool.with(|| tree.rays(level), |rays| scene.row(&mut **rays, *row))
         });
         for row in rows {
             writer.write_rows(&row?, None)?;
@@ -174,7 +175,7 @@ const HOLLOWS: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
 
 impl Scene {
     fn new(
-        tree: &dyn Tree,
+        tree: &Dataset,
         camera: Camera,
         level: u8,
         radius: f64,

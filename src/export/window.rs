@@ -1,9 +1,9 @@
 //! A window of a tree as a picture, at any level or size, streamed in bands of rows.
 
 use super::image::{Format, ImageSpec, create};
-use crate::query::Tree;
+use crate::dataset::Dataset;
 use crate::space::{Bounds, Frame};
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Progress, Result};
 
@@ -41,7 +41,7 @@ pub enum Detail {
 /// If the window is empty, one row needs more memory than is allowed, the format cannot hold the values, the tree is
 /// damaged, or on interruption.
 pub fn export_window(
-    tree: &dyn Tree,
+    tree: &Dataset,
     request: &WindowRequest,
     output: Output,
     format: Format,
@@ -103,7 +103,7 @@ pub fn export_window(
     };
     let header = tree.header();
     let metadata = tree.metadata();
-    let row_bytes = row_bytes(header.value, source.size()[u], request.detail, step[1]);
+    let row_bytes = row_bytes(header.form.value, source.size()[u], request.detail, step[1]);
     if row_bytes > request.memory {
         return Err(Error::TooLarge {
             path: tree.path().to_path_buf(),
@@ -126,8 +126,8 @@ pub fn export_window(
     let spec = ImageSpec {
         width,
         height,
-        value: header.value,
-        alpha: metadata.alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(header.value.channels)),
+        value: header.form.value,
+        alpha: metadata.alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(header.form.value.channels)),
         void: may_be_void,
         frame: has_frame.then_some(frame),
         nodata: fill.filter(|_| may_be_void || metadata.nodata.is_some()),
@@ -149,7 +149,7 @@ pub fn export_window(
             Detail::Size(..) => sampler.resample(first, count)?,
         };
         if is_upright {
-            turn_rows(&mut bytes, width as usize * header.value.size());
+            turn_rows(&mut bytes, width as usize * header.form.value.size());
             turn_rows(&mut valid, width as usize);
         }
         writer.write_rows(&bytes, may_be_void.then_some(&valid))?;
@@ -184,8 +184,8 @@ fn row_bytes(value: ValueType, cells: u64, detail: Detail, step: f64) -> u64 {
 ///
 /// # Errors
 /// If the tree's statistics are damaged.
-pub fn fill_for(tree: &dyn Tree) -> Result<Option<f64>> {
-    let sample = tree.header().value.sample;
+pub fn fill_for(tree: &Dataset) -> Result<Option<f64>> {
+    let sample = tree.header().form.value.sample;
     let (low, high) = match sample {
         SampleType::U8 => (0.0, u8::MAX as f64),
         SampleType::U16 => (0.0, u16::MAX as f64),
@@ -204,7 +204,7 @@ pub fn fill_for(tree: &dyn Tree) -> Result<Option<f64>> {
 
 /// Rows of a window, straight or resampled.
 struct Sampler<'a> {
-    tree: &'a dyn Tree,
+    tree: &'a Dataset,
     level: u8,
     source: Bounds,
     /// Which of the tree's axes columns and rows are.
@@ -221,7 +221,7 @@ impl Sampler<'_> {
         let rows = self.axes[1];
         (bounds.min[rows], bounds.max[rows]) = (first, end);
         let cells = bounds.volume() as usize;
-        let mut bytes = vec![0; cells * self.tree.header().value.size()];
+        let mut bytes = vec![0; cells * self.tree.header().form.value.size()];
         let mut valid = vec![true; cells];
         self.tree.window(self.level, &bounds, self.fill, &mut bytes, Some(&mut valid))?;
         if self.tree.header().rule == Rule::Occupancy {
@@ -237,7 +237,7 @@ impl Sampler<'_> {
     }
 
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
-        let ValueType { sample, channels } = self.tree.header().value;
+        let ValueType { sample, channels } = self.tree.header().form.value;
         let header = self.tree.header();
         let mean = matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == Kind::Continuous;
         let [u, v] = self.axes;

@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::combine::{Combined, Operation};
-use super::view::View;
+use super::affine::View;
+use super::combine::{Combined, build};
+use super::operation::Operation;
+use super::tree_file::TreeFile;
+use crate::io::Output;
 use crate::store::autumnal::{Commit, Keep, compact};
-use crate::store::build::{BuildOptions, build};
-use crate::store::goblin::{Layout, OpenOptions};
-use crate::store::{File, Output, Typed, typed};
-use crate::value::Value;
+use crate::store::{BuildOptions, OpenOptions};
 use crate::{Progress, Result};
 
 /// Writes some commits of a file to a new one: see [`compact`].
@@ -24,24 +24,7 @@ pub fn compact_file(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<Commit>> {
-    typed(path, Compacting { path, keep, share, output, memory, progress })
-}
-
-struct Compacting<'a> {
-    path: &'a Path,
-    keep: &'a Keep,
-    share: bool,
-    output: Output,
-    memory: u64,
-    progress: &'a dyn Progress,
-}
-
-impl Typed for Compacting<'_> {
-    type Out = Vec<Commit>;
-
-    fn of<D: Layout, V: Value>(self) -> Result<Vec<Commit>> {
-        compact::<D, V>(self.path, self.keep, self.share, self.output, self.memory, self.progress)
-    }
+    compact(path, keep, share, output, memory, progress)
 }
 
 /// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its commits) to be
@@ -50,28 +33,10 @@ impl Typed for Compacting<'_> {
 /// # Errors
 /// If the file cannot be read, the output not be written, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-    typed(path, Converting { path, share, output, memory, progress })
-}
-
-struct Converting<'a> {
-    path: &'a Path,
-    share: bool,
-    output: Output,
-    memory: u64,
-    progress: &'a dyn Progress,
-}
-
-impl Typed for Converting<'_> {
-    type Out = ();
-
-    fn of<D: Layout, V: Value>(self) -> Result<()> {
-        let file = Arc::new(File::<D, V>::open(self.path, &OpenOptions::default())?);
-        let header = file.header().clone();
-        let metadata = file.metadata().clone();
-        let options =
-            BuildOptions { metadata, share: self.share, ..BuildOptions::like(&header, self.memory) };
-        let view = View::new(file, header.extent)?.deepened(header.shape.depth)?;
-        let source = Combined::new(vec![view], Operation::Over, header.extent)?;
-        build(&source, header.extent, &options, self.output, self.progress).map(|_| ())
-    }
+    let file = Arc::new(TreeFile::open(path, &OpenOptions::default())?);
+    let (header, metadata) = (file.header().clone(), file.metadata().clone());
+    let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
+    let view = View::new(file, header.extent)?;
+    let source = Combined::new(vec![view], Operation::Over, header.extent)?;
+    build(&source, &options, output, progress).map(|_| ())
 }

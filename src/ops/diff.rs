@@ -2,83 +2,90 @@
 
 use std::path::Path;
 
-use crate::space::{Code, Dimension};
-use crate::store::goblin::{Layout, OpenOptions};
-use crate::store::{File, Typed, typed};
-use crate::tree::{Child, Source};
+use super::tree_file::{TreeFile, TreeFileNode, check_form};
+use crate::space::Code;
+use crate::store::OpenOptions;
+use crate::store::builder::ReusableSource;
+use crate::tree::{Child, Children, Source, no_children};
 use crate::value::Value;
 use crate::{Error, Result};
 
 /// A block in which two trees differ, uniform in both.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Difference<D: Dimension, V> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Difference {
     /// The node.
-    pub code: Code<D>,
+    pub code: Code,
     /// The first tree's value; `None` is VOID.
-    pub before: Option<V>,
+    pub before: Option<Value>,
     /// The second tree's.
-    pub after: Option<V>,
+    pub after: Option<Value>,
 }
 
 /// Hands out all blocks in which two trees differ, in FD order. What two commits of one file have in common is not
 /// looked at: time is proportional to what differs, plus depth for each place where something does.
 ///
 /// # Errors
-/// If depths differ, a source or `found` fails.
-pub fn diff<A, B>(
-    first: &A,
-    second: &B,
-    found: &mut impl FnMut(Difference<A::Dim, A::Value>) -> Result<()>,
-) -> Result<()>
-where
-    A: Source,
-    B: Source<Dim = A::Dim, Value = A::Value>,
-{
+/// If forms or depths differ, a file is damaged, or `found` fails.
+pub fn diff(
+    first: &TreeFile,
+    second: &TreeFile,
+    found: &mut dyn FnMut(Difference) -> Result<()>,
+) -> Result<()> {
+    check_form((second.path(), second.form()), (first.path(), first.form()))?;
     if first.depth() != second.depth() {
         let expected = format!("{}, as the first tree has", first.depth());
         return Err(Error::invalid("depth of a tree", second.depth().to_string(), expected));
     }
-    node(first, second, Code::ROOT, first.root()?, second.root()?, found)
+    let children = first.form().children();
+    let root = Code::root(first.form().dimension);
+    Comparison { first, second, children, found }.node(root, first.root()?, second.root()?)
 }
 
-fn node<A, B>(
-    first: &A,
-    second: &B,
-    code: Code<A::Dim>,
-    a: Child<A::Value, A::Node>,
-    b: Child<B::Value, B::Node>,
-    found: &mut impl FnMut(Difference<A::Dim, A::Value>) -> Result<()>,
-) -> Result<()>
-where
-    A: Source,
-    B: Source<Dim = A::Dim, Value = A::Value>,
-{
-    let below = |code: Code<A::Dim>, step| code.child(step);
-    match (a, b) {
-        (Child::Void, Child::Void) => Ok(()),
-        (Child::Leaf(a), Child::Leaf(b)) if a.same(b) => Ok(()),
-        (Child::Inner { node: a, .. }, Child::Inner { node: b, .. }) => {
-            if first.kept(&a).is_some_and(|kept| second.kept(&b) == Some(kept)) {
-                return Ok(());
+/// Two trees that are walked side by side.
+struct Comparison<'a> {
+    first: &'a TreeFile,
+    second: &'a TreeFile,
+    /// Children of a node.
+    children: usize,
+    found: &'a mut dyn FnMut(Difference) -> Result<()>,
+}
+
+impl Comparison<'_> {
+    fn node(&mut self, code: Code, a: Child<TreeFileNode>, b: Child<TreeFileNode>) -> Result<()> {
+        match (a, b) {
+            (Child::Void, Child::Void) => return Ok(()),
+            (Child::Leaf(a), Child::Leaf(b)) if a == b => return Ok(()),
+            (Child::Inner { node: a, .. }, Child::Inner { node: b, .. }) => {
+                let record = self.first.kept(&a);
+                if record.is_some() && record == self.second.kept(&b) {
+                    return Ok(());
+                }
             }
-            let pairs = first.children(&a)?.into_iter().zip(second.children(&b)?);
-            let mut pairs = pairs.enumerate();
-            pairs.try_for_each(|(step, (a, b))| node(first, second, below(code, step), a, b, found))
+            (Child::Inner { .. }, _) | (_, Child::Inner { .. }) => {}
+            (a, b) => return (self.found)(Difference { code, before: a.value(), after: b.value() }),
         }
-        (Child::Inner { node: a, .. }, b) => {
-            let mut children = first.children(&a)?.into_iter().enumerate();
-            children.try_for_each(|(step, a)| node(first, second, below(code, step), a, b.clone(), found))
+        let (below_a, below_b) = (children_of(self.first, a)?, children_of(self.second, b)?);
+        for (step, (a, b)) in below_a.into_iter().zip(below_b).take(self.children).enumerate() {
+            self.node(code.child(step), a, b)?;
         }
-        (a, Child::Inner { node: b, .. }) => {
-            let mut children = second.children(&b)?.into_iter().enumerate();
-            children.try_for_each(|(step, b)| node(first, second, below(code, step), a.clone(), b, found))
+        Ok(())
+    }
+}
+
+/// The children of a node; those of a uniform one are like it.
+fn children_of(file: &TreeFile, child: Child<TreeFileNode>) -> Result<Children<TreeFileNode>> {
+    match child {
+        Child::Inner { node, .. } => {
+            let mut children = no_children();
+            file.children(&node, &mut children)?;
+            Ok(children)
         }
-        (a, b) => found(Difference { code, before: a.value(), after: b.value() }),
+        uniform => Ok([uniform; 8]),
     }
 }
 
 /// What differs between two trees.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
     /// Cells that were VOID and are not any more.
     pub added: u64,
@@ -103,48 +110,34 @@ pub struct FdRange {
 /// Compares two trees, or two commits of one; hands out the runs of cells that differ.
 ///
 /// # Errors
-/// If they cannot be read, are of different kinds, or `range` fails.
+/// If they cannot be read, are of different forms, or `range` fails.
 pub fn diff_files(
     first: &Path,
     second: &Path,
     range: &mut dyn FnMut(FdRange) -> Result<()>,
 ) -> Result<Differences> {
-    typed(first, Diffing { paths: [first, second], range })
-}
-
-struct Diffing<'a> {
-    paths: [&'a Path; 2],
-    range: &'a mut dyn FnMut(FdRange) -> Result<()>,
-}
-
-impl Typed for Diffing<'_> {
-    type Out = Differences;
-
-    fn of<D: Layout, V: Value>(self) -> Result<Differences> {
-        let [first, second] = self.paths;
-        let open = |path| File::<D, V>::open(path, &OpenOptions::default());
-        let (first, second) = (open(first)?, open(second)?);
-        let depth = first.header().shape.depth;
-        let mut sum = Differences::default();
-        let mut run: Option<FdRange> = None;
-        diff(&first, &second, &mut |found| {
-            let bits = D::AXES * usize::from(depth - found.code.level());
-            let cells = 1u64 << bits;
-            match (found.before, found.after) {
-                (None, _) => sum.added += cells,
-                (_, None) => sum.removed += cells,
-                _ => sum.changed += cells,
-            }
-            sum.blocks += 1;
-            let block =
-                FdRange { first: found.code.path() << bits, last: (found.code.path() << bits) + (cells - 1) };
-            match &mut run {
-                Some(run) if run.last + 1 == block.first => run.last = block.last,
-                _ => run.replace(block).into_iter().try_for_each(&mut *self.range)?,
-            }
-            Ok(())
-        })?;
-        run.into_iter().try_for_each(self.range)?;
-        Ok(sum)
-    }
+    let options = OpenOptions::default();
+    let (first, second) = (TreeFile::open(first, &options)?, TreeFile::open(second, &options)?);
+    let (axes, depth) = (first.form().axes(), first.depth());
+    let mut sum = Differences::default();
+    let mut run: Option<FdRange> = None;
+    diff(&first, &second, &mut |found| {
+        let bits = axes * usize::from(depth - found.code.level());
+        let cells = 1u64 << bits;
+        match (found.before, found.after) {
+            (None, _) => sum.added += cells,
+            (_, None) => sum.removed += cells,
+            _ => sum.changed += cells,
+        }
+        sum.blocks += 1;
+        let path = found.code.path() << bits;
+        let block = FdRange { first: path, last: path + (cells - 1) };
+        match &mut run {
+            Some(run) if run.last + 1 == block.first => run.last = block.last,
+            _ => run.replace(block).into_iter().try_for_each(&mut *range)?,
+        }
+        Ok(())
+    })?;
+    run.into_iter().try_for_each(range)?;
+    Ok(sum)
 }

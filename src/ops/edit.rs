@@ -1,20 +1,22 @@
-//! Edits of Autumnal files of any type.
+//! Edits of Autumnal files.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::align::align;
-use super::combine::{Combined, Operation};
-use super::files::{Chain, chained};
-use super::map::Map;
-use super::patch::{CellPatch, FillPatch, FillRegion};
-use super::view::View;
+use glam::DVec3;
+
+use super::affine::{Map, View, align};
+use super::combine::Combined;
+use super::files::Chain;
+use super::operation::Operation;
+use super::patch::{CellPatch, FillPatch, FillRegion, Patch};
+use super::patched::Patched;
+use super::tree_file::{TreeFile, check_form};
 use crate::space::Bounds;
+use crate::store::OpenOptions;
 use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
-use crate::store::goblin::{Layout, OpenOptions};
-use crate::store::{File, Typed, typed};
-use crate::tree::{Patch, Patched};
-use crate::value::{Sample, Value};
+use crate::tree::Source;
+use crate::value::{Value, ValueType};
 use crate::{Error, Progress, Result};
 
 /// A change to a tree.
@@ -54,119 +56,128 @@ pub fn edit(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Option<Commit>> {
-    let edits = &mut edits.into_iter();
-    typed(path, Editing { path, edits, note, memory, progress })
+    let mut editor = Editor::open(path, memory)?;
+    apply_edits(&mut editor, &mut edits.into_iter(), progress)?;
+    editor.commit(note)
 }
 
-struct Editing<'a> {
-    path: &'a Path,
-    edits: &'a mut dyn Iterator<Item = Result<Edit>>,
-    note: Note,
-    memory: u64,
-    progress: &'a dyn Progress,
-}
-
-impl Typed for Editing<'_> {
-    type Out = Option<Commit>;
-
-    fn of<D: Layout, V: Value>(self) -> Result<Option<Commit>> {
-        let mut editor = Editor::<D, V>::open(self.path, self.memory)?;
-        for edit in self.edits {
-            one(&mut editor, edit?, self.progress)?;
-            self.progress.check()?;
+/// Does some edits, one after the other, in a file that is open for editing; nobody sees them before they are committed.
+///
+/// # Errors
+/// If an edit cannot be done, the file not be written, or on interruption.
+pub fn apply_edits(
+    editor: &mut Editor,
+    edits: &mut dyn Iterator<Item = Result<Edit>>,
+    progress: &dyn Progress,
+) -> Result<()> {
+    for edit in edits {
+        match edit? {
+            Edit::Revert(number) => editor.revert(number)?,
+            edit => {
+                let changed = changed(editor.tree(), edit)?;
+                editor.replace(&changed, progress)?;
+            }
         }
-        editor.commit(self.note)
+        progress.check()?;
     }
+    Ok(())
 }
 
-/// The value with these samples, or with one sample for all channels.
-fn value_of<V: Value>(samples: &[f64]) -> Result<V> {
-    let sample = |channel: usize| *samples.get(channel).or(samples.first()).unwrap_or(&f64::NAN);
-    let fits = samples.len() == 1 || samples.len() == V::CHANNELS;
-    let exact =
-        samples.iter().all(|number| V::Sample::from_f64(*number).is_some() || V::TYPE.sample.is_float());
-    if !fits || !exact {
-        let expected = format!("1 or {} numbers that {} can hold", V::CHANNELS, V::TYPE);
-        return Err(Error::invalid("value", format!("{samples:?}"), expected));
-    }
-    Ok(V::from_channels(|channel| V::Sample::from_f64_lossy(sample(channel))))
-}
-
-fn value_or_void<V: Value>(samples: &Option<Vec<f64>>) -> Result<Option<V>> {
-    samples.as_ref().map(|samples| value_of(samples)).transpose()
-}
-
-/// Does one edit. All of them are the same kind of source, so that it is compiled once for each type of trees.
-fn one<D: Layout, V: Value>(editor: &mut Editor<D, V>, edit: Edit, progress: &dyn Progress) -> Result<()> {
-    let tree = editor.tree();
-    let header = tree.header().clone();
-    let (depth, extent) = (header.shape.depth, header.extent);
-    let base = |file: File<D, V>| View::new(Arc::new(file), extent)?.deepened(depth);
-    let patched = |patch: Arc<dyn Patch<D, V>>| base(File::Patched(Patched::new(tree.clone(), patch)));
+/// What an edit makes of a tree, as a source in which all that stays is the tree's own.
+fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
+    let (form, depth, extent) = (tree.header().form, tree.header().depth(), tree.header().extent);
+    let value_type = form.value;
     let (operation, views) = match edit {
-        Edit::Revert(number) => return editor.revert(number),
+        Edit::Revert(_) => unreachable!("is no new tree"),
         Edit::Fill(region, value) => {
-            let value = value_or_void::<V>(&value)?.filter(|value| !value.is_nan());
-            (Operation::Over, vec![patched(Arc::new(FillPatch::new(region, extent, value)))?])
+            let value = value_or_void(value_type, &value)?.filter(|value| !value_type.is_nan(*value));
+            (Operation::Over, vec![patched(&tree, Arc::new(FillPatch::new(region, extent, value)))?])
         }
         Edit::Set(cells) => {
-            let cells = cells.iter().map(|(cell, value)| Ok((*cell, value_or_void::<V>(value)?)));
+            let cells = cells.iter().map(|(cell, value)| Ok((*cell, value_or_void(value_type, value)?)));
             let cells = cells.collect::<Result<Vec<_>>>()?;
-            (Operation::Over, vec![patched(Arc::new(CellPatch::<D, V>::new(depth, extent, cells)?))?])
+            (Operation::Over, vec![patched(&tree, Arc::new(CellPatch::new(form, depth, extent, cells)?))?])
         }
-        Edit::Paste { patch, at, where_valid } => {
-            let file = Arc::new(File::<D, V>::open(&patch.path, &OpenOptions::default())?);
-            let view = chained(&patch, file)?;
-            let (view, bounds) = match at {
-                Some(at) => {
-                    let size = view.extent();
-                    let moved = Map::translation(at.map(|cells| cells as f64));
-                    let end = |axis: usize| at[axis].saturating_add_unsigned(size[axis]).max(0) as u64;
-                    let min = at.map(|cell| cell.max(0) as u64);
-                    (view.onto(&moved, extent)?, Bounds { min, max: std::array::from_fn(end) })
-                }
-                None => placed(view, &tree, &patch.path)?,
-            };
-            let bounds = bounds.intersect(&Bounds { min: [0; 3], max: extent });
-            if bounds.is_empty() {
-                let name = patch.path.display().to_string();
-                let found = "a place outside of the tree";
-                return Err(Error::invalid(name, found, "one that is at least partly inside"));
-            }
-            let below = if where_valid {
-                base(File::Autumnal(tree.clone()))?
-            } else {
-                patched(Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)))?
-            };
-            (Operation::Over, vec![view.deepened(depth)?, below])
-        }
+        Edit::Paste { patch, at, where_valid } => (Operation::Over, pasted(&tree, &patch, at, where_valid)?),
         Edit::Apply(operation, path) => {
-            let file = Arc::new(File::<D, V>::open(&path, &OpenOptions::default())?);
-            let view = View::new(file.clone(), file.header().extent)?;
-            let (view, _) = placed(view, &tree, &path)?;
-            (operation, vec![base(File::Autumnal(tree.clone()))?, view.deepened(depth)?])
+            let file = TreeFile::open(&path, &OpenOptions::default())?;
+            check_form((&path, file.form()), (tree.path(), form))?;
+            let extent = file.header().extent;
+            let (view, _) = placed(View::new(Arc::new(file), extent)?, &tree, &path)?;
+            (operation, vec![whole(tree.into())?, view.deepened(depth)?])
         }
     };
-    editor.replace(&Combined::new(views, operation, extent)?, progress)
+    Combined::new(views, operation, extent)
 }
 
-type FileView<D, V> = View<Arc<File<D, V>>>;
+/// All of a tree.
+fn whole(file: TreeFile) -> Result<View> {
+    let extent = file.header().extent;
+    View::new(Arc::new(file), extent)
+}
+
+/// All of a tree with a patch on it.
+fn patched(tree: &Arc<Autumnal>, patch: Arc<dyn Patch>) -> Result<View> {
+    whole(Patched::new(tree.clone(), patch).into())
+}
+
+/// What is pasted, and the tree that it goes over.
+fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid: bool) -> Result<Vec<View>> {
+    let (depth, extent) = (tree.header().depth(), tree.header().extent);
+    let view = patch.open()?;
+    check_form((&patch.path, view.form()), (tree.path(), tree.header().form))?;
+    let (view, bounds) = match at {
+        Some(at) => {
+            let size = view.extent();
+            let moved = Map::translation(at.map(|cells| cells as f64));
+            let end = |axis: usize| at[axis].saturating_add_unsigned(size[axis]).max(0) as u64;
+            let min = at.map(|cell| cell.max(0) as u64);
+            (view.onto(&moved, extent)?, Bounds { min, max: std::array::from_fn(end) })
+        }
+        None => placed(view, tree, &patch.path)?,
+    };
+    let bounds = bounds.intersect(&Bounds::picture(extent));
+    if bounds.is_empty() {
+        let name = patch.path.display().to_string();
+        let found = "a place outside of the tree";
+        return Err(Error::invalid(name, found, "one that is at least partly inside"));
+    }
+    let below = if where_valid {
+        whole(tree.clone().into())?
+    } else {
+        // What is VOID in the patch becomes VOID in the tree: first all of the box does.
+        patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)))?
+    };
+    Ok(vec![view.deepened(depth)?, below])
+}
 
 /// A view of a file on the cells of a tree, where it lies in the world, and its box there.
-fn placed<D: Layout, V: Value>(
-    view: FileView<D, V>,
-    tree: &Autumnal<D, V>,
-    path: &Path,
-) -> Result<(FileView<D, V>, Bounds)> {
-    let (frame, extent) = (view.frame(&view.source().metadata().frame, false), tree.header().extent);
+fn placed(view: View, tree: &Autumnal, path: &Path) -> Result<(View, Bounds)> {
+    let (frame, extent) = (view.frame(false), tree.header().extent);
     let (own, name) = (tree.path().display().to_string(), path.display().to_string());
     let alignments = align(&[(&own, &tree.metadata().frame, extent), (&name, &frame, view.extent())])?;
     // The grid has room for both, and the finer cells of both.
     let back = alignments[0].map.inverse()?;
     let map = alignments[1].map.then(&back);
-    let end = glam::DVec3::from(view.extent().map(|cells| cells as f64));
-    let (low, high) = map.bounding_box(glam::DVec3::ZERO, end);
+    let end = DVec3::from(view.extent().map(|cells| cells as f64));
+    let (low, high) = map.bounding_box(DVec3::ZERO, end);
     let cell = |number: f64| number.round().max(0.0) as u64;
     let bounds = Bounds { min: low.to_array().map(cell), max: high.to_array().map(cell) };
     Ok((view.onto(&map, extent)?, bounds))
+}
+
+/// The value with these samples, or with one sample for all channels.
+fn value_of(value_type: ValueType, samples: &[f64]) -> Result<Value> {
+    let ValueType { sample, channels } = value_type;
+    let fits = samples.len() == 1 || samples.len() == usize::from(channels);
+    let exact = samples.iter().all(|number| sample.can_hold(*number) || sample.is_float());
+    if !fits || !exact {
+        let expected = format!("1 or {channels} numbers that {value_type} can hold");
+        return Err(Error::invalid("value", format!("{samples:?}"), expected));
+    }
+    Ok(value_type.nearest(|channel| *samples.get(channel).unwrap_or(&samples[0])))
+}
+
+fn value_or_void(value_type: ValueType, samples: &Option<Vec<f64>>) -> Result<Option<Value>> {
+    samples.as_ref().map(|samples| value_of(value_type, samples)).transpose()
 }

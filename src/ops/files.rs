@@ -1,20 +1,18 @@
-//! Operations on files of any type, from files to files.
+//! Operations on files: from files to files.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::align::align;
-use super::combine::{Combined, Operation};
+use super::affine::{Sampling, View, align};
+use super::combine::{Combined, build};
 use super::cross::cross;
+use super::operation::Operation;
 use super::step::Step;
-use super::view::{Sampling, View};
-use super::viewed::Viewed;
-use crate::query::{Tree, as_tree};
-use crate::space::Frame;
-use crate::store::build::{BuildOptions, build};
-use crate::store::goblin::{Header, Layout, Metadata, OpenOptions, read_header};
-use crate::store::{File, Output, Typed, split_commit, typed};
-use crate::value::{Sample, Value};
+use super::tree_file::{TreeFile, check_form};
+use crate::io::Output;
+use crate::store::{BuildOptions, Metadata, OpenOptions};
+use crate::tree::Source;
+use crate::value::Value;
 use crate::{Error, Progress, Result};
 
 /// A file and the steps of what is done to it.
@@ -48,17 +46,53 @@ pub struct Outcome {
 /// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by channel.
 pub type PairOfSamples = (Option<Vec<f64>>, Option<Vec<f64>>, u64);
 
+impl Chain {
+    /// A file with nothing done to it yet.
+    pub fn of(path: &Path) -> Chain {
+        Chain { path: path.into(), ..Chain::default() }
+    }
+
+    /// Opens the file, and does the steps to all of it.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or a step cannot be done.
+    pub fn open(&self) -> Result<View> {
+        let file = Arc::new(TreeFile::open(&self.path, &OpenOptions::default())?);
+        let (extent, rule) = (file.header().extent, file.header().rule);
+        let view = View::new(file, extent)?.through(&self.steps)?;
+        if self.nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
+    }
+
+    /// A line for the result's provenance.
+    fn provenance(&self) -> String {
+        let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
+        let colon = if steps.is_empty() { "" } else { ": " };
+        format!("view of {}{colon}{}", self.path.display(), steps.join(", "))
+    }
+}
+
 /// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy. `memory` is as in
 /// [`BuildOptions`].
 ///
 /// # Errors
 /// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
 pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
-    let job = Job { paths: vec![chain.path.clone()], chain: Some(chain), operation: None };
-    job.run(Store { output, memory, progress })
+    let view = chain.open()?;
+    // How many cells there are to be, unless some were left out.
+    let shrinks = (!view.has_windows()).then(|| view.to_source().determinant().abs());
+    let made = Made {
+        views: vec![view],
+        operation: Operation::Over,
+        fill: None,
+        moves: chain.moves,
+        provenance: chain.provenance(),
+    };
+    let outcome = made.store(output, memory, progress)?;
+    let expected = shrinks.map(|volume| outcome.before[0] as f64 / volume);
+    Ok(Outcome { expected, ..outcome })
 }
 
-/// Settles files into one; those over other places or with coarser cells are aligned with the finest. `fill` is the number
+/// Merges files into one; those over other places or with coarser cells are aligned with the finest. `fill` is the number
 /// for [`Combined::filled_with`].
 ///
 /// # Errors
@@ -71,8 +105,15 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Outcome> {
-    let job = Job { paths: paths.to_vec(), chain: None, operation: Some((operation, fill)) };
-    job.run(Store { output, memory, progress })
+    let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+    let made = Made {
+        views: aligned(open_alike(paths)?)?,
+        operation,
+        fill,
+        moves: false,
+        provenance: format!("{operation} of {}", names.join(" ")),
+    };
+    made.store(output, memory, progress)
 }
 
 /// Counts which values of one file meet which of another: see [`cross`].
@@ -80,90 +121,28 @@ pub fn combine(
 /// # Errors
 /// As [`combine`]; also if there are too many pairs.
 pub fn cross_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>> {
-    let job = Job { paths: vec![first.into(), second.into()], chain: None, operation: None };
-    job.run(Cross)
+    let views = aligned(open_alike(&[first.into(), second.into()])?)?;
+    let value_type = views[0].form().value;
+    let samples = |value: Option<Value>| value.map(|value| value_type.samples(value).to_vec());
+    let pairs = cross(&views[0], &views[1])?;
+    Ok(pairs.into_iter().map(|pair| (samples(pair.first), samples(pair.second), pair.cells)).collect())
 }
 
-/// A file and how to look at it.
-type FileView<D, V> = View<Arc<File<D, V>>>;
-
-/// What is wanted of the sources that a job makes.
-trait Want {
-    type Out;
-    fn of<D: Layout, V: Value>(self, views: Vec<FileView<D, V>>, job: &Job<'_>) -> Result<Self::Out>;
-}
-
-struct Job<'a> {
-    paths: Vec<PathBuf>,
-    chain: Option<&'a Chain>,
-    operation: Option<(Operation, Option<f64>)>,
-}
-
-fn header_of(path: &Path) -> Result<Header> {
-    let (file, _) = split_commit(path);
-    Ok(read_header(&file, &*OpenOptions::default().storage(&file)?)?.1)
-}
-
-impl Job<'_> {
-    /// Opens the files with the types that they have.
-    fn run<W: Want>(&self, want: W) -> Result<W::Out> {
-        let first = self.paths.first().ok_or_else(|| Error::invalid("files", "none", "at least one"))?;
-        let header = header_of(first)?;
-        for path in &self.paths[1..] {
-            let other = header_of(path)?;
-            if (other.axes, other.value) != (header.axes, header.value) {
-                let kind = |header: &Header| {
-                    let tree = if header.axes == 2 { "a quadtree" } else { "an octree" };
-                    format!("{tree} of {}", header.value)
-                };
-                let expected = format!("{}, as {} is", kind(&header), first.display());
-                return Err(Error::invalid(path.display().to_string(), kind(&other), expected));
-            }
+/// Opens files, all of which must be of one form.
+fn open_alike(paths: &[PathBuf]) -> Result<Vec<Arc<TreeFile>>> {
+    let mut files: Vec<Arc<TreeFile>> = Vec::new();
+    for path in paths {
+        let file = TreeFile::open(path, &OpenOptions::default())?;
+        if let Some(first) = files.first() {
+            check_form((path, file.form()), (&paths[0], first.form()))?;
         }
-        typed(first, Typing { job: self, want })
+        files.push(Arc::new(file));
     }
+    if files.is_empty() { Err(Error::invalid("files", "none", "at least one")) } else { Ok(files) }
 }
 
-/// A job and what is wanted of it, whatever the types are.
-struct Typing<'a, W> {
-    job: &'a Job<'a>,
-    want: W,
-}
-
-impl<W: Want> Typed for Typing<'_, W> {
-    type Out = W::Out;
-
-    fn of<D: Layout, V: Value>(self) -> Result<W::Out> {
-        let Typing { job, want } = self;
-        let open = |path: &PathBuf| Ok(Arc::new(File::<D, V>::open(path, &OpenOptions::default())?));
-        let files: Vec<_> = job.paths.iter().map(open).collect::<Result<_>>()?;
-        let views = match (job.chain, files.into_iter()) {
-            (Some(chain), files) => files.map(|file| chained(chain, file)).collect::<Result<_>>()?,
-            (None, files) => aligned(files.collect())?,
-        };
-        want.of(views, job)
-    }
-}
-
-/// Frame and extent of another file.
-fn place_of(path: &Path) -> Result<(Frame, [u64; 3])> {
-    let tree = crate::query::open(path, &OpenOptions::default())?;
-    Ok((tree.metadata().frame.clone(), tree.header().extent))
-}
-
-pub(super) fn chained<D: Layout, V: Value>(chain: &Chain, file: Arc<File<D, V>>) -> Result<FileView<D, V>> {
-    let header = file.header();
-    let mut view = View::new(file.clone(), header.extent)?;
-    for step in &chain.steps {
-        view = step.apply(view, &file.metadata().frame, place_of)?;
-    }
-    if chain.steps.is_empty() {
-        view = view.deepened(header.shape.depth)?;
-    }
-    if chain.nearest { Ok(view) } else { view.sampled(Sampling::Area(header.rule)) }
-}
-
-fn aligned<D: Layout, V: Value>(files: Vec<Arc<File<D, V>>>) -> Result<Vec<FileView<D, V>>> {
+/// Views of files on one grid of cells, all of one depth.
+fn aligned(files: Vec<Arc<TreeFile>>) -> Result<Vec<View>> {
     let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
     let trees: Vec<_> = files
         .iter()
@@ -172,7 +151,7 @@ fn aligned<D: Layout, V: Value>(files: Vec<Arc<File<D, V>>>) -> Result<Vec<FileV
         .collect();
     let alignments = align(&trees)?;
     // Deeper than needed if one of the files is: what it has stored fits as it is.
-    let deepest = files.iter().map(|file| file.header().shape.depth).max().unwrap_or(0);
+    let deepest = files.iter().map(|file| file.depth()).max().unwrap_or(0);
     files
         .into_iter()
         .zip(alignments)
@@ -185,99 +164,38 @@ fn aligned<D: Layout, V: Value>(files: Vec<Arc<File<D, V>>>) -> Result<Vec<FileV
         .collect()
 }
 
-struct Store<'a> {
-    output: Output,
-    memory: u64,
-    progress: &'a dyn Progress,
+/// A tree to be made of views, like the first one's file.
+struct Made {
+    views: Vec<View>,
+    operation: Operation,
+    /// Value of cells that the operation makes of nothing.
+    fill: Option<f64>,
+    /// See [`Chain::moves`].
+    moves: bool,
+    /// A line to add to what the first file tells.
+    provenance: String,
 }
 
-impl Want for Store<'_> {
-    type Out = Outcome;
-
-    fn of<D: Layout, V: Value>(self, views: Vec<FileView<D, V>>, job: &Job<'_>) -> Result<Outcome> {
-        let first = &views[0];
-        let header = first.source().header().clone();
-        let (extent, to_source) = (first.extent(), first.to_source());
-        let depth = views.iter().map(View::depth).max().unwrap_or(0);
-        let moves = job.chain.is_some_and(|chain| chain.moves);
-        let told = first.source().metadata();
-        let mut metadata = Metadata { frame: first.frame(&told.frame, moves), ..told.clone() };
-        metadata.provenance.push(job.story());
+impl Made {
+    fn store(self, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+        let first = &self.views[0];
+        let (header, extent) = (first.source().header().clone(), first.extent());
+        let depth = self.views.iter().map(View::depth).max().unwrap_or(0);
+        let mut metadata = Metadata { frame: first.frame(self.moves), ..first.source().metadata().clone() };
+        metadata.provenance.push(self.provenance);
         let before: Result<Vec<u64>> =
-            views.iter().map(|view| Ok(as_tree(&**view.source()).statistics(None)?.cells)).collect();
+            self.views.iter().map(|view| Ok(view.source().statistics(None)?.cells)).collect();
         let before = before?;
-        let volume = to_source.0.matrix3.determinant().abs();
-        let whole = job.chain.is_some() && !first.is_cut();
-        let expected = whole.then(|| before[0] as f64 / volume);
-        let (operation, fill) = job.operation.unwrap_or((Operation::Over, None));
-        let mut source = Combined::new(views, operation, extent)?;
-        if let Some(fill) = fill {
-            let value = V::splat_f64(fill);
-            source = source.filled_with(value.ok_or_else(|| {
-                let expected = format!("a number that {} can hold", V::TYPE);
+        let mut source = Combined::new(self.views, self.operation, extent)?;
+        if let Some(fill) = self.fill {
+            let value_type = header.form.value;
+            source = source.filled_with(value_type.splat(fill).ok_or_else(|| {
+                let expected = format!("a number that {value_type} can hold");
                 Error::invalid("fill value", fill.to_string(), expected)
             })?);
         }
-        let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, self.memory) };
-        let tally = build(&source, extent, &options, self.output, self.progress)?;
-        Ok(Outcome { extent, depth, before, after: tally.cells, expected })
-    }
-}
-
-impl Job<'_> {
-    /// A line for the result's provenance.
-    fn story(&self) -> String {
-        let names: Vec<String> = self.paths.iter().map(|path| path.display().to_string()).collect();
-        match (self.chain, self.operation) {
-            (Some(chain), _) => {
-                let steps: Vec<String> = chain.steps.iter().map(|step| format!("{step:?}")).collect();
-                format!("view of {}: {}", names.join(" "), steps.join(", "))
-            }
-            (None, Some((operation, _))) => format!("{operation:?} of {}", names.join(" ")),
-            (None, None) => names.join(" "),
-        }
-    }
-}
-
-/// A file seen through a chain of steps, for any question: nothing is made beforehand.
-///
-/// # Errors
-/// If the file cannot be read, or a step cannot be done.
-pub fn open_view(chain: &Chain) -> Result<Box<dyn Tree>> {
-    let job = Job { paths: vec![chain.path.clone()], chain: Some(chain), operation: None };
-    job.run(Look)
-}
-
-struct Look;
-
-impl Want for Look {
-    type Out = Box<dyn Tree>;
-
-    fn of<D: Layout, V: Value>(self, mut views: Vec<FileView<D, V>>, job: &Job<'_>) -> Result<Self::Out> {
-        let view = views.swap_remove(0);
-        let moves = job.chain.is_some_and(|chain| chain.moves);
-        let frame = view.frame(&view.source().metadata().frame, moves);
-        Ok(Box::new(Viewed::new(view, frame)))
-    }
-}
-
-struct Cross;
-
-impl Want for Cross {
-    type Out = Vec<PairOfSamples>;
-
-    fn of<D: Layout, V: Value>(self, views: Vec<FileView<D, V>>, _: &Job<'_>) -> Result<Self::Out> {
-        let samples = |value: Option<V>| {
-            value.map(|value| value.samples().iter().map(|sample| sample.to_f64()).collect::<Vec<f64>>())
-        };
-        let pairs = cross(&views[0], &views[1])?;
-        Ok(pairs.into_iter().map(|pair| (samples(pair.first), samples(pair.second), pair.cells)).collect())
-    }
-}
-
-impl Chain {
-    /// A file with nothing done to it yet.
-    pub fn of(path: &Path) -> Chain {
-        Chain { path: path.into(), ..Chain::default() }
+        let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, memory) };
+        let tally = build(&source, &options, output, progress)?;
+        Ok(Outcome { extent, depth, before, after: tally.cells, expected: None })
     }
 }

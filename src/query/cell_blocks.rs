@@ -1,12 +1,14 @@
-//! The cells of a level in blocks of bits, whatever the tree and its values: what work on the shape of a solid needs.
+//! The cells of a level in blocks of bits, whatever the tree and its values: for work on the shape of a solid.
 
 use std::collections::HashMap;
+use std::ops::Deref;
 use std::sync::Arc;
 
-use super::occupancy::{Filling, HALF};
-use crate::space::{Code, Oct};
-use crate::tree::{CellBlock, Child, Source};
-use crate::value::{Rule, Sample, SampleType, Value, ValueType};
+use super::check_level;
+use super::occupancy::{Filling, HALF, check_octree};
+use crate::space::{Code, Dimension};
+use crate::tree::{CellBlock, Child, Children, Source, no_children};
+use crate::value::{Rule, SampleType, Value, ValueType};
 use crate::{Error, Result};
 
 /// Cells along an edge of a block.
@@ -16,14 +18,14 @@ const LEVELS: u8 = 5;
 /// Rows of a block.
 const ROWS: usize = (SIDE * SIDE) as usize;
 
-/// What is told of a cell besides whether it is solid.
+/// An attribute that is carried with each cell, besides whether it is solid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Carry {
     /// Nothing.
     Nothing,
-    /// How full it is, 0 to 255; that of trees with other rules than [`Rule::Occupancy`] is 0 or 255.
+    /// Occupancy of the cell, 0 to 255; in trees with other rules than [`Rule::Occupancy`] it is 0 or 255.
     Coverage,
-    /// Its value: see [`can_carry_value`].
+    /// The cell's value: see [`can_carry_value`].
     Value,
 }
 
@@ -33,9 +35,9 @@ pub fn can_carry_value(value: ValueType) -> bool {
     matches!((value.sample, value.channels), (SampleType::U8 | SampleType::U16, 1) | (SampleType::U8, 3 | 4))
 }
 
-/// A node of a level down to that of the blocks.
+/// State of a node of a level down to that of the blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
+pub enum BlockState {
     /// All cells below are solid, or none is.
     Uniform(bool),
     /// More detail below.
@@ -47,22 +49,23 @@ pub enum State {
 pub struct Block {
     /// Which cells are solid: bit x of row `z * SIDE + y`.
     pub solid: Box<[u32]>,
-    /// What is carried of them.
-    pub told: Told,
+    /// The cells' attribute.
+    pub carried: Carried,
 }
 
-/// What is carried of the cells of a block.
+/// The attribute of the cells of a block.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Told {
-    /// The same of all.
+pub enum Carried {
+    /// One for all cells.
     Same(u32),
-    /// Something of each: x runs fastest, then y, then z.
+    /// One for each: x runs fastest, then y, then z.
     Each(Box<[u32]>),
 }
 
 impl Block {
-    fn uniform(solid: bool, told: u32) -> Block {
-        Block { solid: vec![if solid { u32::MAX } else { 0 }; ROWS].into(), told: Told::Same(told) }
+    fn uniform(solid: bool, attribute: u32) -> Block {
+        let rows = vec![if solid { u32::MAX } else { 0 }; ROWS];
+        Block { solid: rows.into(), carried: Carried::Same(attribute) }
     }
 
     /// Whether a cell, in cells of the block, is solid.
@@ -71,18 +74,18 @@ impl Block {
         self.solid[(z * SIDE + y) as usize] >> x & 1 > 0
     }
 
-    /// What is carried of a cell.
+    /// The attribute of a cell.
     #[inline]
-    pub fn told(&self, [x, y, z]: [u32; 3]) -> u32 {
-        match &self.told {
-            Told::Same(told) => *told,
-            Told::Each(told) => told[((z * SIDE + y) * SIDE + x) as usize],
+    pub fn attribute(&self, [x, y, z]: [u32; 3]) -> u32 {
+        match &self.carried {
+            Carried::Same(attribute) => *attribute,
+            Carried::Each(attributes) => attributes[((z * SIDE + y) * SIDE + x) as usize],
         }
     }
 
     fn bytes(&self) -> usize {
-        let told = if let Told::Each(told) = &self.told { told.len() * 4 } else { 0 };
-        ROWS * 4 + told
+        let carried = if let Carried::Each(attributes) = &self.carried { attributes.len() * 4 } else { 0 };
+        ROWS * 4 + carried
     }
 }
 
@@ -91,7 +94,7 @@ pub trait CellBlocks {
     /// The level of the cells: the octree's space has `2^level` of them along each axis.
     fn level(&self) -> u8;
 
-    /// What is told of each cell.
+    /// The attribute that is carried with each cell.
     fn carry(&self) -> Carry;
 
     /// The level of the blocks: [`SIDE`] cells along each axis, or all there are.
@@ -99,11 +102,11 @@ pub trait CellBlocks {
         self.level().saturating_sub(LEVELS)
     }
 
-    /// What a node of a level, down to that of the blocks, looks like; all outside the space is empty.
+    /// The state of a node of a level down to that of the blocks; all outside the space is empty.
     ///
     /// # Errors
     /// If the tree is damaged there.
-    fn state(&mut self, level: u8, node: [i64; 3]) -> Result<State>;
+    fn state(&mut self, level: u8, node: [i64; 3]) -> Result<BlockState>;
 
     /// The cells of a block; all outside the space are empty.
     ///
@@ -112,13 +115,16 @@ pub trait CellBlocks {
     fn block(&mut self, block: [i64; 3]) -> Result<Arc<Block>>;
 }
 
-/// Blocks of a source.
-pub struct SourceBlocks<S: Source<Dim = Oct>> {
-    source: S,
+/// Nodes of the source that something points to.
+type Node<P> = <<P as Deref>::Target as Source>::Node;
+
+/// Blocks of a source, given by any kind of pointer.
+pub struct SourceBlocks<P: Deref<Target: Source>> {
+    source: P,
     cells: Cells,
     level: u8,
     /// Children of nodes above the blocks.
-    nodes: HashMap<Code<Oct>, Children<S>>,
+    nodes: HashMap<Code, Children<Node<P>>>,
     /// Blocks used lately, and those before them.
     blocks: [HashMap<[i64; 3], Arc<Block>>; 2],
     /// Bytes of the former.
@@ -126,31 +132,28 @@ pub struct SourceBlocks<S: Source<Dim = Oct>> {
     empty: Arc<Block>,
 }
 
-type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
-type Children<S> = [Place<S>; 8];
-
 /// Nodes above the blocks that are remembered.
-const NODES: usize = 1 << 13;
+const MAX_NODES: usize = 1 << 13;
 /// Bytes of blocks that are remembered, twice.
-const HELD: usize = 32 << 20;
+const MAX_HELD: usize = 32 << 20;
 
-impl<S: Source<Dim = Oct>> SourceBlocks<S> {
+impl<P: Deref<Target: Source>> SourceBlocks<P> {
     /// The cells of a level of a source. By [`Rule::Occupancy`] a cell is solid if it is at least half full (128 of
-    /// 255); by other rules if it is not VOID. INNER nodes of the level are what their representatives say.
+    /// 255); by other rules if it is not VOID. INNER nodes of the level are as their representatives say.
     ///
     /// # Errors
-    /// If the source has no such level, or if values cannot be carried.
-    pub fn new(source: S, level: u8, rule: Rule, carry: Carry) -> Result<SourceBlocks<S>> {
-        if level > source.depth() {
-            return Err(Error::invalid("level", level.to_string(), format!("0 to {}", source.depth())));
-        }
-        if carry == Carry::Value && !can_carry_value(S::Value::TYPE) {
+    /// If the source is a quadtree or has no such level, or if values cannot be carried.
+    pub fn new(source: P, level: u8, rule: Rule, carry: Carry) -> Result<SourceBlocks<P>> {
+        let form = source.form();
+        check_octree(form)?;
+        check_level(level, source.depth())?;
+        if carry == Carry::Value && !can_carry_value(form.value) {
             let expected = "u8, u16, or three or four channels of u8";
-            return Err(Error::invalid("values to carry", S::Value::TYPE.to_string(), expected));
+            return Err(Error::invalid("values to carry", form.value.to_string(), expected));
         }
         Ok(SourceBlocks {
             source,
-            cells: Cells { filling: Filling::of::<S::Value>(rule), carry },
+            cells: Cells { value_type: form.value, filling: Filling::of(rule, form.value), carry },
             level,
             nodes: HashMap::new(),
             blocks: Default::default(),
@@ -159,52 +162,53 @@ impl<S: Source<Dim = Oct>> SourceBlocks<S> {
         })
     }
 
-    /// What stands at a node's place.
-    fn place(&mut self, code: Code<Oct>) -> Result<Place<S>> {
+    /// A node, or the uniform block that it lies in.
+    fn find(&mut self, code: Code) -> Result<Child<Node<P>>> {
         let Some(parent) = code.parent() else { return self.source.root() };
         let step = code.step(parent.level());
         if let Some(children) = self.nodes.get(&parent) {
-            return Ok(children.as_ref()[step].clone());
+            return Ok(children[step].clone());
         }
-        let node = match self.place(parent)? {
+        let node = match self.find(parent)? {
             Child::Inner { node, .. } => node,
             uniform => return Ok(uniform),
         };
-        let children = self.source.children(&node)?;
-        let child = children.as_ref()[step].clone();
-        if self.nodes.len() >= NODES {
+        let mut children = no_children();
+        self.source.children(&node, &mut children)?;
+        let child = children[step].clone();
+        if self.nodes.len() >= MAX_NODES {
             self.nodes.clear();
         }
         self.nodes.insert(parent, children);
         Ok(child)
     }
 
-    fn read(&mut self, code: Code<Oct>) -> Result<Arc<Block>> {
-        let place = self.place(code)?;
+    fn read(&mut self, code: Code) -> Result<Arc<Block>> {
+        let node = self.find(code)?;
         let height = self.level - code.level();
-        if height == LEVELS && !place.is_inner() {
-            let (solid, told) = self.cells.cell(place.value());
-            return Ok(if !solid && told == 0 {
+        if height == LEVELS && !node.is_inner() {
+            let (solid, attribute) = self.cells.cell(node.value());
+            return Ok(if !solid && attribute == 0 {
                 self.empty.clone()
             } else {
-                Arc::new(Block::uniform(solid, told))
+                Arc::new(Block::uniform(solid, attribute))
             });
         }
-        let told = match self.cells.carry {
-            Carry::Nothing => Told::Same(0),
-            _ => Told::Each(vec![0; ROWS * SIDE as usize].into()),
+        let carried = match self.cells.carry {
+            Carry::Nothing => Carried::Same(0),
+            _ => Carried::Each(vec![0; ROWS * SIDE as usize].into()),
         };
-        let mut block = Block { solid: vec![0; ROWS].into(), told };
-        self.fill(&place, height, [0; 3], &mut block)?;
+        let mut block = Block { solid: vec![0; ROWS].into(), carried };
+        self.fill(&node, height, [0; 3], &mut block)?;
         Ok(Arc::new(block))
     }
 
     /// Fills the part of a block that a node `height` levels above the cells covers.
-    fn fill(&self, place: &Place<S>, height: u8, at: [u32; 3], block: &mut Block) -> Result<()> {
-        let node = match place {
+    fn fill(&self, node: &Child<Node<P>>, height: u8, at: [u32; 3], block: &mut Block) -> Result<()> {
+        let node = match node {
             Child::Inner { node, .. } if height > 0 => node,
             _ => {
-                self.cells.paint(place.value(), 1 << height, at, block);
+                self.cells.paint(node.value(), 1 << height, at, block);
                 return Ok(());
             }
         };
@@ -214,15 +218,18 @@ impl<S: Source<Dim = Oct>> SourceBlocks<S> {
             self.cells.copy(&cells, height, at, block);
             return Ok(());
         }
-        self.source.each_child(node, |step, child| {
+        let mut children = no_children();
+        self.source.children(node, &mut children)?;
+        for (step, child) in children.iter().enumerate() {
             let half = 1 << (height - 1);
             let at = std::array::from_fn(|axis| at[axis] + (step as u32 >> axis & 1) * half);
-            self.fill(&child, height - 1, at, block)
-        })
+            self.fill(child, height - 1, at, block)?;
+        }
+        Ok(())
     }
 }
 
-impl<S: Source<Dim = Oct>> CellBlocks for SourceBlocks<S> {
+impl<P: Deref<Target: Source>> CellBlocks for SourceBlocks<P> {
     fn carry(&self) -> Carry {
         self.cells.carry
     }
@@ -231,13 +238,13 @@ impl<S: Source<Dim = Oct>> CellBlocks for SourceBlocks<S> {
         self.level
     }
 
-    fn state(&mut self, level: u8, node: [i64; 3]) -> Result<State> {
-        let Some(code) = code_of(level, node) else { return Ok(State::Uniform(false)) };
-        let place = self.place(code)?;
-        if place.is_inner() && level < self.level {
-            return Ok(State::Mixed);
+    fn state(&mut self, level: u8, node: [i64; 3]) -> Result<BlockState> {
+        let Some(code) = code_of(level, node) else { return Ok(BlockState::Uniform(false)) };
+        let node = self.find(code)?;
+        if node.is_inner() && level < self.level {
+            return Ok(BlockState::Mixed);
         }
-        Ok(State::Uniform(self.cells.cell(place.value()).0))
+        Ok(BlockState::Uniform(self.cells.cell(node.value()).0))
     }
 
     fn block(&mut self, block: [i64; 3]) -> Result<Arc<Block>> {
@@ -250,7 +257,7 @@ impl<S: Source<Dim = Oct>> CellBlocks for SourceBlocks<S> {
             None => self.read(code)?,
         };
         self.held += found.bytes();
-        if self.held > HELD {
+        if self.held > MAX_HELD {
             self.blocks[1] = std::mem::take(&mut self.blocks[0]);
             self.held = found.bytes();
         }
@@ -260,37 +267,46 @@ impl<S: Source<Dim = Oct>> CellBlocks for SourceBlocks<S> {
 }
 
 /// The node's code, if it lies in the space.
-fn code_of(level: u8, node: [i64; 3]) -> Option<Code<Oct>> {
+fn code_of(level: u8, node: [i64; 3]) -> Option<Code> {
     let [Ok(x), Ok(y), Ok(z)] = node.map(u32::try_from) else { return None };
-    Code::from_cell(level, [x, y, z])
+    Code::from_cell(Dimension::Oct, level, [x, y, z])
 }
 
-/// What is made of a tree's cells.
+/// Makes cells of blocks from values.
 #[derive(Clone, Copy)]
 struct Cells {
+    value_type: ValueType,
     filling: Filling,
     carry: Carry,
 }
 
 impl Cells {
-    /// Whether a cell is solid, and what is carried of it.
+    /// Whether a cell is solid, and its attribute.
     #[inline]
-    fn cell<V: Value>(self, value: Option<V>) -> (bool, u32) {
+    fn cell(self, value: Option<Value>) -> (bool, u32) {
         let fill = self.filling.fill(value);
-        let told = match (self.carry, value) {
+        let attribute = match (self.carry, value) {
             (Carry::Nothing, _) | (_, None) => 0,
             (Carry::Coverage, _) => fill.into(),
-            (Carry::Value, Some(value)) => {
-                let samples = value.samples().iter().take(3);
-                samples.fold(0, |told, sample| told << 8 | sample.to_f64() as u32)
-            }
+            (Carry::Value, Some(value)) => self.number(value),
         };
-        (fill >= HALF, told)
+        (fill >= HALF, attribute)
+    }
+
+    /// A value as one number: see [`can_carry_value`].
+    #[inline]
+    fn number(self, value: Value) -> u32 {
+        let [a, b, c, ..] = value.to_bytes();
+        match (self.value_type.sample, self.value_type.channels) {
+            (SampleType::U16, _) => u16::from_le_bytes([a, b]).into(),
+            (_, 1) => a.into(),
+            _ => u32::from_be_bytes([0, a, b, c]),
+        }
     }
 
     /// A cube of cells of one value.
-    fn paint<V: Value>(self, value: Option<V>, side: u32, at: [u32; 3], block: &mut Block) {
-        let (solid, told) = self.cell(value);
+    fn paint(self, value: Option<Value>, side: u32, at: [u32; 3], block: &mut Block) {
+        let (solid, attribute) = self.cell(value);
         if solid {
             let bits = (u32::MAX >> (SIDE - side)) << at[0];
             for z in at[2]..at[2] + side {
@@ -298,25 +314,27 @@ impl Cells {
                 block.solid[row..row + side as usize].iter_mut().for_each(|row| *row |= bits);
             }
         }
-        if let Told::Each(each) = &mut block.told
-            && told > 0
+        if let Carried::Each(each) = &mut block.carried
+            && attribute > 0
         {
             for z in at[2]..at[2] + side {
                 for y in at[1]..at[1] + side {
                     let start = ((z * SIDE + y) * SIDE + at[0]) as usize;
-                    each[start..start + side as usize].fill(told);
+                    each[start..start + side as usize].fill(attribute);
                 }
             }
         }
     }
 
     /// Cells in Z order.
-    fn copy<V: Value>(self, cells: &CellBlock<V>, height: u8, at: [u32; 3], block: &mut Block) {
-        for (place, (present, value)) in cells.present.iter().zip(&cells.values).enumerate() {
+    fn copy(self, cells: &CellBlock, height: u8, at: [u32; 3], block: &mut Block) {
+        let values = cells.values.chunks_exact(self.value_type.size());
+        for (path, (present, value)) in cells.present.iter().zip(values).enumerate() {
             if *present > 0 {
-                let Some(code) = Code::<Oct>::from_path(height, place as u64) else { continue };
+                let Some(code) = Code::from_path(Dimension::Oct, height, path as u64) else { continue };
                 let cell = code.cell();
-                self.paint(Some(*value), 1, std::array::from_fn(|axis| at[axis] + cell[axis]), block);
+                let at = std::array::from_fn(|axis| at[axis] + cell[axis]);
+                self.paint(Some(Value::from_bytes(value)), 1, at, block);
             }
         }
     }

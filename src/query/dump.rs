@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use crate::Result;
-use crate::space::{Code, Dimension};
-use crate::tree::{Child, MemTree, Source};
-use crate::value::{Sample, Value};
+use crate::space::Code;
+use crate::tree::{Child, MemTree, Source, no_children};
+use crate::value::{Value, ValueType};
 
 /// The literature's table of a Goblin tree: a line per record with its number (from 1, in preorder), the children's
 /// values, and the number of the record to go on with when this one's detail is skipped.
@@ -15,17 +15,14 @@ use crate::value::{Sample, Value};
 ///
 /// # Errors
 /// None for a tree in memory.
-pub(crate) fn classic_table<D: Dimension, V: Value>(tree: &MemTree<D, V>) -> Result<String> {
-    let mut rows = Vec::new();
-    let mut positive = true;
-    if let Child::Inner { node, .. } = tree.root()? {
-        number(tree, node, &mut rows, &mut positive)?;
-    }
+pub(crate) fn classic_table(tree: &MemTree) -> Result<String> {
+    let Numbered { rows, positive, .. } = Numbered::of(tree)?;
+    let value_type = tree.form().value;
     let mut text = String::new();
-    for (i, (children, link)) in rows.iter().enumerate() {
+    for (i, row) in rows.iter().enumerate() {
         let _ = write!(text, "{:>6}", i + 1);
-        for child in children {
-            let value = child.value().map(|value| show(value)).unwrap_or_default();
+        for child in &row.children {
+            let value = child.value().map(|value| show(value_type, value)).unwrap_or_default();
             let cell = match child {
                 Child::Void => ".".to_string(),
                 Child::Leaf(_) => value,
@@ -34,30 +31,9 @@ pub(crate) fn classic_table<D: Dimension, V: Value>(tree: &MemTree<D, V>) -> Res
             };
             let _ = write!(text, " {cell:>6}");
         }
-        let _ = writeln!(text, " {link:>8}");
+        let _ = writeln!(text, " {:>8}", row.link);
     }
     Ok(text)
-}
-
-type Row<V> = (Vec<Child<V, usize>>, usize);
-
-fn number<D: Dimension, V: Value>(
-    tree: &MemTree<D, V>,
-    node: usize,
-    rows: &mut Vec<Row<V>>,
-    positive: &mut bool,
-) -> Result<()> {
-    let place = rows.len();
-    let children = tree.children(&node)?.as_ref().to_vec();
-    rows.push((children.clone(), 0));
-    for child in children {
-        *positive &= V::CHANNELS == 1 && child.value().is_none_or(|value| value.samples()[0].to_f64() > 0.0);
-        if let Child::Inner { node, .. } = child {
-            number(tree, node, rows, positive)?;
-        }
-    }
-    rows[place].1 = rows.len() + 1;
-    Ok(())
 }
 
 /// The literature's table of an Autumnal tree: a line per record with its number (from 1, in preorder), the children's values
@@ -68,59 +44,102 @@ fn number<D: Dimension, V: Value>(
 ///
 /// # Errors
 /// None for a tree in memory.
-pub(crate) fn classic_pointer_table<D: Dimension, V: Value>(tree: &MemTree<D, V>) -> Result<String> {
-    let mut rows = Vec::new();
-    let mut positive = true;
-    let root = tree.root()?;
-    if let Child::Inner { node, .. } = root {
-        number(tree, node, &mut rows, &mut positive)?;
-    }
-    let mut representatives = vec![root.value().unwrap_or_default(); rows.len()];
+pub(crate) fn classic_pointer_table(tree: &MemTree) -> Result<String> {
+    let Numbered { rows, positive, .. } = Numbered::of(tree)?;
+    let value_type = tree.form().value;
+    // A record's representative stands in its parent, which comes before it.
+    let mut representatives = vec![tree.root()?.value().unwrap_or_default(); rows.len()];
     let mut text = String::new();
-    for (i, (children, _)) in rows.iter().enumerate() {
+    for (i, row) in rows.iter().enumerate() {
         let _ = write!(text, "{:>6}", i + 1);
         let mut next = i + 1;
-        for child in children {
+        for child in &row.children {
             let cell = match child {
                 Child::Void => ".".to_string(),
-                Child::Leaf(value) if positive => format!("-{}", show(*value)),
-                Child::Leaf(value) => format!("({})", show(*value)),
+                Child::Leaf(value) if positive => format!("-{}", show(value_type, *value)),
+                Child::Leaf(value) => format!("({})", show(value_type, *value)),
                 Child::Inner { representative, .. } => {
                     let below = next;
                     representatives[below] = *representative;
-                    next = rows[below].1 - 1;
+                    next = rows[below].link - 1;
                     (below + 1).to_string()
                 }
             };
             let _ = write!(text, " {cell:>6}");
         }
-        let _ = writeln!(text, " {:>8}", show(representatives[i]));
+        let _ = writeln!(text, " {:>8}", show(value_type, representatives[i]));
     }
     Ok(text)
 }
 
+/// The INNER nodes of a tree in preorder.
+struct Numbered<'a> {
+    tree: &'a MemTree,
+    rows: Vec<Row>,
+    /// Whether all values are greater than zero, and of one channel.
+    positive: bool,
+}
+
+/// An INNER node.
+struct Row {
+    children: Vec<Child<<MemTree as Source>::Node>>,
+    /// Number, from 1, of the row behind all those of the node.
+    link: usize,
+}
+
+impl<'a> Numbered<'a> {
+    fn of(tree: &'a MemTree) -> Result<Numbered<'a>> {
+        let mut numbered = Numbered { tree, rows: Vec::new(), positive: true };
+        if let Child::Inner { node, .. } = tree.root()? {
+            numbered.add(&node)?;
+        }
+        Ok(numbered)
+    }
+
+    /// Adds an INNER node and all below it.
+    fn add(&mut self, node: &<MemTree as Source>::Node) -> Result<()> {
+        let form = self.tree.form();
+        let row = self.rows.len();
+        let mut children = no_children();
+        self.tree.children(node, &mut children)?;
+        let children = &children[..form.children()];
+        self.rows.push(Row { children: children.to_vec(), link: 0 });
+        for child in children {
+            let positive = child.value().is_none_or(|value| form.value.first_sample(value) > 0.0);
+            self.positive &= form.value.channels == 1 && positive;
+            if let Child::Inner { node, .. } = child {
+                self.add(node)?;
+            }
+        }
+        self.rows[row].link = self.rows.len() + 1;
+        Ok(())
+    }
+}
+
 /// A line per leaf: FD code in digits, the code's integer, the value.
 pub(crate) fn leaf_codes<S: Source>(source: &S) -> Result<String> {
+    let form = source.form();
     let mut text = String::new();
-    let mut pending = vec![(Code::<S::Dim>::ROOT, source.root()?)];
-    while let Some((code, place)) = pending.pop() {
-        match place {
+    let mut pending = vec![(Code::root(form.dimension), source.root()?)];
+    let mut children = no_children();
+    while let Some((code, node)) = pending.pop() {
+        match node {
             Child::Void => {}
             Child::Leaf(value) => {
-                let _ = writeln!(text, "{code} {} {}", code.bits(), show(value));
+                let _ = writeln!(text, "{code} {} {}", code.bits(), show(form.value, value));
             }
             Child::Inner { node, .. } => {
-                let children = source.children(&node)?;
-                pending.extend(
-                    children.as_ref().iter().enumerate().rev().map(|(i, c)| (code.child(i), c.clone())),
-                );
+                source.children(&node, &mut children)?;
+                // The first child is to be the next.
+                let children = children[..form.children()].iter().enumerate().rev();
+                pending.extend(children.map(|(i, child)| (code.child(i), child.clone())));
             }
         }
     }
     Ok(text)
 }
 
-fn show<V: Value>(value: V) -> String {
-    let samples: Vec<String> = value.samples().iter().map(|sample| sample.to_f64().to_string()).collect();
+fn show(value_type: ValueType, value: Value) -> String {
+    let samples: Vec<String> = value_type.samples(value).iter().map(f64::to_string).collect();
     samples.join(",")
 }

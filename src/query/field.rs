@@ -1,10 +1,10 @@
 //! One level of an octree as a field of occupancy: cells, densities between them, and gradients, looked up at random but
-//! cheaply where one place is near the last.
+//! cheaply where one is near the last.
 
 use super::occupancy::{BRICK, BRICK_CELLS, Block, Occupancy, SIDE};
 use crate::Result;
 
-/// Bricks that are kept: one place for each number that a brick's place is hashed to.
+/// Bricks that are kept: one slot for each number that a brick's coordinates are hashed to.
 const SLOTS: usize = 1 << 12;
 
 /// One level of an octree. Coordinates are cells of that level; all that is outside is empty.
@@ -13,7 +13,7 @@ const SLOTS: usize = 1 << 12;
 pub(crate) struct Field<'a> {
     cells: Box<dyn Occupancy + 'a>,
     level: u8,
-    /// Place and number of each brick that is kept, one more than it is; 0 where there is none.
+    /// Coordinates of the brick in each slot as one number, and one more; 0 where there is none.
     keys: Vec<u64>,
     bricks: Vec<u8>,
 }
@@ -39,7 +39,7 @@ impl<'a> Field<'a> {
         self.cells.block(cell)
     }
 
-    /// Where the occupancy of a brick starts, which is read if it is not there.
+    /// Offset of a brick's occupancy, which is read if it is not there.
     #[inline]
     fn brick(&mut self, brick: [u32; 3]) -> Result<usize> {
         let [x, y, z] = brick.map(u64::from);
@@ -59,7 +59,7 @@ impl<'a> Field<'a> {
         self.cells.read_brick(brick, &mut self.bricks[slot * BRICK_CELLS..][..BRICK_CELLS])
     }
 
-    /// How full a cell is, 255 for full.
+    /// Occupancy of a cell, 255 for full.
     #[inline]
     pub(super) fn fill_at(&mut self, cell: [i64; 3]) -> Result<u8> {
         let side = i64::from(self.side());
@@ -70,7 +70,7 @@ impl<'a> Field<'a> {
         Ok(self.bricks[start + within(cell)])
     }
 
-    /// How full the surroundings of a point are, 0 to 1: linear between the centres of the cells around it.
+    /// Occupancy around a point, 0 to 1: linear between the centres of the cells around it.
     pub(super) fn density(&mut self, point: [f64; 3]) -> Result<f64> {
         let low = point.map(|number| (number - 0.5).floor());
         let share: [f64; 3] = std::array::from_fn(|axis| point[axis] - 0.5 - low[axis]);
@@ -142,7 +142,7 @@ impl<'a> Field<'a> {
     }
 }
 
-/// Where a cell is in its brick.
+/// Offset of a cell in its brick.
 #[inline]
 fn within(cell: [i64; 3]) -> usize {
     let [x, y, z] = cell.map(|cell| cell & (SIDE - 1));

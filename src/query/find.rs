@@ -1,14 +1,15 @@
 //! Searches for blocks by value: zone statistics rule out, or take whole, what they can.
 
 use crate::space::{Bounds, Code};
-use crate::store::goblin::{Goblin, Layout};
-use crate::tree::Source;
-use crate::value::{Sample, Tally, Value};
+use crate::store::goblin::Goblin;
+use crate::tree::{Form, Source};
+use crate::value::{Tally, Value};
 use crate::{Error, Result};
 
-use super::walk::{Visitor, Zone, node_bounds, walk, walk_source};
+use super::count::number_of;
+use super::walk::{Visitor, Zone, walk, walk_source};
 
-/// What to look for, in the first channel.
+/// A condition on the first channel of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Condition {
     /// Values greater than this.
@@ -20,6 +21,7 @@ pub enum Condition {
 }
 
 impl Condition {
+    #[inline]
     fn met_by(self, number: f64) -> bool {
         match self {
             Condition::Above(bound) => number > bound,
@@ -29,8 +31,7 @@ impl Condition {
     }
 
     /// Whether all or none of a zone's values meet the condition; `None` if the extremes do not tell.
-    fn of_zone<V: Value>(self, zone: &Tally<V>) -> Option<bool> {
-        let (min, max) = (zone.min.samples()[0].to_f64(), zone.max.samples()[0].to_f64());
+    fn of_zone(self, min: f64, max: f64) -> Option<bool> {
         match self {
             Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => {
                 Some(self.met_by(min))
@@ -55,7 +56,7 @@ pub struct FoundBlock {
     pub value: Option<f64>,
 }
 
-impl<D: Layout, V: Value> Goblin<D, V> {
+impl Goblin {
     /// Hands out the largest blocks in a box all of whose cells meet a condition, in FD order, until `found` says
     /// `false`. VOID meets none.
     ///
@@ -67,43 +68,49 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         bounds: Option<Bounds>,
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
-        let picture = Bounds { min: [0; 3], max: self.header().extent };
+        let header = self.header();
+        let picture = header.picture();
         let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
-        let mut search = Search::new(self.header().shape.depth, condition, found);
+        let mut search = Search::new(header.form, header.depth(), condition, found);
         let walked = walk(self, &bounds, &mut search);
         search.finish(walked)
     }
 }
 
 /// [`Goblin::find`] in any source, going through all of its nodes in the box.
-pub(crate) fn source_find<S>(
+pub(crate) fn source_find<S: Source>(
     source: &S,
     condition: Condition,
     bounds: &Bounds,
     found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
-) -> Result<()>
-where
-    S: Source,
-    S::Dim: Layout,
-{
-    let mut search = Search::<S::Dim>::new(source.depth(), condition, found);
+) -> Result<()> {
+    let mut search = Search::new(source.form(), source.depth(), condition, found);
     let walked = walk_source(source, bounds, &mut search);
     search.finish(walked)
 }
 
-struct Search<'a, D: Layout> {
+struct Search<'a> {
+    form: Form,
     depth: u8,
     condition: Condition,
+    /// The first sample of a value.
+    number: fn(Value) -> f64,
     found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a larger
     /// one.
-    pending: Vec<(Code<D>, Option<f64>)>,
+    pending: Vec<(Code, Option<f64>)>,
     stopped: bool,
 }
 
-impl<'a, D: Layout> Search<'a, D> {
-    fn new(depth: u8, condition: Condition, found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>) -> Self {
-        Search { depth, condition, found, pending: Vec::new(), stopped: false }
+impl<'a> Search<'a> {
+    fn new(
+        form: Form,
+        depth: u8,
+        condition: Condition,
+        found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Search<'a> {
+        let number = number_of(form.value);
+        Search { form, depth, condition, number, found, pending: Vec::new(), stopped: false }
     }
 
     fn finish(mut self, walked: Result<()>) -> Result<()> {
@@ -113,10 +120,17 @@ impl<'a, D: Layout> Search<'a, D> {
     }
 
     /// Something does not meet the condition: what is pending cannot grow any more.
+    #[inline]
     fn miss(&mut self) -> Result<()> {
+        if self.pending.is_empty() { Ok(()) } else { self.hand_out() }
+    }
+
+    /// Hands out all that is pending.
+    #[inline(never)]
+    fn hand_out(&mut self) -> Result<()> {
         let depth = self.depth;
-        for (code, value) in std::mem::take(&mut self.pending) {
-            let bounds = node_bounds(code, depth);
+        for (code, value) in self.pending.drain(..) {
+            let bounds = code.bounds(depth);
             if !(self.found)(FoundBlock { code: code.to_string(), level: code.level(), bounds, value })? {
                 self.stopped = true;
                 return Err(Error::Interrupted);
@@ -126,8 +140,8 @@ impl<'a, D: Layout> Search<'a, D> {
     }
 
     /// A uniform block that meets the condition but sticks out of the box: its largest parts inside.
-    fn split(&mut self, code: Code<D>, value: f64, part: &Bounds) -> Result<()> {
-        let whole = node_bounds(code, self.depth);
+    fn split(&mut self, code: Code, value: f64, part: &Bounds) -> Result<()> {
+        let whole = code.bounds(self.depth);
         if part.contains(&whole) {
             self.pending.push((code, Some(value)));
             return Ok(());
@@ -135,15 +149,15 @@ impl<'a, D: Layout> Search<'a, D> {
         if part.intersect(&whole).is_empty() {
             return self.miss();
         }
-        (0..D::CHILDREN).try_for_each(|child| self.split(code.child(child), value, part))
+        (0..self.form.children()).try_for_each(|child| self.split(code.child(child), value, part))
     }
 }
 
-impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D> {
-    fn zone(&mut self, code: Code<D>, zone: &dyn Zone<V>) -> Result<bool> {
-        let zone = zone.tally()?;
-        let full = zone.cells == node_bounds(code, self.depth).volume();
-        match self.condition.of_zone(&zone) {
+impl Visitor for Search<'_> {
+    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Result<bool> {
+        let Tally { cells, min, max, .. } = zone.tally()?;
+        let full = cells == self.form.dimension.cells(self.depth - code.level());
+        match self.condition.of_zone((self.number)(min), (self.number)(max)) {
             Some(true) if full => self.pending.push((code, None)),
             Some(false) => self.miss()?,
             _ => return Ok(false),
@@ -151,9 +165,9 @@ impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D> {
         Ok(true)
     }
 
-    fn block(&mut self, code: Code<D>, value: Option<V>, _: u64, part: Option<&Bounds>) -> Result<()> {
-        let number = value.map(|value| value.samples()[0].to_f64());
-        match (number.filter(|number| self.condition.met_by(*number)), part) {
+    fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Result<()> {
+        let number = value.map(self.number).filter(|number| self.condition.met_by(*number));
+        match (number, part) {
             (None, _) => self.miss(),
             (Some(number), None) => {
                 self.pending.push((code, Some(number)));
@@ -163,9 +177,13 @@ impl<D: Layout, V: Value> Visitor<D, V> for Search<'_, D> {
         }
     }
 
-    fn leave(&mut self, code: Code<D>) -> Result<()> {
-        // All children pending, and nothing else since: the parent stands for them.
-        if let Some(first) = self.pending.len().checked_sub(D::CHILDREN) {
+    fn leave(&mut self, code: Code) -> Result<()> {
+        // All children pending, and nothing else since: the parent stands for them. (Mostly the last is not there.)
+        let count = self.form.children();
+        if self.pending.last().is_none_or(|(last, _)| *last != code.child(count - 1)) {
+            return Ok(());
+        }
+        if let Some(first) = self.pending.len().checked_sub(count) {
             let children = &self.pending[first..];
             if children.iter().enumerate().all(|(i, (child, _))| *child == code.child(i)) {
                 let value = children[0].1;

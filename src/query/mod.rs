@@ -1,11 +1,14 @@
 //! Questions to trees on disk: cells, windows at any level, statistics, searches; of solids measures and rays.
+//!
+//! Each is answered from any [`Source`](crate::tree::Source), and faster from a file where its format allows that.
 
-mod any;
 pub mod cell_blocks;
+mod classes;
+mod count;
 pub(crate) mod dump;
 mod field;
-mod file;
 mod find;
+mod histogram;
 mod occupancy;
 mod points;
 mod ray;
@@ -14,17 +17,25 @@ mod stats;
 mod walk;
 mod window;
 
-pub use any::{Tree, open};
 pub(crate) use field::Field;
-pub(crate) use file::{as_tree, octree};
 pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};
+pub(crate) use histogram::source_histogram;
 pub(crate) use occupancy::{Filling, Level};
 pub use points::{PointSamples, Points};
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;
 pub(crate) use solid::measure;
 pub use stats::{ChannelStatistics, Statistics};
-pub(crate) use stats::{source_histogram, source_statistics};
-pub(crate) use walk::node_bounds;
-pub(crate) use window::{Canvas, fill_value, wires_of};
+pub(crate) use stats::{source_statistics, tally_statistics};
+pub(crate) use window::Canvas;
+
+use crate::{Error, Result};
+
+/// Fails if a tree of so many levels has no such level.
+pub(crate) fn check_level(level: u8, depth: u8) -> Result<()> {
+    if level > depth {
+        return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
+    }
+    Ok(())
+}

@@ -1,8 +1,11 @@
-//! How full the cells of one level of an octree are, found by their place: what depends on the type of the tree's values.
+//! Occupancy of the cells of one level of an octree, found by their coordinates: the part that depends on the source.
 
-use crate::space::{Dimension, Oct};
-use crate::tree::{Child, Source};
-use crate::value::{Rule, Sample, Value};
+use std::ops::Deref;
+
+use super::check_level;
+use crate::space::Dimension;
+use crate::tree::{Child, Children, Form, Source, no_children};
+use crate::value::{Rule, SampleType, Value, ValueType};
 use crate::{Error, Result};
 
 /// Cells along an edge of a brick are `2^BRICK`.
@@ -13,28 +16,36 @@ pub(super) const BRICK_CELLS: usize = 1 << (3 * BRICK);
 /// Cells that are at least this full belong to the solid.
 pub(super) const HALF: u8 = 128;
 
-/// What a value says about how full a cell is.
+/// Meaning of values for the occupancy of cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Filling {
     /// The value itself, 255 for a full cell: trees of [`Rule::Occupancy`] with one channel.
-    Graded,
+    Graded(ValueType),
     /// Whatever is not VOID is full.
     Present,
 }
 
 impl Filling {
-    /// What the values of a tree say.
-    pub(crate) fn of<V: Value>(rule: Rule) -> Filling {
-        if rule == Rule::Occupancy && V::CHANNELS == 1 { Filling::Graded } else { Filling::Present }
+    /// The meaning of the values of a tree.
+    pub(crate) fn of(rule: Rule, value_type: ValueType) -> Filling {
+        if rule == Rule::Occupancy && value_type.channels == 1 {
+            Filling::Graded(value_type)
+        } else {
+            Filling::Present
+        }
     }
 
-    /// How full a cell with this value is, 255 for full.
+    /// Occupancy of a cell with this value, 255 for full; `None` is VOID.
     #[inline]
-    pub(crate) fn fill<V: Value>(self, value: Option<V>) -> u8 {
+    pub(crate) fn fill(self, value: Option<Value>) -> u8 {
         match (value, self) {
             (None, _) => 0,
-            (Some(value), Filling::Graded) => (value.samples()[0].to_f64() + 0.5).clamp(0.0, 255.0) as u8,
             (Some(_), Filling::Present) => 255,
+            // Nearly all solids: the number is the byte.
+            (Some(value), Filling::Graded(ValueType { sample: SampleType::U8, .. })) => value.to_bytes()[0],
+            (Some(value), Filling::Graded(value_type)) => {
+                (value_type.first_sample(value) + 0.5).clamp(0.0, 255.0) as u8
+            }
         }
     }
 }
@@ -46,20 +57,20 @@ pub(crate) struct Block {
     pub(super) min: [u32; 3],
     /// Cells along each axis.
     pub(super) side: u32,
-    /// How full its cells are, 255 for full.
+    /// Occupancy of its cells, 255 for full.
     pub(super) fill: u8,
     /// Their samples; `None` is VOID.
     pub(super) value: Option<[f64; 4]>,
 }
 
-/// One level of an octree of any type. Coordinates are cells of that level, inside the octree's space.
+/// One level of an octree of any kind. Coordinates are cells of that level, inside the octree's space.
 ///
-/// (An object, so that what works with occupancy is compiled once and not for each type of values.)
+/// (An object, so that what works with occupancy is compiled once and not for each kind of source.)
 pub(crate) trait Occupancy: Send {
     /// The level.
     fn level(&self) -> u8;
 
-    /// If there is nothing finer anywhere, also not behind the source.
+    /// Whether there is nothing finer anywhere, also not behind the source.
     fn is_finest(&self) -> bool;
 
     /// The largest uniform block that a cell lies in.
@@ -68,77 +79,77 @@ pub(crate) trait Occupancy: Send {
     /// If the source fails.
     fn block(&mut self, cell: [u32; 3]) -> Result<Block>;
 
-    /// Writes how full the cells of a brick are, x fastest, then y, then z.
+    /// Writes the occupancy of the cells of a brick, x fastest, then y, then z.
     ///
     /// # Errors
     /// If the source fails.
     fn read_brick(&mut self, brick: [u32; 3], cells: &mut [u8]) -> Result<()>;
 }
 
-type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
-type Children<S> = <<S as Source>::Dim as Dimension>::Array<Place<S>>;
+/// Nodes of the source that something points to.
+type Node<P> = <<P as Deref>::Target as Source>::Node;
 
-/// A level of a source.
+/// A level of a source, given by any kind of pointer.
 ///
 /// It keeps the way to the node that was looked at last, so that a neighbour costs no more than the levels up to the
 /// common ancestor and down again.
-pub(crate) struct Level<S: Source> {
-    source: S,
+pub(crate) struct Level<P: Deref<Target: Source>> {
+    source: P,
+    value_type: ValueType,
     level: u8,
     filling: Filling,
     is_finest: bool,
-    root: Place<S>,
-    /// Children of the nodes on the way to the last cell, from the root.
-    path: Vec<Children<S>>,
+    root: Child<Node<P>>,
+    /// Children of the nodes on the way to the last cell, from the root; as long as the level has levels above it.
+    path: Vec<Children<Node<P>>>,
+    /// Number of those that are known.
+    known: usize,
     last: [u32; 3],
 }
 
-impl<S: Source<Dim = Oct>> Level<S> {
+impl<P: Deref<Target: Source>> Level<P> {
     /// A level of an octree; `is_finest` if there is nothing finer anywhere, also not behind the source.
     ///
     /// # Errors
-    /// If the source fails or has no such level.
-    pub(crate) fn new(source: S, level: u8, filling: Filling, is_finest: bool) -> Result<Level<S>> {
-        check_level(&source, level)?;
-        let root = source.root()?;
-        Ok(Level { source, level, filling, is_finest, root, path: Vec::new(), last: [0; 3] })
+    /// If the source fails, is a quadtree, or has no such level.
+    pub(crate) fn new(source: P, level: u8, filling: Filling, is_finest: bool) -> Result<Level<P>> {
+        check_octree(source.form())?;
+        check_level(level, source.depth())?;
+        let (root, value_type) = (source.root()?, source.form().value);
+        let path = (0..level).map(|_| no_children()).collect();
+        Ok(Level { source, value_type, level, filling, is_finest, root, path, known: 0, last: [0; 3] })
     }
 
-    /// What stands at a cell's node of level `most`, or at the uniform block that it lies in, and that one's level.
-    fn find(&mut self, cell: [u32; 3], most: u8) -> Result<(&Place<S>, u8)> {
+    /// The node of level `deepest` that a cell lies in, or the uniform block of a higher level, and its level.
+    fn find(&mut self, cell: [u32; 3], deepest: u8) -> Result<(&Child<Node<P>>, u8)> {
+        let deepest = usize::from(deepest);
+        // The children of the last common ancestor are known, and all above.
         let differ = (0..3).fold(0, |bits, axis| bits | cell[axis] ^ self.last[axis]);
         let common = usize::from(self.level) - (32 - differ.leading_zeros() as usize);
-        self.path.truncate(common + 1);
+        self.known = self.known.min(common + 1);
         self.last = cell;
-        let mut level = self.path.len().min(usize::from(most));
         let step = |level: usize| {
             let bit = usize::from(self.level) - level - 1;
             (0..3).fold(0, |step, axis| step | (cell[axis] as usize >> bit & 1) << axis)
         };
-        loop {
-            let place = match level.checked_sub(1) {
-                None => &self.root,
-                Some(above) => &self.path[above].as_ref()[step(above)],
-            };
-            match place {
-                Child::Inner { node, .. } if level < usize::from(most) => {
-                    let children = self.source.children(node)?;
-                    self.path.push(children);
-                    level += 1;
-                }
-                _ => break,
-            }
+        let mut level = self.known.min(deepest);
+        while level < deepest {
+            let (above, below) = self.path.split_at_mut(level);
+            let found = above.last().map_or(&self.root, |siblings| &siblings[step(level - 1)]);
+            let Child::Inner { node, .. } = found else { break };
+            self.source.children(node, &mut below[0])?;
+            level += 1;
+            self.known = level;
         }
-        // (Once more, because the borrow checker does not see that the loop has ended.)
-        let place = match level.checked_sub(1) {
+        let found = match level.checked_sub(1) {
             None => &self.root,
-            Some(above) => &self.path[above].as_ref()[step(above)],
+            Some(above) => &self.path[above][step(above)],
         };
-        Ok((place, level as u8))
+        Ok((found, level as u8))
     }
 }
 
-impl<S: Source<Dim = Oct> + Send> Occupancy for Level<S> {
+impl<P: Deref<Target: Source> + Send> Occupancy for Level<P> {
     fn level(&self) -> u8 {
         self.level
     }
@@ -148,79 +159,80 @@ impl<S: Source<Dim = Oct> + Send> Occupancy for Level<S> {
     }
 
     fn block(&mut self, cell: [u32; 3]) -> Result<Block> {
-        let (most, filling) = (self.level, self.filling);
-        let (place, level) = self.find(cell, most)?;
-        let value = place.value();
-        let height = most - level;
+        let (cells, filling, value_type) = (self.level, self.filling, self.value_type);
+        let (found, level) = self.find(cell, cells)?;
+        let value = found.value();
+        let height = cells - level;
         Ok(Block {
             min: cell.map(|cell| cell >> height << height),
             side: 1 << height,
             fill: filling.fill(value),
-            value: value.map(samples),
+            value: value.map(|value| value_type.samples(value).padded()),
         })
     }
 
     fn read_brick(&mut self, brick: [u32; 3], cells: &mut [u8]) -> Result<()> {
         let height = BRICK.min(self.level);
         let cell = brick.map(|brick| brick << BRICK);
-        let place = self.find(cell, self.level - height)?.0.clone();
-        cells.fill(0);
         let finest = self.level == self.source.depth();
-        read_part(&self.source, &place, (self.filling, finest), [0; 3], height, cells)
+        let filling = self.filling;
+        cells.fill(0);
+        let top = self.find(cell, self.level - height)?.0.clone();
+        Brick { source: &*self.source, filling, finest, cells }.read(&top, [0; 3], height)
     }
 }
 
-fn samples<V: Value>(value: V) -> [f64; 4] {
-    let mut numbers = [0.0; 4];
-    for (number, sample) in numbers.iter_mut().zip(value.samples()) {
-        *number = sample.to_f64();
+/// Fails unless a tree is an octree: only these can be solids.
+///
+/// # Errors
+/// If it is a quadtree.
+pub(super) fn check_octree(form: Form) -> Result<()> {
+    if form.dimension == Dimension::Oct {
+        return Ok(());
     }
-    numbers
+    Err(Error::invalid("tree", "a quadtree", "an octree: this is a question about solids"))
 }
 
-/// Fails if an octree has no such level.
-pub(super) fn check_level(source: &impl Source<Dim = Oct>, level: u8) -> Result<()> {
-    if level > source.depth() {
-        return Err(Error::invalid("level", level.to_string(), format!("0 to {}", source.depth())));
-    }
-    Ok(())
+/// A brick to write occupancy to.
+struct Brick<'a, S: ?Sized> {
+    source: &'a S,
+    filling: Filling,
+    /// Whether the cells are those of the source's deepest level.
+    finest: bool,
+    cells: &'a mut [u8],
 }
 
-/// Writes the occupancy of a node with `2^height` cells along each axis, the first of which is `min` of the brick.
-fn read_part<S: Source>(
-    source: &S,
-    place: &Place<S>,
-    (filling, finest): (Filling, bool),
-    min: [usize; 3],
-    height: u8,
-    cells: &mut [u8],
-) -> Result<()> {
-    let side = SIDE as usize;
-    match place {
-        Child::Void => Ok(()),
-        Child::Inner { node, .. } if height > 0 => source.each_child(node, |step, child| {
-            let half = 1 << (height - 1);
-            let min = std::array::from_fn(|axis| min[axis] + (step >> axis & 1) * half);
-            read_part(source, &child, (filling, finest), min, height - 1, cells)
-        }),
-        Child::Inner { node, .. } if filling == Filling::Present && !finest => {
-            // Values do not tell how full the node is; one look further down gives an idea.
-            let mut parts = 0u32;
-            source.each_child(node, |_, child| {
-                parts += u32::from(!matches!(child, Child::Void));
-                Ok(())
-            })?;
-            cells[(min[2] * side + min[1]) * side + min[0]] = (parts * 32).min(255) as u8;
-            Ok(())
-        }
-        _ => {
-            let (fill, size) = (filling.fill(place.value()), 1 << height);
-            for z in min[2]..min[2] + size {
-                for y in min[1]..min[1] + size {
-                    cells[(z * side + y) * side + min[0]..][..size].fill(fill);
+impl<S: Source + ?Sized> Brick<'_, S> {
+    /// Writes the occupancy of a node with `2^height` cells along each axis, the first of which is `min` of the brick.
+    fn read(&mut self, node: &Child<S::Node>, min: [usize; 3], height: u8) -> Result<()> {
+        let side = SIDE as usize;
+        match node {
+            Child::Void => {}
+            Child::Inner { node, .. } if height > 0 => {
+                let mut children = no_children();
+                self.source.children(node, &mut children)?;
+                for (step, child) in children.iter().enumerate() {
+                    let half = 1 << (height - 1);
+                    let min = std::array::from_fn(|axis| min[axis] + (step >> axis & 1) * half);
+                    self.read(child, min, height - 1)?;
                 }
             }
-            Ok(())
+            Child::Inner { node, .. } if self.filling == Filling::Present && !self.finest => {
+                // Values do not say how full the node is; its children give an idea.
+                let mut children = no_children();
+                self.source.children(node, &mut children)?;
+                let parts = children.iter().filter(|child| !matches!(child, Child::Void)).count() as u32;
+                self.cells[(min[2] * side + min[1]) * side + min[0]] = (parts * 32).min(255) as u8;
+            }
+            node => {
+                let (fill, size) = (self.filling.fill(node.value()), 1 << height);
+                for z in min[2]..min[2] + size {
+                    for y in min[1]..min[1] + size {
+                        self.cells[(z * side + y) * side + min[0]..][..size].fill(fill);
+                    }
+                }
+            }
         }
+        Ok(())
     }
 }

@@ -1,16 +1,18 @@
 //! Very many single cells at once.
 //!
 //! A cell alone costs two searches in the directory and a way down from its segment's root. For many cells the upper
-//! levels are looked through once: a table has an entry per node of some level, which tells the value of a uniform
-//! block or where the node's record is. Random cells of solids lie in large uniform blocks nearly always.
+//! levels are looked through once: a table has an entry per node of some level, which has the value of a uniform
+//! block or the number of the node's record. Random cells of solids lie in large uniform blocks nearly always.
 
+use super::check_level;
 use crate::space::{Cell, Code};
-use crate::store::goblin::{CUT, Goblin, INNER, LEAF, Layout, Record, Segment, VOID, child_place};
-use crate::tree::{Child, Source};
-use crate::value::{Sample, Value};
+use crate::store::container::{CUT, INNER, LEAF, RecordLayout, VOID};
+use crate::store::goblin::{Goblin, Node, Segment};
+use crate::tree::{Child, Source, no_children};
+use crate::value::{Native, Sample, Value, ValueType, with_native_type};
 use crate::{Error, Result};
 
-/// Answers to [`Tree::points`](super::Tree::points).
+/// Answers to [`Dataset::points`](crate::dataset::Dataset::points).
 #[derive(Clone, Debug, Default)]
 pub struct PointSamples {
     channels: usize,
@@ -27,58 +29,69 @@ impl PointSamples {
         self.found[index].then(|| &self.samples[index * self.channels..][..self.channels])
     }
 
-    pub(super) fn start(&mut self, channels: usize) {
+    /// Forgets all cells; those that come next have values of so many channels.
+    pub(crate) fn start(&mut self, channels: usize) {
         self.channels = channels;
         self.samples.clear();
         self.found.clear();
     }
 
-    pub(super) fn push(&mut self, value: Option<&[f64; 4]>) {
-        self.samples.extend(&value.unwrap_or(&[0.0; 4])[..self.channels]);
-        self.found.push(value.is_some());
+    /// Adds cells with their values, which must have as many channels as [`PointSamples::start`] was given.
+    pub(crate) fn push_values(&mut self, value_type: ValueType, values: &[Option<Value>]) {
+        debug_assert_eq!(self.channels, usize::from(value_type.channels));
+        with_native_type!(value_type, V => add_samples::<V>(&mut self.samples, values));
+        self.found.extend(values.iter().map(Option::is_some));
     }
+}
 
-    pub(super) fn push_value<V: Value>(&mut self, value: Option<V>) {
-        self.samples.extend(value.unwrap_or_default().samples().iter().map(|sample| sample.to_f64()));
-        self.found.push(value.is_some());
+/// Adds the samples of values; zeros for VOID.
+fn add_samples<V: Native>(samples: &mut Vec<f64>, values: &[Option<Value>]) {
+    samples.reserve(values.len() * V::CHANNELS);
+    let size = size_of::<V::Sample>();
+    for value in values {
+        let bytes = value.unwrap_or_default().to_bytes();
+        let number = |channel: usize| V::Sample::read(&bytes[channel * size..]).to_f64();
+        samples.extend((0..V::CHANNELS).map(number));
     }
 }
 
 /// Answers for single cells of one level of a file, with a table of the upper levels; may be shared by threads.
-pub struct Points<'a, D: Layout, V: Value> {
-    tree: &'a Goblin<D, V>,
+pub struct Points<'a> {
+    tree: &'a Goblin,
+    layout: RecordLayout,
     level: u8,
     /// Level of the nodes in the table.
     top: u8,
     /// An entry per node, x fastest, then y, then z.
     table: Vec<Entry>,
-    /// What uniform entries stand for.
-    values: Vec<Option<V>>,
+    /// The values that uniform entries stand for.
+    values: Vec<Option<Value>>,
     /// Segments of all others.
-    segments: Vec<Segment<'a, D, V>>,
+    segments: Vec<Segment<'a>>,
 }
 
 /// A node of the table: its record in a segment, or a value.
 #[derive(Clone, Copy)]
 struct Entry {
-    /// Place in [`Points::segments`], or [`UNIFORM`].
+    /// Index in [`Points::segments`], or [`UNIFORM`].
     segment: u32,
-    /// Number of the record, or place in [`Points::values`].
+    /// Number of the record, or index in [`Points::values`].
     record: u32,
 }
 
+/// Stands for no segment.
 const UNIFORM: u32 = u32::MAX;
 /// Nodes that the table has at most: 2 MiB of them stay in a processor's cache.
-const MOST: u64 = 1 << 18;
+const MAX_NODES: u64 = 1 << 18;
 /// Cells that must be asked for to make an entry worth its while.
 const WORTH: u64 = 8;
 
-impl<D: Layout, V: Value> Goblin<D, V> {
-    /// The values of many cells of a level to `values`; `None` is VOID, as is everything outside the tree.
+impl Goblin {
+    /// Writes the values of many cells of a level to `values`; `None` is VOID, as is everything outside the tree.
     ///
     /// # Errors
-    /// If the level is deeper than the tree, there are not as many places as cells, or the file is damaged there.
-    pub fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<V>]) -> Result<()> {
+    /// If the level is deeper than the tree, there is not room for one value per cell, or the file is damaged there.
+    pub fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
         if cells.len() != values.len() {
             let found = format!("{} places for values", values.len());
             return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
@@ -95,123 +108,131 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     ///
     /// # Errors
     /// If the level is deeper than the tree, or the file is damaged.
-    pub fn points_of(&self, level: u8, count: u64) -> Result<Points<'_, D, V>> {
-        let depth = self.header().shape.depth;
-        if level > depth {
-            return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
-        }
-        let nodes = |top: u8| 1u64 << (D::AXES * usize::from(top));
-        let worth = (count / WORTH).min(MOST);
+    pub fn points_of(&self, level: u8, count: u64) -> Result<Points<'_>> {
+        check_level(level, self.header().depth())?;
+        let dimension = self.header().form.dimension;
+        let worth = (count / WORTH).min(MAX_NODES);
         // Segments that are not mapped stay in memory for as long as somebody has them: better one by one.
-        let most = if self.is_mapped() { level } else { 0 };
-        let top = (0..=most).take_while(|top| nodes(*top) <= worth).last().unwrap_or(0);
-        let mut points =
-            Points { tree: self, level, top, table: Vec::new(), values: Vec::new(), segments: Vec::new() };
+        let deepest = if self.is_mapped() { level } else { 0 };
+        let top = (0..=deepest).take_while(|top| dimension.cells(*top) <= worth).last().unwrap_or(0);
+        let mut points = Points {
+            tree: self,
+            layout: *self.layout(),
+            level,
+            top,
+            table: Vec::new(),
+            values: Vec::new(),
+            segments: Vec::new(),
+        };
         if top > 0 {
-            points.table = vec![Entry { segment: UNIFORM, record: 0 }; nodes(top) as usize];
+            points.table = vec![Entry { segment: UNIFORM, record: 0 }; dimension.cells(top) as usize];
             points.values.push(None);
-            points.fill(Code::ROOT, &self.root()?)?;
+            points.fill(Code::root(dimension), &self.root()?)?;
         }
         Ok(points)
     }
 }
 
-impl<'a, D: Layout, V: Value> Points<'a, D, V> {
+impl Points<'_> {
     /// The value of a cell of the level; `None` is VOID, as is everything outside the tree.
     ///
     /// # Errors
     /// If the file is damaged there.
     #[inline]
-    pub fn value(&self, cell: Cell) -> Result<Option<V>> {
+    pub fn value(&self, cell: Cell) -> Result<Option<Value>> {
         let side = 1u32 << self.level;
-        if (0..3).any(|axis| cell[axis] >= if axis < D::AXES { side } else { 1 }) {
+        let axes = self.layout.dimension.axes();
+        if (0..3).any(|axis| cell[axis] >= if axis < axes { side } else { 1 }) {
             return Ok(None);
         }
         if self.top == 0 {
-            return self.far(cell);
+            return self.value_from_root(cell);
         }
-        let Entry { segment, record } = self.table[self.place(cell, self.level - self.top)];
+        let Entry { segment, record } = self.table[self.entry_index(cell, self.level - self.top)];
         if segment == UNIFORM {
             return Ok(self.values[record as usize]);
         }
-        let segment = &self.segments[segment as usize];
+        self.value_below(&self.segments[segment as usize], record as usize, cell)
+    }
+
+    /// The value of a cell below a node of the table, given the node's segment and record.
+    fn value_below(&self, segment: &Segment<'_>, record: usize, cell: Cell) -> Result<Option<Value>> {
+        let layout = self.layout;
         let records = segment.records();
-        let mut at = record as usize;
-        let mut bit = self.level - self.top;
-        while bit > 0 {
-            bit -= 1;
-            let step = (0..D::AXES).fold(0, |step, axis| step | (cell[axis] as usize >> bit & 1) << axis);
-            let record = &records[at];
-            match record.state(step) {
+        let [x, y, z] = cell.map(|cell| cell as usize);
+        let mut at = record;
+        for bit in (0..self.level - self.top).rev() {
+            // (In quadtrees z is 0.)
+            let step = x >> bit & 1 | (y >> bit & 1) << 1 | (z >> bit & 1) << 2;
+            let bad_skip = || self.tree.bad_skip(segment, at);
+            let head = layout.head(records, at).ok_or_else(bad_skip)?;
+            match head.state(step) {
                 VOID => return Ok(None),
-                LEAF => return Ok(Some(record.value(step))),
-                _ if bit == 0 => return Ok(Some(record.value(step))),
-                INNER => {
-                    let place = child_place::<D, V>(records, at, step);
-                    at = place.ok_or_else(|| self.tree.bad_skip(segment, at))?;
-                }
-                _ => {
-                    debug_assert!(record.state(step) == CUT);
-                    return self.far(cell);
+                LEAF => return Ok(Some(layout.value(records, at, step))),
+                _ if bit == 0 => return Ok(Some(layout.value(records, at, step))),
+                INNER => at = layout.child_record(records, at, head, step).ok_or_else(bad_skip)?,
+                state => {
+                    debug_assert!(state == CUT);
+                    return self.value_from_root(cell);
                 }
             }
         }
         Ok(None)
     }
 
-    /// A cell that no entry of the table leads to.
+    /// The value of a cell that no entry of the table leads to.
     #[cold]
-    fn far(&self, cell: Cell) -> Result<Option<V>> {
-        Code::from_cell(self.level, cell).map_or(Ok(None), |code| self.tree.value_at(code))
+    fn value_from_root(&self, cell: Cell) -> Result<Option<Value>> {
+        let code = Code::from_cell(self.layout.dimension, self.level, cell);
+        code.map_or(Ok(None), |code| self.tree.value_at(code))
     }
 
-    /// Where the table has the node of a cell, so many levels above it.
+    /// Index of the table's entry for the node of a cell, so many levels above it.
     #[inline]
-    fn place(&self, cell: Cell, up: u8) -> usize {
-        (0..D::AXES)
-            .fold(0, |place, axis| place | (cell[axis] as usize >> up) << (axis * usize::from(self.top)))
+    fn entry_index(&self, cell: Cell, up: u8) -> usize {
+        // (In quadtrees z is 0.)
+        let [x, y, z] = cell.map(|cell| cell as usize >> up);
+        x | y << self.top | z << (2 * self.top)
     }
 
     /// Fills the entries of all that is below a node.
-    fn fill(&mut self, code: Code<D>, child: &Child<V, <Goblin<D, V> as Source>::Node>) -> Result<()> {
-        let node = match child {
-            Child::Inner { node, .. } => node,
-            _ => {
-                let entry = self.uniform(child.value());
-                return self.spread(code, entry);
+    fn fill(&mut self, code: Code, child: &Child<Node>) -> Result<()> {
+        let entry = match child {
+            Child::Inner { node, .. } if code.level() < self.top => {
+                let mut children = no_children();
+                self.tree.children(node, &mut children)?;
+                let children = &children[..self.layout.children()];
+                return children
+                    .iter()
+                    .enumerate()
+                    .try_for_each(|(i, child)| self.fill(code.child(i), child));
             }
-        };
-        if code.level() < self.top {
-            let tree = self.tree;
-            return tree.each_child(node, |step, child| self.fill(code.child(step), &child));
-        }
-        if self.top == self.level {
-            let entry = self.uniform(child.value());
-            return self.spread(code, entry);
-        }
-        let (index, record) = node.place();
-        // In preorder, a segment's nodes come one after the other.
-        let known = self.segments.iter().rposition(|segment| segment.index() == index);
-        let segment = match known {
-            Some(known) => known,
-            None => {
-                self.segments.push(self.tree.segment(index)?);
-                self.segments.len() - 1
+            // Nothing below the table's nodes is asked for if they are the cells.
+            Child::Inner { node, .. } if self.top < self.level => {
+                Entry { segment: self.segment_of(node)?, record: node.record }
             }
+            child => self.uniform(child.value()),
         };
-        self.spread(code, Entry { segment: segment as u32, record: record as u32 })
+        self.fill_below(code, entry);
+        Ok(())
     }
 
-    fn uniform(&mut self, value: Option<V>) -> Entry {
-        let same = |known: &Option<V>| match (known, value) {
-            (Some(known), Some(value)) => known.same(value),
-            (None, None) => true,
-            _ => false,
-        };
+    /// Index in [`Points::segments`] of a node's segment.
+    fn segment_of(&mut self, node: &Node) -> Result<u32> {
+        // In preorder, a segment's nodes come one after the other.
+        let known = self.segments.iter().rposition(|segment| segment.index() == node.segment as usize);
+        if known.is_none() {
+            self.segments.push(self.tree.segment(node.segment as usize)?);
+        }
+        Ok(known.unwrap_or(self.segments.len() - 1) as u32)
+    }
+
+    /// The entry of a uniform block; `None` is VOID.
+    fn uniform(&mut self, value: Option<Value>) -> Entry {
         // Mostly it is VOID, or what came last.
         let recent = self.values.len().saturating_sub(4)..self.values.len();
-        let place = std::iter::once(0).chain(recent.rev()).find(|place| same(&self.values[*place]));
-        let record = place.unwrap_or_else(|| {
+        let known = std::iter::once(0).chain(recent.rev()).find(|index| self.values[*index] == value);
+        let record = known.unwrap_or_else(|| {
             self.values.push(value);
             self.values.len() - 1
         });
@@ -219,16 +240,16 @@ impl<'a, D: Layout, V: Value> Points<'a, D, V> {
     }
 
     /// Sets the entries of all nodes of the table that are below a node.
-    fn spread(&mut self, code: Code<D>, entry: Entry) -> Result<()> {
+    fn fill_below(&mut self, code: Code, entry: Entry) {
+        let axes = self.layout.dimension.axes();
         let size = 1u32 << (self.top - code.level());
-        let extent = |axis: usize| if axis < D::AXES { size } else { 1 };
+        let extent = |axis: usize| if axis < axes { size } else { 1 };
         let min: [u32; 3] = std::array::from_fn(|axis| code.cell()[axis] * extent(axis));
         for z in min[2]..min[2] + extent(2) {
             for y in min[1]..min[1] + extent(1) {
-                let place = self.place([min[0], y, z], 0);
-                self.table[place..place + size as usize].fill(entry);
+                let start = self.entry_index([min[0], y, z], 0);
+                self.table[start..start + size as usize].fill(entry);
             }
         }
-        Ok(())
     }
 }

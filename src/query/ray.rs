@@ -1,6 +1,6 @@
 //! Rays through octrees: the first full cell, and the smooth surface that the cells stand for.
 //!
-//! A ray goes from uniform block to uniform block, as large as the tree has them, finding each by its place: the scheme of
+//! A ray goes from uniform block to uniform block, as large as the tree has them, finding each by its coordinates: the scheme of
 //! Glassner (Space subdivision for fast ray tracing, IEEE Computer Graphics and Applications 4(10), 1984), with the way
 //! down remembered from block to block instead of a hash table, and whole numbers for the cells so that rounding
 //! can neither skip a block nor stay in one.
@@ -25,9 +25,9 @@ const HALVINGS: usize = 7;
 /// A half-line, in cells of the level that is looked at.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where it starts; may be outside the tree's space.
+    /// The first point; may be outside the tree's space.
     pub origin: [f64; 3],
-    /// Where it goes, of any length but 0.
+    /// The direction that it goes in, of any length but 0.
     pub direction: [f64; 3],
 }
 
@@ -42,22 +42,22 @@ impl Ray {
 /// A cell that a ray meets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellHit {
-    /// How far along the ray it is entered, in lengths of the direction; 0 if the ray starts in it.
+    /// Distance along the ray at which it is entered, in lengths of the direction; 0 if the ray starts in it.
     pub t: f64,
     /// The cell.
     pub cell: [u32; 3],
     /// The axis across which the ray enters; `None` if it starts in the cell.
     pub axis: Option<usize>,
-    /// The cell's samples, as in [`Tree::point`](super::Tree::point).
+    /// The cell's samples, as in [`Dataset::point`](crate::dataset::Dataset::point).
     pub value: [f64; 4],
 }
 
-/// A place where a ray meets the smooth surface.
+/// A point where a ray meets the smooth surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceHit {
-    /// How far along the ray, in lengths of the direction.
+    /// Distance along the ray, in lengths of the direction.
     pub t: f64,
-    /// The place.
+    /// The point, in cells.
     pub point: [f64; 3],
     /// Direction in which occupancy grows, inwards, of any length: see [`Rays::surface`].
     pub inwards: [f64; 3],
@@ -75,7 +75,7 @@ pub trait Rays: Send {
     /// If the file is damaged there.
     fn cell(&mut self, ray: &Ray) -> Result<Option<CellHit>>;
 
-    /// The first place along a ray where the occupancy, taken as linear between the cells' centres, is one half, with
+    /// The first point along a ray where the occupancy, taken as linear between the cells' centres, is one half, with
     /// its gradient from all cells in a ball of 3.5 cells: no steps are seen where cells are small. At levels above the finest
     /// it is one quarter, so that walls which are thinner than a cell there do not vanish.
     ///
@@ -83,7 +83,7 @@ pub trait Rays: Send {
     /// If the file is damaged there.
     fn surface(&mut self, ray: &Ray) -> Result<Option<SurfaceHit>>;
 
-    /// How full the surroundings of a point are, 0 to 1, linear between the centres of cells.
+    /// Occupancy around a point, 0 to 1, linear between the centres of cells.
     ///
     /// # Errors
     /// If the file is damaged there.
@@ -150,7 +150,7 @@ struct Step {
     block: Block,
     /// The cell in which the ray enters it.
     cell: [u32; 3],
-    /// Where the ray enters and leaves.
+    /// Distances at which the ray enters and leaves.
     from: f64,
     to: f64,
     /// Across which axis.
@@ -191,10 +191,10 @@ impl Field<'_> {
             {
                 return Ok(Some(found));
             }
-            let place = ray.at(to);
+            let exit = ray.at(to);
             for axis in 0..3 {
                 let last = block.min[axis] + block.side - 1;
-                cell[axis] = (place[axis].floor() as u32).clamp(block.min[axis], last);
+                cell[axis] = (exit[axis].floor() as u32).clamp(block.min[axis], last);
             }
             let next = if ray.direction[out] > 0.0 {
                 Some(block.min[out] + block.side).filter(|next| *next < side)
@@ -208,7 +208,7 @@ impl Field<'_> {
     }
 }
 
-/// Where a ray enters a cube from 0 to `side`, and across which axis; `None` if it misses it.
+/// Distance at which a ray enters a cube from 0 to `side`, and the axis across which; `None` if it misses it.
 fn entry(ray: &Ray, side: f64) -> Option<(f64, Option<usize>)> {
     let (mut from, mut to, mut across) = (0.0, f64::INFINITY, None);
     for axis in 0..3 {

@@ -1,4 +1,4 @@
-//! What is asked of solids: volume, surface, centre of gravity, bounds.
+//! Measures of solids: volume, surface, centre of gravity, bounds.
 //!
 //! Faces are found by walking neighbours side by side, as in the dual traversals of Ju, Losasso, Schaefer and Warren (Dual
 //! contouring of hermite data, SIGGRAPH 2002): a node asks its children and the faces between them, a face the faces
@@ -7,11 +7,12 @@
 
 use glam::{DMat3, DVec3};
 
+use super::check_level;
 use super::field::Field;
-use super::occupancy::{Filling, HALF, Level, check_level};
-use crate::parallel::{self, Rested};
-use crate::space::{Bounds, Frame, Oct};
-use crate::tree::{Child, Source};
+use super::occupancy::{Filling, HALF, Level, check_octree};
+use crate::parallel::{self, Pool};
+use crate::space::{Bounds, Frame};
+use crate::tree::{Child, Children, Source, no_children};
 use crate::{Progress, Result};
 
 /// Measures of a solid at one level of its octree, in cells of that level.
@@ -39,7 +40,7 @@ pub struct SolidStatistics {
 }
 
 impl SolidStatistics {
-    /// Where the cells lie in the world, for the measures that follow.
+    /// The map from cells to the world, for the measures that follow.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
@@ -94,32 +95,34 @@ const REACH: f64 = 4.0;
 /// Levels above those nodes that threads take one by one.
 const SHARED: u8 = 2;
 
-type Place<S> = Child<<S as Source>::Value, <S as Source>::Node>;
+/// Children of an octree's node.
+const STEPS: std::ops::Range<usize> = 0..8;
 
 /// Measures an octree at a level; `frame` is that of the deepest level.
 ///
 /// # Errors
-/// If the source fails or has no such level, or on interruption.
-pub(crate) fn measure<S: Source<Dim = Oct> + Sync>(
+/// If the source fails, is a quadtree, or has no such level, or on interruption.
+pub(crate) fn measure<S: Source>(
     source: &S,
     level: u8,
     filling: Filling,
     frame: &Frame,
     progress: &dyn Progress,
 ) -> Result<SolidStatistics> {
-    check_level(source, level)?;
+    check_octree(source.form())?;
+    check_level(level, source.depth())?;
     let frame = frame.coarser(source.depth() - level);
     let areas = frame.face_areas();
     let tasks = Walk { source, level, shared: level.min(SHARED), tasks: Vec::new() }.tasks()?;
-    let fields = Rested::new();
+    let fields = Pool::new();
     let parts = parallel::map(&tasks, |task| {
         progress.check()?;
         let make = || Ok(Field::new(Level::new(source, level, filling, false)?));
         fields.with(make, |field| {
             let mut gather = Gather { source, filling, areas, field, sums: Sums::default() };
             match task {
-                Task::Node(node) => gather.node(node)?,
-                Task::Face(low, high, axis) => gather.face(low, high, *axis)?,
+                Task::Node(node) => gather.node(node.as_ref())?,
+                Task::Face(low, high, axis) => gather.face(low.as_ref(), high.as_ref(), *axis)?,
             }
             Ok(gather.sums)
         })
@@ -139,17 +142,58 @@ pub(crate) fn measure<S: Source<Dim = Oct> + Sync>(
     })
 }
 
-/// A node or a uniform block: where it is, and what is there.
-struct At<P> {
+/// A node or a uniform block, and its cells.
+#[derive(Clone, Copy)]
+struct At<T> {
     min: [i64; 3],
     /// Cells along each axis are `2^height`.
     height: u8,
-    place: P,
+    node: T,
 }
 
-enum Task<P> {
-    Node(At<P>),
-    Face(At<P>, At<P>, usize),
+impl<N> At<Child<N>> {
+    fn as_ref(&self) -> At<&Child<N>> {
+        At { min: self.min, height: self.height, node: &self.node }
+    }
+}
+
+impl<'a, N> At<&'a Child<N>> {
+    /// A child of an INNER node with these children, or the part of a uniform block (`None`) where it would be.
+    #[inline]
+    fn child(self, children: Option<&'a Children<N>>, step: usize) -> At<&'a Child<N>> {
+        let half = 1i64 << (self.height - 1);
+        let min = std::array::from_fn(|axis| self.min[axis] + (step as i64 >> axis & 1) * half);
+        At { min, height: self.height - 1, node: children.map_or(self.node, |children| &children[step]) }
+    }
+
+    /// The children of a node, written to a buffer; `None` of a uniform block.
+    #[inline]
+    fn children<'r, S: Source<Node = N>>(
+        self,
+        source: &S,
+        buffer: &'r mut Children<N>,
+    ) -> Result<Option<&'r Children<N>>> {
+        let Child::Inner { node, .. } = self.node else { return Ok(None) };
+        source.children(node, buffer)?;
+        Ok(Some(buffer))
+    }
+}
+
+impl<N: Clone> At<&Child<N>> {
+    fn cloned(self) -> At<Child<N>> {
+        At { min: self.min, height: self.height, node: self.node.clone() }
+    }
+}
+
+/// Numbers of a node's children on its low side along an axis; one bit more is the neighbour on the high side.
+fn low_steps(axis: usize) -> impl Iterator<Item = usize> {
+    STEPS.filter(move |step| step >> axis & 1 == 0)
+}
+
+/// Work that threads share.
+enum Task<N> {
+    Node(At<Child<N>>),
+    Face(At<Child<N>>, At<Child<N>>, usize),
 }
 
 #[derive(Default)]
@@ -205,92 +249,66 @@ impl Sums {
     }
 }
 
-/// The child of a node, or the same again of a uniform block.
-fn child<V: Copy, N: Clone>(
-    at: &At<Child<V, N>>,
-    children: Option<&[Child<V, N>]>,
-    step: usize,
-) -> At<Child<V, N>> {
-    let half = 1i64 << (at.height - 1);
-    let min = std::array::from_fn(|axis| at.min[axis] + (step as i64 >> axis & 1) * half);
-    let place = children.map_or_else(|| at.place.clone(), |children| children[step].clone());
-    At { min, height: at.height - 1, place }
-}
-
 /// Finds the work that threads share.
 struct Walk<'a, S: Source> {
     source: &'a S,
     level: u8,
     /// Levels that are gone down.
     shared: u8,
-    tasks: Vec<Task<Place<S>>>,
+    tasks: Vec<Task<S::Node>>,
 }
 
-impl<S: Source<Dim = Oct>> Walk<'_, S> {
-    fn tasks(mut self) -> Result<Vec<Task<Place<S>>>> {
+impl<S: Source> Walk<'_, S> {
+    fn tasks(mut self) -> Result<Vec<Task<S::Node>>> {
         let side = 1i64 << self.level;
-        let root = || -> Result<At<Place<S>>> {
-            Ok(At { min: [0; 3], height: self.level, place: self.source.root()? })
-        };
+        let root = At { min: [0; 3], height: self.level, node: &self.source.root()? };
+        self.node(root)?;
         // The space has nothing around it.
-        let mut outside = Vec::new();
         for axis in 0..3 {
-            for (before, shift) in [(true, -side), (false, side)] {
+            for (is_before, shift) in [(true, -side), (false, side)] {
                 let mut min = [0; 3];
                 min[axis] = shift;
-                let empty = At { min, height: self.level, place: Child::Void };
-                outside.push(if before { (empty, root()?, axis) } else { (root()?, empty, axis) });
+                let empty = At { min, height: self.level, node: &Child::Void };
+                let (low, high) = if is_before { (empty, root) } else { (root, empty) };
+                self.face(low, high, axis)?;
             }
-        }
-        let root = root()?;
-        self.node(root)?;
-        for (low, high, axis) in outside {
-            self.face(low, high, axis)?;
         }
         Ok(self.tasks)
     }
 
-    fn node(&mut self, node: At<Place<S>>) -> Result<()> {
+    fn node(&mut self, node: At<&Child<S::Node>>) -> Result<()> {
         let is_low = self.level - node.height >= self.shared;
-        let Some(children) = children_of(self.source, &node)?.filter(|_| !is_low) else {
-            self.tasks.push(Task::Node(node));
+        if is_low || !node.node.is_inner() {
+            self.tasks.push(Task::Node(node.cloned()));
             return Ok(());
-        };
-        for step in 0..8 {
-            self.node(child(&node, Some(children.as_ref()), step))?;
+        }
+        let mut buffer = no_children();
+        let children = node.children(self.source, &mut buffer)?;
+        for step in STEPS {
+            self.node(node.child(children, step))?;
         }
         for axis in 0..3 {
-            for step in (0..8).filter(|step| step >> axis & 1 == 0) {
-                let low = child(&node, Some(children.as_ref()), step);
-                let high = child(&node, Some(children.as_ref()), step | 1 << axis);
+            for step in low_steps(axis) {
+                let (low, high) = (node.child(children, step), node.child(children, step | 1 << axis));
                 self.face(low, high, axis)?;
             }
         }
         Ok(())
     }
 
-    fn face(&mut self, low: At<Place<S>>, high: At<Place<S>>, axis: usize) -> Result<()> {
+    fn face(&mut self, low: At<&Child<S::Node>>, high: At<&Child<S::Node>>, axis: usize) -> Result<()> {
         let is_low = self.level - low.height >= self.shared;
-        if is_low || !(low.place.is_inner() || high.place.is_inner()) {
-            self.tasks.push(Task::Face(low, high, axis));
+        if is_low || !(low.node.is_inner() || high.node.is_inner()) {
+            self.tasks.push(Task::Face(low.cloned(), high.cloned(), axis));
             return Ok(());
         }
-        let (below, above) = (children_of(self.source, &low)?, children_of(self.source, &high)?);
-        for step in (0..8).filter(|step| step >> axis & 1 == 0) {
-            let low = child(&low, below.as_ref().map(AsRef::as_ref), step | 1 << axis);
-            let high = child(&high, above.as_ref().map(AsRef::as_ref), step);
-            self.face(low, high, axis)?;
+        let mut buffers = [no_children(), no_children()];
+        let [below, above] = &mut buffers;
+        let (below, above) = (low.children(self.source, below)?, high.children(self.source, above)?);
+        for step in low_steps(axis) {
+            self.face(low.child(below, step | 1 << axis), high.child(above, step), axis)?;
         }
         Ok(())
-    }
-}
-
-type Children<S> = [Place<S>; 8];
-
-fn children_of<S: Source<Dim = Oct>>(source: &S, at: &At<Place<S>>) -> Result<Option<Children<S>>> {
-    match &at.place {
-        Child::Inner { node, .. } => source.children(node).map(Some),
-        _ => Ok(None),
     }
 }
 
@@ -298,60 +316,53 @@ fn children_of<S: Source<Dim = Oct>>(source: &S, at: &At<Place<S>>) -> Result<Op
 struct Gather<'a, 'f, S: Source> {
     source: &'a S,
     filling: Filling,
-    /// Of a cell's faces: see [`Frame::face_areas`].
+    /// Area vectors of a cell's faces: see [`Frame::face_areas`].
     areas: [DVec3; 3],
     field: &'f mut Field<'a>,
     sums: Sums,
 }
 
-impl<S: Source<Dim = Oct>> Gather<'_, '_, S> {
-    fn fill(&self, place: &Place<S>) -> u8 {
-        self.filling.fill(place.value())
-    }
-
-    fn node(&mut self, node: &At<Place<S>>) -> Result<()> {
-        let inner = match &node.place {
-            Child::Inner { node: inner, .. } if node.height > 0 => inner,
-            _ => {
-                self.sums.block(self.fill(&node.place), node.min, node.height);
-                return Ok(());
-            }
-        };
-        let children = self.source.children(inner)?;
-        for step in 0..8 {
-            self.node(&child(node, Some(children.as_ref()), step))?;
+impl<S: Source> Gather<'_, '_, S> {
+    fn node(&mut self, node: At<&Child<S::Node>>) -> Result<()> {
+        if node.height == 0 || !node.node.is_inner() {
+            self.sums.block(self.filling.fill(node.node.value()), node.min, node.height);
+            return Ok(());
+        }
+        let mut buffer = no_children();
+        let children = node.children(self.source, &mut buffer)?;
+        for step in STEPS {
+            self.node(node.child(children, step))?;
         }
         for axis in 0..3 {
-            for step in (0..8).filter(|step| step >> axis & 1 == 0) {
-                let low = child(node, Some(children.as_ref()), step);
-                let high = child(node, Some(children.as_ref()), step | 1 << axis);
-                self.face(&low, &high, axis)?;
+            for step in low_steps(axis) {
+                let (low, high) = (node.child(children, step), node.child(children, step | 1 << axis));
+                self.face(low, high, axis)?;
             }
         }
         Ok(())
     }
 
-    fn face(&mut self, low: &At<Place<S>>, high: &At<Place<S>>, axis: usize) -> Result<()> {
-        let goes_on = low.height > 0 && (low.place.is_inner() || high.place.is_inner());
+    fn face(&mut self, low: At<&Child<S::Node>>, high: At<&Child<S::Node>>, axis: usize) -> Result<()> {
+        let goes_on = low.height > 0 && (low.node.is_inner() || high.node.is_inner());
         if !goes_on {
-            let inside = self.fill(&low.place) >= HALF;
-            if inside != (self.fill(&high.place) >= HALF) {
+            let [inside, outside] = [low, high].map(|at| self.filling.fill(at.node.value()) >= HALF);
+            if inside != outside {
                 self.sums.faces[axis] += 1 << (2 * low.height);
                 return self.surface(high, axis);
             }
             return Ok(());
         }
-        let (below, above) = (children_of(self.source, low)?, children_of(self.source, high)?);
-        for step in (0..8).filter(|step| step >> axis & 1 == 0) {
-            let low = child(low, below.as_ref().map(AsRef::as_ref), step | 1 << axis);
-            let high = child(high, above.as_ref().map(AsRef::as_ref), step);
-            self.face(&low, &high, axis)?;
+        let mut buffers = [no_children(), no_children()];
+        let [below, above] = &mut buffers;
+        let (below, above) = (low.children(self.source, below)?, high.children(self.source, above)?);
+        for step in low_steps(axis) {
+            self.face(low.child(below, step | 1 << axis), high.child(above, step), axis)?;
         }
         Ok(())
     }
 
     /// Adds the area that the faces at the low side of a block stand for.
-    fn surface(&mut self, high: &At<Place<S>>, axis: usize) -> Result<()> {
+    fn surface(&mut self, high: At<&Child<S::Node>>, axis: usize) -> Result<()> {
         let side = 1i64 << high.height;
         let rim = REACH.ceil() as i64;
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -359,7 +370,7 @@ impl<S: Source<Dim = Oct>> Gather<'_, '_, S> {
         for row in 0..side {
             let mut column = 0;
             while column < side {
-                let is_inner = |place: i64| (rim..side - rim).contains(&place);
+                let is_inner = |cell: i64| (rim..side - rim).contains(&cell);
                 if is_inner(row) && is_inner(column) {
                     // As far as the normal looks there is only this plane.
                     self.sums.area += whole * (side - rim - column) as f64;

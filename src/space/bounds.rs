@@ -1,5 +1,7 @@
 //! Boxes of cells in up to three dimensions.
 
+use super::dimension::Dimension;
+
 /// A half-open box of nodes of one level: `min .. max` along each axis; `0 .. 1` along an axis that the tree
 /// does not have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -11,6 +13,34 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// All cells of a level.
+    #[inline]
+    pub fn space(dimension: Dimension, level: u8) -> Bounds {
+        let side = 1u64 << level;
+        Bounds { min: [0; 3], max: [side, side, if dimension == Dimension::Oct { side } else { 1 }] }
+    }
+
+    /// All cells of a picture of this size.
+    #[inline]
+    pub fn picture(extent: [u64; 3]) -> Bounds {
+        Bounds { min: [0; 3], max: extent }
+    }
+
+    /// The part of a node's cells that its `child`-th child has.
+    #[inline]
+    pub fn child(&self, dimension: Dimension, child: usize) -> Bounds {
+        let mut bounds = *self;
+        for axis in 0..dimension.axes() {
+            let middle = self.min[axis].midpoint(self.max[axis]);
+            if child >> axis & 1 == 0 {
+                bounds.max[axis] = middle;
+            } else {
+                bounds.min[axis] = middle;
+            }
+        }
+        bounds
+    }
+
     /// Nodes along each axis.
     #[inline]
     pub fn size(&self) -> [u64; 3] {

@@ -3,6 +3,8 @@
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::bounds::Bounds;
+
 /// The affine map from cell coordinates to the world, and the coordinate system it leads to.
 ///
 /// Cell (0, 0, 0) spans 0..1 on every axis, so its centre is at one half.
@@ -79,6 +81,42 @@ impl Frame {
         }
         let d = [world[0] - m[0][3], world[1] - m[1][3], world[2] - m[2][3]];
         Some(std::array::from_fn(|c| (0..3).map(|r| minor(r, c) * d[r]).sum::<f64>() / det))
+    }
+
+    /// The cells of a picture of this size that a box of the world means, which is given by its least and its greatest
+    /// coordinates: all that it covers, if only in part. `None` if the map cannot be inverted.
+    ///
+    /// A turned box has the smallest box of cells around it. Of what lies outside the picture nothing is left: the result
+    /// may be empty.
+    pub fn cells_in_box(&self, low: [f64; 3], high: [f64; 3], extent: [u64; 3]) -> Option<Bounds> {
+        // Edges that are a rounding error beside a cell's edge mean that edge.
+        const ROUNDING: f64 = 1e-6;
+        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+            let cell = self.to_cells(std::array::from_fn(pick))?;
+            for axis in 0..3 {
+                min[axis] = min[axis].min(cell[axis]);
+                max[axis] = max[axis].max(cell[axis]);
+            }
+        }
+        let inside = |axis: usize, cell: f64| cell.clamp(0.0, extent[axis] as f64) as u64;
+        Some(Bounds {
+            min: std::array::from_fn(|axis| inside(axis, (min[axis] + ROUNDING).floor())),
+            max: std::array::from_fn(|axis| inside(axis, (max[axis] - ROUNDING).ceil())),
+        })
+    }
+
+    /// The cells of a picture of this size that a rectangle of the world (west, south, east, north) means, in all
+    /// slices: see [`Frame::cells_in_box`].
+    pub fn cells_in_rectangle(
+        &self,
+        [west, south, east, north]: [f64; 4],
+        extent: [u64; 3],
+    ) -> Option<Bounds> {
+        let mut bounds = self.cells_in_box([west, south, 0.0], [east, north, 0.0], extent)?;
+        (bounds.min[2], bounds.max[2]) = (0, extent[2]);
+        Some(bounds)
     }
 
     /// The frame of the same world seen in cells `2^shift` times as large along every axis: that of level

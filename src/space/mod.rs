@@ -9,9 +9,9 @@ mod region;
 mod up;
 
 pub use bounds::Bounds;
-pub(crate) use code::spread;
+pub(crate) use code::morton_encode;
 pub use code::{Cell, Code};
-pub use dimension::{Dimension, Oct, Quad};
+pub use dimension::Dimension;
 pub use epsg::is_geographic;
 pub use frame::Frame;
 pub use region::Region;

@@ -1,17 +1,14 @@
-//! Trees on disk: the two formats, how trees are built, and how files are written and read safely.
+//! Trees on disk: the two formats, what they have in common, and how trees are built.
 
-mod atomic;
 pub mod autumnal;
-pub mod build;
-mod file;
-mod format;
+pub mod builder;
+pub mod container;
 pub mod goblin;
-mod storage;
+mod write;
 
-pub use atomic::Output;
-pub(crate) use atomic::folder;
-pub use file::file_is_tree;
-pub use file::{File, FileNode};
-pub(crate) use file::{Typed, file_format, typed};
-pub use format::{TreeFormat, split_commit};
-pub use storage::{Mapped, Positioned, Storage};
+pub use builder::{BuildOptions, Slab, Slabs, depth_for};
+pub use container::{
+    Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, Shape, TreeFormat, file_is_tree, split_commit,
+};
+pub(crate) use write::{build, build_with};
+pub use write::{build_slabs, build_tree};

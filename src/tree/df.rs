@@ -6,44 +6,49 @@
 
 use std::fmt::Write;
 
-use crate::space::{Dimension, Quad};
-use crate::value::{Rule, Sample, Value};
+use crate::space::Dimension;
+use crate::value::{Rule, Value, ValueType};
 use crate::{Error, Result};
 
+use super::form::Form;
 use super::memory::MemTree;
-use super::source::{Child, Source};
+use super::source::{Child, Source, no_children};
 
 /// One node of an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Symbol<V> {
+enum Symbol {
     Void,
-    Leaf(V),
+    Leaf(Value),
     Inner,
 }
 
 /// Letters for VOID, full LEAF and INNER.
-fn letters<D: Dimension>() -> [char; 3] {
-    if D::AXES == Quad::AXES { ['W', 'B', 'G'] } else { ['V', 'F', 'M'] }
+fn letters(dimension: Dimension) -> [char; 3] {
+    match dimension {
+        Dimension::Quad => ['W', 'B', 'G'],
+        Dimension::Oct => ['V', 'F', 'M'],
+    }
 }
 
 /// The expression of a tree as text; leaves of value `full` are `B` or `F`.
 ///
 /// # Errors
 /// If the source fails.
-pub fn to_text<S: Source>(source: &S, full: Option<S::Value>) -> Result<String> {
-    let [void, black, inner] = letters::<S::Dim>();
+pub fn to_text(source: &MemTree, full: Option<Value>) -> Result<String> {
+    let form = source.form;
+    let [void, black, inner] = letters(form.dimension);
     let mut text = String::new();
-    walk(source, |symbol| match symbol {
+    walk(source, &mut |symbol| match symbol {
         Symbol::Void => text.push(void),
         Symbol::Inner => text.push(inner),
-        Symbol::Leaf(value) if full.is_some_and(|full| full.same(value)) => text.push(black),
-        Symbol::Leaf(value) => write_value(&mut text, value),
+        Symbol::Leaf(value) if full == Some(value) => text.push(black),
+        Symbol::Leaf(value) => write_value(&mut text, form.value, value),
     })?;
     Ok(text)
 }
 
-fn write_value<V: Value>(text: &mut String, value: V) {
-    let numbers: Vec<f64> = value.samples().iter().map(|sample| sample.to_f64()).collect();
+fn write_value(text: &mut String, value_type: ValueType, value: Value) {
+    let numbers = value_type.samples(value);
     match numbers[..] {
         [n] if (0.0..10.0).contains(&n) && n.fract() == 0.0 && !n.is_sign_negative() => {
             let _ = write!(text, "{n}");
@@ -60,12 +65,7 @@ fn write_value<V: Value>(text: &mut String, value: V) {
 ///
 /// # Errors
 /// If the text has a symbol that is none, ends too early, goes on after the end, or is deeper than `depth`.
-pub fn from_text<D: Dimension, V: Value>(
-    text: &str,
-    depth: u8,
-    full: V,
-    rule: Rule,
-) -> Result<MemTree<D, V>> {
+pub fn from_text(form: Form, text: &str, depth: u8, full: Value, rule: Rule) -> Result<MemTree> {
     let bad = |position: usize, found: &str, expected: &str| {
         Error::invalid(format!("DF-expression, byte {position}"), format!("`{found}`"), expected)
     };
@@ -84,47 +84,45 @@ pub fn from_text<D: Dimension, V: Value>(
                 let end = rest.find(']').ok_or_else(|| bad(position, rest, "a closing bracket"))?;
                 let list = &rest[..end];
                 rest = &rest[end + 1..];
-                let value = parse_value(list);
+                let value = parse_value(form.value, list);
                 Symbol::Leaf(
-                    value.ok_or_else(|| bad(position, list, &format!("a value of type {}", V::TYPE)))?,
+                    value.ok_or_else(|| bad(position, list, &format!("a value of type {}", form.value)))?,
                 )
             }
             _ => {
-                let digit = letter.to_digit(10).and_then(|digit| V::splat_f64(digit as f64));
+                let digit = letter.to_digit(10).and_then(|digit| form.value.splat(digit as f64));
                 Symbol::Leaf(digit.ok_or_else(|| {
                     bad(position, letter.encode_utf8(&mut [0; 4]), "one of G B W M F V, a digit, or [value]")
                 })?)
             }
         });
     }
-    assemble(&symbols, depth, rule)
+    assemble(form, &symbols, depth, rule)
 }
 
-fn parse_value<V: Value>(list: &str) -> Option<V> {
-    let numbers: Option<Vec<V::Sample>> =
-        list.split(',').map(|n| n.trim().parse().ok().and_then(V::Sample::from_f64)).collect();
-    let numbers = numbers.filter(|numbers| numbers.len() == V::CHANNELS)?;
-    Some(V::from_channels(|channel| numbers[channel]))
+fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
+    let numbers: Option<Vec<f64>> = list.split(',').map(|number| number.trim().parse().ok()).collect();
+    value_type.exact(&numbers?)
 }
 
 /// The packed expression of a tree.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Packed<V> {
+pub struct Packed {
     /// Two bits per symbol, first symbol in the lowest bits of the first byte: 0 VOID, 1 LEAF, 2 INNER.
     pub bits: Vec<u8>,
     /// Number of symbols.
     pub symbols: usize,
     /// Values of the leaves, in order.
-    pub values: Vec<V>,
+    pub values: Vec<Value>,
 }
 
 /// The expression of a tree in 2 bits per node.
 ///
 /// # Errors
 /// If the source fails.
-pub fn to_packed<S: Source>(source: &S) -> Result<Packed<S::Value>> {
+pub fn to_packed(source: &MemTree) -> Result<Packed> {
     let mut packed = Packed { bits: Vec::new(), symbols: 0, values: Vec::new() };
-    walk(source, |symbol| {
+    walk(source, &mut |symbol| {
         let number = match symbol {
             Symbol::Void => 0,
             Symbol::Leaf(value) => {
@@ -146,11 +144,7 @@ pub fn to_packed<S: Source>(source: &S) -> Result<Packed<S::Value>> {
 ///
 /// # Errors
 /// If the bits or the values do not make one tree of at most `depth` levels.
-pub fn from_packed<D: Dimension, V: Value>(
-    packed: &Packed<V>,
-    depth: u8,
-    rule: Rule,
-) -> Result<MemTree<D, V>> {
+pub fn from_packed(form: Form, packed: &Packed, depth: u8, rule: Rule) -> Result<MemTree> {
     let bad = |found: String, expected: &str| Error::invalid("packed DF-expression", found, expected);
     if packed.bits.len() != packed.symbols.div_ceil(4) {
         let found = format!("{} bytes for {} symbols", packed.bits.len(), packed.symbols);
@@ -172,69 +166,65 @@ pub fn from_packed<D: Dimension, V: Value>(
     if values.next().is_some() {
         return Err(bad(format!("{} values", packed.values.len()), "no more values than leaves"));
     }
-    assemble(&symbols, depth, rule)
+    assemble(form, &symbols, depth, rule)
 }
 
 /// Hands out a tree's symbols in order.
-fn walk<S: Source>(source: &S, mut symbol: impl FnMut(Symbol<S::Value>)) -> Result<()> {
+fn walk(source: &MemTree, symbol: &mut dyn FnMut(Symbol)) -> Result<()> {
     let mut pending = vec![source.root()?];
-    while let Some(place) = pending.pop() {
-        match place {
+    let mut children = no_children();
+    while let Some(child) = pending.pop() {
+        match child {
             Child::Void => symbol(Symbol::Void),
             Child::Leaf(value) => symbol(Symbol::Leaf(value)),
             Child::Inner { node, .. } => {
                 symbol(Symbol::Inner);
-                let first = pending.len();
-                pending.extend(source.children(&node)?);
-                pending[first..].reverse();
+                source.children(&node, &mut children)?;
+                pending.extend(children[..source.form.children()].iter().rev());
             }
         }
     }
     Ok(())
 }
 
-fn assemble<D: Dimension, V: Value>(symbols: &[Symbol<V>], depth: u8, rule: Rule) -> Result<MemTree<D, V>> {
-    if depth > D::MAX_DEPTH {
-        return Err(Error::invalid("depth", depth.to_string(), format!("at most {}", D::MAX_DEPTH)));
+fn assemble(form: Form, symbols: &[Symbol], depth: u8, rule: Rule) -> Result<MemTree> {
+    let most = form.dimension.max_depth();
+    if depth > most {
+        return Err(Error::invalid("depth", depth.to_string(), format!("at most {most}")));
     }
     // First as it is written, then condensed.
-    let mut expression = MemTree::<D, V> { depth, root: Child::Void, inner: Vec::new() };
-    let mut place = 0;
-    expression.root = read(&mut expression, symbols, &mut place, 0)?;
-    if place < symbols.len() {
-        let found = format!("{} more symbols after the tree's end", symbols.len() - place);
+    let mut expression = MemTree { form, depth, root: Child::Void, inner: Vec::new() };
+    let mut next = 0;
+    expression.root = read(&mut expression, symbols, &mut next, 0)?;
+    if next < symbols.len() {
+        let found = format!("{} more symbols after the tree's end", symbols.len() - next);
         return Err(Error::invalid("DF-expression", found, "one tree"));
     }
     MemTree::from_source(&expression, rule)
 }
 
-/// Reads the expression of one node.
-fn read<D: Dimension, V: Value>(
-    tree: &mut MemTree<D, V>,
-    symbols: &[Symbol<V>],
-    place: &mut usize,
-    level: u8,
-) -> Result<Child<V, usize>> {
-    let symbol = symbols.get(*place).ok_or_else(|| {
+/// Reads the expression of one node, whose first symbol has the number `next`.
+fn read(tree: &mut MemTree, symbols: &[Symbol], next: &mut usize, level: u8) -> Result<Child<usize>> {
+    let symbol = symbols.get(*next).ok_or_else(|| {
         let found = format!("its end after {} symbols", symbols.len());
         Error::invalid("DF-expression", found, "children for every inner node")
     })?;
-    *place += 1;
+    *next += 1;
     Ok(match symbol {
         Symbol::Void => Child::Void,
         Symbol::Leaf(value) => Child::Leaf(*value),
         Symbol::Inner => {
             if level == tree.depth {
-                let found = format!("an inner node at level {level} (symbol {place})");
+                let found = format!("an inner node at level {level} (symbol {next})");
                 let expected = format!("a depth of at most {}", tree.depth);
                 return Err(Error::invalid("DF-expression", found, expected));
             }
-            let mut children = D::array(|_| Child::Void);
-            for child in children.as_mut() {
-                *child = read(tree, symbols, place, level + 1)?;
+            let mut children = no_children();
+            for child in &mut children[..tree.form.children()] {
+                *child = read(tree, symbols, next, level + 1)?;
             }
             tree.inner.push(children);
-            Child::Inner { representative: V::default(), node: tree.inner.len() - 1 }
+            Child::Inner { representative: Value::ZERO, node: tree.inner.len() - 1 }
         }
     })
 }

@@ -1,40 +1,42 @@
 //! The tree in memory: for small trees, and the referee of the tests.
 
+use super::form::Form;
+use super::source::{Child, Children, Source, no_children};
 use crate::Result;
-use crate::space::{Cell, Code, Dimension};
+use crate::space::{Cell, Code};
 use crate::value::{Rule, Tally, Value, representative};
-
-use super::source::{Child, Source};
 
 /// A tree whose nodes all lie in memory; always condensed (no INNER node has equal LEAF or only VOID children).
 #[derive(Clone, Debug)]
-pub struct MemTree<D: Dimension, V: Value> {
+pub struct MemTree {
+    pub(super) form: Form,
     pub(super) depth: u8,
-    pub(super) root: Child<V, usize>,
+    pub(super) root: Child<usize>,
     /// Inner nodes, children before parents.
-    pub(super) inner: Vec<D::Array<Child<V, usize>>>,
+    pub(super) inner: Vec<Children<usize>>,
 }
 
-impl<D: Dimension, V: Value> MemTree<D, V> {
+impl MemTree {
     /// The tree of the cells that a function gives; `None` is VOID. Takes time proportional to the cells.
     ///
     /// # Panics
     /// If `depth` is more than the dimension allows.
-    pub fn from_cells(depth: u8, rule: Rule, cell: impl Fn(Cell) -> Option<V>) -> MemTree<D, V> {
-        assert!(depth <= D::MAX_DEPTH);
-        let mut builder = Builder::<D, V>::new(rule);
-        let (root, _) = builder.cells(Code::ROOT, depth, &cell);
-        MemTree { depth, root, inner: builder.inner }
+    pub fn from_cells(form: Form, depth: u8, rule: Rule, cell: &dyn Fn(Cell) -> Option<Value>) -> MemTree {
+        assert!(depth <= form.dimension.max_depth());
+        let mut builder = Builder { form, rule, inner: Vec::new() };
+        let (root, _) = builder.cells(Code::root(form.dimension), depth, cell);
+        MemTree { form, depth, root, inner: builder.inner }
     }
 
     /// A condensed copy of any source, with representatives by `rule`.
     ///
     /// # Errors
     /// If the source fails. It is for small trees: all nodes go to memory.
-    pub fn from_source<S: Source<Dim = D, Value = V>>(source: &S, rule: Rule) -> Result<MemTree<D, V>> {
-        let mut builder = Builder::<D, V>::new(rule);
-        let (root, _) = builder.places(source, source.root()?, source.depth())?;
-        Ok(MemTree { depth: source.depth(), root, inner: builder.inner })
+    pub fn from_source<S: Source>(source: &S, rule: Rule) -> Result<MemTree> {
+        let (form, depth) = (source.form(), source.depth());
+        let mut builder = Builder { form, rule, inner: Vec::new() };
+        let (root, _) = builder.nodes(source, source.root()?, depth)?;
+        Ok(MemTree { form, depth, root, inner: builder.inner })
     }
 
     /// Number of INNER nodes, which is the number of records that store the tree.
@@ -42,102 +44,91 @@ impl<D: Dimension, V: Value> MemTree<D, V> {
         self.inner.len()
     }
 
-    /// The value at a node's place: its own, or that of the LEAF it lies in; `None` is VOID.
-    pub fn value_at(&self, code: Code<D>) -> Option<V> {
-        let mut place = self.root;
+    /// The value of a node: its own, or that of the LEAF it lies in; `None` is VOID.
+    pub fn value_at(&self, code: Code) -> Option<Value> {
+        let mut child = self.root;
         for step in code.digits() {
-            match place {
-                Child::Inner { node, .. } => place = self.inner[node].as_ref()[step],
+            match child {
+                Child::Inner { node, .. } => child = self.inner[node][step],
                 _ => break,
             }
         }
-        place.value()
+        child.value()
     }
 }
 
-impl<D: Dimension, V: Value> Source for MemTree<D, V> {
-    type Dim = D;
-    type Value = V;
+impl Source for MemTree {
     type Node = usize;
+
+    fn form(&self) -> Form {
+        self.form
+    }
 
     fn depth(&self) -> u8 {
         self.depth
     }
 
-    fn root(&self) -> Result<Child<V, usize>> {
+    fn root(&self) -> Result<Child<usize>> {
         Ok(self.root)
     }
 
-    fn each_child(
-        &self,
-        node: &usize,
-        mut each: impl FnMut(usize, Child<V, usize>) -> Result<()>,
-    ) -> Result<()> {
-        let mut children = self.inner[*node].as_ref().iter().enumerate();
-        children.try_for_each(|(step, child)| each(step, *child))
+    fn children(&self, node: &usize, children: &mut Children<usize>) -> Result<()> {
+        *children = self.inner[*node];
+        Ok(())
     }
 }
 
 /// Condenses and averages bottom-up.
-struct Builder<D: Dimension, V: Value> {
+struct Builder {
+    form: Form,
     rule: Rule,
-    inner: Vec<D::Array<Child<V, usize>>>,
+    inner: Vec<Children<usize>>,
 }
 
-type Built<V> = (Child<V, usize>, Tally<V>);
+type Built = (Child<usize>, Tally);
 
-impl<D: Dimension, V: Value> Builder<D, V> {
-    fn new(rule: Rule) -> Self {
-        Builder { rule, inner: Vec::new() }
-    }
-
-    fn cells(&mut self, code: Code<D>, depth: u8, cell: &impl Fn(Cell) -> Option<V>) -> Built<V> {
+impl Builder {
+    fn cells(&mut self, code: Code, depth: u8, cell: &dyn Fn(Cell) -> Option<Value>) -> Built {
         if code.level() == depth {
             return self.uniform(cell(code.cell()), 1);
         }
-        let parts = (0..D::CHILDREN).map(|i| self.cells(code.child(i), depth, cell)).collect();
+        let parts = (0..self.form.children()).map(|i| self.cells(code.child(i), depth, cell)).collect();
         self.join(parts, depth - code.level())
     }
 
-    fn places<S: Source<Dim = D, Value = V>>(
-        &mut self,
-        source: &S,
-        place: Child<V, S::Node>,
-        height: u8,
-    ) -> Result<Built<V>> {
-        match place {
-            Child::Inner { node, .. } => {
-                let parts = source.children(&node)?.into_iter();
-                let parts: Result<_> =
-                    parts.map(|child| self.places(source, child, height.saturating_sub(1))).collect();
-                Ok(self.join(parts?, height))
-            }
-            _ => Ok(self.uniform(place.value(), 1 << (D::AXES * height as usize))),
-        }
+    fn nodes<S: Source>(&mut self, source: &S, child: Child<S::Node>, height: u8) -> Result<Built> {
+        let Child::Inner { node, .. } = child else {
+            return Ok(self.uniform(child.value(), self.form.dimension.cells(height)));
+        };
+        let mut children = no_children();
+        source.children(&node, &mut children)?;
+        let children = children.into_iter().take(self.form.children());
+        let parts: Result<_> =
+            children.map(|child| self.nodes(source, child, height.saturating_sub(1))).collect();
+        Ok(self.join(parts?, height))
     }
 
-    fn uniform(&self, value: Option<V>, cells: u64) -> Built<V> {
-        match value {
-            None => (Child::Void, Tally::void()),
-            Some(value) => (Child::Leaf(value), Tally::leaf(value, cells, self.rule == Rule::Majority)),
-        }
+    fn uniform(&self, value: Option<Value>, cells: u64) -> Built {
+        let tally = match value {
+            None => Tally::void(self.form.value),
+            Some(value) => Tally::leaf(self.form.value, value, cells, self.rule == Rule::Majority),
+        };
+        (Child::uniform(value), tally)
     }
 
-    fn join(&mut self, parts: Vec<Built<V>>, height: u8) -> Built<V> {
+    fn join(&mut self, parts: Vec<Built>, height: u8) -> Built {
         let tally = Tally::merge(&parts.iter().map(|(_, tally)| tally).collect::<Vec<_>>());
-        let children = D::array(|i| parts[i].0);
-        let first = parts[0].0;
-        let uniform = parts.iter().all(|(child, _)| match (first, child) {
-            (Child::Void, Child::Void) => true,
-            (Child::Leaf(a), Child::Leaf(b)) => a.same(*b),
-            _ => false,
-        });
-        if uniform {
+        let mut children = no_children();
+        for (child, (part, _)) in children.iter_mut().zip(&parts) {
+            *child = *part;
+        }
+        let first = children[0];
+        if !first.is_inner() && parts.iter().all(|(child, _)| *child == first) {
             return (first, tally);
         }
         let values: Vec<_> =
             parts.iter().map(|(child, _)| child.value().map(|value| (value, child.is_inner()))).collect();
-        let cells = 1 << (D::AXES * height as usize);
+        let cells = self.form.dimension.cells(height);
         let representative = representative(self.rule, &values, &tally, cells);
         self.inner.push(children);
         (Child::Inner { representative, node: self.inner.len() - 1 }, tally)

@@ -1,17 +1,11 @@
-//! From types known at run time to types known at compile time.
+//! From types known at run time to types known at compile time: the way into kernels.
 
-/// Evaluates an expression with a type name bound to the Rust type of a [`ValueType`](crate::value::ValueType),
-/// or another expression if trees cannot have such values.
+/// Evaluates an expression with a name bound to the Rust type of a [`ValueType`](crate::value::ValueType), for kernels.
 ///
-/// ```
-/// use spinney::value::{SampleType, Value, ValueType};
-/// let rgb = ValueType { sample: SampleType::U8, channels: 3 };
-/// let bytes = spinney::with_value_type!(rgb, V => Some(size_of::<V>()), else None);
-/// assert_eq!(bytes, Some(3));
-/// ```
-#[macro_export]
-macro_rules! with_value_type {
-    ($type:expr, $V:ident => $body:expr, else $other:expr) => {{
+/// Trees have no other types than these: a type that comes from outside is checked by
+/// [`ValueType::is_supported`](crate::value::ValueType::is_supported) before it gets here.
+macro_rules! with_native_type {
+    ($type:expr, $V:ident => $body:expr) => {{
         use $crate::value::SampleType;
         let value_type: $crate::value::ValueType = $type;
         macro_rules! with {
@@ -37,7 +31,9 @@ macro_rules! with_value_type {
             (SampleType::F32, 3) => with!([f32; 3]),
             (SampleType::F32, 4) => with!([f32; 4]),
             (SampleType::F64, 1) => with!([f64; 1]),
-            _ => $other,
+            (sample, channels) => unreachable!("no tree has {channels} channels of {}", sample.name()),
         }
     }};
 }
+
+pub(crate) use with_native_type;

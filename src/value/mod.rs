@@ -1,13 +1,23 @@
-//! Values: sample types, values of one or more samples, the rules that average them, palettes.
+//! Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get
+//! theirs.
 
 mod dispatch;
+mod erased;
 mod palette;
 mod rule;
 mod sample;
+mod sums;
 mod tally;
+mod value_type;
 
+pub(crate) use dispatch::with_native_type;
+pub(crate) use erased::VALUE_MOST;
+pub use erased::{Samples, Value};
 pub use palette::Palette;
 pub use rule::{Kind, Rule};
-pub use sample::{Sample, SampleType, Sum, Value, ValueType};
-pub use tally::{Tally, representative};
-pub(crate) use tally::{channelwise_max, channelwise_min, dominant, most_frequent};
+pub(crate) use sample::Native;
+pub use sample::Sample;
+pub use sums::Sums;
+pub use tally::Tally;
+pub(crate) use tally::{dominant, erase, native, representative};
+pub use value_type::{SampleType, ValueType};

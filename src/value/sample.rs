@@ -1,126 +1,40 @@
-//! Sample types, and values made of one to four samples.
+//! Samples and values whose type is known at compile time: for kernels, which work on many values at once.
 
 use std::cmp::Ordering;
 use std::fmt::Debug;
 use std::ops::Add;
 
-use serde::{Deserialize, Serialize};
 use zerocopy::little_endian::{F32, F64, I16, I32, U16, U32};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-/// The type of one sample.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[allow(missing_docs)] // the names say it
-pub enum SampleType {
-    U8,
-    U16,
-    I16,
-    U32,
-    I32,
-    F32,
-    F64,
+use super::sums::Sums;
+use super::value_type::{SampleType, ValueType};
+
+/// Sums of any number of samples: exact (i128) for integers, f64 for floating samples.
+pub(crate) trait TotalSum: Copy + Debug + Default + Add<Output = Self> + Send + Sync + 'static {
+    /// One sum per channel, at most four.
+    fn to_sums(sums: &[Self]) -> Sums;
+    /// The inverse; sums of the other kind are zeros.
+    fn from_sums(sums: &Sums) -> [Self; 4];
 }
 
-impl SampleType {
-    /// All types, in the order of their numbers on disk.
-    pub const ALL: [SampleType; 7] = {
-        use SampleType::*;
-        [U8, U16, I16, U32, I32, F32, F64]
-    };
-
-    /// Bytes of one sample.
-    pub fn size(self) -> usize {
-        [1, 2, 2, 4, 4, 4, 8][self as usize]
+impl TotalSum for i128 {
+    fn to_sums(sums: &[i128]) -> Sums {
+        Sums::Exact(std::array::from_fn(|channel| sums.get(channel).copied().unwrap_or(0)))
     }
 
-    /// The type's name, as Rust spells it.
-    pub fn name(self) -> &'static str {
-        ["u8", "u16", "i16", "u32", "i32", "f32", "f64"][self as usize]
-    }
-
-    /// Whether samples are floating-point numbers.
-    pub fn is_float(self) -> bool {
-        matches!(self, SampleType::F32 | SampleType::F64)
+    fn from_sums(sums: &Sums) -> [i128; 4] {
+        if let Sums::Exact(sums) = sums { *sums } else { [0; 4] }
     }
 }
 
-/// The type of a tree's values: so many samples of one type.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct ValueType {
-    /// Type of each sample.
-    pub sample: SampleType,
-    /// Samples of one value, 1 to 4.
-    pub channels: u8,
-}
+impl TotalSum for f64 {
+    fn to_sums(sums: &[f64]) -> Sums {
+        Sums::Float(std::array::from_fn(|channel| sums.get(channel).copied().unwrap_or(0.0)))
+    }
 
-impl ValueType {
-    /// Bytes of one value.
-    pub fn size(self) -> usize {
-        self.sample.size() * self.channels as usize
-    }
-}
-
-impl std::fmt::Display for ValueType {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.sample.name())?;
-        if self.channels > 1 { write!(f, "x{}", self.channels) } else { Ok(()) }
-    }
-}
-
-/// Sums of samples: exact (i64, then i128) for integers, f64 for floating samples.
-pub trait Sum: Copy + Debug + Default + PartialEq + Add<Output = Self> + Send + Sync + 'static {
-    /// As f64, rounded once.
-    fn to_f64(self) -> f64;
-    /// 16 bytes for the disk: i128, or f64 and eight zeros.
-    fn to_bytes(self) -> [u8; 16];
-    /// Inverse of [`Sum::to_bytes`].
-    fn from_bytes(bytes: [u8; 16]) -> Self;
-    /// The sum of `cells` equal samples whose own sum is this.
-    fn times(self, cells: u64) -> Self;
-    /// Variance of the population from its sum, sum of squares and size.
-    fn variance(sum: Self, squares: Self, cells: u64) -> f64;
-}
-
-impl Sum for i128 {
-    fn to_f64(self) -> f64 {
-        self as f64
-    }
-    fn to_bytes(self) -> [u8; 16] {
-        self.to_le_bytes()
-    }
-    fn from_bytes(bytes: [u8; 16]) -> Self {
-        i128::from_le_bytes(bytes)
-    }
-    fn times(self, cells: u64) -> Self {
-        self.wrapping_mul(cells as i128)
-    }
-    fn variance(sum: i128, squares: i128, cells: u64) -> f64 {
-        // Exact until the last division, where the numbers are not beyond all bounds.
-        let products = squares.checked_mul(cells as i128).zip(sum.checked_mul(sum));
-        let exact = products.and_then(|(a, b)| a.checked_sub(b)).map(|exact| exact as f64);
-        let n = cells as f64;
-        exact.map_or_else(|| f64::variance(sum as f64, squares as f64, cells), |exact| exact / (n * n))
-    }
-}
-
-impl Sum for f64 {
-    fn to_f64(self) -> f64 {
-        self
-    }
-    fn to_bytes(self) -> [u8; 16] {
-        let mut bytes = [0; 16];
-        bytes[..8].copy_from_slice(&if self.is_nan() { f64::NAN } else { self }.to_le_bytes());
-        bytes
-    }
-    fn from_bytes(bytes: [u8; 16]) -> Self {
-        f64::from_le_bytes(bytes[..8].try_into().unwrap())
-    }
-    fn times(self, cells: u64) -> Self {
-        self * cells as f64
-    }
-    fn variance(sum: f64, squares: f64, cells: u64) -> f64 {
-        let n = cells as f64;
-        ((squares - sum / n * sum) / n).max(0.0)
+    fn from_sums(sums: &Sums) -> [f64; 4] {
+        if let Sums::Float(sums) = sums { *sums } else { [0.0; 4] }
     }
 }
 
@@ -128,6 +42,23 @@ impl Sum for f64 {
 pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync + 'static {
     /// The type as a run-time value.
     const TYPE: SampleType;
+
+    /// The sample that the first bytes of a slice are, little-endian.
+    fn read(bytes: &[u8]) -> Self;
+    /// Writes the sample's bytes, little-endian.
+    fn write(self, bytes: &mut [u8]);
+    /// The number as f64, exactly (all types fit).
+    fn to_f64(self) -> f64;
+    /// The sample equal to this number, if there is one.
+    fn from_f64(number: f64) -> Option<Self>;
+    /// The sample nearest to this number.
+    fn from_f64_lossy(number: f64) -> Self;
+    /// A number that orders samples: by number, then (for floats) by bits, as `f64::total_cmp`.
+    fn order_key(self) -> u64;
+}
+
+/// What kernels do with samples.
+pub(crate) trait Arithmetic: Sample {
     /// How it stands on disk: little-endian at any address.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
     /// Sum over one block of cells (at most 2^18), without overflow, and twice it.
@@ -141,42 +72,64 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
         + Send
         + Sync;
     /// Sum over any number of cells, and of squares.
-    type TotalSum: Sum;
+    type TotalSum: TotalSum;
 
     /// From disk.
     fn from_wire(wire: Self::Wire) -> Self;
     /// To disk.
     fn to_wire(self) -> Self::Wire;
-    /// The number as f64, exactly (all types fit).
-    fn to_f64(self) -> f64;
-    /// The sample equal to this number, if there is one.
-    fn from_f64(number: f64) -> Option<Self>;
-    /// The sample nearest to this number.
-    fn from_f64_lossy(number: f64) -> Self;
     /// The sum of `cells` equal samples (at most 2^18).
     fn block_sum(self, cells: u32) -> Self::BlockSum;
     /// The sum of the squares of `cells` equal samples (at most 2^18).
     fn block_square(self, cells: u32) -> Self::BlockSquare;
-    /// The sample as a sum of one.
-    fn total_sum(self) -> Self::TotalSum;
-    /// The square, for variances.
-    fn square(self) -> Self::TotalSum;
-    /// Mean of `cells` samples, rounded to the type.
-    fn mean(sum: Self::TotalSum, cells: u64) -> Self;
+    /// The sum of any number of equal samples.
+    fn total_sum(self, cells: u64) -> Self::TotalSum;
+    /// The sum of the squares of any number of equal samples.
+    fn total_square(self, cells: u64) -> Self::TotalSum;
     /// Mean of at most 2^18 samples, rounded to the type.
     fn block_mean(sum: Self::BlockSum, cells: u32) -> Self;
+    /// Mean of any number of samples, rounded to the type.
+    fn mean(sum: Self::TotalSum, cells: u64) -> Self;
     /// A total order: by number, then (for floats) by bits, as `f64::total_cmp`.
     fn order(self, other: Self) -> Ordering;
-    /// Equal in every bit: `0.0` and `-0.0` differ.
-    fn same(self, other: Self) -> bool;
     /// Not a number.
     fn is_nan(self) -> bool;
 }
 
 macro_rules! integer_sample {
-    ($type:ident, $variant:ident, $wire:ty, $sum:ty, $square:ty, $to:expr, $from:expr) => {
+    ($type:ident, $variant:ident, $wire:ty, $sum:ty, $square:ty, $flip:literal, $to:expr, $from:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
+
+            #[inline]
+            fn read(bytes: &[u8]) -> $type {
+                $type::from_le_bytes(bytes[..size_of::<$type>()].try_into().expect("as many bytes"))
+            }
+            #[inline]
+            fn write(self, bytes: &mut [u8]) {
+                bytes[..size_of::<$type>()].copy_from_slice(&self.to_le_bytes());
+            }
+            #[inline]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            #[inline]
+            fn from_f64(number: f64) -> Option<$type> {
+                (number as $type as f64 == number).then_some(number as $type)
+            }
+            #[inline]
+            fn from_f64_lossy(number: f64) -> $type {
+                number as $type
+            }
+            #[inline]
+            fn order_key(self) -> u64 {
+                // The lowest number of a signed type becomes 0.
+                let bits = 8 * size_of::<$type>() as u32;
+                (self as i64 as u64).wrapping_add($flip << (bits - 1)) & (u64::MAX >> (64 - bits))
+            }
+        }
+
+        impl Arithmetic for $type {
             type Wire = $wire;
             type BlockSum = $sum;
             type BlockSquare = $square;
@@ -190,15 +143,6 @@ macro_rules! integer_sample {
             fn to_wire(self) -> $wire {
                 $to(self)
             }
-            fn to_f64(self) -> f64 {
-                self as f64
-            }
-            fn from_f64_lossy(number: f64) -> $type {
-                number as $type
-            }
-            fn from_f64(number: f64) -> Option<$type> {
-                (number as $type as f64 == number).then_some(number as $type)
-            }
             #[inline]
             fn block_sum(self, cells: u32) -> $sum {
                 self as $sum * cells as $sum
@@ -208,17 +152,13 @@ macro_rules! integer_sample {
                 self as $square * self as $square * cells as $square
             }
             #[inline]
-            fn total_sum(self) -> i128 {
-                self as i128
+            fn total_sum(self, cells: u64) -> i128 {
+                (self as i128).wrapping_mul(cells as i128)
             }
             #[inline]
-            fn square(self) -> i128 {
+            fn total_square(self, cells: u64) -> i128 {
                 let wide = self as i64 as i128;
-                wide * wide
-            }
-            fn mean(sum: i128, cells: u64) -> $type {
-                let cells = cells as i128;
-                (2 * sum + cells).div_euclid(2 * cells) as $type
+                (wide * wide).wrapping_mul(cells as i128)
             }
             #[inline]
             fn block_mean(sum: $sum, cells: u32) -> $type {
@@ -230,12 +170,13 @@ macro_rules! integer_sample {
                     half_up.div_euclid(twice) as $type
                 }
             }
-            fn order(self, other: $type) -> Ordering {
-                self.cmp(&other)
+            fn mean(sum: i128, cells: u64) -> $type {
+                let cells = cells as i128;
+                (2 * sum + cells).div_euclid(2 * cells) as $type
             }
             #[inline]
-            fn same(self, other: $type) -> bool {
-                self == other
+            fn order(self, other: $type) -> Ordering {
+                self.cmp(&other)
             }
             #[inline]
             fn is_nan(self) -> bool {
@@ -245,16 +186,47 @@ macro_rules! integer_sample {
     };
 }
 
-integer_sample!(u8, U8, u8, i32, i64, |x| x, |x| x);
-integer_sample!(u16, U16, U16, i64, i64, U16::new, |x: U16| x.get());
-integer_sample!(i16, I16, I16, i64, i64, I16::new, |x: I16| x.get());
-integer_sample!(u32, U32, U32, i64, i128, U32::new, |x: U32| x.get());
-integer_sample!(i32, I32, I32, i64, i128, I32::new, |x: I32| x.get());
+integer_sample!(u8, U8, u8, i32, i64, 0u64, |x| x, |x| x);
+integer_sample!(u16, U16, U16, i64, i64, 0u64, U16::new, |x: U16| x.get());
+integer_sample!(i16, I16, I16, i64, i64, 1u64, I16::new, |x: I16| x.get());
+integer_sample!(u32, U32, U32, i64, i128, 0u64, U32::new, |x: U32| x.get());
+integer_sample!(i32, I32, I32, i64, i128, 1u64, I32::new, |x: I32| x.get());
 
 macro_rules! float_sample {
-    ($type:ident, $variant:ident, $wire:ty) => {
+    ($type:ident, $variant:ident, $wire:ty, $bits:ident) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
+
+            #[inline]
+            fn read(bytes: &[u8]) -> $type {
+                $type::from_le_bytes(bytes[..size_of::<$type>()].try_into().expect("as many bytes"))
+            }
+            #[inline]
+            fn write(self, bytes: &mut [u8]) {
+                bytes[..size_of::<$type>()].copy_from_slice(&self.to_le_bytes());
+            }
+            #[inline]
+            fn to_f64(self) -> f64 {
+                self as f64
+            }
+            #[inline]
+            fn from_f64(number: f64) -> Option<$type> {
+                (number as $type as f64 == number).then_some(number as $type)
+            }
+            #[inline]
+            fn from_f64_lossy(number: f64) -> $type {
+                number as $type
+            }
+            #[inline]
+            fn order_key(self) -> u64 {
+                // Negative numbers have their bits the other way round, all below those of the others.
+                let bits = self.to_bits();
+                let sign = 1 << ($bits::BITS - 1);
+                u64::from(if bits & sign == 0 { bits | sign } else { !bits })
+            }
+        }
+
+        impl Arithmetic for $type {
             type Wire = $wire;
             type BlockSum = f64;
             type BlockSquare = f64;
@@ -268,15 +240,6 @@ macro_rules! float_sample {
             fn to_wire(self) -> $wire {
                 <$wire>::new(self)
             }
-            fn to_f64(self) -> f64 {
-                self as f64
-            }
-            fn from_f64_lossy(number: f64) -> $type {
-                number as $type
-            }
-            fn from_f64(number: f64) -> Option<$type> {
-                (number as $type as f64 == number).then_some(number as $type)
-            }
             #[inline]
             fn block_sum(self, cells: u32) -> f64 {
                 self as f64 * cells as f64
@@ -286,12 +249,16 @@ macro_rules! float_sample {
                 self as f64 * self as f64 * cells as f64
             }
             #[inline]
-            fn total_sum(self) -> f64 {
-                self as f64
+            fn total_sum(self, cells: u64) -> f64 {
+                self as f64 * cells as f64
             }
             #[inline]
-            fn square(self) -> f64 {
-                self as f64 * self as f64
+            fn total_square(self, cells: u64) -> f64 {
+                self as f64 * self as f64 * cells as f64
+            }
+            #[inline]
+            fn block_mean(sum: f64, cells: u32) -> $type {
+                Self::mean(sum, cells as u64)
             }
             #[inline]
             fn mean(sum: f64, cells: u64) -> $type {
@@ -301,15 +268,8 @@ macro_rules! float_sample {
                 if mean.is_nan() { $type::NAN } else { mean }
             }
             #[inline]
-            fn block_mean(sum: f64, cells: u32) -> $type {
-                Self::mean(sum, cells as u64)
-            }
             fn order(self, other: $type) -> Ordering {
                 self.total_cmp(&other)
-            }
-            #[inline]
-            fn same(self, other: $type) -> bool {
-                self.to_bits() == other.to_bits()
             }
             #[inline]
             fn is_nan(self) -> bool {
@@ -319,13 +279,14 @@ macro_rules! float_sample {
     };
 }
 
-float_sample!(f32, F32, F32);
-float_sample!(f64, F64, F64);
+float_sample!(f32, F32, F32, u32);
+float_sample!(f64, F64, F64, u64);
 
-/// A tree's value: one to four samples of one type.
-pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
+/// A value whose type is known at compile time: one to four samples of one type. Only kernels know such types; they are
+/// chosen once per block or file by [`with_native_type`](super::with_native_type).
+pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     /// Type of each sample.
-    type Sample: Sample;
+    type Sample: Arithmetic;
     /// Number of samples.
     const CHANNELS: usize;
     /// How it stands on disk.
@@ -334,28 +295,16 @@ pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
     type BlockSums: Copy + Debug + Default + Send + Sync;
     /// Sums of squares of a block, one per channel.
     type BlockSquares: Copy + Debug + Default + Send + Sync;
+    /// Sums of any number of cells, one per channel.
+    type TotalSums: Copy + Debug + Default + Send + Sync;
 
     /// The type as a run-time value.
     const TYPE: ValueType = ValueType { sample: Self::Sample::TYPE, channels: Self::CHANNELS as u8 };
 
-    /// The samples.
-    fn samples(&self) -> &[Self::Sample];
-    /// Makes a value from a function of the channel.
-    fn from_channels(sample: impl FnMut(usize) -> Self::Sample) -> Self;
     /// From disk.
     fn from_wire(wire: Self::Wire) -> Self;
     /// To disk.
     fn to_wire(self) -> Self::Wire;
-    /// Sums of any number of cells, one per channel.
-    type TotalSums: Copy
-        + Debug
-        + Default
-        + PartialEq
-        + AsRef<[<Self::Sample as Sample>::TotalSum]>
-        + AsMut<[<Self::Sample as Sample>::TotalSum]>
-        + Send
-        + Sync;
-
     /// Sums of `cells` cells of this value (at most 2^18).
     fn block_sums(self, cells: u32) -> Self::BlockSums;
     /// Adds channel by channel.
@@ -366,36 +315,35 @@ pub trait Value: Copy + Debug + Default + PartialEq + Send + Sync + 'static {
     fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares;
     /// The sums of a block as sums of any number of cells.
     fn widen(sums: Self::BlockSums) -> Self::TotalSums;
-    /// The same for sums of squares.
+    /// Sums of squares of a block as sums of any number of cells.
     fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSums;
     /// Means of at most 2^18 cells, rounded to the type.
     fn block_mean(sums: Self::BlockSums, cells: u32) -> Self;
+    /// Sums of any number of cells of this value.
+    fn total_sums(self, cells: u64) -> Self::TotalSums;
+    /// Sums of the squares of any number of cells of this value.
+    fn total_squares(self, cells: u64) -> Self::TotalSums;
     /// Adds channel by channel.
     fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums;
-    /// Equal in every bit.
-    fn same(self, other: Self) -> bool;
-
+    /// The sums with their type known at run time.
+    fn erase(sums: Self::TotalSums) -> Sums;
+    /// The inverse of [`Native::erase`].
+    fn typed_sums(sums: &Sums) -> Self::TotalSums;
+    /// Means of any number of cells, rounded to the type.
+    fn mean(sums: &Sums, cells: u64) -> Self;
     /// A total order: channel after channel.
-    fn order(self, other: Self) -> Ordering {
-        let pairs = self.samples().iter().zip(other.samples());
-        pairs.map(|(a, b)| a.order(*b)).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
-    }
-
+    fn order(self, other: Self) -> Ordering;
+    /// The smaller sample of each channel.
+    fn min(self, other: Self) -> Self;
+    /// The larger sample of each channel.
+    fn max(self, other: Self) -> Self;
     /// Whether any sample is not a number; such a value is VOID.
-    #[inline]
-    fn is_nan(self) -> bool {
-        self.samples().iter().any(|sample| sample.is_nan())
-    }
-
-    /// The value whose every sample is this number, if the type can hold it.
-    fn splat_f64(number: f64) -> Option<Self> {
-        Self::Sample::from_f64(number).map(|sample| Self::from_channels(|_| sample))
-    }
+    fn is_nan(self) -> bool;
 }
 
-macro_rules! values {
+macro_rules! native_values {
     ($($channels:literal)*) => { $(
-        impl<S: Sample> Value for [S; $channels] {
+        impl<S: Arithmetic> Native for [S; $channels] {
             type Sample = S;
             const CHANNELS: usize = $channels;
             type Wire = [S::Wire; $channels];
@@ -403,14 +351,6 @@ macro_rules! values {
             type BlockSquares = [S::BlockSquare; $channels];
             type TotalSums = [S::TotalSum; $channels];
 
-            #[inline]
-            fn samples(&self) -> &[S] {
-                self
-            }
-            #[inline]
-            fn from_channels(sample: impl FnMut(usize) -> S) -> Self {
-                std::array::from_fn(sample)
-            }
             #[inline]
             fn from_wire(wire: Self::Wire) -> Self {
                 wire.map(S::from_wire)
@@ -435,9 +375,11 @@ macro_rules! values {
             fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares {
                 std::array::from_fn(|c| a[c] + b[c])
             }
+            #[inline]
             fn widen(sums: Self::BlockSums) -> Self::TotalSums {
                 sums.map(Into::into)
             }
+            #[inline]
             fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSums {
                 squares.map(Into::into)
             }
@@ -445,15 +387,47 @@ macro_rules! values {
             fn block_mean(sums: Self::BlockSums, cells: u32) -> Self {
                 sums.map(|sum| S::block_mean(sum, cells))
             }
+            #[inline]
+            fn total_sums(self, cells: u64) -> Self::TotalSums {
+                self.map(|sample| sample.total_sum(cells))
+            }
+            #[inline]
+            fn total_squares(self, cells: u64) -> Self::TotalSums {
+                self.map(|sample| sample.total_square(cells))
+            }
+            #[inline]
             fn add_sums(a: Self::TotalSums, b: Self::TotalSums) -> Self::TotalSums {
                 std::array::from_fn(|c| a[c] + b[c])
             }
+            fn erase(sums: Self::TotalSums) -> Sums {
+                S::TotalSum::to_sums(&sums)
+            }
+            fn typed_sums(sums: &Sums) -> Self::TotalSums {
+                let sums = S::TotalSum::from_sums(sums);
+                std::array::from_fn(|channel| sums[channel])
+            }
+            fn mean(sums: &Sums, cells: u64) -> Self {
+                let sums = S::TotalSum::from_sums(sums);
+                std::array::from_fn(|channel| S::mean(sums[channel], cells))
+            }
             #[inline]
-            fn same(self, other: Self) -> bool {
-                (0..$channels).all(|c| self[c].same(other[c]))
+            fn order(self, other: Self) -> Ordering {
+                (0..$channels).map(|c| self[c].order(other[c])).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+            }
+            #[inline]
+            fn min(self, other: Self) -> Self {
+                std::array::from_fn(|c| if other[c].order(self[c]).is_lt() { other[c] } else { self[c] })
+            }
+            #[inline]
+            fn max(self, other: Self) -> Self {
+                std::array::from_fn(|c| if other[c].order(self[c]).is_gt() { other[c] } else { self[c] })
+            }
+            #[inline]
+            fn is_nan(self) -> bool {
+                self.iter().any(|sample| sample.is_nan())
             }
         }
     )* };
 }
 
-values!(1 2 3 4);
+native_values!(1 2 3 4);

@@ -1,9 +1,11 @@
 //! What is known of all the cells below a node: exact counts, extremes and sums.
 
-use std::cmp::Ordering;
-
+use super::dispatch::with_native_type;
+use super::erased::Value;
 use super::rule::Rule;
-use super::sample::{Sample, Sum, Value};
+use super::sample::Native;
+use super::sums::Sums;
+use super::value_type::ValueType;
 
 /// Counts, extremes and sums over cells that are not VOID; those of a node are its zone statistics.
 ///
@@ -11,69 +13,46 @@ use super::sample::{Sample, Sum, Value};
 /// definition: pairwise in Z order ([`Tally::merge`]), so that a uniform block has exactly the sum of its
 /// cells and trees built in any way agree in every bit.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tally<V: Value> {
+pub struct Tally {
+    /// Type of the values.
+    pub value_type: ValueType,
     /// Cells that are not VOID.
     pub cells: u64,
     /// Smallest sample of each channel (meaningless without cells).
-    pub min: V,
+    pub min: Value,
     /// Largest sample of each channel (meaningless without cells).
-    pub max: V,
+    pub max: Value,
     /// Sum of each channel.
-    pub sum: V::TotalSums,
+    pub sum: Sums,
     /// Sum of squares of each channel.
-    pub squares: V::TotalSums,
+    pub squares: Sums,
     /// Cells of each value, by ascending value; empty unless classes are counted.
-    pub classes: Vec<(V, u64)>,
+    pub classes: Vec<(Value, u64)>,
 }
 
-impl<V: Value> Tally<V> {
+impl Tally {
     /// Of no cells.
-    pub fn void() -> Tally<V> {
-        Tally {
-            cells: 0,
-            min: V::default(),
-            max: V::default(),
-            sum: V::TotalSums::default(),
-            squares: V::TotalSums::default(),
-            classes: Vec::new(),
-        }
+    pub fn void(value_type: ValueType) -> Tally {
+        let zero = Sums::zero(value_type.sample);
+        let (min, max) = (Value::ZERO, Value::ZERO);
+        Tally { value_type, cells: 0, min, max, sum: zero, squares: zero, classes: Vec::new() }
     }
 
     /// Of `cells` cells of one value.
-    pub fn leaf(value: V, cells: u64, count_classes: bool) -> Tally<V> {
-        Tally {
-            cells,
-            min: value,
-            max: value,
-            sum: Self::leaf_sums(value, cells),
-            squares: Self::leaf_squares(value, cells),
-            classes: if count_classes { vec![(value, cells)] } else { Vec::new() },
-        }
-    }
-
-    /// Sums of `cells` cells of one value.
-    pub(crate) fn leaf_sums(value: V, cells: u64) -> V::TotalSums {
-        let mut sums = V::TotalSums::default();
-        for (sum, sample) in sums.as_mut().iter_mut().zip(value.samples()) {
-            *sum = sample.total_sum().times(cells);
-        }
-        sums
-    }
-
-    /// Sums of their squares.
-    pub(crate) fn leaf_squares(value: V, cells: u64) -> V::TotalSums {
-        let mut sums = V::TotalSums::default();
-        for (sum, sample) in sums.as_mut().iter_mut().zip(value.samples()) {
-            *sum = sample.square().times(cells);
-        }
-        sums
+    pub fn leaf(value_type: ValueType, value: Value, cells: u64, count_classes: bool) -> Tally {
+        let (sum, squares) = with_native_type!(value_type, V => leaf_sums::<V>(value, cells));
+        let classes = if count_classes { vec![(value, cells)] } else { Vec::new() };
+        Tally { value_type, cells, min: value, max: value, sum, squares, classes }
     }
 
     /// Of the cells of all the parts; their number must be a power of two for the sums of floating samples to be
     /// those that are defined.
-    pub fn merge(parts: &[&Tally<V>]) -> Tally<V> {
+    ///
+    /// # Panics
+    /// If there are no parts.
+    pub fn merge(parts: &[&Tally]) -> Tally {
         match parts {
-            [] => Tally::void(),
+            [] => unreachable!("a node has children"),
             [one] => (*one).clone(),
             _ => {
                 let (a, b) = parts.split_at(parts.len() / 2);
@@ -82,63 +61,84 @@ impl<V: Value> Tally<V> {
         }
     }
 
-    fn add(a: &Tally<V>, b: &Tally<V>) -> Tally<V> {
+    fn add(a: &Tally, b: &Tally) -> Tally {
+        let value_type = a.value_type;
         let (min, max) = match (a.cells, b.cells) {
             (_, 0) => (a.min, a.max),
             (0, _) => (b.min, b.max),
-            _ => (channelwise_min(a.min, b.min), channelwise_max(a.max, b.max)),
+            _ => (value_type.min(a.min, b.min), value_type.max(a.max, b.max)),
         };
         Tally {
+            value_type,
             cells: a.cells + b.cells,
             min,
             max,
-            sum: V::add_sums(a.sum, b.sum),
-            squares: V::add_sums(a.squares, b.squares),
-            classes: merge_counts(&a.classes, &b.classes),
+            sum: a.sum.add(&b.sum),
+            squares: a.squares.add(&b.squares),
+            classes: merge_counts(value_type, &a.classes, &b.classes),
         }
     }
 
-    /// Mean of each channel, rounded to the type. Not to be called without cells.
-    pub fn mean(&self) -> V {
-        self.mean_over(self.cells)
-    }
-
-    /// The same over so many cells, those beyond the tally's own counting as zero.
-    fn mean_over(&self, cells: u64) -> V {
-        V::from_channels(|channel| <V::Sample as Sample>::mean(self.sum.as_ref()[channel], cells))
+    /// Mean of each channel over so many cells, those beyond the tally's own counting as zero, rounded to the type. Not to be
+    /// called without cells.
+    fn mean_over(&self, cells: u64) -> Value {
+        with_native_type!(self.value_type, V => erase(V::mean(&self.sum, cells)))
     }
 
     /// The class with most cells, the lowest if there are several.
-    pub fn majority(&self) -> Option<V> {
-        most_frequent(self.classes.iter().copied())
+    fn majority(&self) -> Option<Value> {
+        let mut best: Option<(Value, u64)> = None;
+        // They come by ascending value.
+        for class in &self.classes {
+            if best.is_none_or(|best| class.1 > best.1) {
+                best = Some(*class);
+            }
+        }
+        best.map(|(value, _)| value)
     }
+}
+
+fn leaf_sums<V: Native>(value: Value, cells: u64) -> (Sums, Sums) {
+    let value = native::<V>(value);
+    (V::erase(value.total_sums(cells)), V::erase(value.total_squares(cells)))
+}
+
+/// A value with its type known at compile time.
+#[inline]
+pub(crate) fn native<V: Native>(value: Value) -> V {
+    let bytes = value.to_bytes();
+    let (wire, _) = <V::Wire as zerocopy::FromBytes>::read_from_prefix(&bytes).expect("16 bytes hold any value");
+    V::from_wire(wire)
+}
+
+/// A value with its type known at run time.
+#[inline]
+pub(crate) fn erase<V: Native>(value: V) -> Value {
+    Value::from_bytes(zerocopy::IntoBytes::as_bytes(&value.to_wire()))
 }
 
 /// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says INNER) and
 /// from the tally of what is below it.
-pub fn representative<V: Value>(
-    rule: Rule,
-    children: &[Option<(V, bool)>],
-    tally: &Tally<V>,
-    cells: u64,
-) -> V {
-    let values = || children.iter().flatten();
-    match rule {
-        Rule::Mean => tally.mean(),
-        Rule::Occupancy => tally.mean_over(cells),
-        Rule::Majority => tally.majority().unwrap_or_default(),
-        Rule::Dominant => dominant(values().copied()),
-        Rule::Min => values().map(|(value, _)| *value).reduce(channelwise_min).unwrap_or_default(),
-        Rule::Max => values().map(|(value, _)| *value).reduce(channelwise_max).unwrap_or_default(),
-        Rule::Nearest => values().map(|(value, _)| *value).next().unwrap_or_default(),
-    }
+pub(crate) fn representative(rule: Rule, children: &[Option<(Value, bool)>], tally: &Tally, cells: u64) -> Value {
+    let value_type = tally.value_type;
+    let values = || children.iter().flatten().map(|(value, _)| *value);
+    let value = match rule {
+        Rule::Mean => Some(tally.mean_over(tally.cells)),
+        Rule::Occupancy => Some(tally.mean_over(cells)),
+        Rule::Majority => tally.majority(),
+        Rule::Dominant => Some(dominant(children.iter().flatten().copied())),
+        Rule::Min => values().reduce(|a, b| value_type.min(a, b)),
+        Rule::Max => values().reduce(|a, b| value_type.max(a, b)),
+        Rule::Nearest => values().next(),
+    };
+    value.unwrap_or_default()
 }
 
 /// The survey's rule: leaves weigh 3, inner nodes 2, the first of the heaviest wins.
-pub(crate) fn dominant<V: Value>(children: impl Iterator<Item = (V, bool)> + Clone) -> V {
-    let mut best = (V::default(), 0);
+pub(crate) fn dominant<T: Copy + Default + PartialEq>(children: impl Iterator<Item = (T, bool)> + Clone) -> T {
+    let mut best = (T::default(), 0);
     for (value, _) in children.clone() {
-        let same = children.clone().filter(|(other, _)| other.same(value));
+        let same = children.clone().filter(|(other, _)| *other == value);
         let weight: u32 = same.map(|(_, inner)| if inner { 2 } else { 3 }).sum();
         if weight > best.1 {
             best = (value, weight);
@@ -147,45 +147,21 @@ pub(crate) fn dominant<V: Value>(children: impl Iterator<Item = (V, bool)> + Clo
     best.0
 }
 
-/// Smaller sample of each channel.
-#[inline]
-pub(crate) fn channelwise_min<V: Value>(a: V, b: V) -> V {
-    V::from_channels(|c| {
-        let (a, b) = (a.samples()[c], b.samples()[c]);
-        if b.order(a) == Ordering::Less { b } else { a }
-    })
-}
-
-/// Larger sample of each channel.
-#[inline]
-pub(crate) fn channelwise_max<V: Value>(a: V, b: V) -> V {
-    V::from_channels(|c| {
-        let (a, b) = (a.samples()[c], b.samples()[c]);
-        if b.order(a) == Ordering::Greater { b } else { a }
-    })
-}
-
-/// The value with the highest count, the least of several.
-pub(crate) fn most_frequent<V: Value>(counts: impl Iterator<Item = (V, u64)>) -> Option<V> {
-    let rank = |a: &(V, u64), b: &(V, u64)| a.1.cmp(&b.1).then_with(|| b.0.order(a.0));
-    counts.max_by(rank).map(|(value, _)| value)
-}
-
 /// Adds two lists of counts that are in ascending order of values.
-pub(crate) fn merge_counts<V: Value>(a: &[(V, u64)], b: &[(V, u64)]) -> Vec<(V, u64)> {
+fn merge_counts(value_type: ValueType, a: &[(Value, u64)], b: &[(Value, u64)]) -> Vec<(Value, u64)> {
+    if a.is_empty() || b.is_empty() {
+        return [a, b].concat();
+    }
     let mut merged = Vec::with_capacity(a.len().max(b.len()));
     let (mut a, mut b) = (a.iter().copied().peekable(), b.iter().copied().peekable());
-    loop {
-        let order = match (a.peek(), b.peek()) {
-            (Some(a), Some(b)) => a.0.order(b.0),
-            (Some(_), None) => Ordering::Less,
-            (None, Some(_)) => Ordering::Greater,
-            (None, None) => return merged,
-        };
-        match order {
-            Ordering::Less => merged.extend(a.next()),
-            Ordering::Greater => merged.extend(b.next()),
-            Ordering::Equal => merged.extend(a.next().zip(b.next()).map(|(a, b)| (a.0, a.1 + b.1))),
+    while let (Some((first, _)), Some((second, _))) = (a.peek(), b.peek()) {
+        match value_type.order(*first, *second) {
+            std::cmp::Ordering::Less => merged.extend(a.next()),
+            std::cmp::Ordering::Greater => merged.extend(b.next()),
+            std::cmp::Ordering::Equal => merged.extend(a.next().zip(b.next()).map(|(a, b)| (a.0, a.1 + b.1))),
         }
     }
+    merged.extend(a);
+    merged.extend(b);
+    merged
 }

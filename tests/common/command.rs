@@ -21,6 +21,45 @@ pub fn stderr(assert: Assert) -> String {
     String::from_utf8(assert.get_output().stderr.clone()).unwrap()
 }
 
+/// Starts a program with the signals that end it as they are by default.
+const WITH_DEFAULT_SIGNALS: &str = "import os, signal, sys
+for name in ('SIGINT', 'SIGTERM', 'SIGHUP', 'SIGPIPE', 'SIGXFSZ'):
+    signal.signal(getattr(signal, name), signal.SIG_DFL)
+os.execvp(sys.argv[1], sys.argv[1:])
+";
+
+/// A program that interruption, termination and the end of a session reach.
+///
+/// What the parent of these tests ignores (a shell does that to programs in the background), they ignore, too, and so would
+/// everything that they start. A shell cannot change that, but other programs can. Nothing if there is none.
+#[cfg(unix)]
+pub fn interruptible(program: &str) -> Option<std::process::Command> {
+    use std::os::unix::process::ExitStatusExt;
+    let launchers: [&[&str]; 3] =
+        [&[], &["env", "--default-signal=INT,TERM,HUP"], &["python3", "-c", WITH_DEFAULT_SIGNALS]];
+    let launch = |launcher: &[&str], program: &str| match launcher {
+        [] => std::process::Command::new(program),
+        [first, rest @ ..] => {
+            let mut command = std::process::Command::new(first);
+            command.args(rest).arg(program);
+            command
+        }
+    };
+    // A shell that sends itself a signal comes to its end in good order only where that is ignored.
+    let works = |launcher: &&&[&str]| {
+        ["INT", "TERM", "HUP"].into_iter().all(|name| {
+            let mut shell = launch(launcher, "sh");
+            shell.args(["-c", "kill -s \"$0\" $$", name]).stderr(std::process::Stdio::null());
+            shell.status().is_ok_and(|status| status.signal().is_some())
+        })
+    };
+    let launcher = launchers.iter().find(works);
+    if launcher.is_none() {
+        println!("skipped: whoever started these tests wants signals ignored, and nothing here can change that");
+    }
+    launcher.map(|launcher| launch(launcher, program))
+}
+
 /// The most memory that a process ever had, in bytes, as seen shortly before its end.
 #[cfg(target_os = "linux")]
 pub fn peak_memory(child: &mut Child) -> u64 {

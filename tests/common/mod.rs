@@ -1,20 +1,25 @@
 //! Helpers shared by the integration tests.
-#![allow(dead_code, unreachable_pub)] // each test file uses some of them
+#![allow(dead_code, unreachable_pub)] // each test program uses some of them
 
 pub mod command;
 pub mod octree;
 pub mod solid;
+pub mod tiff_file;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use spinney::Result;
+use spinney::dataset::{self, Dataset};
+use spinney::io::Output;
+use spinney::ops::{self, Combined, Operation, TreeFile, View};
 use spinney::space::{Cell, Code, Dimension, Frame};
-use spinney::store::Output;
-use spinney::store::build::{BuildOptions, Slab, Slabs, build, build_slabs, depth_for};
-use spinney::store::goblin::{Goblin, Layout, Metadata};
-use spinney::tree::{Child, MemTree, Source};
-use spinney::value::{Kind, Rule, Sample, SampleType, Value};
-use zerocopy::IntoBytes;
+use spinney::store::goblin::Goblin;
+use spinney::store::{
+    BuildOptions, Metadata, OpenOptions, Slab, Slabs, build_slabs, build_tree, depth_for,
+};
+use spinney::tree::{Child, Form, MemTree, Source, no_children};
+use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 /// The picture behind the literature's two ten-record tables, row 0 in the north.
 pub const CLASSIC: [[u8; 8]; 8] = [
@@ -27,6 +32,42 @@ pub const CLASSIC: [[u8; 8]; 8] = [
     [1, 1, 1, 1, 1, 1, 1, 2],
     [1, 1, 1, 1, 1, 1, 1, 1],
 ];
+
+/// Values of one byte.
+pub const BYTE: ValueType = ValueType::new(SampleType::U8, 1);
+/// Quadtrees of bytes.
+pub const QUAD: Form = Form::new(Dimension::Quad, BYTE);
+/// Octrees of bytes.
+pub const OCT: Form = Form::new(Dimension::Oct, BYTE);
+
+/// Quadtrees of values with so many samples of a type.
+pub const fn quad(sample: SampleType, channels: u8) -> Form {
+    Form::new(Dimension::Quad, ValueType::new(sample, channels))
+}
+
+/// Octrees of values with so many samples of a type.
+pub const fn oct(sample: SampleType, channels: u8) -> Form {
+    Form::new(Dimension::Oct, ValueType::new(sample, channels))
+}
+
+/// All types of values that trees can have.
+pub fn value_types() -> Vec<ValueType> {
+    let of = |sample| (1..=4).map(move |channels| ValueType::new(sample, channels));
+    let types: Vec<_> =
+        SampleType::ALL.into_iter().flat_map(of).filter(|value| value.is_supported()).collect();
+    assert_eq!(types.len(), 16);
+    types
+}
+
+/// A byte as a value.
+pub fn byte(number: u8) -> Value {
+    Value::from([number])
+}
+
+/// A value of one byte as a number.
+pub fn as_byte(value: Value) -> u8 {
+    value.to_bytes()[0]
+}
 
 /// Test data that may be absent: `../shared/data`, or where `SPINNEY_DATA` points.
 pub fn shared_data() -> Option<PathBuf> {
@@ -59,19 +100,20 @@ impl Random {
 
 /// Cells of a box, in an array: the simplest model of a tree.
 #[derive(Clone)]
-pub struct Cells<V> {
+pub struct Cells {
+    pub form: Form,
     pub size: [u64; 3],
-    pub cells: Vec<Option<V>>,
+    pub cells: Vec<Option<Value>>,
 }
 
-impl<V: Value> Cells<V> {
-    pub fn get(&self, [x, y, z]: [u64; 3]) -> Option<V> {
+impl Cells {
+    pub fn get(&self, [x, y, z]: [u64; 3]) -> Option<Value> {
         let inside = x < self.size[0] && y < self.size[1] && z < self.size[2];
         if inside { self.cells[((z * self.size[1] + y) * self.size[0] + x) as usize] } else { None }
     }
 
     /// Patches of few values, some VOID, with noise in places: something of everything.
-    pub fn random(seed: u64, size: [u64; 3], values: u64, void: bool) -> Cells<V> {
+    pub fn random(form: Form, seed: u64, size: [u64; 3], values: u64, void: bool) -> Cells {
         let mut random = Random(seed);
         let side = 1 + random.below(24);
         let noise = random.below(3);
@@ -83,63 +125,82 @@ impl<V: Value> Cells<V> {
                     let noisy = noise > 0 && patch % 7 < 2;
                     let number = if noisy { random.next() } else { patch >> 8 };
                     let is_void = void && number % 5 == 0;
-                    cells.push((!is_void).then(|| value(number / 5 % values)));
+                    cells.push((!is_void).then(|| value(form.value, number / 5 % values)));
                 }
             }
         }
-        Cells { size, cells }
+        Cells { form, size, cells }
     }
 
     /// A cell that may lie outside.
-    pub fn at(&self, cell: [i64; 3]) -> Option<V> {
+    pub fn at(&self, cell: [i64; 3]) -> Option<Value> {
         let inside = cell.iter().all(|cell| *cell >= 0);
         if inside { self.get(cell.map(|cell| cell as u64)) } else { None }
     }
 
     /// Every cell for itself, one in five VOID: nothing is like its neighbours, so that no two places can be confused.
-    pub fn noise(seed: u64, size: [u64; 3], values: u64) -> Cells<V> {
+    pub fn noise(form: Form, seed: u64, size: [u64; 3], values: u64) -> Cells {
         let mut random = Random(seed);
         let cells = (0..size.iter().product()).map(|_| {
             let number = random.next();
-            (!number.is_multiple_of(5)).then(|| value(number / 5 % values))
+            (!number.is_multiple_of(5)).then(|| value(form.value, number / 5 % values))
         });
-        Cells { size, cells: cells.collect() }
+        Cells { form, size, cells: cells.collect() }
     }
 
     /// As slabs of rows of blocks.
-    pub fn slabs(&self, block: u64, nodata: V) -> CellSlabs<'_, V> {
+    pub fn slabs(&self, nodata: Value) -> CellSlabs<'_> {
+        let block = if self.form.dimension == Dimension::Quad { 256 } else { 64 };
         CellSlabs { cells: self, block, next: [0; 3], nodata }
+    }
+
+    /// Levels of the smallest tree that has them all.
+    pub fn depth(&self) -> u8 {
+        depth_for(self.size)
+    }
+
+    /// As the smallest tree that has them all.
+    pub fn tree(&self, rule: Rule) -> MemTree {
+        self.tree_of_depth(self.depth(), rule)
+    }
+
+    pub fn tree_of_depth(&self, depth: u8, rule: Rule) -> MemTree {
+        MemTree::from_cells(self.form, depth, rule, &|cell| self.get(cell.map(u64::from)))
+    }
+
+    /// Cells that are not VOID.
+    pub fn count(&self) -> usize {
+        self.cells.iter().flatten().count()
     }
 }
 
 /// Some value for a number; different numbers below 2^8 give different values.
-pub fn value<V: Value>(number: u64) -> V {
-    V::from_channels(|channel| {
+pub fn value(value_type: ValueType, number: u64) -> Value {
+    value_type.nearest(|channel| {
         let number = number as f64 + 10.0 * channel as f64;
-        let number = match V::Sample::TYPE {
+        match value_type.sample {
             SampleType::U8 => number % 251.0,
             SampleType::F32 | SampleType::F64 => number * 0.37 - 11.5,
             SampleType::I16 | SampleType::I32 => number * 3.0 - 100.0,
             _ => number,
-        };
-        V::Sample::from_f64_lossy(number)
+        }
     })
 }
 
-pub struct CellSlabs<'a, V> {
-    cells: &'a Cells<V>,
+pub struct CellSlabs<'a> {
+    cells: &'a Cells,
     block: u64,
     next: [u64; 3],
-    nodata: V,
+    nodata: Value,
 }
 
-impl<V: Value> Slabs for CellSlabs<'_, V> {
+impl Slabs for CellSlabs<'_> {
     fn extent(&self) -> [u64; 3] {
         self.cells.size
     }
 
     fn next(&mut self, slab: &mut Slab) -> Result<bool> {
-        let size = self.cells.size;
+        let (size, width) = (self.cells.size, self.cells.form.width());
         if self.next[2] >= size[2] {
             return Ok(false);
         }
@@ -151,7 +212,7 @@ impl<V: Value> Slabs for CellSlabs<'_, V> {
                 for x in 0..slab.size[0] {
                     let cell = [slab.origin[0] + x, slab.origin[1] + y, slab.origin[2] + z];
                     let value = self.cells.get(cell).unwrap_or(self.nodata);
-                    slab.bytes.extend_from_slice(value.to_wire().as_bytes());
+                    slab.bytes.extend_from_slice(&value.to_bytes()[..width]);
                 }
             }
         }
@@ -164,93 +225,158 @@ impl<V: Value> Slabs for CellSlabs<'_, V> {
 }
 
 pub fn options(rule: Rule, kind: Kind, depth: u8) -> BuildOptions {
-    BuildOptions { rule, kind, depth, memory: 64 << 20, metadata: Metadata::default(), share: false }
+    BuildOptions::new(kind, depth).rule(rule).memory(64 << 20)
 }
 
-/// Makes a file of cells, by way of slabs.
-pub fn write_goblin<D: Layout, V: Value>(
-    path: &Path,
-    cells: &Cells<V>,
-    (rule, kind): (Rule, Kind),
-    frame: Frame,
-) {
-    let nodata = value(250);
-    let mut options = options(rule, kind, depth_for(cells.size));
-    options.metadata.frame = frame;
-    let mut slabs = cells.slabs(1 << D::REACH, nodata);
+/// Makes a file of cells, by way of slabs; its name says which format it has.
+pub fn write_cells(path: &Path, cells: &Cells, options: &BuildOptions) {
+    let nodata = value(cells.form.value, 250);
     let output = Output::create(path).unwrap();
-    build_slabs::<D, V>(&mut slabs, Some(nodata), &options, output, &()).unwrap();
+    build_slabs(cells.form, &mut cells.slabs(nodata), Some(nodata), options, output, &()).unwrap();
+}
+
+/// Makes a file of cells, by way of slabs, somewhere in the world.
+pub fn write_goblin(path: &Path, cells: &Cells, (rule, kind): (Rule, Kind), frame: Frame) {
+    let metadata = Metadata { frame, ..Metadata::default() };
+    write_cells(path, cells, &options(rule, kind, cells.depth()).metadata(metadata));
+}
+
+/// The bytes of a file that something is written to.
+pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.goblin");
+    write(&path);
+    std::fs::read(&path).unwrap()
 }
 
 /// The bytes of the file that slabs make.
-pub fn goblin_bytes<D: Layout, V: Value>(cells: &Cells<V>, rule: Rule, kind: Kind) -> Vec<u8> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
-    write_goblin::<D, V>(&path, cells, (rule, kind), Frame::identity());
-    std::fs::read(&path).unwrap()
+pub fn goblin_bytes(cells: &Cells, rule: Rule, kind: Kind) -> Vec<u8> {
+    bytes_of(|path| write_goblin(path, cells, (rule, kind), Frame::identity()))
 }
 
-/// The bytes of the file that a source makes.
-pub fn goblin_from_source<S>(source: &S, extent: [u64; 3], rule: Rule, kind: Kind) -> Vec<u8>
-where
-    S: Source + Sync,
-    S::Dim: Layout,
-{
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("t.goblin");
-    let output = Output::create(&path).unwrap();
-    build(source, extent, &options(rule, kind, source.depth()), output, &()).unwrap();
-    std::fs::read(&path).unwrap()
+/// The bytes of the file that a tree makes.
+pub fn goblin_from_tree(tree: &MemTree, extent: [u64; 3], rule: Rule, kind: Kind) -> Vec<u8> {
+    bytes_of(|path| {
+        let output = Output::create(path).unwrap();
+        build_tree(tree, extent, &options(rule, kind, tree.depth()), output, &()).unwrap();
+    })
 }
 
-pub fn goblin<D: Layout, V: Value>(cells: &Cells<V>, rule: Rule, kind: Kind) -> Goblin<D, V> {
-    Goblin::from_bytes(goblin_bytes::<D, V>(cells, rule, kind)).unwrap()
+/// The bytes of the file that trees over each other make.
+pub fn goblin_from_combined(source: &Combined, rule: Rule, kind: Kind) -> Vec<u8> {
+    bytes_of(|path| {
+        let output = Output::create(path).unwrap();
+        ops::build(source, &options(rule, kind, source.depth()), output, &()).unwrap();
+    })
+}
+
+/// The bytes of the file that a view makes.
+pub fn goblin_from_view(view: &View, rule: Rule, kind: Kind) -> Vec<u8> {
+    goblin_from_combined(&combined(vec![view.clone()], Operation::Over, view.extent()), rule, kind)
+}
+
+pub fn goblin(cells: &Cells, rule: Rule, kind: Kind) -> Goblin {
+    Goblin::from_bytes(goblin_bytes(cells, rule, kind)).unwrap()
+}
+
+/// A file of cells, open for all questions.
+pub fn dataset(cells: &Cells, rule: Rule, kind: Kind) -> Dataset {
+    opened(|path| write_goblin(path, cells, (rule, kind), Frame::identity()))
+}
+
+/// A file that something is written to, open for all questions.
+pub fn opened(write: impl FnOnce(&Path)) -> Dataset {
+    // (What is mapped stays there when its name is gone.)
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.goblin");
+    write(&path);
+    dataset::open(&path, &OpenOptions::new()).unwrap()
+}
+
+/// A tree in memory as it is.
+pub fn view_of(tree: &MemTree, extent: [u64; 3]) -> View {
+    view_of_file(tree.clone().into(), extent)
+}
+
+/// Cells as they are.
+pub fn view_of_cells(cells: &Cells) -> View {
+    view_of(&cells.tree(Rule::Mean), cells.size)
+}
+
+/// Cells somewhere in the world.
+pub fn view_in(cells: &Cells, frame: &Frame) -> View {
+    let write = |path: &Path| write_goblin(path, cells, (Rule::Mean, Kind::Continuous), frame.clone());
+    view_of_file(Goblin::from_bytes(bytes_of(write)).unwrap().into(), cells.size)
+}
+
+/// All cells of a view.
+pub fn seen(view: &View) -> Cells {
+    cells_of(view, view.extent())
+}
+
+/// A file as it is.
+pub fn view_of_file(file: TreeFile, extent: [u64; 3]) -> View {
+    View::new(Arc::new(file), extent).unwrap()
+}
+
+pub fn combined(views: Vec<View>, operation: Operation, extent: [u64; 3]) -> Combined {
+    Combined::new(views, operation, extent).unwrap()
 }
 
 /// The node's cells, the slow way.
-pub fn cells_below<D: Dimension>(code: Code<D>, depth: u8) -> impl Iterator<Item = Cell> {
+pub fn cells_below(code: Code, depth: u8) -> impl Iterator<Item = Cell> {
     let side = 1u32 << (depth - code.level());
     let [x, y, z] = code.cell();
-    let deep = if D::AXES > 2 { side } else { 1 };
-    let z0 = if D::AXES > 2 { z * side } else { 0 };
+    let is_octree = code.dimension() == Dimension::Oct;
+    let (deep, z0) = if is_octree { (side, z * side) } else { (1, 0) };
     (0..deep).flat_map(move |k| {
         (0..side).flat_map(move |j| (0..side).map(move |i| [x * side + i, y * side + j, z0 + k]))
     })
 }
 
+/// The children of an inner node.
+pub fn children<S: Source>(source: &S, node: &S::Node) -> Vec<Child<S::Node>> {
+    try_children(source, node).unwrap()
+}
+
+pub fn try_children<S: Source>(source: &S, node: &S::Node) -> Result<Vec<Child<S::Node>>> {
+    let mut children = no_children();
+    source.children(node, &mut children)?;
+    Ok(children.into_iter().take(source.form().children()).collect())
+}
+
 /// All cells of a source, by walking it.
-pub fn cells_of<S: Source>(source: &S, extent: [u64; 3]) -> Cells<S::Value> {
-    let tree = MemTree::<S::Dim, S::Value>::from_source(source, Rule::Nearest).unwrap();
-    let at = |cell: [u64; 3]| {
-        let code = Code::<S::Dim>::from_cell(source.depth(), cell.map(|cell| cell as u32)).unwrap();
+pub fn cells_of<S: Source>(source: &S, extent: [u64; 3]) -> Cells {
+    let tree = MemTree::from_source(source, Rule::Nearest).unwrap();
+    let (form, depth) = (tree.form(), tree.depth());
+    made(form, extent, |cell| {
+        let code = Code::from_cell(form.dimension, depth, cell.map(|cell| cell as u32)).unwrap();
         tree.value_at(code)
-    };
-    made(extent, at)
+    })
 }
 
 /// The cells that a function gives.
-pub fn made<V: Value>(size: [u64; 3], cell: impl Fn([u64; 3]) -> Option<V>) -> Cells<V> {
+pub fn made(form: Form, size: [u64; 3], cell: impl Fn([u64; 3]) -> Option<Value>) -> Cells {
     let mut cells = Vec::new();
     for z in 0..size[2] {
         for y in 0..size[1] {
             cells.extend((0..size[0]).map(|x| cell([x, y, z])));
         }
     }
-    Cells { size, cells }
+    Cells { form, size, cells }
 }
 
-pub fn same<V: Value>(a: Option<V>, b: Option<V>) -> bool {
-    match (a, b) {
-        (Some(a), Some(b)) => a.same(b),
-        (None, None) => true,
-        _ => false,
-    }
-}
-
-pub fn assert_same<V: Value>(found: &Cells<V>, expected: &Cells<V>, what: &str) {
-    assert_eq!(found.size, expected.size, "{what}");
+pub fn assert_same(found: &Cells, expected: &Cells, what: &str) {
+    assert_eq!((found.form, found.size), (expected.form, expected.size), "{what}");
+    let value_type = found.form.value;
     for (i, (found, expected)) in found.cells.iter().zip(&expected.cells).enumerate() {
-        assert!(same(*found, *expected), "{what}: cell number {i}: {found:?}, expected {expected:?}");
+        let show = |value: &Option<Value>| value.map(|value| value_type.samples(value).to_vec());
+        assert!(
+            found == expected,
+            "{what}: cell number {i}: {:?}, expected {:?}",
+            show(found),
+            show(expected)
+        );
     }
 }
 
@@ -263,24 +389,17 @@ pub fn oct_size(random: &mut Random) -> [u64; 3] {
     std::array::from_fn(|_| 1 + random.below(14))
 }
 
-/// Compares every node of two sources.
-pub fn same_trees<A, B>(a: &A, b: &B)
-where
-    A: Source,
-    B: Source<Dim = A::Dim, Value = A::Value>,
-{
-    let mut pending = vec![(Code::<A::Dim>::ROOT, a.root().unwrap(), b.root().unwrap())];
-    while let Some((code, a_place, b_place)) = pending.pop() {
-        match (a_place, b_place) {
-            (Child::Void, Child::Void) => {}
-            (Child::Leaf(x), Child::Leaf(y)) => assert!(x.same(y), "{code}: {x:?} and {y:?}"),
-            (Child::Inner { representative: x, node: m }, Child::Inner { representative: y, node: n }) => {
-                assert!(x.same(y), "{code}: representatives {x:?} and {y:?}");
-                let (m, n) = (a.children(&m).unwrap(), b.children(&n).unwrap());
-                let pairs = m.as_ref().iter().zip(n.as_ref()).enumerate();
-                pending.extend(pairs.map(|(i, (m, n))| (code.child(i), m.clone(), n.clone())));
-            }
-            other => panic!("{code}: {other:?}"),
+/// Compares every node of a source with those of a tree.
+pub fn same_trees<S: Source>(source: &S, tree: &MemTree) {
+    assert_eq!((source.form(), source.depth()), (tree.form(), tree.depth()));
+    let mut pending =
+        vec![(Code::root(tree.form().dimension), source.root().unwrap(), tree.root().unwrap())];
+    while let Some((code, found, expected)) = pending.pop() {
+        assert_eq!(found.state(), expected.state(), "{code}");
+        assert_eq!(found.value(), expected.value(), "{code}");
+        if let (Child::Inner { node: m, .. }, Child::Inner { node: n, .. }) = (found, expected) {
+            let pairs = children(source, &m).into_iter().zip(children(tree, &n)).enumerate();
+            pending.extend(pairs.map(|(i, (m, n))| (code.child(i), m, n)));
         }
     }
 }

@@ -4,10 +4,12 @@ use std::path::PathBuf;
 
 use spinney::Result;
 use spinney::import::mesh::{Face, Model, ModelInfo, Resolution, SolidOptions, SolidReport, plan_models};
-use spinney::space::{Frame, Oct};
-use spinney::store::Output;
-use spinney::store::goblin::{Goblin, OpenOptions};
+use spinney::io::Output;
+use spinney::space::Frame;
+use spinney::store::OpenOptions;
+use spinney::store::goblin::Goblin;
 use spinney::tree::Source;
+use spinney::value::Value;
 
 use super::{Random, cells_of};
 
@@ -89,15 +91,12 @@ pub fn plain(triangles: &[Triangle]) -> Box<dyn Model> {
 }
 
 /// Builds a tree and opens it.
-pub fn build<V: spinney::value::Value>(
-    model: Box<dyn Model>,
-    options: &SolidOptions,
-) -> (Goblin<Oct, V>, SolidReport) {
+pub fn build(model: Box<dyn Model>, options: &SolidOptions) -> (Goblin, SolidReport) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("solid.goblin");
     let report =
         plan_models(vec![model], options).unwrap().build(Output::create(&path).unwrap(), &()).unwrap();
-    let tree = Goblin::open(&path, &OpenOptions::default()).unwrap();
+    let tree = Goblin::open(&path, &OpenOptions::new()).unwrap();
     assert_eq!(tree.verify(64 << 20, &()).unwrap(), [], "what was built is a good file");
     (tree, report)
 }
@@ -108,7 +107,7 @@ pub fn unit_cells(depth: u8) -> SolidOptions {
 }
 
 /// All cells, x fastest, then y, then z.
-pub fn cells<S: Source<Dim = Oct>>(tree: &S) -> Vec<Option<S::Value>> {
+pub fn cells<S: Source>(tree: &S) -> Vec<Option<Value>> {
     let side = 1 << tree.depth();
     cells_of(tree, [side; 3]).cells
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 pub(super) use npy::array_header;
 
 use crate::space::Frame;
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::{Palette, ValueType};
 use crate::{Error, Result};
 

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::{ImageSpec, RowWriter, raw};
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::{SampleType, ValueType};
 use crate::{Error, Result};
 

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use png::{BitDepth, ColorType, Compression, Encoder, EncodingError, StreamWriter};
 
 use super::{ImageSpec, RowWriter, Rows};
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::{Palette, SampleType};
 use crate::{Error, Result};
 

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::{ImageSpec, RowWriter, Rows};
-use crate::store::Output;
+use crate::io::Output;
 use crate::{Error, Result};
 
 /// Writes rows as they are, after whatever header is in the output already.

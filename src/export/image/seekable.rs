@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
-use crate::store::Output;
+use crate::io::Output;
 use crate::{Error, Result};
 
 /// An output of which bytes can be overwritten. Standard output cannot go back, so what is meant for it waits

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::seekable::Seekable;
 use super::tiff_tags::{self, Field};
 use super::{ImageSpec, RowWriter, Rows};
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::{Palette, SampleType};
 use crate::{Error, Result};
 

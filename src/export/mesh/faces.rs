@@ -7,7 +7,7 @@ use super::numbers::{Shared, z_order};
 use super::rings::{Rectangle, ring, triangulate};
 use super::sink::{Mesh, Vertex};
 use super::visit::{FACES, Reach, visit};
-use crate::query::cell_blocks::{Block, CellBlocks, SIDE, State, Told};
+use crate::query::cell_blocks::{Block, BlockState, Carried, CellBlocks, SIDE};
 use crate::{Progress, Result};
 
 /// Grid points along an edge of a block.
@@ -125,11 +125,11 @@ impl Faces<'_, '_> {
             vertices.push(self.vertex(block, *corner)?);
         }
         if !self.mesh.triangles {
-            return self.mesh.face(vertices.iter().copied(), rectangle.told);
+            return self.mesh.face(vertices.iter().copied(), rectangle.attribute);
         }
         let flat: Vec<[i32; 2]> = corners.iter().map(|corner| rectangle.flat(*corner)).collect();
         for triangle in triangulate(&flat) {
-            self.mesh.face(triangle.into_iter().map(|corner| vertices[corner]), rectangle.told)?;
+            self.mesh.face(triangle.into_iter().map(|corner| vertices[corner]), rectangle.attribute)?;
         }
         Ok(())
     }
@@ -181,11 +181,11 @@ impl Faces<'_, '_> {
 fn merge(blocks: &mut dyn CellBlocks, at: [i64; 3]) -> Result<Option<Merged>> {
     let level = blocks.block_level();
     let state = blocks.state(level, at)?;
-    if state == State::Uniform(false) {
+    if state == BlockState::Uniform(false) {
         return Ok(None);
     }
     let beside = FACES.map(|by| [0, 1, 2].map(|axis: usize| at[axis] + by[axis]));
-    if state == State::Uniform(true) {
+    if state == BlockState::Uniform(true) {
         let mut buried = true;
         for beside in beside {
             buried &= blocks.state(level, beside)? == state;
@@ -267,7 +267,7 @@ fn exposed(block: &Block, beside: &Block, normal: usize, up: bool) -> Vec<u32> {
 }
 
 /// Merges the open faces of a slice: runs of cells in a row, as long as they go, then over as many rows as have the same
-/// cells. Only cells with the same told about them are merged.
+/// cells. Only cells with the same attribute are merged.
 fn merge_slice(
     block: &Block,
     normal: usize,
@@ -277,24 +277,24 @@ fn merge_slice(
     rectangles: &mut Vec<Rectangle>,
 ) {
     let (along, across) = axes(normal);
-    let told = |bit: u32, row: usize| {
+    let attribute = |bit: u32, row: usize| {
         let mut cell = [0; 3];
         (cell[normal], cell[along], cell[across]) = (u32::from(slice), bit, row as u32);
-        block.told(cell)
+        block.attribute(cell)
     };
-    let all_same = matches!(block.told, Told::Same(_));
+    let all_same = matches!(block.carried, Carried::Same(_));
     for first_row in 0..CELLS {
         while rows[first_row] != 0 {
             let first = rows[first_row].trailing_zeros();
-            let value = told(first, first_row);
+            let value = attribute(first, first_row);
             let mut count = (rows[first_row] >> first).trailing_ones();
             if !all_same {
-                count = (1..count).find(|i| told(first + i, first_row) != value).unwrap_or(count);
+                count = (1..count).find(|i| attribute(first + i, first_row) != value).unwrap_or(count);
             }
             let bits = (u32::MAX >> (SIDE - count)) << first;
             let is_same = |row: usize| {
                 rows[row] & bits == bits
-                    && (all_same || (first..first + count).all(|bit| told(bit, row) == value))
+                    && (all_same || (first..first + count).all(|bit| attribute(bit, row) == value))
             };
             let end_row = (first_row + 1..CELLS).find(|row| !is_same(*row)).unwrap_or(CELLS);
             rows[first_row..end_row].iter_mut().for_each(|row| *row &= !bits);
@@ -302,7 +302,7 @@ fn merge_slice(
             let (mut min, mut max) = ([plane; 3], [plane; 3]);
             (min[along], max[along]) = (first as u8, (first + count) as u8);
             (min[across], max[across]) = (first_row as u8, end_row as u8);
-            rectangles.push(Rectangle { normal, up, min, max, told: value });
+            rectangles.push(Rectangle { normal, up, min, max, attribute: value });
         }
     }
 }

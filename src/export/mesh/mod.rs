@@ -28,10 +28,10 @@ mod visit;
 use std::path::Path;
 use std::str::FromStr;
 
-use crate::query::Tree;
+use crate::dataset::Dataset;
 use crate::query::cell_blocks::{Carry, CellBlocks, can_carry_value};
 use crate::space::Frame;
-use crate::store::Output;
+use crate::io::Output;
 use crate::value::{Kind, Rule, SampleType};
 use crate::{Error, Progress, Result};
 
@@ -100,7 +100,7 @@ pub struct MeshSummary {
 /// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the format cannot hold so many
 /// faces or such coordinates; if the output cannot be written; or on interruption.
 pub fn export_mesh(
-    tree: &dyn Tree,
+    tree: &Dataset,
     request: &MeshRequest,
     output: Output,
     format: MeshFormat,
@@ -108,10 +108,10 @@ pub fn export_mesh(
 ) -> Result<MeshSummary> {
     let level = request.level.unwrap_or(tree.depth());
     let header = tree.header();
-    let attribute = match (header.value.sample, header.value.channels) {
+    let attribute = match (header.form.value.sample, header.form.value.channels) {
         _ if format != MeshFormat::Ply || header.rule == Rule::Occupancy => Attribute::None,
         (SampleType::U8, 3 | 4) => Attribute::Colour,
-        _ if header.kind != Kind::Categorical || !can_carry_value(header.value) => Attribute::None,
+        _ if header.kind != Kind::Categorical || !can_carry_value(header.form.value) => Attribute::None,
         (SampleType::U8, _) => Attribute::Byte,
         _ => Attribute::Short,
     };

@@ -87,16 +87,16 @@ impl Field {
         (&self.blocks[step], cell.map(|cell| ((cell + CELLS - 1) % CELLS) as u32))
     }
 
-    /// What is carried of a cell.
-    fn told(&self, cell: [usize; 3]) -> u32 {
+    /// The attribute of a cell.
+    fn attribute(&self, cell: [usize; 3]) -> u32 {
         let (block, cell) = self.place(cell);
-        block.told(cell)
+        block.attribute(cell)
     }
 
     /// How full a cell is, 0 to 255.
     fn coverage(&self, cell: [usize; 3]) -> f64 {
         match self.has_coverage {
-            true => f64::from(self.told(cell)),
+            true => f64::from(self.attribute(cell)),
             false if self.is_solid(cell) => 255.0,
             false => 0.0,
         }
@@ -184,26 +184,26 @@ impl Nets<'_, '_> {
                 self.vertex(block, cube)
             };
             let ring = [around([1, 1])?, around([0, 1])?, around([0, 0])?, around([1, 0])?];
-            let told = field.told(if is_solid { cube } else { end });
-            self.write_face(ring, is_solid, told)?;
+            let attribute = field.attribute(if is_solid { cube } else { end });
+            self.write_face(ring, is_solid, attribute)?;
         }
         Ok(())
     }
 
     /// A quadrangle, to be turned round unless the solid lies before it along its axis.
-    fn write_face(&mut self, mut ring: [Vertex; 4], up: bool, told: u32) -> Result<()> {
+    fn write_face(&mut self, mut ring: [Vertex; 4], up: bool, attribute: u32) -> Result<()> {
         if !up {
             ring.reverse();
         }
         if !self.mesh.triangles {
-            return self.mesh.face(ring.into_iter(), told);
+            return self.mesh.face(ring.into_iter(), attribute);
         }
         // Along the shorter diagonal.
         let distance = |a: Vertex, b: Vertex| DVec3::from(a.at).distance_squared(DVec3::from(b.at));
         let [a, b, c, d] = ring;
         let triangles =
             if distance(a, c) <= distance(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
-        triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle.into_iter(), told))
+        triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle.into_iter(), attribute))
     }
 
     /// The vertex of a cube that was there before.

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::sink::{Sink, Vertex, failed};
 use crate::Result;
-use crate::store::Output;
+use crate::io::Output;
 
 /// A face may stand as soon as its vertices do, so everything is written as it comes.
 pub(super) struct Obj {

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::sink::{Sink, Spill, Vertex, failed};
-use crate::store::Output;
+use crate::io::Output;
 use crate::{Error, Result};
 
 /// What PLY files tell of the cell behind each face.
@@ -80,7 +80,7 @@ impl Sink for Ply {
         self.vertex_spill.write(&self.bytes)
     }
 
-    fn face(&mut self, corners: &[Vertex], told: u32) -> Result<()> {
+    fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         self.faces += 1;
         self.bytes.clear();
         self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has 128 points at most
@@ -89,9 +89,9 @@ impl Sink for Ply {
         }
         match self.attribute {
             Attribute::None => {}
-            Attribute::Colour => self.bytes.extend(&told.to_be_bytes()[1..]),
-            Attribute::Byte => self.bytes.push(told as u8),
-            Attribute::Short => self.bytes.extend((told as u16).to_le_bytes()),
+            Attribute::Colour => self.bytes.extend(&attribute.to_be_bytes()[1..]),
+            Attribute::Byte => self.bytes.push(attribute as u8),
+            Attribute::Short => self.bytes.extend((attribute as u16).to_le_bytes()),
         }
         self.face_spill.write(&self.bytes)
     }

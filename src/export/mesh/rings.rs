@@ -13,8 +13,8 @@ pub(super) struct Rectangle {
     pub(super) min: [u8; 3],
     /// The opposite corner.
     pub(super) max: [u8; 3],
-    /// What is carried of the cells.
-    pub(super) told: u32,
+    /// The cells' attribute.
+    pub(super) attribute: u32,
 }
 
 impl Rectangle {

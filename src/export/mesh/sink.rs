@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::MeshSummary;
 use crate::space::Frame;
-use crate::store::Output;
+use crate::io::Output;
 use crate::{Error, Result};
 
 /// A vertex that has been written.
@@ -22,8 +22,8 @@ pub(super) struct Vertex {
 pub(super) trait Sink {
     /// The next vertex.
     fn vertex(&mut self, at: [f64; 3]) -> Result<()>;
-    /// A face, counterclockwise seen from outside, and what is carried of the cell behind it.
-    fn face(&mut self, corners: &[Vertex], told: u32) -> Result<()>;
+    /// A face, counterclockwise seen from outside, and the attribute of the cell behind it.
+    fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()>;
     /// Puts the file in its place.
     fn finish(self: Box<Self>) -> Result<()>;
 }
@@ -55,14 +55,14 @@ impl<'a> Mesh<'a> {
     }
 
     /// Writes a face, counterclockwise in cell coordinates, as it is.
-    pub(super) fn face(&mut self, corners: impl Iterator<Item = Vertex>, told: u32) -> Result<()> {
+    pub(super) fn face(&mut self, corners: impl Iterator<Item = Vertex>, attribute: u32) -> Result<()> {
         self.ring.clear();
         self.ring.extend(corners);
         if self.mirrored {
             self.ring.reverse();
         }
         self.summary.faces += 1;
-        self.sink.face(&self.ring, told)
+        self.sink.face(&self.ring, attribute)
     }
 
     pub(super) fn finish(self) -> Result<MeshSummary> {
@@ -81,7 +81,7 @@ impl Spill {
     pub(super) fn new(output: &mut Output) -> Result<Spill> {
         let path = output.path().to_path_buf();
         let file = match output.file_mut() {
-            Some(_) => tempfile::tempfile_in(crate::store::folder(&path)),
+            Some(_) => tempfile::tempfile_in(crate::io::folder(&path)),
             None => tempfile::tempfile(),
         };
         let file = file.map_err(Error::io(&path, "make a temporary file for"))?;

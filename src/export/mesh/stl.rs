@@ -5,7 +5,7 @@ use std::io::Write;
 use glam::DVec3;
 
 use super::sink::{Sink, Spill, Vertex, failed};
-use crate::store::Output;
+use crate::io::Output;
 use crate::{Error, Result};
 
 /// The number of triangles stands before them: they wait in a temporary file.

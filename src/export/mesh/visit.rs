@@ -1,6 +1,6 @@
 //! The blocks that a surface may pass through, in Z order.
 
-use crate::query::cell_blocks::{CellBlocks, State};
+use crate::query::cell_blocks::{BlockState, CellBlocks};
 use crate::{Progress, Result};
 
 /// Which blocks belong to a surface.
@@ -53,10 +53,10 @@ impl Reach {
     fn wants(self, blocks: &mut dyn CellBlocks, level: u8, node: [u32; 3]) -> Result<bool> {
         let node = node.map(i64::from);
         let state = blocks.state(level, node)?;
-        if state == State::Mixed {
+        if state == BlockState::Mixed {
             return Ok(true);
         }
-        if self == Reach::Faces && state == State::Uniform(false) {
+        if self == Reach::Faces && state == BlockState::Uniform(false) {
             return Ok(false);
         }
         let mut differs = |by: [i64; 3]| {

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::ops::CellValue;
 use crate::space::Dimension;
-use crate::store::goblin::Header;
+use crate::store::Header;
 use crate::{Error, Result};
 
 /// A list of cells, read some at a time.
@@ -27,7 +27,7 @@ impl CellList {
     /// # Errors
     /// If it cannot be read, or an array has another shape.
     pub fn open(path: &Path, header: &Header) -> Result<CellList> {
-        let (axes, channels) = (usize::from(header.axes), usize::from(header.value.channels));
+        let (axes, channels) = (header.form.axes(), usize::from(header.form.value.channels));
         if path == Path::new("-") {
             return Ok(CellList { rows: Box::new(text::rows(io::stdin().lock(), path, axes, channels)) });
         }
@@ -59,6 +59,6 @@ impl Iterator for CellList {
 
 /// A cell's coordinate, if it is one: below the end of the largest trees.
 fn coordinate(number: f64) -> Option<u64> {
-    let most = 1u64 << crate::space::Quad::MAX_DEPTH;
+    let most = 1u64 << Dimension::Quad.max_depth();
     (number.fract() == 0.0 && (0.0..most as f64).contains(&number)).then_some(number as u64)
 }

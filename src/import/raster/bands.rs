@@ -56,7 +56,7 @@ fn pick<T: Clone>(items: &[T], chosen: &[usize]) -> Vec<T> {
 pub fn value_type(path: &Path, info: &RasterInfo) -> Result<ValueType> {
     let channels = u8::try_from(info.channels).unwrap_or(u8::MAX);
     let value = ValueType { sample: info.sample, channels };
-    if crate::with_value_type!(value, V => size_of::<V>() > 0, else false) {
+    if value.is_supported() {
         return Ok(value);
     }
     const LISTED: usize = 16;

@@ -3,10 +3,10 @@
 use super::plan::Import;
 use super::slabs::BLOCK;
 use super::{Order, RasterInfo, RasterSlabs, spill};
-use crate::space::Quad;
-use crate::store::build::build_slabs;
-use crate::store::{Output, folder};
-use crate::value::Value;
+use crate::io::{Output, folder};
+use crate::space::Dimension;
+use crate::store::build_slabs;
+use crate::tree::Form;
 use crate::{Progress, Result};
 
 impl Import {
@@ -26,10 +26,9 @@ impl Import {
             self.raster
         };
         let mut slabs = RasterSlabs::new(raster, half / 2);
-        crate::with_value_type!(self.value, V => {
-            let nodata = self.nodata.and_then(V::splat_f64);
-            build_slabs::<Quad, V>(&mut slabs, nodata, &self.options, output, progress)
-        }, else unreachable!("an import has a type that trees can have"))
+        let nodata = self.nodata.and_then(|number| self.value.splat(number));
+        let form = Form::new(Dimension::Quad, self.value);
+        build_slabs(form, &mut slabs, nodata, &self.options, output, progress)
     }
 }
 
@@ -54,23 +53,14 @@ mod tests {
     use super::super::fake::Fake;
     use super::super::{DEFAULT_MEMORY, Raster};
     use super::*;
-    use crate::store::build::BuildOptions;
-    use crate::store::goblin::Metadata;
-    use crate::value::{Kind, Rule, SampleType};
+    use crate::store::BuildOptions;
+    use crate::value::{Kind, SampleType, ValueType};
 
     fn bytes_of(raster: Box<dyn Raster>, memory: u64, path: &Path) -> Vec<u8> {
-        let metadata = Metadata::default();
-        let options = BuildOptions {
-            rule: Rule::Mean,
-            kind: Kind::Continuous,
-            depth: 11,
-            memory,
-            metadata,
-            share: false,
-        };
+        let options = BuildOptions::new(Kind::Continuous, 11).memory(memory);
+        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         let output = Output::create(path).unwrap();
-        build_slabs::<Quad, [u8; 1]>(&mut RasterSlabs::new(raster, memory), None, &options, output, &())
-            .unwrap();
+        build_slabs(form, &mut RasterSlabs::new(raster, memory), None, &options, output, &()).unwrap();
         std::fs::read(path).unwrap()
     }
 

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::validity::as_stored;
 use super::{OpenOptions, Pixels, Raster, RasterInfo, bands, mosaic, open};
-use crate::space::{Dimension, Frame, Quad, Region};
-use crate::store::build::{BuildOptions, depth_for};
-use crate::store::goblin::Metadata;
+use crate::space::{Dimension, Frame, Region};
+use crate::store::{BuildOptions, Metadata, depth_for};
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Result};
 
@@ -96,7 +95,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
         let mut info = raster.info().clone();
         info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
         info.frame.epsg = options.epsg.or(info.frame.epsg);
-        Ok(Box::new(Retold { raster, info }))
+        Ok(Box::new(Described { raster, info }))
     };
     let rasters = inputs.iter().map(open_one).collect::<Result<Vec<_>>>()?;
     let raster = mosaic(rasters)?;
@@ -158,17 +157,18 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
         lines
     };
     let nodata = info.nodata;
-    let options = BuildOptions { rule, kind, depth, memory: memory / 4, metadata, share: options.share };
+    let options =
+        BuildOptions::new(kind, depth).rule(rule).memory(memory / 4).metadata(metadata).share(options.share);
     Ok(Import { raster, value, nodata, options, memory, description })
 }
 
 /// A raster of which the user knows more than its file tells.
-struct Retold {
+struct Described {
     raster: Box<dyn Raster>,
     info: RasterInfo,
 }
 
-impl Raster for Retold {
+impl Raster for Described {
     fn info(&self) -> &RasterInfo {
         &self.info
     }
@@ -211,7 +211,7 @@ fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
 
 fn depth(info: &RasterInfo, options: &ImportOptions) -> Result<u8> {
     let least = depth_for([info.width, info.height, 1]);
-    let most = Quad::MAX_DEPTH;
+    let most = Dimension::Quad.max_depth();
     let size = format!("{} x {} pixels", info.width, info.height);
     if least > most {
         return Err(Error::invalid("size", size, format!("at most 2^{most} pixels along a side")));

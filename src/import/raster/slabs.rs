@@ -6,7 +6,7 @@ use super::validity::Validity;
 use super::{Order, Pixels, Raster};
 use crate::Result;
 use crate::space::Region;
-use crate::store::build::{Slab, Slabs};
+use crate::store::{Slab, Slabs};
 
 /// Cells along a side of the builder's blocks.
 pub(super) const BLOCK: u64 = 256;

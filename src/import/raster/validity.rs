@@ -1,7 +1,7 @@
 //! Which pixels are VOID by what their samples say.
 
 use super::{Pixels, RasterInfo};
-use crate::value::{Sample, SampleType, Value};
+use crate::value::{SampleType, ValueType};
 
 /// Tells VOID pixels from others by their samples.
 pub(super) struct Validity {
@@ -65,19 +65,17 @@ impl Validity {
     }
 }
 
-/// A number as a little-endian sample, if the type can hold it.
+/// A number as a little-endian sample; `None` if it is none of an integer type. Floating samples round it.
 pub(super) fn sample_bytes(number: f64, sample: SampleType) -> Option<Vec<u8>> {
-    use zerocopy::IntoBytes;
-    let value_type = crate::value::ValueType { sample, channels: 1 };
-    crate::with_value_type!(value_type, V => {
-        V::splat_f64(number).map(|value| value.to_wire().as_bytes().to_vec())
-    }, else None)
+    let fits = sample.is_float() || sample.can_hold(number);
+    let value = ValueType::new(sample, 1).nearest(|_| number);
+    fits.then(|| value.to_bytes()[..sample.size()].to_vec())
 }
 
 /// The number that samples of a type have instead of this one: floating samples round it.
 pub(super) fn as_stored(number: f64, sample: SampleType) -> Option<f64> {
     match sample {
-        SampleType::F32 => Some(f64::from(f32::from_f64_lossy(number))),
+        SampleType::F32 => Some(sample.nearest(number)),
         // NaN is equal to nothing, but may well be meant.
         SampleType::F64 => Some(number),
         _ => sample_bytes(number, sample).map(|_| number),

@@ -1,185 +1,248 @@
 //! Windows of Goblin files.
+//!
+//! A window is drawn from the deepest segment that has all of it, and from there down to the segments of children that
+//! reach deeper. Nearly all the time goes into nodes that lie wholly in the window and in one segment, down at the cells:
+//! that part is compiled for each width of values and fan-out, and has no branches that depend on the picture where those
+//! could be avoided.
 
+use zerocopy::FromBytes;
+
+use super::check_buffers;
+use crate::Result;
+use crate::query::check_level;
 use crate::space::{Bounds, Code};
-use crate::store::goblin::{CUT, Goblin, INNER, Layout, Record, Segment, VOID};
+use crate::store::container::record::ALIKE;
+use crate::store::container::{CUT, INNER, Record, VOID, with_record_type};
+use crate::store::goblin::{Goblin, Located, Segment};
 use crate::tree::Child;
 use crate::value::Value;
-use crate::{Error, Result};
 
-impl<D: Layout, V: Value> Goblin<D, V> {
+impl Goblin {
     /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y, then z.
     /// VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that is given.
     /// Returns how many segments were looked into: for an aligned box of 2^reach cells along each axis at most
-    /// `1 + CHILDREN^(stride - 1)`.
+    /// `1 + children^(stride - 1)`.
     ///
     /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below them.
     ///
     /// # Errors
-    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not one item per cell.
+    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one value, or not
+    /// one flag, per cell.
     pub fn window(
         &self,
         level: u8,
         bounds: &Bounds,
-        fill: V,
-        values: &mut [V::Wire],
+        fill: Value,
+        values: &mut [u8],
         valid: Option<&mut [bool]>,
     ) -> Result<usize> {
-        let depth = self.header().shape.depth;
-        if level > depth {
-            return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
-        }
-        let cells = bounds.volume();
-        let flags = valid.as_ref().map_or(cells, |valid| valid.len() as u64);
-        if values.len() as u64 != cells || flags != cells {
-            let found = format!("{} values and {flags} flags", values.len());
-            return Err(Error::invalid("window buffer", found, format!("{cells}")));
-        }
+        check_level(level, self.header().depth())?;
+        check_buffers(self.header().form.value, bounds, values, valid.as_deref())?;
         if bounds.is_empty() {
             return Ok(0);
         }
-        let side = 1u64 << level;
-        let space =
-            Bounds { min: [0; 3], max: std::array::from_fn(|axis| if axis < D::AXES { side } else { 1 }) };
-        let size = bounds.size();
-        let fill = fill.to_wire();
-        let strides = [1, size[0] as usize, (size[0] * size[1]) as usize];
-        let mut painter =
-            Painter { tree: self, level, bounds: *bounds, strides, fill, values, valid, seen: Vec::new() };
-        if !space.contains(bounds) {
-            painter.values.fill(fill);
-            if let Some(valid) = &mut painter.valid {
-                valid.fill(false);
-            }
-        }
-        let inside = bounds.intersect(&space);
-        if !inside.is_empty() {
-            painter.draw(&inside)?;
-        }
-        Ok(painter.seen.len())
+        let [width, height, _] = bounds.size().map(|size| size as usize);
+        let strides = [1, width, width * height];
+        let window = Window { tree: self, level, bounds: *bounds, strides, seen: Vec::new() };
+        with_record_type!(*self.layout(), R => paint_window::<R>(window, fill, values, valid))
     }
 }
 
-/// Times a state: a record's states where all children have this one.
-const ALIKE: u32 = 0x5555_5555;
+/// Paints all of a window, of values whose width is known; returns how many segments were looked into.
+fn paint_window<R: Record>(
+    window: Window<'_>,
+    fill: Value,
+    values: &mut [u8],
+    valid: Option<&mut [bool]>,
+) -> Result<usize> {
+    let values = <[R::Bytes]>::mut_from_bytes(values).expect("a whole number of values, as was checked");
+    let (bounds, space) = (window.bounds, Bounds::space(R::DIMENSION, window.level));
+    let mut painter = Painter::<R> { window, fill: bytes_of::<R>(fill), values, valid };
+    // Nothing below is asked about cells outside the space: the tree has no nodes there.
+    if !space.contains(&bounds) {
+        painter.values.fill(painter.fill);
+        if let Some(valid) = &mut painter.valid {
+            valid.fill(false);
+        }
+    }
+    let inside = bounds.intersect(&space);
+    if !inside.is_empty() {
+        painter.draw(&inside)?;
+    }
+    Ok(painter.window.seen.len())
+}
 
-struct Painter<'a, D: Layout, V: Value> {
-    tree: &'a Goblin<D, V>,
+/// The bytes of a value.
+#[inline]
+fn bytes_of<R: Record>(value: Value) -> R::Bytes {
+    R::Bytes::read_from_prefix(&value.to_bytes()).map_or(R::ZERO, |(bytes, _)| bytes)
+}
+
+/// A box of cells of a level of a file.
+struct Window<'a> {
+    tree: &'a Goblin,
     level: u8,
-    /// The whole window.
+    /// All of the box, which may stick out of the tree's space.
     bounds: Bounds,
-    /// Places in `values` from a cell to the next along each axis.
+    /// Growth of the index of a cell's value from a cell to the next along each axis.
     strides: [usize; 3],
-    fill: V::Wire,
-    values: &'a mut [V::Wire],
-    valid: Option<&'a mut [bool]>,
     /// Numbers of the segments looked into.
     seen: Vec<usize>,
 }
 
-impl<D: Layout, V: Value> Painter<'_, D, V> {
-    /// Draws a part of the window, starting from the deepest segment that has all of it.
-    fn draw(&mut self, part: &Bounds) -> Result<()> {
+/// Cells of a node's lower or upper half that lie in a window, along one axis.
+#[derive(Clone, Copy)]
+struct Span {
+    /// Share that the first of them has in the index of a cell's value; anything if there are none.
+    offset: usize,
+    cells: usize,
+}
+
+impl<'a> Window<'a> {
+    /// The deepest node that has all of a part of the window, and what is known of it.
+    fn locate(&mut self, part: &Bounds) -> Result<(Code, Child<Located<'a>>)> {
+        let dimension = self.tree.header().form.dimension;
         let corner = |cell: [u64; 3]| {
-            Code::<D>::from_cell(self.level, cell.map(|cell| cell as u32)).expect("inside the space")
+            Code::from_cell(dimension, self.level, cell.map(|cell| cell as u32)).expect("inside the space")
         };
         let code = corner(part.min).common_ancestor(corner(part.max.map(|end| end - 1)));
         if code.level() == self.level {
-            let value = self.tree.value_at(code)?;
-            self.paint(part, value);
-            return Ok(());
+            return Ok((code, Child::uniform(self.tree.value_at(code)?)));
         }
-        match self.tree.locate(code)? {
+        let found = self.tree.locate(code)?;
+        if let Child::Inner { node, .. } = &found
+            && !self.seen.contains(&node.segment.index())
+        {
+            self.seen.push(node.segment.index());
+        }
+        Ok((code, found))
+    }
+
+    /// Whether nothing below a node of a level, which has its record in a segment, is in another segment. The segment
+    /// must be the deepest one with that record.
+    fn is_inline(&self, segment: &Segment<'_>, level: u8) -> bool {
+        // The node, or one above it, might own a segment and does not: it is too small to be cut anywhere.
+        self.tree.header().shape.segment_level(level) > segment.code().level()
+    }
+
+    /// Whether there is a deeper segment than this one for a node that is cut off: drawing must get on.
+    fn has_deeper(&self, segment: &Segment<'_>, code: Option<Code>) -> bool {
+        let deeper = code.and_then(|code| self.tree.find_segment(code));
+        deeper.is_some_and(|index| index != segment.index())
+    }
+
+    /// Those of `side` cells from `start` along an axis that lie in the window.
+    #[inline]
+    fn span(&self, axis: usize, start: u64, side: u64) -> Span {
+        let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
+        let (first, end) = (start.max(min).min(max), (start + side).min(max));
+        let offset = (first - min) as usize * self.strides[axis];
+        Span { offset, cells: end.saturating_sub(first) as usize }
+    }
+}
+
+struct Painter<'a, R: Record> {
+    window: Window<'a>,
+    /// The value that stands for VOID.
+    fill: R::Bytes,
+    values: &'a mut [R::Bytes],
+    valid: Option<&'a mut [bool]>,
+}
+
+impl<R: Record> Painter<'_, R> {
+    /// Draws a part of the window, starting from the deepest segment that has all of it.
+    fn draw(&mut self, part: &Bounds) -> Result<()> {
+        let (code, found) = self.window.locate(part)?;
+        match found {
             Child::Void => self.paint(part, None),
-            Child::Leaf(value) => self.paint(part, Some(value)),
-            Child::Inner { node, .. } => {
-                if !self.seen.contains(&node.segment.index()) {
-                    self.seen.push(node.segment.index());
-                }
-                let size = self.level - code.level();
-                let min = code.cell().map(|cell| (cell as u64) << size);
-                // A node that might own a segment and does not is light: all that is below it is in this one.
-                let light =
-                    self.tree.header().shape.segment_level(code.level()) > node.segment.code().level();
-                self.node(&node.segment, node.segment.records(), node.record, code.level(), min, light)?;
+            Child::Leaf(value) => self.paint(part, Some(bytes_of::<R>(value))),
+            Child::Inner { node: Located { segment, record }, .. } => {
+                let min = code.bounds(self.window.level).min;
+                let inline = self.window.is_inline(&segment, code.level());
+                self.node(&segment, R::of(segment.records()), record, code.level(), min, inline)?;
             }
         }
         Ok(())
     }
 
-    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`; if it is `light`,
+    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`; if it is `inline`,
     /// nothing below it is in another segment.
     fn node(
         &mut self,
-        segment: &Segment<'_, D, V>,
-        records: &[D::Record<V>],
+        segment: &Segment<'_>,
+        records: &[R],
         at: usize,
         level: u8,
         min: [u64; 3],
-        light: bool,
+        inline: bool,
     ) -> Result<()> {
         let record = &records[at];
-        let below = self.level - level - 1;
-        let inside = (0..D::AXES).all(|axis| {
-            self.bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= self.bounds.max[axis]
-        });
-        let shape = &self.tree.header().shape;
-        let complete = light || shape.cut_level(segment.code().level()) >= self.level;
+        let (tree, bounds) = (self.window.tree, &self.window.bounds);
+        let below = self.window.level - level - 1;
+        let inside = (0..R::AXES)
+            .all(|axis| bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= bounds.max[axis]);
+        let shape = &tree.header().shape;
+        let complete = inline || shape.cut_level(segment.code().level()) >= self.window.level;
         if inside && complete {
-            return self.whole(segment, records, at, below, self.place(min));
+            return self.whole(segment, records, at, below, self.index_of(min));
         }
         // The children may own segments that reach deeper.
         let jump = !complete && shape.is_candidate(level + 1);
+        // A child is one half of the node along each axis: both are cut to the window once, for all children.
+        let mut halves = [[Span { offset: 0, cells: 1 }; 2]; 3];
+        for (axis, halves) in halves[..R::AXES].iter_mut().enumerate() {
+            let side = 1 << below;
+            *halves = [min[axis], min[axis] + side].map(|start| self.window.span(axis, start, side));
+        }
         let end = at + record.skip() as usize;
         let mut next = at + 1;
-        for child in 0..D::CHILDREN {
+        for child in 0..R::CHILDREN {
             let state = record.state(child);
-            let place = next;
+            let under = next;
             if state == INNER && below > 0 {
+                // Children outside the window are stepped over, and their skips checked like all others.
                 let skip = if next < end { records[next].skip() as usize } else { 0 };
                 if skip == 0 || next + skip > end {
-                    return Err(self.tree.bad_skip(segment, at));
+                    return Err(tree.bad_skip(segment, at));
                 }
                 next += skip;
             }
-            let child_min: [u64; 3] =
-                std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
-            let extent = |axis: usize| if axis < D::AXES { 1 << below } else { 1 };
-            let whole =
-                Bounds { min: child_min, max: std::array::from_fn(|axis| child_min[axis] + extent(axis)) };
-            let part = whole.intersect(&self.bounds);
-            if part.is_empty() {
+            let spans: [Span; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
+            let size = spans.map(|span| span.cells);
+            if size.contains(&0) {
                 continue;
             }
+            let start = spans[0].offset + spans[1].offset + spans[2].offset;
             match state {
-                VOID => self.paint(&part, None),
-                INNER if below > 0 && !jump => {
-                    self.node(segment, records, place, level + 1, child_min, light)?;
-                }
+                VOID => self.fill(start, size, None),
                 INNER | CUT if below > 0 => {
-                    if state == CUT && !self.deeper(segment, level + 1, child_min, below) {
-                        let code = Code::from_cell(level + 1, child_min.map(|cell| (cell >> below) as u32));
-                        return Err(self.tree.bad_cut(code.unwrap_or(Code::ROOT)));
+                    let child_min =
+                        std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
+                    if state == INNER && !jump {
+                        self.node(segment, records, under, level + 1, child_min, inline)?;
+                        continue;
                     }
-                    self.draw(&part)?;
+                    let cell = child_min.map(|cell| (cell >> below) as u32);
+                    let code = Code::from_cell(R::DIMENSION, level + 1, cell);
+                    if state == CUT && !self.window.has_deeper(segment, code) {
+                        return Err(tree.bad_cut(code.unwrap_or(Code::root(R::DIMENSION))));
+                    }
+                    let side = |axis: usize| if axis < R::AXES { 1 << below } else { 1 };
+                    let max = std::array::from_fn(|axis| child_min[axis] + side(axis));
+                    self.draw(&Bounds { min: child_min, max }.intersect(&self.window.bounds))?;
                 }
-                _ => self.paint(&part, Some(record.value(child))),
+                _ => self.fill(start, size, Some(record.values()[child])),
             }
         }
         Ok(())
-    }
-
-    /// Whether there is a deeper segment than this one for a child that is cut: drawing must get on.
-    fn deeper(&self, segment: &Segment<'_, D, V>, level: u8, min: [u64; 3], below: u8) -> bool {
-        let code = Code::<D>::from_cell(level, min.map(|cell| (cell >> below) as u32));
-        code.and_then(|code| self.tree.find_segment(code)).is_some_and(|index| index != segment.index())
     }
 
     /// Draws a node that lies wholly in the window and needs no other segment: the hot path of tiles. Its first cell
     /// goes to `start`; its children have `2^below` cells along each axis.
     fn whole(
         &mut self,
-        segment: &Segment<'_, D, V>,
-        records: &[D::Record<V>],
+        segment: &Segment<'_>,
+        records: &[R],
         at: usize,
         below: u8,
         start: usize,
@@ -187,7 +250,7 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
         let record = &records[at];
         match below {
             0 => {
-                self.cells(record.wires(), record.states(), start);
+                self.cells(record.values(), record.states(), start);
                 return Ok(());
             }
             1 => return self.patch(segment, records, at, start),
@@ -195,23 +258,23 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
         }
         let end = at + record.skip() as usize;
         let mut next = at + 1;
-        for child in 0..D::CHILDREN {
+        for child in 0..R::CHILDREN {
             let start = start + self.offset(child, 1 << below);
             match record.state(child) {
                 INNER => {
                     let skip =
                         records.get(next).filter(|_| next < end).map_or(0, |record| record.skip() as usize);
                     if skip == 0 || next + skip > end {
-                        return Err(self.tree.bad_skip(segment, at));
+                        return Err(self.window.tree.bad_skip(segment, at));
                     }
                     self.whole(segment, records, next, below - 1, start)?;
                     next += skip;
                 }
-                CUT => return Err(self.tree.bad_cut(segment.code())),
+                CUT => return Err(self.window.tree.bad_cut(segment.code())),
                 state => {
-                    let value = (state != VOID).then(|| record.value(child));
+                    let value = (state != VOID).then(|| record.values()[child]);
                     let side = 1 << below;
-                    self.fill(start, [side, side, if D::AXES > 2 { side } else { 1 }], value);
+                    self.fill(start, [side, side, if R::AXES > 2 { side } else { 1 }], value);
                 }
             }
         }
@@ -220,97 +283,100 @@ impl<D: Layout, V: Value> Painter<'_, D, V> {
 
     /// A node of four cells along each axis, where nearly all records of a detailed tile are. Which of its children are
     /// uniform is as good as random, so nothing here branches on it: a wrong guess costs more than four cells.
-    fn patch(
-        &mut self,
-        segment: &Segment<'_, D, V>,
-        records: &[D::Record<V>],
-        at: usize,
-        start: usize,
-    ) -> Result<()> {
+    fn patch(&mut self, segment: &Segment<'_>, records: &[R], at: usize, start: usize) -> Result<()> {
         let record = &records[at];
         let states = record.states();
         let under = records.get(at + 1..at + record.skip() as usize).unwrap_or(&[]);
         let mut next = 0;
-        for child in 0..D::CHILDREN {
+        for child in 0..R::CHILDREN {
             let state = record.state(child);
+            // Any record will do where there is none: its values are not used then.
             let below = under.get(next).unwrap_or(record);
-            let value = record.wires()[child];
-            let uniform = D::array(|_| value);
-            let (wires, states, skip) = if state == INNER {
-                (below.wires(), below.states(), below.skip())
+            // A uniform child is drawn as if it had a record, with four times (or eight times) its value and state.
+            let uniform = R::alike(record.values()[child]);
+            let (values, states, skip) = if state == INNER {
+                (below.values(), below.states(), below.skip())
             } else {
                 (uniform.as_ref(), u32::from(state) * ALIKE, 0)
             };
-            self.cells(wires, states, start + self.offset(child, 2));
+            self.cells(values, states, start + self.offset(child, 2));
             next += skip as usize;
         }
+        // Both bits of a state are set: CUT. Whether all was well is asked once, when all is drawn.
         if states & states >> 1 & ALIKE != 0 {
-            return Err(self.tree.bad_cut(segment.code()));
+            return Err(self.window.tree.bad_cut(segment.code()));
         }
-        if next == under.len() { Ok(()) } else { Err(self.tree.bad_skip(segment, at)) }
+        if next == under.len() { Ok(()) } else { Err(self.window.tree.bad_skip(segment, at)) }
     }
 
     /// The children of a node as single cells, in pairs along x.
     #[inline(always)]
-    fn cells(&mut self, wires: &[V::Wire], states: u32, start: usize) {
+    fn cells(&mut self, values: &[R::Bytes], states: u32, start: usize) {
         // Either bit of a child's state: it is not VOID.
         let some = (states | states >> 1) & ALIKE;
-        if some << (32 - 2 * D::CHILDREN) != ALIKE << (32 - 2 * D::CHILDREN) || self.valid.is_some() {
-            return self.cells_and_void(wires, some, start);
+        // (Shifted so that a quadtree's four children are all that is compared.)
+        if some << (32 - 2 * R::CHILDREN) != ALIKE << (32 - 2 * R::CHILDREN) || self.valid.is_some() {
+            return self.cells_and_void(values, some, start);
         }
-        for (pair, wires) in wires[..D::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
-            let place = self.pair_place(pair, start);
-            self.values[place..place + 2].copy_from_slice(wires);
+        for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
+            let index = self.pair_index(pair, start);
+            self.values[index..index + 2].copy_from_slice(values);
         }
     }
 
-    /// As [`Self::cells`], where some may be VOID or flags are asked for; one bit in two of `some` is set for a child
-    /// that is not VOID. Apart from it to keep the usual case small.
+    /// The children of a node as single cells where some may be VOID or flags are asked for; one bit in two of `some` is
+    /// set for a child that is not VOID. Apart from [`Self::cells`] to keep the usual case small.
     #[inline(never)]
-    fn cells_and_void(&mut self, wires: &[V::Wire], some: u32, start: usize) {
-        for (pair, wires) in wires[..D::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
-            let place = self.pair_place(pair, start);
+    fn cells_and_void(&mut self, values: &[R::Bytes], some: u32, start: usize) {
+        for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
+            let index = self.pair_index(pair, start);
             let flags = [0, 1].map(|child| some >> (4 * pair + 2 * child) & 1 != 0);
-            self.values[place..place + 2]
-                .copy_from_slice(&[0, 1].map(|child| if flags[child] { wires[child] } else { self.fill }));
+            self.values[index..index + 2]
+                .copy_from_slice(&[0, 1].map(|child| if flags[child] { values[child] } else { self.fill }));
             if let Some(valid) = &mut self.valid {
-                valid[place..place + 2].copy_from_slice(&flags);
+                valid[index..index + 2].copy_from_slice(&flags);
             }
         }
     }
 
-    /// Where a pair of children that are cells goes.
+    /// Index of the first value of a pair of children that are cells.
     #[inline]
-    fn pair_place(&self, pair: usize, start: usize) -> usize {
-        start + (pair & 1) * self.strides[1] + (pair >> 1) * self.strides[2]
+    fn pair_index(&self, pair: usize, start: usize) -> usize {
+        start + (pair & 1) * self.window.strides[1] + (pair >> 1) * self.window.strides[2]
     }
 
-    /// Places in `values` from a node's first cell to a child's, whose children have `side` cells along each axis.
+    /// Distance in `values` from a node's first cell to a child's; children have `side` cells along each axis.
     #[inline]
     fn offset(&self, child: usize, side: usize) -> usize {
-        (0..D::AXES).map(|axis| (child >> axis & 1) * side * self.strides[axis]).sum()
+        (0..R::AXES).map(|axis| (child >> axis & 1) * side * self.window.strides[axis]).sum()
     }
 
-    /// Where a cell's value goes.
+    /// Index of the value of a cell of the window.
     #[inline]
-    fn place(&self, cell: [u64; 3]) -> usize {
-        (0..D::AXES).map(|axis| (cell[axis] - self.bounds.min[axis]) as usize * self.strides[axis]).sum()
+    fn index_of(&self, cell: [u64; 3]) -> usize {
+        let Window { bounds, strides, .. } = &self.window;
+        (0..R::AXES).map(|axis| (cell[axis] - bounds.min[axis]) as usize * strides[axis]).sum()
     }
 
-    /// Gives all cells of a part one value.
-    fn paint(&mut self, part: &Bounds, value: Option<V>) {
-        self.fill(self.place(part.min), part.size().map(|size| size as usize), value);
+    /// Gives all cells of a part one value; `None` is VOID.
+    fn paint(&mut self, part: &Bounds, value: Option<R::Bytes>) {
+        self.fill(self.index_of(part.min), part.size().map(|size| size as usize), value);
     }
 
-    fn fill(&mut self, start: usize, size: [usize; 3], value: Option<V>) {
-        let wire = value.map_or(self.fill, V::to_wire);
-        let strides = self.strides;
+    /// Gives one value to a block of so many cells along each axis, the first of which has an index.
+    fn fill(&mut self, start: usize, size: [usize; 3], value: Option<R::Bytes>) {
+        let bytes = value.unwrap_or(self.fill);
+        let strides = self.window.strides;
         // Small blocks are many: stores of a known length save them a call for each row.
         match size[0] {
-            4 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[wire; 4])),
-            8 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[wire; 8])),
-            16 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[wire; 16])),
-            _ => rows(self.values, start, size, strides, |row| row.fill(wire)),
+            // One cell or two: both ends of the row.
+            1 | 2 => {
+                rows(self.values, start, size, strides, |row| (row[0], row[row.len() - 1]) = (bytes, bytes))
+            }
+            4 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 4])),
+            8 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 8])),
+            16 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 16])),
+            _ => rows(self.values, start, size, strides, |row| row.fill(bytes)),
         }
         if let Some(valid) = &mut self.valid {
             rows(valid, start, size, strides, |row| row.fill(value.is_some()));

@@ -1,25 +1,37 @@
 //! Appends records to a file, in extents, and makes commits of them.
 
+use std::io;
 use std::mem;
 use std::path::PathBuf;
 
 use super::commit::{Commit, Written};
-use super::extents::{ExtentKind, GRAIN, HEAD, LONG, PAGE, head};
-use super::form::{Field, Form, LONGEST};
-use super::medium::Medium;
+use super::extents::{ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
+use super::layout::{MAX_RECORD, RecordBuffer, RecordLayout};
 use super::meta::Meta;
 use super::share::{Shares, hash};
-use crate::store::Storage;
+use crate::io::{ReadBackend, WriteBackend};
+use crate::tree::Child;
+use crate::value::{VALUE_MOST, Value};
 use crate::{Error, Result};
 
-/// Bytes that wait to be written.
-const WAITING: usize = 4 << 20;
+/// Bytes that wait to be written, beyond which they are.
+const MAX_WAITING: usize = 4 << 20;
+
+/// A record that is to be in the file: INNER children have the addresses of their records.
+#[derive(Clone, Copy)]
+pub(super) struct NewRecord<'a> {
+    pub(super) representative: Value,
+    /// All children of the node.
+    pub(super) children: &'a [Child<u64>],
+    /// The zone's bytes; none if the node has no zone.
+    pub(super) zone: &'a [u8],
+}
 
 /// Writes a file behind what it has already.
 pub(super) struct Appender {
-    pub(super) medium: Box<dyn Medium>,
+    pub(super) backend: Box<dyn WriteBackend>,
     path: PathBuf,
-    form: Form,
+    layout: RecordLayout,
     /// Where the first byte that waits belongs.
     start: u64,
     /// Bytes that wait.
@@ -28,35 +40,38 @@ pub(super) struct Appender {
     extent: Option<(usize, ExtentKind)>,
     pub(super) written: Written,
     shares: Option<Shares>,
-    /// What is on the medium, for comparing with what is written; read anew when it has grown.
-    storage: Option<Box<dyn Storage>>,
-    /// The content of a record that is looked for.
+    /// The bytes that have been written, for comparing with what is to be written; read anew when there are more.
+    reader: Option<Box<dyn ReadBackend>>,
+    /// Room for the record that is being written.
+    record: RecordBuffer,
+    /// Room for the content of a record that is looked for.
     content: Vec<u8>,
-    /// Something failed: what is on the medium is not known.
-    poisoned: bool,
+    /// Whether something failed: what is on the disk is not known then.
+    is_poisoned: bool,
 }
 
 impl Appender {
     /// Goes on behind `end`. `share` has the bytes of memory for finding equal subtrees.
     pub(super) fn new(
-        medium: Box<dyn Medium>,
+        backend: Box<dyn WriteBackend>,
         path: PathBuf,
-        form: Form,
+        layout: RecordLayout,
         end: u64,
         share: Option<u64>,
     ) -> Appender {
         Appender {
-            medium,
+            backend,
             path,
-            form,
+            layout,
             start: end.next_multiple_of(PAGE),
             waiting: Vec::new(),
             extent: None,
             written: Written::default(),
             shares: share.map(Shares::new),
-            storage: None,
+            reader: None,
+            record: [0; MAX_RECORD + VALUE_MOST],
             content: Vec::new(),
-            poisoned: false,
+            is_poisoned: false,
         }
     }
 
@@ -66,142 +81,127 @@ impl Appender {
     }
 
     /// Makes sure that an extent of a kind is open that has room.
-    fn open(&mut self, kind: ExtentKind) -> Result<()> {
+    fn open_extent(&mut self, kind: ExtentKind) -> Result<()> {
         if let Some((start, open)) = self.extent
-            && (open != kind || self.waiting.len() - start > LONG)
+            && (open != kind || self.waiting.len() - start > FULL_EXTENT)
         {
-            self.close();
+            self.close_extent();
         }
-        if self.waiting.len() > WAITING {
+        // (With an extent that is open and not full, what waits grows beyond the limit by no more than that.)
+        if self.waiting.len() > MAX_WAITING {
             self.flush()?;
         }
         if self.extent.is_none() {
             self.extent = Some((self.waiting.len(), kind));
-            self.waiting.resize(self.waiting.len() + HEAD, 0);
+            // The head is known when the extent is closed.
+            self.waiting.resize(self.waiting.len() + HEAD_SIZE, 0);
         }
         Ok(())
     }
 
-    /// Ends the extent.
-    fn close(&mut self) {
+    /// Ends the extent that is open, if there is one.
+    fn close_extent(&mut self) {
         let Some((start, kind)) = self.extent.take() else { return };
-        let place = self.start + start as u64;
-        let head = head(kind, place, &self.waiting[start + HEAD..]);
-        self.waiting[start..start + HEAD].copy_from_slice(&head);
-        let end = self.position().next_multiple_of(GRAIN);
+        let offset = self.start + start as u64;
+        let head = head(kind, offset, &self.waiting[start + HEAD_SIZE..]);
+        self.waiting[start..start + HEAD_SIZE].copy_from_slice(&head);
+        let end = self.position().next_multiple_of(SECTOR);
         self.waiting.resize((end - self.start) as usize, 0);
     }
 
     /// Writes what waits.
     pub(super) fn flush(&mut self) -> Result<()> {
-        self.close();
+        self.close_extent();
         if !self.waiting.is_empty() {
-            let (start, waiting) = (self.start, mem::take(&mut self.waiting));
-            self.attempt("write", |medium| medium.write(start, &waiting))?;
+            let waiting = mem::take(&mut self.waiting);
+            self.write_at("write", self.start, &waiting)?;
             self.start += waiting.len() as u64;
+            // The room stays for what comes.
             self.waiting = waiting;
             self.waiting.clear();
-            self.storage = None;
+            self.reader = None;
         }
         Ok(())
     }
 
-    /// After a failure nobody knows what is on the medium, and trying again would not tell: nothing more is written.
-    fn attempt(
-        &mut self,
-        doing: &'static str,
-        act: impl FnOnce(&mut dyn Medium) -> std::io::Result<()>,
-    ) -> Result<()> {
-        if self.poisoned {
-            let advice = "an earlier write or sync failed; open the file again, its last commit is whole";
-            return Err(Error::unsupported(&self.path, "going on after a failure", advice));
-        }
-        let done = act(&mut *self.medium);
-        self.poisoned = done.is_err();
+    fn write_at(&mut self, doing: &'static str, offset: u64, bytes: &[u8]) -> Result<()> {
+        self.refuse_poisoned()?;
+        let written = self.backend.write(offset, bytes);
+        self.poison_unless(doing, written)
+    }
+
+    fn sync(&mut self) -> Result<()> {
+        self.refuse_poisoned()?;
+        let synced = self.backend.sync();
+        self.poison_unless("sync", synced)
+    }
+
+    /// After a failure nobody knows what is on the disk, and trying again would not tell: nothing more is written.
+    fn refuse_poisoned(&self) -> Result<()> {
+        if self.is_poisoned { Err(Error::Poisoned { path: self.path.clone() }) } else { Ok(()) }
+    }
+
+    fn poison_unless(&mut self, doing: &'static str, done: io::Result<()>) -> Result<()> {
+        self.is_poisoned = done.is_err();
         done.map_err(Error::io(&*self.path, doing))
     }
 
-    /// Writes a record, its zone behind it, and tells where it is; or where an equal one is.
-    pub(super) fn record(&mut self, representative: &[u8], fields: &[Field<'_>], zone: &[u8]) -> Result<u64> {
-        let mut shares = self.shares.take();
-        let address = match &mut shares {
-            Some(shares) => self.share(shares, representative, fields, zone),
-            None => self.write_record(representative, fields, zone),
-        };
-        self.shares = shares;
-        address
+    /// Writes a record and tells where it is; or where an equal one is.
+    pub(super) fn record(&mut self, record: NewRecord<'_>) -> Result<u64> {
+        match self.shares.take() {
+            Some(mut shares) => {
+                let address = self.share(&mut shares, record);
+                self.shares = Some(shares);
+                address
+            }
+            None => self.write_record(record),
+        }
     }
 
-    fn write_record(&mut self, representative: &[u8], fields: &[Field<'_>], zone: &[u8]) -> Result<u64> {
-        self.open(ExtentKind::Records)?;
+    fn write_record(&mut self, record: NewRecord<'_>) -> Result<u64> {
+        let NewRecord { representative, children, zone } = record;
+        self.open_extent(ExtentKind::Records)?;
         let address = self.position();
-        let first = self.waiting.len();
-        self.waiting.resize(first + self.form.states, 0);
-        self.waiting.extend_from_slice(representative);
-        let mut states = 0u32;
-        for (child, field) in fields.iter().enumerate() {
-            let state = match field {
-                Field::Void => 0,
-                Field::Leaf(value) => {
-                    self.waiting.extend_from_slice(value);
-                    1
-                }
-                Field::Inner(to) => {
-                    let (state, bytes, length) = self.form.point(address, *to);
-                    self.waiting.extend_from_slice(&bytes[..length]);
-                    state
-                }
-            };
-            states |= state << (2 * child);
-        }
+        let size = self.layout.encode(address, representative, children, &mut self.record);
+        self.waiting.extend_from_slice(&self.record[..size]);
         self.waiting.extend_from_slice(zone);
-        let bytes = states.to_le_bytes();
-        self.waiting[first..first + self.form.states].copy_from_slice(&bytes[..self.form.states]);
         self.written.records += 1;
-        self.written.bytes += (self.waiting.len() - first) as u64;
-        if self.form.far < 8 && address >> (8 * self.form.far) != 0 {
+        self.written.bytes += (size + zone.len()) as u64;
+        if !self.layout.can_point_to(address) {
             let advice = "compact it into a new file";
             return Err(Error::unsupported(&self.path, "a file too long for its pointers", advice));
         }
         Ok(address)
     }
 
-    /// What a record says, wherever it stands: pointers are places.
-    fn content_of(content: &mut Vec<u8>, representative: &[u8], fields: &[Field<'_>], zone: &[u8]) {
+    /// The content of a record, which is the same wherever it stands: INNER children are told by their addresses.
+    fn content_of(content: &mut Vec<u8>, record: NewRecord<'_>, width: usize) {
+        let NewRecord { representative, children, zone } = record;
         content.clear();
         content.push(zone.is_empty().into());
-        content.extend_from_slice(representative);
-        for field in fields {
-            match field {
-                Field::Void => content.push(0),
-                Field::Leaf(value) => {
-                    content.push(1);
-                    content.extend_from_slice(value);
-                }
-                Field::Inner(address) => {
-                    content.push(2);
-                    content.extend_from_slice(&address.to_le_bytes());
-                }
+        content.extend_from_slice(&representative.to_bytes()[..width]);
+        for child in children {
+            content.push(child.state() as u8);
+            match child {
+                Child::Void => {}
+                Child::Leaf(value) => content.extend_from_slice(&value.to_bytes()[..width]),
+                Child::Inner { node, .. } => content.extend_from_slice(&node.to_le_bytes()),
             }
         }
         content.extend_from_slice(zone);
     }
 
-    fn share(
-        &mut self,
-        shares: &mut Shares,
-        representative: &[u8],
-        fields: &[Field<'_>],
-        zone: &[u8],
-    ) -> Result<u64> {
+    /// Finds a record with the same content among those that this writer has written, else writes it.
+    fn share(&mut self, shares: &mut Shares, record: NewRecord<'_>) -> Result<u64> {
         let mut content = mem::take(&mut self.content);
-        Self::content_of(&mut content, representative, fields, zone);
+        Self::content_of(&mut content, record, self.layout.width());
         let hash = hash(&content);
+        let zone = record.zone;
         let mut found = None;
         for known in shares.find(hash) {
             // (The lowest bit says whether there is a zone, which a record does not say of itself.)
             let (address, has_zone) = (known >> 1, known & 1 == 1);
-            if has_zone != zone.is_empty() && self.says(address, &content, zone.len())? {
+            if has_zone != zone.is_empty() && self.has_content(address, &content, zone.len())? {
                 found = Some(address);
                 break;
             }
@@ -209,85 +209,69 @@ impl Appender {
         self.content = content;
         if let Some(address) = found {
             self.written.shared += 1;
-            let pointer = usize::from(self.form.near);
-            let fields: usize = fields
-                .iter()
-                .map(|field| match field {
-                    Field::Void => 0,
-                    Field::Leaf(value) => value.len(),
-                    Field::Inner(_) => pointer,
-                })
-                .sum();
-            self.written.spared += (self.form.head() + fields + zone.len()) as u64;
+            // Its pointers might have been RELATIVE or ABSOLUTE: they count as the shorter ones.
+            let field = |child: &Child<u64>| match child {
+                Child::Void => 0,
+                Child::Leaf(_) => self.layout.width(),
+                Child::Inner { .. } => usize::from(self.layout.relative),
+            };
+            let fields: usize = record.children.iter().map(field).sum();
+            self.written.spared += (self.layout.head_size() + fields + zone.len()) as u64;
             return Ok(address);
         }
-        let address = self.write_record(representative, fields, zone)?;
+        let address = self.write_record(record)?;
         shares.put(hash, address << 1 | u64::from(!zone.is_empty()));
         Ok(address)
     }
 
     /// Whether the record at an address has this content, with so many bytes of zone.
-    fn says(&mut self, address: u64, content: &[u8], zone: usize) -> Result<bool> {
-        if address < self.start && self.storage.is_none() {
-            self.storage = Some(self.medium.storage()?);
+    fn has_content(&mut self, address: u64, content: &[u8], zone: usize) -> Result<bool> {
+        if address < self.start && self.reader.is_none() {
+            self.reader = Some(self.backend.reader()?);
         }
-        let most = LONGEST + zone;
         let read;
-        let bytes = match (&self.storage, address.checked_sub(self.start)) {
+        let bytes = match (&self.reader, address.checked_sub(self.start)) {
+            // It still waits to be written.
             (_, Some(at)) => &self.waiting[at as usize..],
-            (Some(storage), None) => {
-                read = storage.read(address, most.min((storage.len() - address) as usize))?;
+            (Some(reader), None) if address < reader.len() => {
+                let most = (reader.len() - address).min((MAX_RECORD + zone) as u64);
+                read = reader.read(address, most as usize)?;
                 &read[..]
             }
-            (None, None) => return Ok(false),
+            _ => return Ok(false),
         };
-        let form = &self.form;
-        let Some(states) = form.states_of(bytes) else { return Ok(false) };
-        let mut at = form.head();
-        let mut fields = [Field::Void; 8];
-        for (child, field) in fields[..form.children].iter_mut().enumerate() {
-            match states >> (2 * child) & 3 {
-                0 => {}
-                1 => {
-                    let Some(value) = bytes.get(at..at + form.value) else { return Ok(false) };
-                    *field = Field::Leaf(value);
-                    at += form.value;
-                }
-                state => {
-                    let Some(to) = form.pointer(bytes, at, state, address) else { return Ok(false) };
-                    *field = Field::Inner(to);
-                    at += form.pointer_size(state);
-                }
-            }
-        }
+        let Some((children, end)) = self.layout.decode(bytes, address) else { return Ok(false) };
         let (Some(representative), Some(zone)) =
-            (bytes.get(form.states..form.head()), bytes.get(at..at + zone))
+            (self.layout.representative(bytes), bytes.get(end..end + zone))
         else {
             return Ok(false);
         };
-        let mut said = Vec::with_capacity(content.len());
-        Self::content_of(&mut said, representative, &fields[..form.children], zone);
-        Ok(said == content)
+        let children = &children[..self.layout.children()];
+        let mut found = Vec::with_capacity(content.len());
+        let record = NewRecord { representative, children, zone };
+        Self::content_of(&mut found, record, self.layout.width());
+        Ok(found == content)
     }
 
     /// Writes an extent of its own and tells where it starts.
     pub(super) fn extent(&mut self, kind: ExtentKind, bytes: &[u8]) -> Result<u64> {
-        self.close();
-        self.open(kind)?;
-        let start = self.position() - HEAD as u64;
+        self.close_extent();
+        self.open_extent(kind)?;
+        let start = self.position() - HEAD_SIZE as u64;
         self.waiting.extend_from_slice(bytes);
-        self.close();
+        self.close_extent();
         Ok(start)
     }
 
     /// Makes what was written durable, and then the commit the newest. Tells the meta slot.
     pub(super) fn commit(&mut self, commit: &Commit) -> Result<Meta> {
-        let place = self.extent(ExtentKind::Commit, &commit.to_bytes()?)?;
+        let start = self.extent(ExtentKind::Commit, &commit.to_bytes()?)?;
         self.flush()?;
-        let meta = Meta { sequence: commit.sequence, commit: place, end: self.position() };
-        self.attempt("sync", |medium| medium.sync())?;
-        self.attempt("write the meta slot", |medium| medium.write(meta.place(), &meta.to_bytes()))?;
-        self.attempt("sync", |medium| medium.sync())?;
+        let meta = Meta { sequence: commit.sequence, commit: start, end: self.position() };
+        // The slot must not become durable before what it names; and nobody may hear of a commit that is not durable.
+        self.sync()?;
+        self.write_at("write the meta slot", meta.offset(), &meta.to_bytes())?;
+        self.sync()?;
         self.start = self.start.next_multiple_of(PAGE);
         self.written = Written::default();
         Ok(meta)

@@ -1,4 +1,4 @@
-//! What all readers of a file need, whatever its tree is made of: header, newest commit, and the way to older ones.
+//! An Autumnal file as a whole, whatever its tree: header, newest commit, and the way to older ones.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,43 +8,42 @@ use zerocopy::little_endian::U32;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::commit::Commit;
-use super::extents::Extents;
-use super::form::Form;
-use super::medium::FileId;
-use super::meta::{self, Meta};
-use crate::store::goblin::{Header, read_header};
-use crate::store::{Storage, TreeFormat};
+use super::extents::{Extents, FIRST_EXTENT, PAGE};
+use super::layout::RecordLayout;
+use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE};
+use crate::io::{FileId, ReadBackend};
+use crate::store::container::{Header, TreeFormat};
 use crate::{Error, Result};
 
-/// What the first page says of pointers, behind the header that both formats have.
+/// The part of the first page that tells of pointers, behind the header that both formats have.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
-pub(super) struct RawPointers {
-    near: u8,
-    far: u8,
+struct RawPointers {
+    relative: u8,
+    absolute: u8,
     share: u8,
     zero: u8,
     checksum: U32,
 }
 
-/// Where that is.
+/// Where that part starts.
 const POINTERS: u64 = 64;
 
-/// Bytes of pointers where files are written: near ones reach 64 KiB back, or 16 MiB where equal subtrees are stored once
-/// and pointers go far; far ones reach 256 TiB.
+/// Bytes of pointers where files are written: RELATIVE ones reach 64 KiB back, or 16 MiB where equal subtrees are stored
+/// once and pointers go far; ABSOLUTE ones reach 256 TiB.
 pub(super) const fn pointer_bytes(share: bool) -> (u8, u8) {
     if share { (3, 6) } else { (2, 6) }
 }
 
 /// The first page of a file.
-pub(super) fn first_page(header: &Header, form: &Form, share: bool) -> Vec<u8> {
+pub(super) fn first_page(header: &Header, layout: &RecordLayout, share: bool) -> Vec<u8> {
     let mut page = header.to_bytes(TreeFormat::Autumnal);
     page.resize(POINTERS as usize, 0);
-    let mut raw =
-        RawPointers { near: form.near, far: form.far, share: share.into(), zero: 0, checksum: 0.into() };
+    let (relative, absolute) = (layout.relative, layout.absolute);
+    let mut raw = RawPointers { relative, absolute, share: share.into(), zero: 0, checksum: 0.into() };
     raw.checksum = crc32c::crc32c(&raw.as_bytes()[..4]).into();
     page.extend_from_slice(raw.as_bytes());
-    page.resize(super::extents::PAGE as usize, 0);
+    page.resize(PAGE as usize, 0);
     page
 }
 
@@ -52,7 +51,7 @@ pub(super) fn first_page(header: &Header, form: &Form, share: bool) -> Vec<u8> {
 #[derive(Clone)]
 pub(super) struct Archive {
     pub(super) header: Header,
-    pub(super) form: Form,
+    pub(super) layout: RecordLayout,
     /// Whether equal subtrees are stored once.
     pub(super) share: bool,
     pub(super) extents: Arc<Extents>,
@@ -60,26 +59,40 @@ pub(super) struct Archive {
     pub(super) file: FileId,
 }
 
-/// How often slots are read again when none is whole: a writer may have been at both, one after the other.
-const PATIENCE: u32 = 100;
+/// Bytes of a file, and which file it is.
+pub(super) type OpenFile = (Box<dyn ReadBackend>, FileId);
+
+/// How often slots are read when none is whole: a writer may have been at both, one after the other.
+const MAX_ATTEMPTS: u32 = 100;
 
 impl Archive {
-    /// Opens what a storage holds; `storage` is called again if a writer was too fast.
-    pub(super) fn open(
-        path: &Path,
-        storage: impl Fn() -> Result<Box<dyn Storage>>,
-        file: FileId,
-        check: bool,
-    ) -> Result<Archive> {
-        let mut bytes = storage()?;
-        let (format, header) = read_header(path, &*bytes)?;
+    /// Opens a file; `open` is called again if a writer was too fast.
+    pub(super) fn open(path: &Path, open: &dyn Fn() -> Result<OpenFile>, check: bool) -> Result<Archive> {
+        for attempt in 0..MAX_ATTEMPTS {
+            // From the header on: by now there may be another file of that name.
+            if let Some(archive) = Archive::read(path, open()?, check)? {
+                return Ok(archive);
+            }
+            std::thread::sleep(Duration::from_micros(u64::from(attempt) * 10));
+        }
+        Err(no_meta(path))
+    }
+
+    /// Opens a file that is in memory, where nobody writes.
+    pub(super) fn of_bytes(path: &Path, bytes: Vec<u8>) -> Result<Archive> {
+        Archive::read(path, (Box::new(bytes), FileId::unique()), true)?.ok_or_else(|| no_meta(path))
+    }
+
+    /// Opens what a file holds; `None` if neither slot is whole.
+    fn read(path: &Path, (bytes, file): OpenFile, check: bool) -> Result<Option<Archive>> {
+        let (format, header) = Header::read(path, &*bytes)?;
         if format != TreeFormat::Autumnal {
             let advice =
                 "`spinney publish` makes an Autumnal file of it, which can be edited and has a history";
             return Err(Error::unsupported(path, "editing a Goblin file", advice));
         }
         let corrupt = |place, found: &str, expected| Error::corrupt(path, place, found, expected);
-        if bytes.len() < super::extents::FIRST {
+        if bytes.len() < FIRST_EXTENT {
             let found = format!("{} bytes", bytes.len());
             return Err(corrupt("file", &found, "three pages and a commit (is the file cut short?)"));
         }
@@ -87,21 +100,16 @@ impl Archive {
         let good = crc32c::crc32c(&raw[..4]);
         let raw =
             RawPointers::ref_from_bytes(&raw).map_err(|_| corrupt("header", "too few bytes", "more"))?;
-        let fits = (1..=4).contains(&raw.near) && (raw.near..=8).contains(&raw.far) && raw.share < 2;
+        let fits =
+            (1..=4).contains(&raw.relative) && (raw.relative..=8).contains(&raw.absolute) && raw.share < 2;
         if raw.checksum.get() != good || !fits {
-            let found = format!("pointers of {} and {} bytes", raw.near, raw.far);
+            let found = format!("pointers of {} and {} bytes", raw.relative, raw.absolute);
             return Err(corrupt("header", &found, "1 to 4 and at most 8 bytes, with their checksum"));
         }
-        for attempt in 0..PATIENCE {
-            if let Some(meta) = newest(&*bytes)? {
-                let form = Form::new(&header, raw.near, raw.far);
-                let extents = Arc::new(Extents::new(path, bytes, meta.end, check));
-                return Ok(Archive { header, form, share: raw.share != 0, extents, meta, file });
-            }
-            std::thread::sleep(Duration::from_micros(u64::from(attempt) * 10));
-            bytes = storage()?;
-        }
-        Err(corrupt("meta slots", "none that is whole and fits the file", "one (is the file cut short?)"))
+        let Some(meta) = newest_meta(&*bytes)? else { return Ok(None) };
+        let layout = RecordLayout::new(header.form, raw.relative, raw.absolute);
+        let extents = Arc::new(Extents::new(path, bytes, meta.end, check)?);
+        Ok(Some(Archive { header, layout, share: raw.share != 0, extents, meta, file }))
     }
 
     /// The newest commit.
@@ -112,10 +120,12 @@ impl Archive {
     /// The commit with a number.
     pub(super) fn commit(&self, number: u64) -> Result<Commit> {
         let mut commit = self.newest()?;
+        // By jumps as long as they do not lead too far, else step by step. (Both lead back in the file, so that there is an
+        // end whatever the commits say.)
         while commit.number > number && commit.previous != 0 {
             let jumped = match commit.jump.1 {
                 0 => None,
-                place => Some(Commit::read(&self.extents, place)?).filter(|jumped| jumped.number >= number),
+                offset => Some(Commit::read(&self.extents, offset)?).filter(|jumped| jumped.number >= number),
             };
             commit = match jumped {
                 Some(jumped) => jumped,
@@ -130,11 +140,20 @@ impl Archive {
     }
 }
 
+fn no_meta(path: &Path) -> Error {
+    let found = "none that is whole and fits the file";
+    Error::corrupt(path, "meta slots", found, "one (is the file cut short?)")
+}
+
 /// The newer of the slots that are whole.
-pub(super) fn newest(storage: &dyn Storage) -> Result<Option<Meta>> {
+pub(super) fn newest_meta(bytes: &dyn ReadBackend) -> Result<Option<Meta>> {
     let mut newest: Option<Meta> = None;
-    for place in meta::PLACES {
-        if let Some(meta) = Meta::from_bytes(&storage.read(place, meta::SIZE)?, storage.len())
+    // (A file may have been cut since somebody looked at its length.)
+    if bytes.len() < FIRST_EXTENT {
+        return Ok(None);
+    }
+    for offset in SLOT_OFFSETS {
+        if let Some(meta) = Meta::from_bytes(&bytes.read(offset, SLOT_SIZE)?, bytes.len())
             && newest.is_none_or(|newest| newest.sequence < meta.sequence)
         {
             newest = Some(meta);

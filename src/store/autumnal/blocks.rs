@@ -1,15 +1,16 @@
 //! Hands out the uniform blocks of a box of cells, as fast as records can be read.
 
-use super::extents::Reach;
+use super::extents::ByteAccess;
 use super::reader::{Autumnal, Node};
 use crate::Result;
-use crate::space::Bounds;
-use crate::store::goblin::Layout;
+use crate::space::{Bounds, Dimension};
+use crate::store::container::record::ALIKE;
+use crate::store::container::{LEAF, VOID};
 use crate::tree::Child;
 use crate::value::Value;
 
-/// The states of eight LEAF children.
-const ALL_LEAVES: u32 = 0x5555;
+/// Takes a block: first cell, cells along each axis, value.
+type EachBlock<'a> = dyn FnMut([u64; 3], [usize; 3], Value) + 'a;
 
 /// A box of cells, and who is told of its blocks: their first cell, cells along each axis, and value.
 struct Blocks<'a, F> {
@@ -17,7 +18,7 @@ struct Blocks<'a, F> {
     each: F,
 }
 
-/// A node above the cells that are asked for.
+/// An INNER node above the cells that are asked for.
 #[derive(Clone, Copy)]
 struct Above {
     node: Node,
@@ -27,8 +28,27 @@ struct Above {
     levels: u8,
 }
 
-impl<D: Layout, V: Value> Autumnal<D, V> {
-    /// Hands out the blocks of a box of cells of a level that are not VOID: first cell, cells along each axis, value.
+impl Above {
+    /// Cells along each axis of the node's children.
+    #[inline]
+    fn child_size(&self, dimension: Dimension) -> [u64; 3] {
+        let side = 1u64 << (self.levels - 1);
+        [side, side, if dimension == Dimension::Oct { side } else { 1 }]
+    }
+
+    /// The first cell of a child. (A quadtree's children are all in the slice z = 0 of a node.)
+    #[inline]
+    fn child_min(&self, step: usize) -> [u64; 3] {
+        std::array::from_fn(|axis| self.min[axis] + ((step as u64 >> axis & 1) << (self.levels - 1)))
+    }
+}
+
+impl Autumnal {
+    /// Hands out the blocks of a box of cells of a level that are not VOID: first cell, cells along each axis, value. All of
+    /// them lie in the box and beside each other.
+    ///
+    /// (A block is often a single cell, for which a call that cannot be inlined costs more than all the rest: compiled for
+    /// whoever draws windows, and meant for nobody else.)
     ///
     /// # Errors
     /// If the file is damaged there.
@@ -36,112 +56,110 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
         &self,
         level: u8,
         bounds: &Bounds,
-        each: impl FnMut([u64; 3], [usize; 3], V),
+        mut each: impl FnMut([u64; 3], [usize; 3], Value),
     ) -> Result<()> {
-        let side = 1u64 << level;
-        let space = Bounds { min: [0; 3], max: [side, side, if D::AXES > 2 { side } else { 1 }] };
-        let mut blocks = Blocks { bounds, each };
         match self.root_place() {
             Child::Inner { node, .. } if level > 0 => {
                 let root = Above { node, min: [0; 3], levels: level };
-                match self.extents().seen() {
-                    Some(seen) => self.blocks_below(seen, root, &mut blocks),
-                    None => self.blocks_below(self.extents(), root, &mut blocks),
+                match self.extents().mapped() {
+                    Some(mapped) => self.blocks_below(mapped, root, &mut Blocks { bounds, each }),
+                    None => {
+                        // Beside asking the system for every record a call is nothing: once for whoever draws.
+                        let each: &mut EachBlock<'_> = &mut each;
+                        self.blocks_below(self.extents(), root, &mut Blocks { bounds, each })
+                    }
                 }
             }
-            place => {
-                place.value().into_iter().for_each(|value| blocks.part(&space, value));
+            root => {
+                let space = Bounds::space(self.layout().form.dimension, level);
+                if let Some(value) = root.value() {
+                    Blocks { bounds, each }.part(&space, value);
+                }
                 Ok(())
             }
         }
     }
 
-    fn blocks_below<'a, R, F>(&self, reach: R, above: Above, blocks: &mut Blocks<'_, F>) -> Result<()>
+    /// The blocks below a node some of which may be outside the box.
+    fn blocks_below<'a, A, F>(&self, access: A, above: Above, blocks: &mut Blocks<'_, F>) -> Result<()>
     where
-        R: Reach<'a>,
-        F: FnMut([u64; 3], [usize; 3], V),
+        A: ByteAccess<'a>,
+        F: FnMut([u64; 3], [usize; 3], Value),
     {
-        let record = self.record_in(reach, above.node)?;
-        let form = &self.archive.form;
+        let record = self.record_in(access, above.node)?;
+        let layout = self.layout();
+        let dimension = layout.form.dimension;
         let levels = above.levels - 1;
-        let side = 1u64 << levels;
-        let extent = [side, side, if D::AXES > 2 { side } else { 1 }];
-        let mut next = form.head();
-        for step in 0..D::CHILDREN {
-            let state = record.states >> (2 * step) & 3;
+        let size = above.child_size(dimension);
+        let mut next = layout.head_size();
+        for step in 0..layout.children() {
+            let state = record.state(step);
             let field = next;
             match state {
-                0 => continue,
-                1 => next += size_of::<V::Wire>(),
-                _ => next += form.pointer_size(state),
+                VOID => continue,
+                LEAF => next += layout.width(),
+                _ => next += layout.pointer_size(state),
             }
-            let min: [u64; 3] =
-                std::array::from_fn(|axis| above.min[axis] + ((step as u64 >> axis & 1) << levels));
-            let space = || Bounds { min, max: std::array::from_fn(|axis| min[axis] + extent[axis]) };
-            if blocks.bounds.intersect(&space()).is_empty() {
+            let min = above.child_min(step);
+            let space = Bounds { min, max: std::array::from_fn(|axis| min[axis] + size[axis]) };
+            if blocks.bounds.intersect(&space).is_empty() {
                 continue;
             }
-            let value = if state == 1 {
-                Self::value_in(&record.bytes, field)
+            if state == LEAF {
+                blocks.part(&space, self.value_in(&record.bytes, field));
+                continue;
+            }
+            let node = self.follow(&record, field, state, above.node.height)?;
+            let below = Above { node, min, levels };
+            if levels == 0 {
+                blocks.part(&space, self.representative_in(access, node.address)?);
+            } else if blocks.bounds.contains(&space) {
+                self.all_blocks_below(access, below, &mut blocks.each)?;
             } else {
-                let node = self.follow(&record, field, state, above.node.height)?;
-                if levels > 0 && blocks.bounds.contains(&space()) {
-                    self.all_blocks_below(reach, Above { node, min, levels }, &mut blocks.each)?;
-                    continue;
-                }
-                if levels > 0 {
-                    self.blocks_below(reach, Above { node, min, levels }, blocks)?;
-                    continue;
-                }
-                self.representative_in(reach, node.address)?
-            };
-            blocks.part(&space(), value);
+                self.blocks_below(access, below, blocks)?;
+            }
         }
         Ok(())
     }
 
-    /// The same of a node all of which is in the box: what windows spend their time on.
-    fn all_blocks_below<'a, R, F>(&self, reach: R, above: Above, each: &mut F) -> Result<()>
+    /// The blocks below a node all of which is in the box: what windows spend their time on.
+    fn all_blocks_below<'a, A, F>(&self, access: A, above: Above, each: &mut F) -> Result<()>
     where
-        R: Reach<'a>,
-        F: FnMut([u64; 3], [usize; 3], V),
+        A: ByteAccess<'a>,
+        F: FnMut([u64; 3], [usize; 3], Value),
     {
-        let record = self.record_in(reach, above.node)?;
-        let form = &self.archive.form;
+        let record = self.record_in(access, above.node)?;
+        let layout = self.layout();
+        let (width, children) = (layout.width(), layout.children());
         let levels = above.levels - 1;
-        let side = 1usize << levels;
-        let size = [side, side, if D::AXES > 2 { side } else { 1 }];
-        let [x, y, z] = above.min;
-        let place = |step: usize| {
-            let bit = |axis: usize| (step as u64 >> axis & 1) << levels;
-            [x + bit(0), y + bit(1), if D::AXES > 2 { z + bit(2) } else { z }]
-        };
-        let mut next = form.head();
+        let size = above.child_size(layout.form.dimension).map(|cells| cells as usize);
+        let mut next = layout.head_size();
         // Most records where there is detail, and nothing to guess about them.
-        if record.states == ALL_LEAVES >> (16 - 2 * D::CHILDREN) {
-            for step in 0..D::CHILDREN {
-                each(place(step), size, Self::value_in(&record.bytes, next));
-                next += size_of::<V::Wire>();
+        if record.states == (ALIKE >> (32 - 2 * children)) * u32::from(LEAF) {
+            for step in 0..children {
+                each(above.child_min(step), size, self.value_in(&record.bytes, next));
+                next += width;
             }
             return Ok(());
         }
-        for step in 0..D::CHILDREN {
-            let state = record.states >> (2 * step) & 3;
+        for step in 0..children {
+            let state = record.state(step);
             let field = next;
-            let min = place(step);
+            let min = above.child_min(step);
             match state {
-                0 => {}
-                1 => {
-                    next += size_of::<V::Wire>();
-                    each(min, size, Self::value_in(&record.bytes, field));
+                VOID => {}
+                LEAF => {
+                    next += width;
+                    each(min, size, self.value_in(&record.bytes, field));
                 }
                 _ => {
-                    next += form.pointer_size(state);
+                    next += layout.pointer_size(state);
                     let node = self.follow(&record, field, state, above.node.height)?;
                     if levels > 0 {
-                        self.all_blocks_below(reach, Above { node, min, levels }, each)?;
+                        let below = Above { node, min, levels };
+                        self.all_blocks_below(access, below, each)?;
                     } else {
-                        each(min, size, self.representative_in(reach, node.address)?);
+                        each(min, size, self.representative_in(access, node.address)?);
                     }
                 }
             }
@@ -150,12 +168,9 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     }
 }
 
-impl<F> Blocks<'_, F> {
-    /// What of a block is in the box.
-    fn part<V>(&mut self, space: &Bounds, value: V)
-    where
-        F: FnMut([u64; 3], [usize; 3], V),
-    {
+impl<F: FnMut([u64; 3], [usize; 3], Value)> Blocks<'_, F> {
+    /// Hands out what of a block is in the box.
+    fn part(&mut self, space: &Bounds, value: Value) {
         let part = space.intersect(self.bounds);
         if !part.is_empty() {
             (self.each)(part.min, part.size().map(|cells| cells as usize), value);

@@ -5,18 +5,18 @@ use serde::{Deserialize, Serialize};
 use super::extents::{ExtentKind, Extents};
 use crate::{Error, Result};
 
-/// What is told about a commit by whoever makes it.
+/// A note on a commit by whoever makes it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// Seconds since the beginning of 1970, if anybody told.
     pub time: Option<i64>,
     /// Who made it.
     pub author: String,
-    /// What was done, and why.
+    /// Tells what was done, and why.
     pub message: String,
 }
 
-/// What a commit wrote.
+/// The account of what a commit wrote.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Written {
     /// Records that were written.
@@ -25,7 +25,7 @@ pub struct Written {
     pub bytes: u64,
     /// Records that were not, because the file had the same already.
     pub shared: u64,
-    /// Bytes that would have taken.
+    /// Bytes that these would have taken.
     pub spared: u64,
 }
 
@@ -45,15 +45,15 @@ pub(super) struct Root {
 pub struct Commit {
     /// Its number: the first is 1, each has a larger one than the one before.
     pub number: u64,
-    /// What was told about it.
+    /// The note of whoever made it.
     pub note: Note,
     /// Cells that are not VOID.
     pub cells: u64,
     /// INNER nodes of its tree; those of shared subtrees as often as they occur.
     pub records: u64,
-    /// What it wrote.
+    /// The account of what it wrote.
     pub written: Written,
-    /// How many commits there are in the file up to this one.
+    /// Number of commits in the file up to this one.
     pub(super) sequence: u64,
     pub(super) root: Root,
     /// Where the metadata are.
@@ -66,7 +66,7 @@ pub struct Commit {
 
 /// Bytes of a commit on disk at most.
 const LIMIT: usize = 1 << 20;
-/// First number of the extent: the version of the struct that follows.
+/// First number of the extent: the version of what follows.
 const VERSION: u32 = 1;
 
 fn config() -> impl bincode::config::Config {
@@ -82,7 +82,7 @@ impl Commit {
         })
     }
 
-    /// The commit whose extent starts at a place.
+    /// The commit whose extent starts at an offset of the file.
     pub(super) fn read(extents: &Extents, start: u64) -> Result<Commit> {
         let bytes = extents.whole(ExtentKind::Commit, start)?;
         let decoded = bincode::serde::decode_from_slice::<(u32, Commit), _>(&bytes, config());
@@ -95,7 +95,7 @@ impl Commit {
         }
         // Everything is written before what points to it, so that following pointers comes to an end.
         let back = [commit.previous, commit.jump.1, commit.metadata, commit.root.address];
-        if back.iter().any(|place| *place >= start) {
+        if back.iter().any(|offset| *offset >= start) {
             return Err(corrupt("a pointer that does not lead back".into()));
         }
         Ok(commit)
@@ -107,8 +107,9 @@ impl Commit {
             return Ok((self.sequence, start));
         }
         let jump = Commit::read(extents, self.jump.1)?;
-        // Two jumps of one length become one of twice that length.
-        let equal = self.sequence - jump.sequence == jump.sequence.saturating_sub(jump.jump.0);
+        // Two jumps of one length become one of twice that length. (Sequences of a file may lie: they need not descend.)
+        let length = self.sequence.checked_sub(jump.sequence);
+        let equal = length == Some(jump.sequence.saturating_sub(jump.jump.0));
         Ok(if equal && jump.jump.1 != 0 { jump.jump } else { (self.sequence, start) })
     }
 }

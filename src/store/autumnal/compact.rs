@@ -6,11 +6,10 @@ use super::commit::Commit;
 use super::editor::Editor;
 use super::history::History;
 use super::reader::Autumnal;
-use super::write::medium;
-use crate::store::Output;
-use crate::store::build::{BuildOptions, walk};
-use crate::store::goblin::{Layout, OpenOptions};
-use crate::value::Value;
+use super::write::backend;
+use crate::io::Output;
+use crate::store::builder::{BuildOptions, TreeSink, walk};
+use crate::store::container::OpenOptions;
 use crate::{Error, Progress, Result};
 
 /// Which commits stay.
@@ -40,13 +39,13 @@ impl Keep {
     }
 }
 
-/// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the same place is
+/// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the same node is
 /// written once; equal subtrees anywhere with `share`, or if the file stores them so. Returns the commits as they are in
 /// the new file.
 ///
 /// # Errors
 /// If there are no such commits, the file is damaged, the output cannot be written, or on interruption.
-pub fn compact<D: Layout, V: Value>(
+pub fn compact(
     path: &Path,
     keep: &Keep,
     share: bool,
@@ -59,23 +58,23 @@ pub fn compact<D: Layout, V: Value>(
     let header = history.header().clone();
     let share = share || history.is_shared();
     let mut made = Vec::new();
-    let mut before: Option<Autumnal<D, V>> = None;
-    let mut editor: Option<Editor<D, V>> = None;
+    // The commit that was written last: what a commit has in common with it is in the new file.
+    let mut before: Option<Autumnal> = None;
+    let mut editor: Option<Editor> = None;
     for commit in commits {
         let (number, note) = (commit.number, commit.note.clone());
-        let tree = Autumnal::<D, V>::new(history.archive.clone(), commit)?;
+        let tree = Autumnal::new(history.archive.clone(), commit)?;
         let metadata = tree.metadata().clone();
         let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
         let editor = match &mut editor {
             Some(editor) => editor,
             empty => {
                 let path = output.path().to_path_buf();
-                empty.insert(Editor::create(medium(&mut output)?, path, header.clone(), &options)?)
+                empty.insert(Editor::create(backend(&mut output)?, path, header.clone(), &options)?)
             }
         };
-        editor.fill([u64::MAX; 3], &options, before.as_ref(), &mut |assembly, shape| {
-            walk(&tree, &options, shape, true, assembly, progress)
-        })?;
+        let mut fill = |sink: &mut dyn TreeSink, shape| walk(&tree, &options, shape, true, sink, progress);
+        editor.fill([u64::MAX; 3], &options, before.as_ref(), &mut fill)?;
         editor.set_metadata(options.metadata)?;
         made.extend(editor.commit_as(number, note)?);
         before = Some(tree);

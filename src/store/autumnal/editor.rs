@@ -1,93 +1,92 @@
 //! Edits a file: one writer at a time, any number of edits, then a commit.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::append::Appender;
-use super::archive::{Archive, first_page, pointer_bytes};
+use super::archive::{Archive, OpenFile, first_page, pointer_bytes};
+use super::builder::{Mode, RecordBuilder, shape};
 use super::commit::{Commit, Note, Root, Written};
-use super::extents::{ExtentKind, Extents, FIRST, PAGE};
-use super::form::Form;
-use super::grow::{Grow, Sink, shape};
-use super::lock::lock;
-use super::medium::{FileMedium, Medium};
+use super::extents::{ExtentKind, Extents, FIRST_EXTENT};
+use super::layout::RecordLayout;
 use super::meta::Meta;
 use super::reader::Autumnal;
-use crate::store::build::{Assembly, BuildOptions, Fill, walk};
-use crate::store::goblin::{Header, Layout, Metadata, VOID};
+use crate::io::{FileBackend, LockedFile, WriteBackend};
+use crate::store::builder::{BuildOptions, Fill, ReusableSource, TreeSink, walk};
+use crate::store::container::{Header, Metadata, VOID};
 use crate::tree::Source;
-use crate::value::{Tally, Value};
+use crate::value::Tally;
 use crate::{Error, Progress, Result};
 
-/// A file that is being edited by this process and by nobody else.
+/// A file that is being edited by this process and by nobody else, until this is dropped.
 ///
 /// [`Editor::tree`] is the tree with all edits so far; edits are sources made of it (see [`crate::ops`]), which
 /// [`Editor::replace`] makes the tree. Where a source hands out nodes of the file as they are, these are kept and not
 /// looked into: an edit takes time and room proportional to what changes, plus the tree's depth. Nothing is seen by
 /// readers before [`Editor::commit`]; what is not committed is as if it had never been.
-pub struct Editor<D: Layout, V: Value> {
+pub struct Editor {
     appender: Appender,
-    /// With all edits so far.
-    draft: Arc<Autumnal<D, V>>,
-    /// The newest commit, and where it is.
+    /// The tree with all edits so far.
+    draft: Arc<Autumnal>,
     newest: Option<Commit>,
+    /// Where the newest commit is.
     meta: Meta,
     /// Where what is not committed begins.
     begin: u64,
+    /// Bytes that edits may use.
     memory: u64,
 }
 
-impl<D: Layout, V: Value> Editor<D, V> {
+impl Editor {
     /// Opens a file to edit it. `memory` is what edits may use.
     ///
     /// # Errors
     /// If another process edits the file, it cannot be written, or as [`Autumnal::open`].
-    pub fn open(path: &Path, memory: u64) -> Result<Self> {
-        let file =
-            std::fs::File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
-        let mut medium = FileMedium::new(file, path);
+    pub fn open(path: &Path, memory: u64) -> Result<Editor> {
+        let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
+        let file = FileBackend::new(file, path);
         // Nothing is written to what is no Autumnal file.
-        Archive::open(path, || medium.storage(), medium.id(), true)?;
-        lock(&mut medium)?;
-        Self::on(Box::new(medium), path, memory)
+        Archive::open(path, &|| open_file(&file), true)?;
+        Editor::on(Box::new(LockedFile::new(file)?), path, memory)
     }
 
-    /// The same on any medium; `path` is for messages. Whoever calls sees to it that there is one editor.
+    /// Edits what any backend has; `path` is for messages. Whoever calls sees to it that there is one editor.
     ///
     /// # Errors
     /// As [`Editor::open`].
-    pub fn on(mut medium: Box<dyn Medium>, path: &Path, memory: u64) -> Result<Self> {
-        let archive = Archive::open(path, || medium.storage(), medium.id(), true)?;
+    pub fn on(mut backend: Box<dyn WriteBackend>, path: &Path, memory: u64) -> Result<Editor> {
+        let archive = Archive::open(path, &|| open_file(&*backend), true)?;
         // Perhaps the newest slot was written and never became durable: what comes next stands on it.
         let meta = archive.meta;
-        medium.write(meta.place(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
-        medium.sync().map_err(Error::io(path, "sync"))?;
+        backend.write(meta.offset(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
+        backend.sync().map_err(Error::io(path, "sync"))?;
         let newest = archive.newest()?;
         let share = archive.share.then_some(memory / 4);
-        let appender = Appender::new(medium, path.to_path_buf(), archive.form.clone(), meta.end, share);
+        let appender = Appender::new(backend, path.to_path_buf(), archive.layout.clone(), meta.end, share);
         let draft = Arc::new(Autumnal::new(archive, newest.clone())?);
         Ok(Editor { begin: appender.position(), appender, draft, newest: Some(newest), meta, memory })
     }
 
-    /// Starts a file on an empty medium: a tree that is VOID, in no commit yet.
+    /// Starts a file on an empty backend: a tree that is VOID, in no commit yet.
     ///
     /// # Errors
-    /// If the medium cannot be written.
+    /// If the backend cannot be written.
     pub(super) fn create(
-        mut medium: Box<dyn Medium>,
+        mut backend: Box<dyn WriteBackend>,
         path: PathBuf,
         header: Header,
         options: &BuildOptions,
-    ) -> Result<Self> {
-        let (near, far) = pointer_bytes(options.share);
-        let form = Form::new(&header, near, far);
-        let mut page = first_page(&header, &form, options.share);
-        page.resize(FIRST as usize, 0);
-        medium.write(0, &page).map_err(Error::io(&*path, "write the header"))?;
-        let meta = Meta { sequence: 0, commit: 0, end: FIRST };
-        let extents = Arc::new(Extents::new(&path, medium.storage()?, FIRST, true));
-        let archive =
-            Archive { header, form: form.clone(), share: options.share, extents, meta, file: medium.id() };
+    ) -> Result<Editor> {
+        let (relative, absolute) = pointer_bytes(options.share);
+        let layout = RecordLayout::new(header.form, relative, absolute);
+        let mut pages = first_page(&header, &layout, options.share);
+        pages.resize(FIRST_EXTENT as usize, 0);
+        backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
+        let (bytes, file) = open_file(&*backend)?;
+        let meta = Meta { sequence: 0, commit: 0, end: FIRST_EXTENT };
+        let extents = Arc::new(Extents::new(&path, bytes, FIRST_EXTENT, true)?);
+        let archive = Archive { header, layout: layout.clone(), share: options.share, extents, meta, file };
         let commit = Commit {
             number: 0,
             note: Note::default(),
@@ -102,28 +101,27 @@ impl<D: Layout, V: Value> Editor<D, V> {
         };
         let draft = Arc::new(Autumnal::with_metadata(archive, commit, options.metadata.clone())?);
         let share = options.share.then_some(options.memory / 4);
-        let appender = Appender::new(medium, path, form, FIRST, share);
-        Ok(Editor { begin: FIRST, appender, draft, newest: None, meta, memory: options.memory })
+        let appender = Appender::new(backend, path, layout, FIRST_EXTENT, share);
+        Ok(Editor { begin: FIRST_EXTENT, appender, draft, newest: None, meta, memory: options.memory })
     }
 
     /// The tree with all edits so far.
-    pub fn tree(&self) -> Arc<Autumnal<D, V>> {
+    pub fn tree(&self) -> Arc<Autumnal> {
         self.draft.clone()
     }
 
-    /// Makes a source the tree. Its depth must be the file's.
+    /// Makes a source the tree. Its form and depth must be the file's.
     ///
     /// # Errors
-    /// If the source or writing fails, or on interruption. After a failed write nothing more can be written; the last
-    /// commit is whole.
-    pub fn replace<S>(&mut self, source: &S, progress: &dyn Progress) -> Result<()>
-    where
-        S: Source<Dim = D, Value = V> + Sync,
-    {
+    /// If they are not, the source or writing fails, or on interruption. After a failed write nothing more can be written;
+    /// the last commit is whole.
+    pub fn replace<S: ReusableSource>(&mut self, source: &S, progress: &dyn Progress) -> Result<()> {
+        let (form, expected) = (source.form(), self.draft.form());
+        if form != expected {
+            return Err(Error::invalid("source", form.to_string(), format!("{expected}, as the file")));
+        }
         let options = self.options();
-        let mut fill = |assembly: &mut dyn Assembly<D, V>, shape| {
-            walk(source, &options, shape, true, assembly, progress)
-        };
+        let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, &options, shape, true, sink, progress);
         self.fill([u64::MAX; 3], &options, None, &mut fill).map(|_| ())
     }
 
@@ -138,13 +136,14 @@ impl<D: Layout, V: Value> Editor<D, V> {
         &mut self,
         covered: [u64; 3],
         options: &BuildOptions,
-        twin: Option<&Autumnal<D, V>>,
-        fill: &mut Fill<'_, D, V>,
-    ) -> Result<Tally<V>> {
+        twin: Option<&Autumnal>,
+        fill: &mut Fill<'_>,
+    ) -> Result<Tally> {
         let base = self.draft.clone();
-        let mut grow = Grow::new(options, covered, Sink::Append(&mut self.appender), Some(&base), twin);
-        fill(&mut grow, shape::<D>(options.depth))?;
-        let (root, zone) = grow.finish();
+        let mode = Mode::Write(&mut self.appender);
+        let mut builder = RecordBuilder::new(base.form(), options, covered, mode, Some(&base), twin);
+        fill(&mut builder, shape(base.form().dimension, options.depth))?;
+        let (root, zone) = builder.finish();
         self.appender.flush()?;
         let commit =
             Commit { root, cells: zone.tally.cells, records: zone.records, ..self.draft.commit.clone() };
@@ -152,14 +151,13 @@ impl<D: Layout, V: Value> Editor<D, V> {
         Ok(zone.tally)
     }
 
-    /// What is written so far can be read.
+    /// Makes the draft a tree of what is written so far.
     fn set_draft(&mut self, commit: Commit, metadata: Metadata) -> Result<()> {
         let mut archive = self.draft.archive.clone();
-        let storage = self.appender.medium.storage()?;
+        let bytes = self.appender.backend.reader()?;
         // (Nothing may be written since the last commit.)
-        let end = self.appender.position().min(storage.len());
-        let path = archive.extents.path.clone();
-        archive.extents = Arc::new(Extents::new(&path, storage, end, true));
+        let end = self.appender.position().min(bytes.len());
+        archive.extents = Arc::new(Extents::new(self.draft.path(), bytes, end, true)?);
         self.draft = Arc::new(Autumnal::with_metadata(archive, commit, metadata)?);
         Ok(())
     }
@@ -170,7 +168,7 @@ impl<D: Layout, V: Value> Editor<D, V> {
     /// If there is no such commit, or it cannot be read.
     pub fn revert(&mut self, number: u64) -> Result<()> {
         let old = self.draft.archive.commit(number)?;
-        let tree = Autumnal::<D, V>::new(self.draft.archive.clone(), old)?;
+        let tree = Autumnal::new(self.draft.archive.clone(), old)?;
         let metadata = tree.metadata().clone();
         let old = tree.commit;
         let commit =
@@ -178,7 +176,7 @@ impl<D: Layout, V: Value> Editor<D, V> {
         self.set_draft(commit, metadata)
     }
 
-    /// Tells other things about the data.
+    /// Replaces the metadata.
     ///
     /// # Errors
     /// If what was written cannot be read.
@@ -193,14 +191,22 @@ impl<D: Layout, V: Value> Editor<D, V> {
     /// If writing fails. Then it is not known whether the commit is durable: the next editor finds out. This one writes
     /// nothing more.
     pub fn commit(&mut self, note: Note) -> Result<Option<Commit>> {
-        let number = self.newest.as_ref().map_or(1, |newest| newest.number + 1);
+        let number = self.newest.as_ref().map_or(Ok(1), |newest| self.after(newest.number))?;
         self.commit_as(number, note)
     }
 
-    /// The same with any number that is larger than the newest commit's.
+    /// The number after one that the file has.
+    fn after(&self, number: u64) -> Result<u64> {
+        let next = number.checked_add(1);
+        next.ok_or_else(|| {
+            self.draft.extents().corrupt("commit", format!("number {number}"), "one that has a next one")
+        })
+    }
+
+    /// Makes a commit, like [`Editor::commit`], with any number that is larger than the newest one's.
     pub(super) fn commit_as(&mut self, number: u64, note: Note) -> Result<Option<Commit>> {
         let draft = self.draft.clone();
-        let metadata = self.metadata_place(&draft)?;
+        let metadata = self.metadata_offset(&draft)?;
         let is_newest = |newest: &Commit| draft.commit.root == newest.root && metadata == newest.metadata;
         if self.newest.as_ref().is_some_and(is_newest) {
             return Ok(None);
@@ -213,7 +219,7 @@ impl<D: Layout, V: Value> Editor<D, V> {
             number,
             note,
             written,
-            sequence: self.meta.sequence + 1,
+            sequence: self.after(self.meta.sequence)?,
             metadata,
             previous,
             jump,
@@ -227,9 +233,8 @@ impl<D: Layout, V: Value> Editor<D, V> {
     }
 
     /// Where the metadata are; writes them if they are not those of the newest commit.
-    fn metadata_place(&mut self, draft: &Autumnal<D, V>) -> Result<u64> {
-        let path = draft.path();
-        let bytes = draft.metadata().to_bytes(path)?;
+    fn metadata_offset(&mut self, draft: &Autumnal) -> Result<u64> {
+        let bytes = draft.metadata().to_bytes(draft.path())?;
         if let Some(newest) = &self.newest
             && draft.extents().whole(ExtentKind::Metadata, newest.metadata)?[..] == bytes
         {
@@ -244,4 +249,7 @@ impl<D: Layout, V: Value> Editor<D, V> {
     }
 }
 
-const _: () = assert!(FIRST.is_multiple_of(PAGE));
+/// The bytes that a backend has now, and which file it is.
+fn open_file(backend: &dyn WriteBackend) -> Result<OpenFile> {
+    Ok((backend.reader()?, backend.id()))
+}

@@ -1,30 +1,38 @@
 //! Extents: checksummed runs of bytes, from which everything but the first three pages of a file is made.
 
 use std::borrow::Cow;
+use std::io;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use zerocopy::little_endian::{U32, U64};
-use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use crate::store::Storage;
+use crate::io::ReadBackend;
 use crate::{Error, Result};
 
 /// Extents start at multiples of this: a sector, which disks write whole or not at all.
-pub(super) const GRAIN: u64 = 512;
+pub(super) const SECTOR: u64 = 512;
 /// Commits start at multiples of this, so that no page with older bytes is written again.
 pub(super) const PAGE: u64 = 4096;
 /// Where the first extent can start: behind the header's page and those of the two meta slots.
-pub(super) const FIRST: u64 = 3 * PAGE;
+pub(super) const FIRST_EXTENT: u64 = 3 * PAGE;
 /// Bytes of an extent's head.
-pub(super) const HEAD: usize = size_of::<RawHead>();
+pub(super) const HEAD_SIZE: usize = size_of::<RawHead>();
 /// An extent with more bytes than this is closed; one record can be longer.
-pub(super) const LONG: usize = 1 << 16;
+pub(super) const FULL_EXTENT: usize = 1 << 16;
+
+const _: () = assert!(FIRST_EXTENT.is_multiple_of(PAGE));
+
+/// Bytes of the longest extent that is read as a whole: metadata, a commit. A hostile length must not ask for more.
+const MAX_WHOLE: u64 = 16 << 20;
+/// Bytes that are read at a time where only their checksum is wanted.
+const CHECK_BYTES: u64 = 1 << 20;
 
 const MAGIC: [u8; 4] = *b"Extt";
 
-/// What is in an extent.
+/// The content of an extent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ExtentKind {
     Records,
@@ -49,7 +57,7 @@ struct RawHead {
 }
 
 /// The head of an extent that starts at `start`.
-pub(super) fn head(kind: ExtentKind, start: u64, payload: &[u8]) -> [u8; HEAD] {
+pub(super) fn head(kind: ExtentKind, start: u64, payload: &[u8]) -> [u8; HEAD_SIZE] {
     let mut raw = RawHead {
         magic: MAGIC,
         kind: kind as u8,
@@ -59,38 +67,59 @@ pub(super) fn head(kind: ExtentKind, start: u64, payload: &[u8]) -> [u8; HEAD] {
         checksum: crc32c::crc32c(payload).into(),
         head_checksum: 0.into(),
     };
-    raw.head_checksum = crc32c::crc32c(&raw.as_bytes()[..HEAD - 4]).into();
+    raw.head_checksum = crc32c::crc32c(&raw.as_bytes()[..HEAD_SIZE - 4]).into();
     raw.as_bytes().try_into().expect("as long as it is")
+}
+
+/// An extent as its head tells; it ends within the commit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    pub(super) kind: u8,
+    start: u64,
+    length: u64,
+    checksum: u32,
+}
+
+impl Extent {
+    /// Where its bytes start, behind the head.
+    fn payload_start(&self) -> u64 {
+        self.start + HEAD_SIZE as u64
+    }
+
+    pub(super) fn end(&self) -> u64 {
+        self.payload_start() + self.length
+    }
 }
 
 /// The extents of a file up to some commit, read as they are asked for, each checked before its first use.
 pub(super) struct Extents {
     pub(super) path: PathBuf,
-    storage: Box<dyn Storage>,
+    backend: Box<dyn ReadBackend>,
     /// Where the commit ends: what is behind does not belong to it.
     pub(super) end: u64,
-    /// One bit per grain of extents of records that were found to be good.
+    /// One bit per sector: whether it is one of an extent of records that was found to be good.
     good: Vec<AtomicU64>,
     check: bool,
 }
 
-/// Bytes of extents, the one way or the other.
-pub(super) trait Reach<'a>: Copy {
+/// One of the two ways to the bytes of extents of records. What is generic over it exists twice.
+pub(super) trait ByteAccess<'a>: Copy {
     /// Some bytes.
     type Bytes: Deref<Target = [u8]>;
 
-    /// As [`Extents::bytes`]; there may be more than `most`.
+    /// Bytes of an extent of records from an address on: `most`, or more where that costs nothing, or fewer at the commit's
+    /// end.
     fn bytes(self, address: u64, most: usize) -> Result<Self::Bytes>;
 }
 
-/// The bytes of a mapped file.
+/// The bytes of a mapped file, or of one in memory: they are used where they stand.
 #[derive(Clone, Copy)]
-pub(super) struct Seen<'a> {
+pub(super) struct MappedBytes<'a> {
     extents: &'a Extents,
     bytes: &'a [u8],
 }
 
-impl<'a> Reach<'a> for Seen<'a> {
+impl<'a> ByteAccess<'a> for MappedBytes<'a> {
     type Bytes = &'a [u8];
 
     #[inline]
@@ -101,44 +130,35 @@ impl<'a> Reach<'a> for Seen<'a> {
     }
 }
 
-impl<'a> Reach<'a> for &'a Extents {
+/// Positioned reads: every answer is a copy.
+impl<'a> ByteAccess<'a> for &'a Extents {
     type Bytes = Cow<'a, [u8]>;
 
     fn bytes(self, address: u64, most: usize) -> Result<Cow<'a, [u8]>> {
-        Extents::bytes(self, address, most)
-    }
-}
-
-/// An extent's place, as its head tells.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
-    pub(super) kind: u8,
-    start: u64,
-    length: u64,
-    checksum: u32,
-}
-
-impl Place {
-    /// Where its bytes start, behind the head.
-    pub(super) fn first(&self) -> u64 {
-        self.start + HEAD as u64
-    }
-
-    pub(super) fn end(&self) -> u64 {
-        self.first() + self.length
+        self.check_at(address)?;
+        let rest = self.end.saturating_sub(address);
+        self.backend.read(address, rest.min(most as u64) as usize)
     }
 }
 
 impl Extents {
-    /// What a storage holds up to `end`, which must not lie behind its own.
-    pub(super) fn new(path: &Path, storage: Box<dyn Storage>, end: u64, check: bool) -> Extents {
-        let words = end.div_ceil(GRAIN).div_ceil(64);
-        let good = (0..words).map(|_| AtomicU64::new(0)).collect();
-        Extents { path: path.to_path_buf(), storage, end, good, check }
+    /// The extents in a backend up to `end`, which must not lie behind the backend's own.
+    ///
+    /// # Errors
+    /// If there is no memory for a bit per sector.
+    pub(super) fn new(path: &Path, backend: Box<dyn ReadBackend>, end: u64, check: bool) -> Result<Extents> {
+        let words = end.div_ceil(SECTOR).div_ceil(64);
+        // The system hands out zeroed memory page by page as it is touched, so that large files open, and go on after an
+        // edit, as fast as small ones. A sparse file can claim any length: running out of memory is no reason to die.
+        let good = AtomicU64::new_vec_zeroed(words as usize).map_err(|_| {
+            let cause = io::Error::from(io::ErrorKind::OutOfMemory);
+            Error::io(path, "get memory for a bit per sector of the file")(cause)
+        })?;
+        Ok(Extents { path: path.to_path_buf(), backend, end, good, check })
     }
 
     pub(super) fn file_size(&self) -> u64 {
-        self.storage.len()
+        self.backend.len()
     }
 
     pub(super) fn corrupt(
@@ -150,98 +170,104 @@ impl Extents {
         Error::corrupt(&self.path, place, found, expected)
     }
 
+    /// All bytes up to the commit's end where they are, if they can be seen: many records are then read without asking the
+    /// backend for each.
+    #[inline]
+    pub(super) fn mapped(&self) -> Option<MappedBytes<'_>> {
+        let bytes = self.backend.bytes()?.get(..self.end as usize)?;
+        Some(MappedBytes { extents: self, bytes })
+    }
+
     /// Makes sure that the extent of records that an address is in is good.
     #[inline]
     fn check_at(&self, address: u64) -> Result<()> {
-        let grain = address / GRAIN;
-        let word = self.good.get((grain / 64) as usize).map_or(0, |word| word.load(Ordering::Relaxed));
-        if word >> (grain % 64) & 1 == 0 { self.admit(address) } else { Ok(()) }
+        let sector = address / SECTOR;
+        // (Whoever sets a bit has seen the same bytes: no order with other memory is needed.)
+        let word = self.good.get((sector / 64) as usize).map_or(0, |word| word.load(Ordering::Relaxed));
+        if word >> (sector % 64) & 1 == 0 { self.verify_extent(address) } else { Ok(()) }
     }
 
-    /// Bytes of an extent of records from an address on, up to `most`; fewer at the end of the file.
-    pub(super) fn bytes(&self, address: u64, most: usize) -> Result<Cow<'_, [u8]>> {
-        self.check_at(address)?;
-        let rest = self.end.saturating_sub(address);
-        self.storage.read(address, rest.min(most as u64) as usize)
-    }
-
-    /// All bytes where they are, if they can be seen: many records are then read without asking for each.
-    #[inline]
-    pub(super) fn seen(&self) -> Option<Seen<'_>> {
-        let bytes = self.storage.bytes()?.get(..self.end as usize)?;
-        Some(Seen { extents: self, bytes })
-    }
-
-    /// Checks the extent of records that an address is in.
+    /// Finds the extent of records that an address is in, checks it, and remembers that it is good.
     #[cold]
-    fn admit(&self, address: u64) -> Result<()> {
+    fn verify_extent(&self, address: u64) -> Result<()> {
         let outside = || {
             let found = format!("a pointer to byte {address}");
             self.corrupt("record", found, "one to a record of this commit")
         };
-        if address < FIRST || address >= self.end {
+        if address < FIRST_EXTENT || address >= self.end {
             return Err(outside());
         }
-        // Extents are short, but for one with a very long record.
-        let mut start = address / GRAIN * GRAIN;
-        let place = loop {
-            if let Some(place) = self.head_at(start)? {
-                break place;
+        // Back to the nearest head. Extents are short, but for one with a very long record.
+        let mut start = address / SECTOR * SECTOR;
+        let extent = loop {
+            if let Some(extent) = self.extent_at(start)? {
+                break extent;
             }
-            if start <= FIRST {
+            if start <= FIRST_EXTENT {
                 return Err(outside());
             }
-            start -= GRAIN;
+            start -= SECTOR;
         };
-        if place.kind != ExtentKind::Records as u8 || !(place.first()..place.end()).contains(&address) {
+        let is_inside = (extent.payload_start()..extent.end()).contains(&address);
+        if extent.kind != ExtentKind::Records as u8 || !is_inside {
             return Err(outside());
         }
         if self.check {
-            self.payload(&place)?;
+            self.check_payload(&extent)?;
         }
-        for grain in place.start / GRAIN..place.end().div_ceil(GRAIN) {
-            self.good[(grain / 64) as usize].fetch_or(1 << (grain % 64), Ordering::Relaxed);
+        for sector in extent.start / SECTOR..extent.end().div_ceil(SECTOR) {
+            self.good[(sector / 64) as usize].fetch_or(1 << (sector % 64), Ordering::Relaxed);
         }
         Ok(())
     }
 
-    /// The extent that starts at a place, if there is one.
-    pub(super) fn head_at(&self, start: u64) -> Result<Option<Place>> {
-        if start < FIRST || self.end.saturating_sub(start) < HEAD as u64 {
+    /// The extent that starts at an offset of the file, if there is one.
+    pub(super) fn extent_at(&self, start: u64) -> Result<Option<Extent>> {
+        if start < FIRST_EXTENT || self.end.saturating_sub(start) < HEAD_SIZE as u64 {
             return Ok(None);
         }
-        let bytes = self.storage.read(start, HEAD)?;
+        let bytes = self.backend.read(start, HEAD_SIZE)?;
         let Ok(raw) = RawHead::ref_from_bytes(&bytes) else { return Ok(None) };
-        let fits = raw.length.get() <= self.end - start - HEAD as u64;
+        let fits = raw.length.get() <= self.end - start - HEAD_SIZE as u64;
         let is_head = raw.magic == MAGIC
             && raw.start.get() == start
             && fits
-            && raw.head_checksum.get() == crc32c::crc32c(&bytes[..HEAD - 4]);
+            && raw.head_checksum.get() == crc32c::crc32c(&bytes[..HEAD_SIZE - 4]);
         let (length, checksum) = (raw.length.get(), raw.checksum.get());
-        Ok(is_head.then_some(Place { kind: raw.kind, start, length, checksum }))
+        Ok(is_head.then_some(Extent { kind: raw.kind, start, length, checksum }))
     }
 
-    /// All bytes of an extent, checked.
-    pub(super) fn payload(&self, place: &Place) -> Result<Cow<'_, [u8]>> {
-        let bytes = self.storage.read(place.first(), place.length as usize)?;
-        let checksum = crc32c::crc32c(&bytes);
-        if checksum != place.checksum {
-            let found = format!("checksum {checksum:08x}");
-            return Err(self.corrupt(
-                format!("extent at {}", place.start),
-                found,
-                &format!("{:08x}", place.checksum),
-            ));
+    /// Checks the bytes of an extent, piece by piece: extents of records may be as long as the file.
+    pub(super) fn check_payload(&self, extent: &Extent) -> Result<()> {
+        let (mut at, mut checksum) = (extent.payload_start(), 0);
+        while at < extent.end() {
+            let length = (extent.end() - at).min(CHECK_BYTES);
+            checksum = crc32c::crc32c_append(checksum, &self.backend.read(at, length as usize)?);
+            at += length;
         }
-        Ok(bytes)
+        self.compare(extent, checksum)
     }
 
-    /// All bytes of the extent of a kind that starts at a place.
+    fn compare(&self, extent: &Extent, checksum: u32) -> Result<()> {
+        if checksum == extent.checksum {
+            return Ok(());
+        }
+        let place = format!("extent at {}", extent.start);
+        Err(self.corrupt(place, format!("checksum {checksum:08x}"), &format!("{:08x}", extent.checksum)))
+    }
+
+    /// All bytes of the extent of a kind that starts at an offset of the file, checked.
     pub(super) fn whole(&self, kind: ExtentKind, start: u64) -> Result<Cow<'_, [u8]>> {
-        let place = self.head_at(start)?.filter(|place| place.kind == kind as u8);
-        let place = place.ok_or_else(|| {
+        let extent = self.extent_at(start)?.filter(|extent| extent.kind == kind as u8);
+        let extent = extent.ok_or_else(|| {
             self.corrupt(format!("byte {start}"), "something else", &format!("an extent of kind {kind:?}"))
         })?;
-        self.payload(&place)
+        if extent.length > MAX_WHOLE {
+            let found = format!("{} bytes", extent.length);
+            return Err(self.corrupt(format!("extent at {start}"), found, "at most 16 MiB"));
+        }
+        let bytes = self.backend.read(extent.payload_start(), extent.length as usize)?;
+        self.compare(&extent, crc32c::crc32c(&bytes))?;
+        Ok(bytes)
     }
 }

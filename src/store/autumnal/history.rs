@@ -1,13 +1,11 @@
 //! The commits of a file.
 
-use std::fs::File;
 use std::path::Path;
 
 use super::archive::Archive;
 use super::commit::Commit;
-use super::medium::FileId;
-use crate::store::goblin::{Header, OpenOptions};
-use crate::{Error, Result};
+use crate::Result;
+use crate::store::container::{Header, OpenOptions};
 
 /// The commits of a file, up to the one that was the newest when it was opened.
 pub struct History {
@@ -15,16 +13,15 @@ pub struct History {
 }
 
 impl History {
-    /// Opens a file, whatever its tree is made of.
+    /// Opens a file.
     ///
     /// # Errors
     /// If it cannot be read, is no Autumnal file, or is damaged.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<History> {
-        let id = File::open(path).and_then(|file| FileId::of(&file)).map_err(Error::io(path, "open"))?;
-        Ok(History { archive: Archive::open(path, || options.storage(path), id, options.check)? })
+        Ok(History { archive: Archive::open(path, &|| options.open_with_id(path), options.check)? })
     }
 
-    /// What the header says.
+    /// The file's header.
     pub fn header(&self) -> &Header {
         &self.archive.header
     }
@@ -47,6 +44,7 @@ impl History {
         let mut next = Some(self.archive.meta.commit);
         std::iter::from_fn(move || {
             let commit = Commit::read(&self.archive.extents, next.take()?);
+            // After an error there is no next one.
             next = commit.as_ref().ok().map(|commit| commit.previous).filter(|previous| *previous != 0);
             Some(commit)
         })

@@ -3,9 +3,9 @@
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use super::extents::{FIRST, PAGE};
+use super::extents::{FIRST_EXTENT, PAGE};
 
-/// What a slot says: where the newest commit is when it was written.
+/// The content of a slot: where the newest commit was when it was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Meta {
     /// How many commits there were with this one; odd ones stand in the first slot.
@@ -30,18 +30,18 @@ struct RawMeta {
 const MAGIC: [u8; 8] = *b"AutuMeta";
 
 /// Bytes of a slot.
-pub(super) const SIZE: usize = size_of::<RawMeta>();
+pub(super) const SLOT_SIZE: usize = size_of::<RawMeta>();
 
-/// Where the slots are: in pages of their own, so that writing one cannot damage the other.
-pub(super) const PLACES: [u64; 2] = [PAGE, 2 * PAGE];
+/// Where the slots start: in pages of their own, so that writing one cannot damage the other.
+pub(super) const SLOT_OFFSETS: [u64; 2] = [PAGE, 2 * PAGE];
 
 impl Meta {
-    /// Where this slot belongs.
-    pub(super) fn place(&self) -> u64 {
-        PLACES[usize::from(self.sequence.is_multiple_of(2))]
+    /// Where this slot belongs: odd sequences and even ones take turns, so that the slot before stays as it is.
+    pub(super) fn offset(&self) -> u64 {
+        SLOT_OFFSETS[usize::from(self.sequence.is_multiple_of(2))]
     }
 
-    pub(super) fn to_bytes(self) -> [u8; SIZE] {
+    pub(super) fn to_bytes(self) -> [u8; SLOT_SIZE] {
         let mut raw = RawMeta {
             magic: MAGIC,
             sequence: self.sequence.into(),
@@ -50,16 +50,17 @@ impl Meta {
             zero: [0; 4],
             checksum: 0.into(),
         };
-        raw.checksum = crc32c::crc32c(&raw.as_bytes()[..SIZE - 4]).into();
+        raw.checksum = crc32c::crc32c(&raw.as_bytes()[..SLOT_SIZE - 4]).into();
         raw.as_bytes().try_into().expect("as long as it is")
     }
 
     /// A slot, if it is whole and makes sense in a file of so many bytes.
     pub(super) fn from_bytes(bytes: &[u8], file_length: u64) -> Option<Meta> {
         let raw = RawMeta::ref_from_bytes(bytes).ok()?;
-        let good = raw.magic == MAGIC && raw.checksum.get() == crc32c::crc32c(&bytes[..SIZE - 4]);
+        let good = raw.magic == MAGIC && raw.checksum.get() == crc32c::crc32c(&bytes[..SLOT_SIZE - 4]);
         let meta = Meta { sequence: raw.sequence.get(), commit: raw.commit.get(), end: raw.end.get() };
-        let fits = meta.sequence > 0 && (FIRST..meta.end).contains(&meta.commit) && meta.end <= file_length;
+        let fits =
+            meta.sequence > 0 && (FIRST_EXTENT..meta.end).contains(&meta.commit) && meta.end <= file_length;
         (good && fits).then_some(meta)
     }
 }

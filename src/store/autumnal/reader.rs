@@ -1,85 +1,82 @@
 //! Reads one commit of an Autumnal file.
 
 use std::borrow::Cow;
-use std::fs::File;
-use std::marker::PhantomData;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-use zerocopy::FromBytes;
-
-use super::archive::{Archive, newest};
+use super::archive::{Archive, newest_meta};
 use super::commit::{Commit, Root};
-use super::extents::{ExtentKind, Extents, FIRST, Reach};
-use super::form::{FAR, HEAD_MOST, LONGEST, NEAR};
-use super::medium::FileId;
+use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
+use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, RELATIVE, RecordLayout};
 use super::zone::{BadZone, Zone, records, zone_height};
+use crate::io::FileId;
 use crate::space::Code;
-use crate::store::goblin::{Header, INNER, LEAF, Layout, Metadata, OpenOptions, VOID};
-use crate::store::{Storage, split_commit};
-use crate::tree::{Child, Source};
-use crate::value::{Kind, Rule, Tally, Value};
+use crate::store::builder::{RecordRef, ReusableSource};
+use crate::store::container::record::state_of;
+use crate::store::container::{Header, INNER, LEAF, Metadata, OpenOptions, VOID, split_commit};
+use crate::tree::{Child, Children, Form, Source};
+use crate::value::{Tally, Value};
 use crate::{Error, Result};
 
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Node {
+    /// Where its record is.
     pub(super) address: u64,
     /// Levels below it.
     pub(super) height: u8,
-}
-
-/// A node that an Autumnal file has: what writes to that file need not write it again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Kept {
-    pub(in crate::store) file: FileId,
-    pub(in crate::store) address: u64,
-    /// Levels below it.
-    pub height: u8,
 }
 
 /// One commit of an Autumnal file, open for reading; may be shared by any number of threads.
 ///
 /// It stays as it is whatever a writer adds to the file; [`Autumnal::refresh`] moves on. Every extent is checked before
 /// something of it is used: a damaged file gives an error, never a crash.
-pub struct Autumnal<D: Layout, V: Value> {
+pub struct Autumnal {
     pub(super) archive: Archive,
     pub(super) commit: Commit,
     metadata: Metadata,
-    root: Child<V, Node>,
+    root: Child<Node>,
     /// Where it was opened from, to see whether there is something newer; nothing for other than files.
     opened: Option<(PathBuf, OpenOptions)>,
-    types: PhantomData<D>,
 }
 
 /// Records that a tree may have to be walked as a whole, those of shared subtrees counted as often as they occur: a small
 /// file can say of any number of nodes that they are equal, and take for ever.
-const MOST_RECORDS: u64 = 1 << 36;
+const MAX_RECORDS: u64 = 1 << 36;
+
+/// Bytes of the number of records at a zone's start at most (and a few more).
+const ZONE_RECORDS: usize = 16;
 
 /// A record as it stands in the file.
 pub(super) struct Record<B> {
     pub(super) address: u64,
+    /// Two bits per child.
     pub(super) states: u32,
     /// From the record's first byte on, at least all of its fields.
     pub(super) bytes: B,
 }
 
+impl<B> Record<B> {
+    /// State of one child: VOID, LEAF, RELATIVE or ABSOLUTE.
+    #[inline]
+    pub(super) fn state(&self, step: usize) -> u8 {
+        state_of(self.states, step)
+    }
+}
+
 /// One that was asked for by itself.
 type OneRecord<'a> = Record<Cow<'a, [u8]>>;
 
-impl<D: Layout, V: Value> Autumnal<D, V> {
+impl Autumnal {
     /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest.
     ///
     /// # Errors
-    /// If it cannot be read, is no Autumnal file, is damaged, has no such commit, or holds other dimensions or values than
-    /// asked for.
-    pub fn open(path: &Path, options: &OpenOptions) -> Result<Self> {
+    /// If it cannot be read, is no Autumnal file, is damaged, or has no such commit.
+    pub fn open(path: &Path, options: &OpenOptions) -> Result<Autumnal> {
         let (file_path, number) = split_commit(path);
-        let file = File::open(&file_path).map_err(Error::io(&*file_path, "open"))?;
-        let id = FileId::of(&file).map_err(Error::io(&*file_path, "open"))?;
-        let archive = Archive::open(&file_path, || options.storage(&file_path), id, options.check)?;
+        let archive = Archive::open(&file_path, &|| options.open_with_id(&file_path), options.check)?;
         let commit = number.map_or_else(|| archive.newest(), |number| archive.commit(number))?;
-        let mut tree = Self::new(archive, commit)?;
+        let mut tree = Autumnal::new(archive, commit)?;
         tree.opened = number.is_none().then(|| (file_path.into_owned(), options.clone()));
         Ok(tree)
     }
@@ -88,46 +85,43 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     ///
     /// # Errors
     /// As [`Autumnal::open`].
-    pub fn from_bytes(bytes: Vec<u8>) -> Result<Self> {
-        let storage = || Ok(Box::new(bytes.clone()) as Box<dyn Storage>);
-        let archive = Archive::open(Path::new("(memory)"), storage, FileId::unique(), true)?;
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Autumnal> {
+        let archive = Archive::of_bytes(Path::new("(memory)"), bytes)?;
         let commit = archive.newest()?;
-        Self::new(archive, commit)
+        Autumnal::new(archive, commit)
     }
 
     /// A commit of an open file.
-    pub(super) fn new(archive: Archive, commit: Commit) -> Result<Self> {
+    pub(super) fn new(archive: Archive, commit: Commit) -> Result<Autumnal> {
         let extents = &archive.extents;
         let bytes = extents.whole(ExtentKind::Metadata, commit.metadata)?;
         let metadata = Metadata::from_bytes(&extents.path, &bytes)?;
-        Self::with_metadata(archive, commit, metadata)
+        Autumnal::with_metadata(archive, commit, metadata)
     }
 
-    /// The same, where the metadata are known.
-    pub(super) fn with_metadata(archive: Archive, commit: Commit, metadata: Metadata) -> Result<Self> {
-        let header = &archive.header;
-        if usize::from(header.axes) != D::AXES || header.value != V::TYPE {
-            let found = format!("{} axes, values {}", header.axes, header.value);
-            let expected = format!("{} axes, values {}", D::AXES, V::TYPE);
-            return Err(archive.extents.corrupt("header", found, &expected));
-        }
+    /// A commit of an open file whose metadata are known.
+    pub(super) fn with_metadata(archive: Archive, commit: Commit, metadata: Metadata) -> Result<Autumnal> {
+        let corrupt = |found: String, expected| archive.extents.corrupt("commit", found, expected);
         let Root { state, value, address } = &commit.root;
-        let value = || {
-            let wire = V::Wire::read_from_bytes(value).ok().map(V::from_wire);
-            wire.ok_or_else(|| archive.extents.corrupt("commit", "a root value of another size", "one value"))
+        let header = &archive.header;
+        let value = || match value.len() == header.form.width() {
+            true => Ok(Value::from_bytes(value)),
+            false => Err(corrupt("a root value of another size".into(), "one value")),
         };
         let root = match *state {
             VOID => Child::Void,
             LEAF => Child::Leaf(value()?),
+            // (Children of a cell would lie outside of everything.)
+            INNER if header.depth() == 0 => {
+                return Err(corrupt("an INNER root of a tree that is one cell".into(), "VOID or LEAF"));
+            }
             INNER => {
-                let node = Node { address: *address, height: header.shape.depth };
+                let node = Node { address: *address, height: header.depth() };
                 Child::Inner { representative: value()?, node }
             }
-            other => {
-                return Err(archive.extents.corrupt("commit", format!("root state {other}"), "0, 1 or 2"));
-            }
+            other => return Err(corrupt(format!("root state {other}"), "0, 1 or 2")),
         };
-        Ok(Autumnal { archive, commit, metadata, root, opened: None, types: PhantomData })
+        Ok(Autumnal { archive, commit, metadata, root, opened: None })
     }
 
     /// Moves on to the newest commit, if there is a newer one; tells whether. Trees opened at a certain commit stay there.
@@ -136,13 +130,15 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     /// If the file cannot be read; the tree stays as it was then.
     pub fn refresh(&mut self) -> Result<bool> {
         let Some((path, options)) = &self.opened else { return Ok(false) };
-        let storage = options.storage(path)?;
-        let current = newest(&*storage)?;
-        if current.is_some_and(|meta| meta == self.archive.meta) {
+        // (Where the system does not tell files apart, there is only the commit to go by.)
+        let Archive { meta, file, .. } = self.archive;
+        let is_same = |other_meta, other: FileId| other_meta == meta && (other == file || other.is_unique());
+        let (bytes, current) = options.open_with_id(path)?;
+        if newest_meta(&*bytes)?.is_some_and(|newest| is_same(newest, current)) {
             return Ok(false);
         }
-        let new = Self::open(path, options)?;
-        let is_newer = new.archive.meta != self.archive.meta || new.archive.file != self.archive.file;
+        let new = Autumnal::open(path, options)?;
+        let is_newer = !is_same(new.archive.meta, new.archive.file);
         if is_newer {
             *self = new;
         }
@@ -154,12 +150,12 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
         &self.archive.extents.path
     }
 
-    /// What the header says; the shape is that of the Goblin file that would be published.
+    /// The file's header; the shape is that of the Goblin file that would be published.
     pub fn header(&self) -> &Header {
         &self.archive.header
     }
 
-    /// What is told about the data.
+    /// Where the data lie, what they mean and where they come from.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -182,22 +178,38 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     /// Name and bytes of each part of the file, in order.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         let end = self.archive.extents.end;
-        vec![("header", FIRST), ("commits", end - FIRST), ("unused", self.file_size() - end)]
+        vec![("header", FIRST_EXTENT), ("commits", end - FIRST_EXTENT), ("unused", self.file_size() - end)]
     }
 
-    /// Whether classes are counted per zone.
-    pub fn counts_classes(&self) -> bool {
-        let header = self.header();
-        header.kind == Kind::Categorical || header.rule == Rule::Majority
-    }
-
+    #[inline]
     pub(super) fn extents(&self) -> &Extents {
         &self.archive.extents
+    }
+
+    #[inline]
+    pub(super) fn layout(&self) -> &RecordLayout {
+        &self.archive.layout
+    }
+
+    /// Levels below the smallest nodes with zones.
+    #[inline]
+    fn zone_height(&self) -> u8 {
+        zone_height(self.layout().form.dimension)
     }
 
     #[cold]
     fn bad_record(&self, address: u64, found: &str, expected: &str) -> Error {
         self.extents().corrupt(format!("record at {address}"), found, expected)
+    }
+
+    #[cold]
+    fn cut_short(&self, address: u64) -> Error {
+        self.bad_record(address, "the end of the file", "a whole record")
+    }
+
+    #[cold]
+    fn bad_zone(&self, node: Node) -> Error {
+        self.bad_record(node.address, "an impossible zone", "one of its cells")
     }
 
     /// A node's record.
@@ -206,81 +218,77 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     }
 
     #[inline(always)] // the heart of every descent
-    pub(super) fn record_in<'a, R: Reach<'a>>(&self, reach: R, node: Node) -> Result<Record<R::Bytes>> {
+    pub(super) fn record_in<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<Record<A::Bytes>> {
         let Node { address, .. } = node;
-        let bytes = reach.bytes(address, LONGEST)?;
-        let form = &self.archive.form;
-        match form.states_of(&bytes) {
-            Some(states) if form.length(states) <= bytes.len() => Ok(Record { address, states, bytes }),
-            _ => Err(self.bad_record(address, "the end of the file", "a whole record")),
+        let bytes = access.bytes(address, MAX_RECORD)?;
+        let layout = self.layout();
+        match layout.states(&bytes) {
+            Some(states) if layout.record_size(states) <= bytes.len() => {
+                Ok(Record { address, states, bytes })
+            }
+            _ => Err(self.cut_short(address)),
         }
     }
 
-    /// The representative of a record.
-    pub(super) fn representative(&self, address: u64) -> Result<V> {
+    /// The representative of the node whose record is at an address.
+    pub(super) fn representative(&self, address: u64) -> Result<Value> {
         self.representative_in(self.extents(), address)
     }
 
     #[inline]
-    pub(super) fn representative_in<'a, R: Reach<'a>>(&self, reach: R, address: u64) -> Result<V> {
-        let bytes = reach.bytes(address, HEAD_MOST)?;
-        let wire =
-            bytes.get(self.archive.form.states..).and_then(|rest| V::Wire::read_from_prefix(rest).ok());
-        let wire = wire.ok_or_else(|| self.bad_record(address, "the end of the file", "a whole record"))?;
-        Ok(V::from_wire(wire.0))
+    pub(super) fn representative_in<'a, A: ByteAccess<'a>>(&self, access: A, address: u64) -> Result<Value> {
+        let bytes = access.bytes(address, MAX_HEAD)?;
+        self.layout().representative(&bytes).ok_or_else(|| self.cut_short(address))
     }
 
-    /// What a record has for a child; the representative of an INNER one stands in its own record.
+    /// The value in a record's field that starts at an offset.
     #[inline]
-    pub(super) fn child<B>(&self, record: &Record<B>, height: u8, step: usize) -> Result<Child<(), Node>>
-    where
-        B: Deref<Target = [u8]>,
-    {
-        let state = record.states >> (2 * step) & 3;
-        match state {
-            0 => Ok(Child::Void),
-            1 => Ok(Child::Leaf(())),
-            _ => {
-                let at = self.archive.form.field(record.states, step);
-                self.follow(record, at, state, height).map(|node| Child::Inner { representative: (), node })
-            }
-        }
-    }
-
-    /// The node that a pointer leads to.
-    #[inline]
-    pub(super) fn follow<B>(&self, record: &Record<B>, at: usize, state: u32, height: u8) -> Result<Node>
-    where
-        B: Deref<Target = [u8]>,
-    {
-        debug_assert!(state == NEAR || state == FAR);
-        let target = self.archive.form.pointer(&record.bytes, at, state, record.address);
-        match target {
-            Some(address) if height > 1 => Ok(Node { address, height: height - 1 }),
-            None => Err(self.bad_record(
-                record.address,
-                "a pointer that does not lead back",
-                "one to an earlier record",
-            )),
-            _ => Err(self.bad_record(record.address, "INNER", "no deeper node than a cell")),
-        }
+    pub(super) fn value_in(&self, record: &[u8], at: usize) -> Value {
+        // All of the record is there.
+        self.layout().value(record, at).unwrap_or_default()
     }
 
     /// The value of a child that is a LEAF.
     #[inline]
-    pub(super) fn leaf<B: Deref<Target = [u8]>>(&self, record: &Record<B>, step: usize) -> V {
-        Self::value_in(&record.bytes, self.archive.form.field(record.states, step))
+    pub(super) fn leaf<B: Deref<Target = [u8]>>(&self, record: &Record<B>, step: usize) -> Value {
+        self.value_in(&record.bytes, self.layout().field(record.states, step))
     }
 
-    /// The value in a field of a record, all of which is there.
+    /// A child that is INNER, of a node with so many levels below it.
     #[inline]
-    pub(super) fn value_in(bytes: &[u8], at: usize) -> V {
-        let wire = bytes.get(at..).and_then(|rest| V::Wire::read_from_prefix(rest).ok());
-        wire.map_or_else(V::default, |(wire, _)| V::from_wire(wire))
+    pub(super) fn inner<B>(&self, record: &Record<B>, height: u8, step: usize) -> Result<Node>
+    where
+        B: Deref<Target = [u8]>,
+    {
+        let at = self.layout().field(record.states, step);
+        self.follow(record, at, record.state(step), height)
+    }
+
+    /// The node that the pointer in a field leads to, of a node with so many levels below it.
+    #[inline]
+    pub(super) fn follow<B>(&self, record: &Record<B>, at: usize, state: u8, height: u8) -> Result<Node>
+    where
+        B: Deref<Target = [u8]>,
+    {
+        debug_assert!(state == RELATIVE || state == ABSOLUTE);
+        match self.layout().follow(&record.bytes, at, state, record.address) {
+            // Whatever the pointers are, a descent ends where there are no levels left.
+            Some(address) if height > 1 => Ok(Node { address, height: height - 1 }),
+            target => Err(self.bad_pointer(record.address, target.is_some())),
+        }
+    }
+
+    #[cold]
+    fn bad_pointer(&self, address: u64, leads_back: bool) -> Error {
+        if leads_back {
+            self.bad_record(address, "INNER", "no deeper node than a cell")
+        } else {
+            self.bad_record(address, "a pointer that does not lead back", "one to an earlier record")
+        }
     }
 
     /// The whole tree seen from far away.
-    pub fn root_place(&self) -> Child<V, Node> {
+    pub fn root_place(&self) -> Child<Node> {
         self.root
     }
 
@@ -289,39 +297,40 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     ///
     /// # Errors
     /// If the file is damaged there.
-    pub fn value_at(&self, code: Code<D>) -> Result<Option<V>> {
-        match self.extents().seen() {
-            Some(seen) => self.value_in_reach(seen, code),
-            None => self.value_in_reach(self.extents(), code),
+    pub fn value_at(&self, code: Code) -> Result<Option<Value>> {
+        match self.extents().mapped() {
+            Some(mapped) => self.value_in_access(mapped, code),
+            None => self.value_in_access(self.extents(), code),
         }
     }
 
     #[inline]
-    fn value_in_reach<'a, R: Reach<'a>>(&self, reach: R, code: Code<D>) -> Result<Option<V>> {
+    fn value_in_access<'a, A: ByteAccess<'a>>(&self, access: A, code: Code) -> Result<Option<Value>> {
         let mut node = match self.root {
             Child::Inner { node, .. } if code.level() > 0 => node,
-            place => return Ok(place.value()),
+            root => return Ok(root.value()),
         };
         for level in 0..code.level() {
-            let record = self.record_in(reach, node)?;
+            let record = self.record_in(access, node)?;
             let step = code.step(level);
-            match self.child(&record, node.height, step)? {
-                Child::Void => return Ok(None),
-                Child::Leaf(()) => return Ok(Some(self.leaf(&record, step))),
-                Child::Inner { node: below, .. } => node = below,
+            match record.state(step) {
+                VOID => return Ok(None),
+                LEAF => return Ok(Some(self.leaf(&record, step))),
+                _ => node = self.inner(&record, node.height, step)?,
             }
         }
-        self.representative_in(reach, node.address).map(Some)
+        self.representative_in(access, node.address).map(Some)
     }
 
-    /// The record of an INNER node, if it is one.
-    pub(super) fn inner_at(&self, code: Code<D>) -> Result<Option<Node>> {
+    /// The INNER node with a code, if it is one.
+    pub(super) fn inner_at(&self, code: Code) -> Result<Option<Node>> {
         let Child::Inner { mut node, .. } = self.root else { return Ok(None) };
         for level in 0..code.level() {
             let record = self.record(node)?;
-            match self.child(&record, node.height, code.step(level))? {
-                Child::Inner { node: below, .. } => node = below,
-                _ => return Ok(None),
+            let step = code.step(level);
+            match record.state(step) {
+                VOID | LEAF => return Ok(None),
+                _ => node = self.inner(&record, node.height, step)?,
             }
         }
         Ok(Some(node))
@@ -330,59 +339,67 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     /// Bytes behind a record's fields, where a zone starts, up to `most`.
     fn behind(&self, node: Node, most: usize) -> Result<Cow<'_, [u8]>> {
         let record = self.record(node)?;
-        let length = self.archive.form.length(record.states);
-        self.archive.extents.bytes(node.address, length + most).map(|bytes| match bytes {
+        let length = self.layout().record_size(record.states);
+        self.extents().bytes(node.address, length + most).map(|bytes| match bytes {
             Cow::Borrowed(bytes) => Cow::Borrowed(&bytes[length.min(bytes.len())..]),
             Cow::Owned(mut bytes) => Cow::Owned(bytes.split_off(length.min(bytes.len()))),
         })
     }
 
-    /// What is known of all that is below a node, if it has a zone.
-    pub(super) fn zone(&self, node: Node) -> Result<Option<Zone<V>>> {
-        if node.height < zone_height::<D>() {
+    /// The zone of a node, if it has one.
+    pub(super) fn zone(&self, node: Node) -> Result<Option<Zone>> {
+        if node.height < self.zone_height() {
             return Ok(None);
         }
+        let header = self.header();
+        // A zone does not tell its length. Those without classes are short; of the others ever more is read.
         let mut most = 256;
         loop {
             let bytes = self.behind(node, most)?;
-            match Zone::from_bytes(&bytes, D::AXES, node.height, self.counts_classes()) {
+            match Zone::from_bytes(&bytes, header.form, node.height, header.counts_classes()) {
                 Ok(zone) => return Ok(Some(zone)),
                 Err(BadZone::Short) if bytes.len() >= most => most *= 4,
-                Err(_) => {
-                    return Err(self.bad_record(node.address, "an impossible zone", "one of its cells"));
-                }
+                Err(_) => return Err(self.bad_zone(node)),
             }
         }
     }
 
-    /// The zone's bytes are those.
+    /// Whether a node's zone has these bytes.
     pub(super) fn has_zone(&self, node: Node, zone: &[u8]) -> Result<bool> {
         Ok(self.behind(node, zone.len())?[..] == *zone)
     }
 
     /// INNER nodes of a subtree, as its zone says; what has none is too small to matter.
-    fn records_below<'a, R: Reach<'a>>(&self, reach: R, node: Node) -> Result<u64> {
-        if node.height < zone_height::<D>() {
+    fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<u64> {
+        if node.height < self.zone_height() {
             return Ok(1);
         }
-        let bytes = reach.bytes(node.address, LONGEST + 16)?;
-        let form = &self.archive.form;
-        let zone = form.states_of(&bytes).and_then(|states| bytes.get(form.length(states)..));
+        let bytes = access.bytes(node.address, MAX_RECORD + ZONE_RECORDS)?;
+        let layout = self.layout();
+        let zone = layout.states(&bytes).and_then(|states| bytes.get(layout.record_size(states)..));
         let claimed = zone.and_then(|mut zone| records(&mut zone).ok());
-        claimed.ok_or_else(|| self.bad_record(node.address, "an impossible zone", "one of its cells"))
+        claimed.ok_or_else(|| self.bad_zone(node))
     }
 
-    /// Zones must add up: else a small file could claim few records and have any number.
-    fn check_zone<'a, R: Reach<'a>>(&self, reach: R, node: Node, record: &Record<R::Bytes>) -> Result<()> {
-        let claimed = self.records_below(reach, node)?;
-        let expected = if node.height == zone_height::<D>() {
-            let most = ((1u64 << (D::AXES * usize::from(node.height))) - 1) / (D::CHILDREN as u64 - 1);
-            1..=most
+    /// Checks that the zone of a node, which has these children, adds up with theirs: else a small file could claim few
+    /// records and have any number.
+    #[inline(never)]
+    fn check_zone<'a, A: ByteAccess<'a>>(
+        &self,
+        access: A,
+        node: Node,
+        children: &Children<Node>,
+    ) -> Result<()> {
+        let claimed = self.records_below(access, node)?;
+        let dimension = self.layout().form.dimension;
+        let expected = if node.height == self.zone_height() {
+            // Nothing below has a zone: as many as there can be.
+            1..=(dimension.cells(node.height) - 1) / (dimension.children() as u64 - 1)
         } else {
             let mut sum = 1u64;
-            for step in 0..D::CHILDREN {
-                if let Child::Inner { node, .. } = self.child(record, node.height, step)? {
-                    sum = sum.saturating_add(self.records_below(reach, node)?);
+            for child in &children[..dimension.children()] {
+                if let Child::Inner { node, .. } = child {
+                    sum = sum.saturating_add(self.records_below(access, *node)?);
                 }
             }
             sum..=sum
@@ -394,38 +411,34 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
-    /// As [`Source::each_child`].
-    #[inline]
-    fn each_child_in<'a, R: Reach<'a>>(
+    /// Writes the children of a node to the room's beginning, for [`Source::children`]: what walks spend their time on.
+    #[inline(never)]
+    fn children_in<'a, A: ByteAccess<'a>>(
         &self,
-        reach: R,
+        access: A,
         node: Node,
-        mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>,
+        children: &mut Children<Node>,
     ) -> Result<()> {
-        let record = self.record_in(reach, node)?;
-        if node.height >= zone_height::<D>() {
-            self.check_zone(reach, node, &record)?;
-        }
-        let form = &self.archive.form;
-        let mut at = form.head();
-        for step in 0..D::CHILDREN {
-            let state = record.states >> (2 * step) & 3;
-            let child = match state {
-                0 => Child::Void,
-                1 => {
-                    let value = Self::value_in(&record.bytes, at);
-                    at += size_of::<V::Wire>();
+        let record = self.record_in(access, node)?;
+        let layout = self.layout();
+        // The fields stand one behind the other: no need to ask the layout where each of them starts.
+        let mut at = layout.head_size();
+        for (step, child) in children[..layout.children()].iter_mut().enumerate() {
+            *child = match record.state(step) {
+                VOID => Child::Void,
+                LEAF => {
+                    let value = self.value_in(&record.bytes, at);
+                    at += layout.width();
                     Child::Leaf(value)
                 }
-                _ => {
+                state => {
                     let node = self.follow(&record, at, state, node.height)?;
-                    at += form.pointer_size(state);
-                    Child::Inner { representative: self.representative_in(reach, node.address)?, node }
+                    at += layout.pointer_size(state);
+                    Child::Inner { representative: self.representative_in(access, node.address)?, node }
                 }
             };
-            each(step, child)?;
         }
-        Ok(())
+        if node.height >= self.zone_height() { self.check_zone(access, node, children) } else { Ok(()) }
     }
 
     /// INNER nodes of the tree, those of shared subtrees as often as they occur.
@@ -438,44 +451,46 @@ impl<D: Layout, V: Value> Autumnal<D, V> {
     }
 }
 
-impl<D: Layout, V: Value> Source for Autumnal<D, V> {
-    type Dim = D;
-    type Value = V;
+impl Source for Autumnal {
     type Node = Node;
 
+    #[inline]
+    fn form(&self) -> Form {
+        self.layout().form
+    }
+
     fn depth(&self) -> u8 {
-        self.header().shape.depth
+        self.header().depth()
     }
 
     /// # Errors
     /// If the tree has too many records to be walked as a whole, which can only be when they are shared.
-    fn root(&self) -> Result<Child<V, Node>> {
+    fn root(&self) -> Result<Child<Node>> {
         if let Child::Inner { node, .. } = self.root {
             let records = self.records_below(self.extents(), node)?;
-            if records > MOST_RECORDS {
+            if records > MAX_RECORDS {
                 let found = format!("walking {records} nodes, most of which are stored once for many");
-                return Err(Error::unsupported(
-                    self.path(),
-                    found,
-                    "look at a window, or at a coarser level",
-                ));
+                let advice = "look at a window, or at a coarser level";
+                return Err(Error::unsupported(self.path(), found, advice));
             }
         }
         Ok(self.root)
     }
 
-    fn each_child(&self, node: &Node, each: impl FnMut(usize, Child<V, Node>) -> Result<()>) -> Result<()> {
-        match self.extents().seen() {
-            Some(seen) => self.each_child_in(seen, *node, each),
-            None => self.each_child_in(self.extents(), *node, each),
+    fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
+        match self.extents().mapped() {
+            Some(mapped) => self.children_in(mapped, *node, children),
+            None => self.children_in(self.extents(), *node, children),
         }
     }
 
-    fn kept(&self, node: &Node) -> Option<Kept> {
-        Some(Kept { file: self.archive.file, address: node.address, height: node.height })
-    }
-
-    fn tally(&self, node: &Node) -> Result<Option<Tally<V>>> {
+    fn tally(&self, node: &Node) -> Result<Option<Tally>> {
         Ok(self.zone(*node)?.map(|zone| zone.tally))
+    }
+}
+
+impl ReusableSource for Autumnal {
+    fn kept(&self, node: &Node) -> Option<RecordRef> {
+        Some(RecordRef { file: self.archive.file, address: node.address, height: node.height })
     }
 }

@@ -3,7 +3,7 @@
 /// A table of records by 128-bit hashes, of bounded size: newer ones take the place of older ones. What it finds is only
 /// likely to be the same: the finder compares.
 pub(super) struct Shares {
-    /// Two places per slot: 64 bits of the hash, and what is known by it; 0 is nothing.
+    /// Two entries per slot: 64 bits of the hash, and what is known by it; 0 is nothing.
     table: Vec<[(u64, u64); 2]>,
 }
 
@@ -20,7 +20,7 @@ impl Shares {
         hash as usize & (self.table.len() - 1)
     }
 
-    /// What may be known by a hash.
+    /// Finds what may be known by a hash.
     pub(super) fn find(&self, hash: u128) -> impl Iterator<Item = u64> + use<> {
         let tag = (hash >> 64) as u64;
         self.table[self.slot(hash)]
@@ -32,9 +32,10 @@ impl Shares {
     /// Remembers something that is not 0 by a hash.
     pub(super) fn put(&mut self, hash: u128, known: u64) {
         let slot = self.slot(hash);
-        let places = &mut self.table[slot];
-        places[1] = places[0];
-        places[0] = ((hash >> 64) as u64, known);
+        let entries = &mut self.table[slot];
+        // The older of two goes.
+        entries[1] = entries[0];
+        entries[0] = ((hash >> 64) as u64, known);
     }
 }
 

@@ -2,25 +2,24 @@
 
 use super::commit::Note;
 use super::editor::Editor;
-use super::medium::FileMedium;
-use crate::store::Output;
-use crate::store::build::{BuildOptions, Fill, LevelCounts};
-use crate::store::goblin::{Header, Layout, Metadata};
-use crate::value::{Tally, Value};
+use crate::io::{FileBackend, Output};
+use crate::store::builder::{BuildOptions, Fill};
+use crate::store::container::{Header, LevelCounts, Metadata};
+use crate::value::Tally;
 use crate::{Error, Result};
 
 /// Makes a file with one commit. It has no time, so that the same input makes the same bytes; its message is where the
 /// data come from.
-pub(in crate::store) fn write<D: Layout, V: Value>(
+pub(in crate::store) fn write(
     options: &BuildOptions,
     header: Header,
     covered: [u64; 3],
     mut output: Output,
-    fill: &mut Fill<'_, D, V>,
+    fill: &mut Fill<'_>,
     complete: &mut dyn FnMut(&mut Metadata),
-) -> Result<Tally<V>> {
+) -> Result<Tally> {
     let path = output.path().to_path_buf();
-    let mut editor = Editor::<D, V>::create(medium(&mut output)?, path, header, options)?;
+    let mut editor = Editor::create(backend(&mut output)?, path, header, options)?;
     let tally = editor.fill(covered, options, None, fill)?;
     // Nobody keeps nodes per level up to date when trees are edited.
     let mut metadata = Metadata { counts: LevelCounts::default(), ..options.metadata.clone() };
@@ -34,7 +33,7 @@ pub(in crate::store) fn write<D: Layout, V: Value>(
 }
 
 /// The output as something to be written in any order.
-pub(super) fn medium(output: &mut Output) -> Result<Box<FileMedium>> {
+pub(super) fn backend(output: &mut Output) -> Result<Box<FileBackend>> {
     let path = output.path().to_path_buf();
     if path.exists() {
         let advice = "edit it (see `spinney edit --help`), or remove it first: its history would be lost";
@@ -44,5 +43,5 @@ pub(super) fn medium(output: &mut Output) -> Result<Box<FileMedium>> {
         return Err(Error::unsupported(&path, "an Autumnal file in a pipe", "write it to a file"));
     };
     let file = file.try_clone().map_err(Error::io(&path, "open"))?;
-    Ok(Box::new(FileMedium::new(file, &path)))
+    Ok(Box::new(FileBackend::new(file, &path)))
 }

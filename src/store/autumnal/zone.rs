@@ -3,22 +3,25 @@
 //! A zone stands behind the record of every INNER node of at least 4096 cells. Numbers are LEB128: seven bits a byte,
 //! the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of an f64).
 
-use zerocopy::{FromBytes, IntoBytes};
-
 use crate::space::Dimension;
-use crate::value::{Sample, Sum, Tally, Value};
+use crate::tree::Form;
+use crate::value::{Tally, Value};
 
 /// Levels below the smallest nodes with zones: 64 x 64 cells, or 16 x 16 x 16.
-pub(super) const fn zone_height<D: Dimension>() -> u8 {
-    12 / D::AXES as u8
+#[inline]
+pub(super) const fn zone_height(dimension: Dimension) -> u8 {
+    match dimension {
+        Dimension::Quad => 6,
+        Dimension::Oct => 4,
+    }
 }
 
 /// A zone.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Zone<V: Value> {
+pub(super) struct Zone {
     /// INNER nodes of the subtree, its root included; those of shared subtrees as often as they occur.
     pub(super) records: u64,
-    pub(super) tally: Tally<V>,
+    pub(super) tally: Tally,
 }
 
 /// Why bytes are no zone.
@@ -30,22 +33,26 @@ pub(super) enum BadZone {
     Wrong,
 }
 
-impl<V: Value> Zone<V> {
+impl Zone {
     pub(super) fn to_bytes(&self, with_classes: bool) -> Vec<u8> {
         let Zone { records, tally } = self;
+        let width = tally.value_type.size();
         let mut bytes = Vec::with_capacity(64);
         put(&mut bytes, u128::from(*records));
         put(&mut bytes, u128::from(tally.cells));
-        bytes.extend_from_slice(tally.min.to_wire().as_bytes());
-        bytes.extend_from_slice(tally.max.to_wire().as_bytes());
-        for sum in tally.sum.as_ref().iter().chain(tally.squares.as_ref()) {
-            let number = i128::from_le_bytes(sum.to_bytes());
-            put(&mut bytes, (number << 1 ^ number >> 127) as u128);
+        bytes.extend_from_slice(&tally.min.to_bytes()[..width]);
+        bytes.extend_from_slice(&tally.max.to_bytes()[..width]);
+        for sums in [tally.sum, tally.squares] {
+            for channel in 0..usize::from(tally.value_type.channels) {
+                // Zigzag: small numbers of either sign become small numbers without one.
+                let number = i128::from_le_bytes(sums.to_bytes(channel));
+                put(&mut bytes, (number << 1 ^ number >> 127) as u128);
+            }
         }
         if with_classes {
             put(&mut bytes, tally.classes.len() as u128);
             for (value, cells) in &tally.classes {
-                bytes.extend_from_slice(value.to_wire().as_bytes());
+                bytes.extend_from_slice(&value.to_bytes()[..width]);
                 put(&mut bytes, u128::from(*cells));
             }
         }
@@ -55,27 +62,28 @@ impl<V: Value> Zone<V> {
     /// Reads the zone of a node of `height` levels from the start of some bytes.
     pub(super) fn from_bytes(
         bytes: &[u8],
-        axes: usize,
+        form: Form,
         height: u8,
         with_classes: bool,
-    ) -> Result<Self, BadZone> {
+    ) -> Result<Zone, BadZone> {
+        let width = form.width();
         let rest = &mut { bytes };
         let records = records(rest)?;
         let cells = get_u64(rest)?;
-        let all = 1u64 << (axes * usize::from(height)).min(63);
-        if cells > all {
+        if cells > form.dimension.cells(height) {
             return Err(BadZone::Wrong);
         }
-        let mut tally: Tally<V> = Tally { cells, ..Tally::void() };
-        tally.min = value(rest)?;
-        tally.max = value(rest)?;
-        // No square of an integer sample is larger than 2^64: sums of any zones cannot overflow.
-        let most = cells as f64 * 2f64.powi(64);
-        for sum in tally.sum.as_mut().iter_mut().chain(tally.squares.as_mut()) {
-            let number = get(rest)?;
-            let number = (number >> 1) as i128 ^ -((number & 1) as i128);
-            *sum = <V::Sample as Sample>::TotalSum::from_bytes(number.to_le_bytes());
-            if !V::TYPE.sample.is_float() && sum.to_f64().abs() > most {
+        let mut tally = Tally { cells, ..Tally::void(form.value) };
+        tally.min = value(rest, width)?;
+        tally.max = value(rest, width)?;
+        for sums in [&mut tally.sum, &mut tally.squares] {
+            for channel in 0..usize::from(form.value.channels) {
+                let number = get(rest)?;
+                let number = (number >> 1) as i128 ^ -((number & 1) as i128);
+                sums.set_bytes(channel, number.to_le_bytes());
+            }
+            // Then sums of any zones, added up, cannot overflow.
+            if !sums.are_possible(cells) {
                 return Err(BadZone::Wrong);
             }
         }
@@ -85,11 +93,11 @@ impl<V: Value> Zone<V> {
                 return Err(BadZone::Wrong);
             }
             // (No more room than the bytes can need: the number may lie.)
-            let least = size_of::<V::Wire>() + 1;
+            let least = width + 1;
             tally.classes.reserve((count as usize).min(rest.len() / least));
             let mut counted = 0u64;
             for _ in 0..count {
-                let class = (value(rest)?, get_u64(rest)?);
+                let class = (value(rest, width)?, get_u64(rest)?);
                 counted = counted.checked_add(class.1).ok_or(BadZone::Wrong)?;
                 tally.classes.push(class);
             }
@@ -106,10 +114,10 @@ pub(super) fn records(bytes: &mut &[u8]) -> Result<u64, BadZone> {
     get_u64(bytes)
 }
 
-fn value<V: Value>(bytes: &mut &[u8]) -> Result<V, BadZone> {
-    let (wire, rest) = V::Wire::read_from_prefix(bytes).map_err(|_| BadZone::Short)?;
-    *bytes = rest;
-    Ok(V::from_wire(wire))
+fn value(bytes: &mut &[u8], width: usize) -> Result<Value, BadZone> {
+    let value = Value::read(bytes, width).ok_or(BadZone::Short)?;
+    *bytes = &bytes[width..];
+    Ok(value)
 }
 
 fn put(bytes: &mut Vec<u8>, mut number: u128) {
@@ -122,14 +130,14 @@ fn put(bytes: &mut Vec<u8>, mut number: u128) {
 
 fn get(bytes: &mut &[u8]) -> Result<u128, BadZone> {
     let mut number = 0;
-    for place in 0..19 {
+    for index in 0..19 {
         let (first, rest) = bytes.split_first().ok_or(BadZone::Short)?;
         *bytes = rest;
         // The last byte has room for the two bits that are left.
-        if place == 18 && *first > 3 {
+        if index == 18 && *first > 3 {
             return Err(BadZone::Wrong);
         }
-        number |= u128::from(first & 127) << (7 * place);
+        number |= u128::from(first & 127) << (7 * index);
         if first & 128 == 0 {
             return Ok(number);
         }
@@ -144,6 +152,7 @@ fn get_u64(bytes: &mut &[u8]) -> Result<u64, BadZone> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::value::{SampleType, ValueType};
 
     #[test]
     fn numbers_of_any_size_come_back() {
@@ -158,15 +167,17 @@ mod tests {
 
     #[test]
     fn zones_come_back() {
-        let classes = [([-3i16], 5), ([7], 90)];
-        let tally =
-            Tally::merge(&[&Tally::leaf(classes[0].0, 5, true), &Tally::leaf(classes[1].0, 90, true)]);
+        let (short, float) = (ValueType::new(SampleType::I16, 1), ValueType::new(SampleType::F32, 1));
+        let (low, high) = (Value::from([-3i16]), Value::from([7i16]));
+        let tally = Tally::merge(&[&Tally::leaf(short, low, 5, true), &Tally::leaf(short, high, 90, true)]);
         let zone = Zone { records: 17, tally };
         let bytes = zone.to_bytes(true);
-        assert_eq!(Zone::from_bytes(&bytes, 2, 6, true).as_ref(), Ok(&zone));
-        assert_eq!(Zone::<[i16; 1]>::from_bytes(&bytes[..bytes.len() - 1], 2, 6, true), Err(BadZone::Short));
-        assert_eq!(Zone::<[i16; 1]>::from_bytes(&bytes, 2, 3, true), Err(BadZone::Wrong));
-        let floats = Zone { records: 1, tally: Tally::<[f32; 1]>::leaf([-0.25], 64, false) };
-        assert_eq!(Zone::from_bytes(&floats.to_bytes(false), 2, 6, false), Ok(floats));
+        let form = Form::new(Dimension::Quad, short);
+        assert_eq!(Zone::from_bytes(&bytes, form, 6, true).as_ref(), Ok(&zone));
+        assert_eq!(Zone::from_bytes(&bytes[..bytes.len() - 1], form, 6, true), Err(BadZone::Short));
+        assert_eq!(Zone::from_bytes(&bytes, form, 3, true), Err(BadZone::Wrong));
+        let form = Form::new(Dimension::Quad, float);
+        let floats = Zone { records: 1, tally: Tally::leaf(float, Value::from([-0.25f32]), 64, false) };
+        assert_eq!(Zone::from_bytes(&floats.to_bytes(false), form, 6, false), Ok(floats));
     }
 }

@@ -5,15 +5,16 @@ use std::path::Path;
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use crate::space::{Code, Dimension};
-use crate::value::{Sample, Sum, Tally, Value};
+use crate::space::Code;
+use crate::tree::Form;
+use crate::value::{Sums, Tally};
 use crate::{Error, Result};
 
 /// One entry of the directory, understood.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Entry<D: Dimension, V: Value> {
+pub struct Entry {
     /// The node that owns the segment.
-    pub code: Code<D>,
+    pub code: Code,
     /// Where the segment's bytes start in the file.
     pub offset: u64,
     /// How many bytes they are: records, then class counts.
@@ -25,7 +26,7 @@ pub struct Entry<D: Dimension, V: Value> {
     /// CRC-32C of the segment's bytes.
     pub checksum: u32,
     /// Zone statistics, but for the class counts, which stand in the segment.
-    pub zone: Tally<V>,
+    pub zone: Tally,
 }
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
@@ -41,6 +42,8 @@ struct RawEntry {
     cells: U64,
 }
 
+/// Zone statistics of one channel. Extremes are the bits of an f64, whatever the type of the samples; sums are an i128, or
+/// an f64 and eight zeros.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawChannel {
@@ -50,21 +53,48 @@ struct RawChannel {
     squares: [u8; 16],
 }
 
-const ENTRY_CHECKSUM_AT: usize = 36;
+const ENTRY_CHECKSUM_AT: usize = std::mem::offset_of!(RawEntry, entry_checksum);
+const _: () = assert!(ENTRY_CHECKSUM_AT == 36);
 
 /// Bytes of one entry for values of so many channels.
-pub(in crate::store) fn entry_size(channels: usize) -> usize {
-    size_of::<RawEntry>() + channels * size_of::<RawChannel>()
+pub(super) const fn entry_size(channels: u8) -> usize {
+    size_of::<RawEntry>() + channels as usize * size_of::<RawChannel>()
 }
 
 /// The code that an entry starts with, checked by nothing yet.
-pub(in crate::store) fn code_bits(directory: &[u8], index: usize, size: usize) -> u64 {
+#[inline]
+pub(super) fn code_bits(directory: &[u8], index: usize, size: usize) -> u64 {
     let start = index * size;
     u64::from_le_bytes(directory[start..start + 8].try_into().expect("8 bytes"))
 }
 
-impl<D: Dimension, V: Value> Entry<D, V> {
-    pub(in crate::store) fn to_bytes(&self) -> Vec<u8> {
+/// Where the segment of an entry is, as it stands in the file.
+pub(super) struct SegmentLocation {
+    /// Bits of the code of the segment's node.
+    pub(super) code: u64,
+    pub(super) offset: u64,
+    pub(super) length: u64,
+    pub(super) records: u32,
+}
+
+impl SegmentLocation {
+    /// Reads the numbers of an entry, and checks none of them: for entries that [`Entry::from_bytes`] has checked once.
+    /// `None` if it is no whole entry.
+    #[inline]
+    pub(super) fn read(entry: &[u8]) -> Option<SegmentLocation> {
+        let (raw, _) = RawEntry::ref_from_prefix(entry).ok()?;
+        Some(SegmentLocation {
+            code: raw.code.get(),
+            offset: raw.offset.get(),
+            length: raw.length.get(),
+            records: raw.records.get(),
+        })
+    }
+}
+
+impl Entry {
+    /// The entry as it stands in the file.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
         let raw = RawEntry {
             code: self.code.bits().into(),
             offset: self.offset.into(),
@@ -76,23 +106,25 @@ impl<D: Dimension, V: Value> Entry<D, V> {
             cells: self.zone.cells.into(),
         };
         let mut bytes = raw.as_bytes().to_vec();
-        for channel in 0..V::CHANNELS {
-            let f64_bits = |value: &V| U64::new(value.samples()[channel].to_f64().to_bits());
+        let Tally { value_type, min, max, sum, squares, .. } = &self.zone;
+        let (min, max) = (value_type.samples(*min), value_type.samples(*max));
+        for (channel, (min, max)) in min.iter().zip(max.iter()).enumerate() {
             let raw = RawChannel {
-                min: f64_bits(&self.zone.min),
-                max: f64_bits(&self.zone.max),
-                sum: self.zone.sum.as_ref()[channel].to_bytes(),
-                squares: self.zone.squares.as_ref()[channel].to_bytes(),
+                min: min.to_bits().into(),
+                max: max.to_bits().into(),
+                sum: sum.to_bytes(channel),
+                squares: squares.to_bytes(channel),
             };
             bytes.extend_from_slice(raw.as_bytes());
         }
+        // (That of the entry with zeros in the checksum's place.)
         let checksum = crc32c::crc32c(&bytes);
         bytes[ENTRY_CHECKSUM_AT..ENTRY_CHECKSUM_AT + 4].copy_from_slice(&checksum.to_le_bytes());
         bytes
     }
 
-    /// Checks and understands the `index`-th entry; `bytes` are this entry's.
-    pub(in crate::store) fn from_bytes(path: &Path, index: usize, bytes: &[u8]) -> Result<Self> {
+    /// Checks and understands the `index`-th entry of a file of some form; `bytes` are this entry's.
+    pub(super) fn from_bytes(path: &Path, index: usize, bytes: &[u8], form: Form) -> Result<Entry> {
         let corrupt = |found: String, expected: String| {
             Error::corrupt(path, format!("directory entry {index}"), found, expected)
         };
@@ -105,17 +137,17 @@ impl<D: Dimension, V: Value> Entry<D, V> {
         if checksum != raw.entry_checksum.get() {
             return Err(corrupt(format!("checksum {checksum:08x}"), format!("{:08x}", raw.entry_checksum)));
         }
-        let code = Code::from_bits(raw.code.get())
+        let code = Code::from_bits(form.dimension, raw.code.get())
             .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;
-        let channels = <[RawChannel]>::ref_from_bytes_with_elems(channels, V::CHANNELS)
+        let count = usize::from(form.value.channels);
+        let channels = <[RawChannel]>::ref_from_bytes_with_elems(channels, count)
             .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "statistics per channel".into()))?;
-        let mut zone = Tally { cells: raw.cells.get(), ..Tally::void() };
-        let sample = |bits: U64| V::Sample::from_f64_lossy(f64::from_bits(bits.get()));
-        zone.min = V::from_channels(|channel| sample(channels[channel].min));
-        zone.max = V::from_channels(|channel| sample(channels[channel].max));
+        let mut zone = Tally { cells: raw.cells.get(), ..Tally::void(form.value) };
+        zone.min = form.value.nearest(|channel| f64::from_bits(channels[channel].min.get()));
+        zone.max = form.value.nearest(|channel| f64::from_bits(channels[channel].max.get()));
         for (channel, raw) in channels.iter().enumerate() {
-            zone.sum.as_mut()[channel] = Sum::from_bytes(raw.sum);
-            zone.squares.as_mut()[channel] = Sum::from_bytes(raw.squares);
+            zone.sum.set_bytes(channel, raw.sum);
+            zone.squares.set_bytes(channel, raw.squares);
         }
         Ok(Entry {
             code,
@@ -126,5 +158,14 @@ impl<D: Dimension, V: Value> Entry<D, V> {
             checksum: raw.checksum.get(),
             zone,
         })
+    }
+}
+
+/// The sums of so many channels as text, for messages.
+pub(super) fn show_sums(sums: &Sums, channels: u8) -> String {
+    let channels = usize::from(channels);
+    match sums {
+        Sums::Exact(sums) => format!("{:?}", &sums[..channels]),
+        Sums::Float(sums) => format!("{:?}", &sums[..channels]),
     }
 }

@@ -3,27 +3,17 @@
 //! Building is deterministic, so the rules need no second statement: the tree is walked, built anew, and every
 //! segment compared with the one in the file. What differs is told.
 
-use zerocopy::IntoBytes;
-
-use super::assemble::{Assembled, Assembler, SegmentSink};
-use super::directory::Entry;
+use super::directory::{Entry, show_sums};
 use super::reader::Goblin;
-use super::record::{Layout, Record};
 use super::segment::Segment;
-use crate::store::build::{BuildOptions, Sealed, walk};
-use crate::value::Value;
+use super::segment_builder::{SegmentBuilder, SegmentSink};
+use crate::store::builder::{BuildOptions, SealedSegment, walk};
+use crate::store::container::{Finding, MAX_FINDINGS};
+use crate::tree::Child;
+use crate::value::{Sums, Tally, ValueType};
 use crate::{Error, Progress, Result};
 
-/// Something that is wrong with a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
-    /// The part of the file.
-    pub place: String,
-    /// What is wrong with it.
-    pub problem: String,
-}
-
-impl<D: Layout, V: Value> Goblin<D, V> {
+impl Goblin {
     /// Checks every checksum and every rule of the tree: preorder, skips that add up, representatives and zone
     /// statistics that agree with the leaves, no uniform INNER node, every segment there that must be, none that
     /// must not. Takes about as long as building; memory is bounded by `memory`.
@@ -35,27 +25,28 @@ impl<D: Layout, V: Value> Goblin<D, V> {
         let mut checker = Checker { file: self, findings: Vec::new(), seen: 0 };
         checker.checksums()?;
         checker.directory();
+        // A tree with bytes that are known to be wrong would only say so again, at length.
         if !checker.findings.is_empty() {
             return Ok(checker.findings);
         }
         let options = BuildOptions::like(self.header(), memory);
         let shape = self.header().shape;
-        let mut assembler = Assembler::new(shape, options.rule, [u64::MAX; 3], checker);
-        match walk(self, &options, shape, false, &mut assembler, progress) {
+        let mut builder = SegmentBuilder::new(self.header(), [u64::MAX; 3], &mut checker);
+        match walk(self, &options, shape, false, &mut builder, progress) {
             Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
                 return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
             }
             walked => walked?,
         }
-        let Assembled { sink: mut checker, root, counts } = assembler.finish();
+        let (root, counts) = builder.finish();
         if checker.seen != self.segments() {
             let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
             checker.add("directory".into(), found);
         }
-        let root = root.child;
-        if self.root_place()? != root && !root.value().is_some_and(|value| value.is_nan()) {
-            checker
-                .add("trailer".into(), format!("root {:?}, the leaves make it {root:?}", self.root_place()?));
+        if self.root_place() != root.child {
+            let show = |child| show_child(self.header().form.value, child);
+            let (found, made) = (show(self.root_place()), show(root.child));
+            checker.add("trailer".into(), format!("root {found}, the leaves make it {made}"));
         }
         if self.metadata().counts != counts {
             checker.add("metadata".into(), "node counts that differ from the tree's".into());
@@ -64,18 +55,17 @@ impl<D: Layout, V: Value> Goblin<D, V> {
     }
 }
 
-/// Findings that are collected before checking is given up.
-const MOST_FINDINGS: usize = 100;
-
-struct Checker<'a, D: Layout, V: Value> {
-    file: &'a Goblin<D, V>,
+/// Compares a file with what its tree makes anew.
+struct Checker<'a> {
+    file: &'a Goblin,
     findings: Vec<Finding>,
+    /// Segments of the file that the tree needs.
     seen: usize,
 }
 
-impl<D: Layout, V: Value> Checker<'_, D, V> {
+impl Checker<'_> {
     fn add(&mut self, place: String, problem: String) {
-        if self.findings.len() < MOST_FINDINGS {
+        if self.findings.len() < MAX_FINDINGS {
             self.findings.push(Finding { place, problem });
         }
     }
@@ -87,7 +77,7 @@ impl<D: Layout, V: Value> Checker<'_, D, V> {
             }
         }
         for index in 0..self.file.segments() {
-            if self.findings.len() == MOST_FINDINGS {
+            if self.findings.len() == MAX_FINDINGS {
                 break;
             }
             match self.file.segment(index) {
@@ -109,46 +99,84 @@ impl<D: Layout, V: Value> Checker<'_, D, V> {
             before = Some(entry.code);
         }
     }
+
+    /// The record with a number among those of a segment, as text.
+    fn show_record(&self, records: &[u8], at: usize) -> String {
+        let layout = self.file.layout();
+        let Some(head) = layout.head(records, at) else { return "nothing".into() };
+        let show = |child| self.file.header().form.value.show(layout.value(records, at, child));
+        let values: Vec<String> = (0..layout.children()).map(show).collect();
+        format!("[{}] states {:b} skip {}", values.join(", "), head.states, head.skip)
+    }
 }
 
 /// Takes the segments as they should be.
-impl<D: Layout, V: Value> SegmentSink<D, V> for Checker<'_, D, V> {
-    fn copy(&mut self, _: &Segment<'_, D, V>, _: Entry<D, V>) -> Result<()> {
-        unreachable!("what is to be checked is made anew")
-    }
-
-    fn segment(&mut self, should: Sealed<D, V>) -> Result<()> {
+impl SegmentSink for Checker<'_> {
+    fn segment(&mut self, should: SealedSegment) -> Result<()> {
+        let size = self.file.layout().size;
         let place = format!("segment {}", should.code);
         let index = self.file.find_segment(should.code);
         let index =
             index.filter(|index| self.file.entry(*index).is_ok_and(|entry| entry.code == should.code));
         let Some(index) = index else {
-            self.add(
-                place,
-                format!("missing; the tree has {} records below that node", should.records.len()),
-            );
+            let needed = should.records.len() / size;
+            self.add(place, format!("missing; the tree has {needed} records below that node"));
             return Ok(());
         };
         self.seen += 1;
         let segment = self.file.segment(index)?;
         let records = segment.records();
-        if records.as_bytes() != should.records.as_bytes() {
-            let pairs = records.iter().zip(&should.records);
-            let same = pairs.take_while(|(a, b)| a.as_bytes() == b.as_bytes()).count();
-            let show = |record: Option<&D::Record<V>>| match record {
-                None => "nothing".to_string(),
-                Some(record) => {
-                    let values: Vec<V> = (0..D::CHILDREN).map(|child| record.value(child)).collect();
-                    format!("{values:?} states {:b} skip {}", record.states(), record.skip())
-                }
-            };
-            let (is, should) = (show(records.get(same)), show(should.records.get(same)));
-            self.add(format!("{place}, record {same}"), format!("{is}; the leaves make it {should}"));
+        if records != should.records {
+            let pairs = records.chunks_exact(size).zip(should.records.chunks_exact(size));
+            let same = pairs.take_while(|(found, made)| found == made).count();
+            let (found, made) = (self.show_record(records, same), self.show_record(&should.records, same));
+            self.add(format!("{place}, record {same}"), format!("{found}; the leaves make it {made}"));
         }
         let zone = self.file.zone(index)?;
-        if format!("{zone:?}") != format!("{:?}", should.tally) {
-            self.add(place, format!("statistics {zone:?}; the leaves make them {:?}", should.tally));
+        if !are_same(&zone, &should.tally) {
+            let (found, made) = (show_tally(&zone), show_tally(&should.tally));
+            self.add(place, format!("statistics {found}; the leaves make them {made}"));
         }
         Ok(())
     }
+
+    fn copy(&mut self, _: &Segment<'_>, _: Entry) -> Result<()> {
+        unreachable!("what is to be checked is made anew")
+    }
+}
+
+/// Whether two tallies of one type of values are the same on disk: sums that are not a number are one like the other, zeros
+/// of different signs are not.
+fn are_same(a: &Tally, b: &Tally) -> bool {
+    let channels = 0..usize::from(a.value_type.channels);
+    let same_sums =
+        |a: &Sums, b: &Sums| channels.clone().all(|channel| a.to_bytes(channel) == b.to_bytes(channel));
+    a.cells == b.cells
+        && (a.min, a.max) == (b.min, b.max)
+        && same_sums(&a.sum, &b.sum)
+        && same_sums(&a.squares, &b.squares)
+        && a.classes == b.classes
+}
+
+/// A node as text, without what is below it.
+fn show_child(value_type: ValueType, child: Child<()>) -> String {
+    match child {
+        Child::Void => "Void".into(),
+        Child::Leaf(value) => format!("Leaf({})", value_type.show(value)),
+        Child::Inner { representative, .. } => {
+            format!("Inner {{ representative: {}, node: () }}", value_type.show(representative))
+        }
+    }
+}
+
+/// Statistics as text.
+fn show_tally(tally: &Tally) -> String {
+    let Tally { value_type, cells, min, max, sum, squares, classes } = tally;
+    let [min, max] = [min, max].map(|value| value_type.show(*value));
+    let [sum, squares] = [sum, squares].map(|sums| show_sums(sums, value_type.channels));
+    let class = |(value, cells): &(_, u64)| format!("({}, {cells})", value_type.show(*value));
+    let classes = classes.iter().map(class).collect::<Vec<_>>().join(", ");
+    format!(
+        "Tally {{ cells: {cells}, min: {min}, max: {max}, sum: {sum}, squares: {squares}, classes: [{classes}] }}"
+    )
 }

@@ -3,37 +3,55 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use zerocopy::IntoBytes;
-
-use super::assemble::SegmentSink;
 use super::directory::{Entry, entry_size};
-use super::header::{Header, Section, Trailer};
-use super::metadata::Metadata;
-use super::record::{INNER, LEAF, Layout, VOID};
-use super::segment::Segment;
-use super::sorter::Sorter;
-use crate::store::build::Sealed;
-use crate::store::{Output, TreeFormat, folder};
+use super::segment::{COUNT_SIZE, Segment};
+use super::segment_builder::{SegmentBuilder, SegmentSink};
+use super::trailer::{Section, Trailer};
+use crate::io::{Output, Sorter, folder};
+use crate::store::builder::{BuildOptions, Fill, SealedSegment};
+use crate::store::container::{Header, Metadata, RecordLayout, TreeFormat};
 use crate::tree::Child;
-use crate::value::Value;
+use crate::value::{Tally, Value};
 use crate::{Error, Result};
 
+/// Makes a Goblin file of the parts of a tree, which `fill` hands over.
+pub(in crate::store) fn write(
+    options: &BuildOptions,
+    header: Header,
+    covered: [u64; 3],
+    output: Output,
+    fill: &mut Fill<'_>,
+    complete: &mut dyn FnMut(&mut Metadata),
+) -> Result<Tally> {
+    let mut writer = Writer::new(output, &header, options.memory / 8)?;
+    let mut builder = SegmentBuilder::new(&header, covered, &mut writer);
+    fill(&mut builder, header.shape)?;
+    let (root, counts) = builder.finish();
+    let mut metadata = Metadata { counts, ..options.metadata.clone() };
+    complete(&mut metadata);
+    writer.finish(root.child, &metadata)?;
+    Ok(root.tally)
+}
+
 /// A Goblin file being written, append-only.
-pub(in crate::store) struct Writer {
+struct Writer {
     out: Output,
     path: PathBuf,
+    layout: RecordLayout,
+    /// Bytes written so far.
     position: u64,
+    /// Directory entries of the segments written so far.
     sorter: Sorter,
     stored_records: u64,
 }
 
 impl Writer {
     /// Starts a file; about `memory` bytes hold directory entries before they go to a temporary file.
-    pub(in crate::store) fn new(out: Output, header: &Header, memory: u64) -> Result<Writer> {
+    fn new(out: Output, header: &Header, memory: u64) -> Result<Writer> {
         let path = out.path().to_path_buf();
-        let entry_size = entry_size(header.value.channels as usize);
-        let sorter = Sorter::new(folder(&path), entry_size, memory);
-        let mut writer = Writer { out, path, position: 0, sorter, stored_records: 0 };
+        let sorter = Sorter::new(folder(&path), entry_size(header.form.value.channels), memory);
+        let layout = header.record_layout();
+        let mut writer = Writer { out, path, layout, position: 0, sorter, stored_records: 0 };
         writer.write(&header.to_bytes(TreeFormat::Goblin), "write the header")?;
         Ok(writer)
     }
@@ -45,55 +63,45 @@ impl Writer {
     }
 
     /// Writes what stands after the segments and puts the file in its place.
-    pub(in crate::store) fn finish<V: Value>(self, root: Child<V, ()>, metadata: &Metadata) -> Result<()> {
-        let Writer { mut out, path, mut position, sorter, stored_records } = self;
+    fn finish(self, root: Child<()>, metadata: &Metadata) -> Result<()> {
+        let Writer { mut out, path, position, sorter, stored_records, .. } = self;
         let metadata = metadata.to_bytes(&path)?;
         let segments = sorter.len();
-        let mut section = |position: &mut u64, bytes: &mut dyn FnMut(&mut Checked) -> Result<()>| {
-            let mut checked = Checked { out: &mut out, length: 0, checksum: 0 };
-            bytes(&mut checked)?;
-            let section = Section { offset: *position, length: checked.length, checksum: checked.checksum };
-            *position += checked.length;
-            Ok::<_, Error>(section)
-        };
-        let mut sorter = Some(sorter);
-        let directory = section(&mut position, &mut |out| {
-            let sorter = sorter.take().expect("called once");
-            sorter.finish(|entry| out.write_all(entry).map_err(Error::io(&path, "write the directory")))
-        })?;
-        let metadata = section(&mut position, &mut |out| {
-            out.write_all(&metadata).map_err(Error::io(&path, "write the metadata"))
-        })?;
+
+        let mut section = SectionWriter::new(&mut out, position);
+        sorter.finish(|entry| section.write_all(entry).map_err(Error::io(&path, "write the directory")))?;
+        let directory = section.written;
+
+        let mut section = SectionWriter::new(&mut out, directory.offset + directory.length);
+        section.write_all(&metadata).map_err(Error::io(&path, "write the metadata"))?;
+        let metadata = section.written;
+
         let mut root_value = [0; 32];
-        if let Some(value) = root.value() {
-            let wire = value.to_wire();
-            root_value[..size_of::<V::Wire>()].copy_from_slice(wire.as_bytes());
-        }
-        let root_state = match root {
-            Child::Void => VOID,
-            Child::Leaf(_) => LEAF,
-            Child::Inner { .. } => INNER,
-        };
+        let value = root.value().unwrap_or_default().to_bytes();
+        root_value[..value.len()].copy_from_slice(&value);
+        let root_state = root.state() as u8;
         let trailer = Trailer { root_state, root_value, segments, stored_records, directory, metadata };
-        out.write_all(&trailer.to_bytes(position)).map_err(Error::io(&path, "write the trailer"))?;
+        let before = metadata.offset + metadata.length;
+        out.write_all(&trailer.to_bytes(before)).map_err(Error::io(&path, "write the trailer"))?;
         out.commit()
     }
 }
 
-impl<D: Layout, V: Value> SegmentSink<D, V> for Writer {
-    fn segment(&mut self, segment: Sealed<D, V>) -> Result<()> {
+impl SegmentSink for Writer {
+    fn segment(&mut self, segment: SealedSegment) -> Result<()> {
         let offset = self.position;
-        let Sealed { code, records, tally } = segment;
-        let classes = class_bytes(&tally.classes);
-        let checksum = crc32c::crc32c_append(crc32c::crc32c(records.as_bytes()), &classes);
-        self.write(records.as_bytes(), "write a segment")?;
+        let SealedSegment { code, records, tally } = segment;
+        let classes = class_bytes(self.layout.width, &tally.classes);
+        let checksum = crc32c::crc32c_append(crc32c::crc32c(&records), &classes);
+        self.write(&records, "write a segment")?;
         self.write(&classes, "write a segment")?;
-        self.stored_records += records.len() as u64;
-        let entry: Entry<D, V> = Entry {
+        let count = self.layout.count(&records);
+        self.stored_records += count as u64;
+        let entry = Entry {
             code,
             offset,
             length: self.position - offset,
-            records: records.len() as u32,
+            records: count as u32,
             classes: tally.classes.len() as u32,
             checksum,
             zone: tally,
@@ -101,7 +109,7 @@ impl<D: Layout, V: Value> SegmentSink<D, V> for Writer {
         self.sorter.push(code.bits(), entry.to_bytes())
     }
 
-    fn copy(&mut self, segment: &Segment<'_, D, V>, mut entry: Entry<D, V>) -> Result<()> {
+    fn copy(&mut self, segment: &Segment<'_>, mut entry: Entry) -> Result<()> {
         entry.offset = self.position;
         self.write(segment.all_bytes(), "write a segment")?;
         self.stored_records += u64::from(entry.records);
@@ -109,29 +117,35 @@ impl<D: Layout, V: Value> SegmentSink<D, V> for Writer {
     }
 }
 
-/// Class counts as they stand behind a segment's records: the value, then the cells in 8 bytes.
-pub(in crate::store) fn class_bytes<V: Value>(classes: &[(V, u64)]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(classes.len() * (size_of::<V::Wire>() + 8));
+/// Class counts as they stand behind a segment's records: the value's bytes, of which there are `width`, then the cells.
+fn class_bytes(width: usize, classes: &[(Value, u64)]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(classes.len() * (width + COUNT_SIZE));
     for (value, cells) in classes {
-        bytes.extend_from_slice(value.to_wire().as_bytes());
+        bytes.extend_from_slice(&value.to_bytes()[..width]);
         bytes.extend_from_slice(&cells.to_le_bytes());
     }
     bytes
 }
 
-/// Counts and checks what passes through.
-struct Checked<'a> {
+/// Passes the bytes of a section on to the output, counts them and makes their checksum.
+struct SectionWriter<'a> {
     out: &'a mut Output,
-    length: u64,
-    checksum: u32,
+    written: Section,
 }
 
-impl Write for Checked<'_> {
+impl SectionWriter<'_> {
+    /// Of a section that starts so many bytes behind the file's beginning.
+    fn new(out: &mut Output, offset: u64) -> SectionWriter<'_> {
+        SectionWriter { out, written: Section { offset, length: 0, checksum: 0 } }
+    }
+}
+
+impl Write for SectionWriter<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let written = self.out.write(bytes)?;
-        self.length += written as u64;
-        self.checksum = crc32c::crc32c_append(self.checksum, &bytes[..written]);
-        Ok(written)
+        let count = self.out.write(bytes)?;
+        self.written.length += count as u64;
+        self.written.checksum = crc32c::crc32c_append(self.written.checksum, &bytes[..count]);
+        Ok(count)
     }
 
     fn flush(&mut self) -> io::Result<()> {

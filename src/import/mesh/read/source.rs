@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::store::{Mapped, Storage};
+use crate::io::{Mapped, ReadBackend};
 use crate::{Error, Result};
 
 /// A mapped file that is not empty.
@@ -46,7 +46,7 @@ impl Source {
     pub(super) fn passed(&self, number: u64) {
         const OFTEN: u64 = 1 << 17;
         if number.is_multiple_of(OFTEN) && number > 0 {
-            self.map.let_go();
+            self.map.release_pages();
         }
     }
 

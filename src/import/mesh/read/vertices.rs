@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use crate::store::{Mapped, Storage};
+use crate::io::{Mapped, ReadBackend};
 use crate::{Error, Result};
 
 /// How coordinates are written.

@@ -12,10 +12,11 @@ use super::plan::SolidImport;
 use super::source::Solid;
 use super::triangles::{Collector, Triangles};
 use crate::import::mesh::{Face, ModelInfo, Stages, Triangulator};
-use crate::store::build::{BuildOptions, build_with};
-use crate::store::goblin::Metadata;
-use crate::store::{Output, folder};
-use crate::value::{Kind, Rule, Value};
+use crate::io::{Output, folder};
+use crate::space::Dimension;
+use crate::store::{BuildOptions, Metadata, build_with};
+use crate::tree::Form;
+use crate::value::{Kind, Rule, SampleType, Value, ValueType};
 use crate::{Error, Progress, Result};
 
 /// What was found while a solid was built.
@@ -105,22 +106,43 @@ impl SolidImport {
         };
         let parts = self.parts();
         let held = (options.memory / 4 / TRIANGLE) as usize;
-        let build = Build { import: &self, report, output, progress, parts };
-        let triangles = read.triangles;
-        match options.attribute {
-            Attribute::Occupancy => build.run(Solid::new(fill, triangles, held, |value| [value as u8])?),
-            Attribute::Colour => build.run(Solid::new(fill, triangles, held, |value| {
-                let [blue, green, red, _] = value.to_le_bytes();
-                [red, green, blue]
-            })?),
-            Attribute::Part if build.parts.len() <= 255 => {
-                build.run(Solid::new(fill, triangles, held, |value| [value as u8])?)
-            }
-            Attribute::Part if build.parts.len() <= 65535 => {
-                build.run(Solid::new(fill, triangles, held, |value| [value as u16])?)
-            }
-            Attribute::Part => build.run(Solid::new(fill, triangles, held, |value| [value])?),
+        let (value, value_of) = values(options.attribute, parts.len());
+        let form = Form::new(Dimension::Oct, value);
+        let solid = Solid::new(form, fill, read.triangles, held, value_of)?;
+        self.store(&solid, report, parts, output, progress)
+    }
+
+    /// Stores a solid, and completes the report on it.
+    fn store(
+        &self,
+        solid: &Solid,
+        mut report: SolidReport,
+        parts: Vec<String>,
+        output: Output,
+        progress: &dyn Progress,
+    ) -> Result<SolidReport> {
+        let (kind, rule) = match self.options.attribute {
+            Attribute::Occupancy => (Kind::Continuous, Rule::Occupancy),
+            Attribute::Colour => (Kind::Continuous, Rule::Mean),
+            Attribute::Part => (Kind::Categorical, Rule::Majority),
+        };
+        let mut metadata = Metadata { frame: self.grid.frame.clone(), ..Metadata::default() };
+        if self.options.attribute == Attribute::Part {
+            let names = parts.into_iter().enumerate().filter(|(_, name)| !name.is_empty());
+            metadata.class_names = names.map(|(i, name)| (i as i64 + 1, name)).collect();
         }
+        metadata.provenance = self.models.iter().map(|model| provenance(model.info())).collect();
+        let options = BuildOptions::new(kind, self.grid.depth)
+            .rule(rule)
+            .memory(self.options.memory / 4)
+            .metadata(metadata)
+            .share(self.options.share);
+        build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
+            report.undecided = solid.counted.undecided.load(Ordering::Relaxed);
+            report.stages = *solid.counted.stages.lock().expect("nobody panics with this lock");
+            metadata.tags = tags(self, &report);
+        })?;
+        Ok(report)
     }
 
     /// Names of the parts of all models; their numbers begin at 1.
@@ -293,37 +315,19 @@ fn mean_colour(colours: &[[u8; 3]]) -> u32 {
     mean(0) << 16 | mean(1) << 8 | mean(2)
 }
 
-/// A build that waits for the type of its values.
-struct Build<'a> {
-    import: &'a SolidImport,
-    report: SolidReport,
-    output: Output,
-    progress: &'a dyn Progress,
-    parts: Vec<String>,
-}
-
-impl Build<'_> {
-    fn run<V: Value>(self, solid: Solid<V>) -> Result<SolidReport> {
-        let Build { import, mut report, output, progress, parts } = self;
-        let (kind, rule) = match import.options.attribute {
-            Attribute::Occupancy => (Kind::Continuous, Rule::Occupancy),
-            Attribute::Colour => (Kind::Continuous, Rule::Mean),
-            Attribute::Part => (Kind::Categorical, Rule::Majority),
-        };
-        let (depth, memory) = (import.grid.depth, import.options.memory / 4);
-        let mut metadata = Metadata { frame: import.grid.frame.clone(), ..Metadata::default() };
-        if import.options.attribute == Attribute::Part {
-            let names = parts.into_iter().enumerate().filter(|(_, name)| !name.is_empty());
-            metadata.class_names = names.map(|(i, name)| (i as i64 + 1, name)).collect();
-        }
-        metadata.provenance = import.models.iter().map(|model| provenance(model.info())).collect();
-        let options = BuildOptions { rule, kind, depth, memory, metadata, share: import.options.share };
-        build_with(&solid, import.extent, &options, output, progress, |metadata| {
-            report.undecided = solid.counted.undecided.load(Ordering::Relaxed);
-            report.stages = *solid.counted.stages.lock().expect("nobody panics with this lock");
-            metadata.tags = tags(import, &report);
-        })?;
-        Ok(report)
+/// The type of the values of a solid with so many parts, and what makes a value of an attribute.
+fn values(attribute: Attribute, parts: usize) -> (ValueType, fn(u32) -> Value) {
+    match attribute {
+        Attribute::Occupancy => (ValueType::new(SampleType::U8, 1), |value| Value::from([value as u8])),
+        Attribute::Colour => (ValueType::new(SampleType::U8, 3), |value| {
+            let [blue, green, red, _] = value.to_le_bytes();
+            Value::from([red, green, blue])
+        }),
+        Attribute::Part => match parts {
+            0..=255 => (ValueType::new(SampleType::U8, 1), |value| Value::from([value as u8])),
+            256..=65535 => (ValueType::new(SampleType::U16, 1), |value| Value::from([value as u16])),
+            _ => (ValueType::new(SampleType::U32, 1), |value| Value::from([value])),
+        },
     }
 }
 

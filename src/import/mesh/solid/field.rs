@@ -9,7 +9,7 @@ use glam::DVec3;
 
 use super::closure::edge_number;
 use super::grid::Triangle;
-use crate::space::{Oct, spread};
+use crate::space::{Dimension, morton_encode};
 use crate::{Error, Result};
 
 /// Triangles that are looked at one by one.
@@ -66,7 +66,7 @@ impl Field {
                 };
                 // Coordinates run from -2^29 to 2^30.
                 let place = |axis: usize| ((middle(axis) + (1 << 29)) >> 10) as u32;
-                let key = (0..3).fold(0, |key, axis| key | spread::<Oct>(place(axis)) << axis);
+                let key = (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, place(axis)) << axis);
                 (key, triangle.corners.map(|corner| DVec3::from_array(corner.map(f64::from))))
             })
             .collect();

@@ -4,8 +4,8 @@ use super::crossing::Lattice;
 use super::grid::Grid;
 use super::inside::{Attribute, Boundary};
 use crate::import::mesh::Model;
-use crate::space::{Dimension, Frame, Oct, Up};
-use crate::store::build::depth_for;
+use crate::space::{Dimension, Frame, Up};
+use crate::store::depth_for;
 use crate::{Error, Result};
 
 /// Bytes of memory used if nothing is said.
@@ -144,7 +144,7 @@ struct Fitted {
 fn fit([min, max]: [[f64; 3]; 2], resolution: &Resolution) -> Result<Fitted> {
     let size: [f64; 3] = std::array::from_fn(|axis| max[axis] - min[axis]);
     let longest = size.into_iter().fold(0.0, f64::max);
-    let most = 1u64 << Oct::MAX_DEPTH;
+    let most = 1u64 << Dimension::Oct.max_depth();
     let count = |cells: u64| {
         if (1..=most).contains(&cells) {
             return Ok(cells);
@@ -156,7 +156,7 @@ fn fit([min, max]: [[f64; 3]; 2], resolution: &Resolution) -> Result<Fitted> {
     let (cell, origin, longest_cells) = match resolution {
         Resolution::Cells(cells) => (longest / count(*cells)? as f64, min, *cells),
         Resolution::Depth(depth) => {
-            if !(1..=Oct::MAX_DEPTH).contains(depth) {
+            if !(1..=Dimension::Oct.max_depth()).contains(depth) {
                 return Err(Error::invalid("depth", depth.to_string(), "1 to 19 for octrees"));
             }
             (longest / (1u64 << depth) as f64, min, 1 << depth)

@@ -14,8 +14,8 @@ use super::triangles::{Sorter, Triangles};
 use crate::Result;
 use crate::import::mesh::face::triangle;
 use crate::import::mesh::{Stage, Stages, Verdict};
-use crate::space::Oct;
-use crate::tree::{Child, Source};
+use crate::store::builder::ReusableSource;
+use crate::tree::{Child, Children, Form, Source};
 use crate::value::Value;
 
 /// What is counted while a solid is walked.
@@ -28,12 +28,14 @@ pub(super) struct Counted {
 }
 
 /// A solid, or its surface, of values made from attributes.
-pub(super) struct Solid<V> {
+pub(super) struct Solid {
+    form: Form,
     pub(super) fill: Fill,
     /// Triangles that are taken to memory at once.
     held: usize,
     root: Region,
-    value: fn(u32) -> V,
+    /// The value of an attribute.
+    value: fn(u32) -> Value,
     pub(super) counted: Counted,
 }
 
@@ -72,11 +74,17 @@ impl std::fmt::Debug for Node {
 /// Levels of cells in a block.
 const BLOCK: u8 = 6;
 
-impl<V: Value> Solid<V> {
+impl Solid {
     /// The solid of these triangles; up to `held` of them are taken to memory at once.
-    pub(super) fn new(fill: Fill, triangles: Triangles, held: usize, value: fn(u32) -> V) -> Result<Self> {
+    pub(super) fn new(
+        form: Form,
+        fill: Fill,
+        triangles: Triangles,
+        held: usize,
+        value: fn(u32) -> Value,
+    ) -> Result<Self> {
         let root = Region { level: 0, place: [0; 3], triangles, state: State::default() };
-        let mut solid = Solid { fill, held, root, value, counted: Counted::default() };
+        let mut solid = Solid { form, fill, held, root, value, counted: Counted::default() };
         if !solid.fill.surface {
             solid.root.state = solid.outside_in()?;
         }
@@ -170,7 +178,7 @@ impl<V: Value> Solid<V> {
     }
 
     /// What stands at a region.
-    fn place(&self, region: Region) -> Child<V, Node> {
+    fn place(&self, region: Region) -> Child<Node> {
         let is_inner = !region.triangles.is_empty();
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
             let (min, width) = self.bounds(&region);
@@ -188,13 +196,13 @@ impl<V: Value> Solid<V> {
         self.inner(Node::Region(Arc::new(region)))
     }
 
-    fn full(&self, attribute: u32) -> V {
+    fn full(&self, attribute: u32) -> Value {
         (self.value)(if self.fill.attribute == Attribute::Occupancy { FULL } else { attribute })
     }
 
     /// A node that is asked for its children. What stands for it is not known before all of them are, and what stores
     /// the tree works it out.
-    fn inner(&self, node: Node) -> Child<V, Node> {
+    fn inner(&self, node: Node) -> Child<Node> {
         Child::Inner { representative: self.full(0), node }
     }
 
@@ -215,7 +223,7 @@ impl<V: Value> Solid<V> {
         Ok(fill::block(&self.fill, &triangles, min, height, region.state))
     }
 
-    fn in_block(&self, block: &Arc<Pyramid>, above: u8, at: [u8; 3]) -> Child<V, Node> {
+    fn in_block(&self, block: &Arc<Pyramid>, above: u8, at: [u8; 3]) -> Child<Node> {
         match block.node(above, at.map(usize::from)) {
             Content::Nothing => Child::Void,
             Content::Uniform(value) => Child::Leaf((self.value)(value.unwrap_or(FULL))),
@@ -224,44 +232,43 @@ impl<V: Value> Solid<V> {
     }
 }
 
-impl<V: Value> Source for Solid<V> {
-    type Dim = Oct;
-    type Value = V;
+impl Source for Solid {
     type Node = Node;
+
+    fn form(&self) -> Form {
+        self.form
+    }
 
     fn depth(&self) -> u8 {
         self.fill.grid.depth
     }
 
-    fn root(&self) -> Result<Child<V, Node>> {
+    fn root(&self) -> Result<Child<Node>> {
         Ok(self.place(self.root.clone()))
     }
 
-    fn each_child(
-        &self,
-        node: &Node,
-        mut each: impl FnMut(usize, Child<V, Node>) -> Result<()>,
-    ) -> Result<()> {
+    fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
         let (block, above, at) = match node {
             Node::Region(region) if self.is_split(region) => {
-                let regions = self.split(region)?;
-                return regions
-                    .into_iter()
-                    .enumerate()
-                    .try_for_each(|(i, region)| each(i, self.place(region)));
+                for (child, region) in children.iter_mut().zip(self.split(region)?) {
+                    *child = self.place(region);
+                }
+                return Ok(());
             }
             Node::Region(region) => {
                 (&Arc::new(self.block(region)?), self.fill.grid.depth - region.level, [0; 3])
             }
             Node::Cells { block, above, at } => (block, *above, *at),
         };
-        for child in 0..8u8 {
-            let at = std::array::from_fn(|axis| 2 * at[axis] + (child >> axis & 1));
-            each(child.into(), self.in_block(block, above - 1, at))?;
+        for (step, child) in (0..).zip(children) {
+            let at = std::array::from_fn(|axis| 2 * at[axis] + (step >> axis & 1));
+            *child = self.in_block(block, above - 1, at);
         }
         Ok(())
     }
 }
+
+impl ReusableSource for Solid {}
 
 /// The lines between the first lattice points of a region's eight children: four along x, two along y, one along z,
 /// from each child to one of those that differ along one axis only.

@@ -1,11 +1,11 @@
 //! Lists of triangles: in memory, or in a temporary file where there are too many.
 
 use std::fs::File;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use super::grid::Triangle;
+use crate::io::platform::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 
 /// Numbers of a triangle: three corners and the attribute.
@@ -111,7 +111,7 @@ impl Spilled {
         let mut bytes = vec![0; CHUNK * BYTES];
         for (i, chunk) in self.chunks.iter().enumerate() {
             let here = (self.count - i * CHUNK).min(CHUNK) * BYTES;
-            let read = self.log.file.read_exact_at(&mut bytes[..here], chunk * (CHUNK * BYTES) as u64);
+            let read = read_exact_at(&self.log.file, &mut bytes[..here], chunk * (CHUNK * BYTES) as u64);
             read.map_err(Error::io(&self.log.folder, "read a temporary file"))?;
             for triangle in bytes[..here].chunks_exact(BYTES) {
                 each(&decode(triangle))?;
@@ -162,7 +162,7 @@ impl Spill {
         let log = &self.list.log;
         let chunk = log.take();
         self.list.chunks.push(chunk);
-        let written = log.file.write_all_at(&self.buffer, chunk * (CHUNK * BYTES) as u64);
+        let written = write_all_at(&log.file, &self.buffer, chunk * (CHUNK * BYTES) as u64);
         written.map_err(Error::io(&log.folder, "write a temporary file"))?;
         self.buffer.clear();
         Ok(())

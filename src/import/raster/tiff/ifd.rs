@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use crate::io::platform::read_exact_at;
 use crate::{Error, Result};
 
 /// Directories of one file that we look at; real files have a dozen.
@@ -87,27 +88,7 @@ impl Input {
     /// Fills `buffer` from `offset`.
     pub(super) fn read_at(&self, offset: u64, buffer: &mut [u8], place: impl Fn() -> String) -> Result<()> {
         self.check(offset, buffer.len() as u64, place)?;
-        self.read_exact_at(offset, buffer).map_err(Error::io(&self.path, "read"))
-    }
-
-    #[cfg(unix)]
-    fn read_exact_at(&self, offset: u64, buffer: &mut [u8]) -> std::io::Result<()> {
-        std::os::unix::fs::FileExt::read_exact_at(&self.file, buffer, offset)
-    }
-
-    #[cfg(windows)]
-    fn read_exact_at(&self, mut offset: u64, mut buffer: &mut [u8]) -> std::io::Result<()> {
-        while !buffer.is_empty() {
-            match std::os::windows::fs::FileExt::seek_read(&self.file, buffer, offset)? {
-                0 => return Err(std::io::ErrorKind::UnexpectedEof.into()),
-                n => {
-                    let rest = buffer;
-                    buffer = &mut rest[n..];
-                    offset += n as u64;
-                }
-            }
-        }
-        Ok(())
+        read_exact_at(&self.file, buffer, offset).map_err(Error::io(&self.path, "read"))
     }
 
     fn bytes_at<const N: usize>(&self, offset: u64, place: &str) -> Result<[u8; N]> {

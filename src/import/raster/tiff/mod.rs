@@ -17,9 +17,10 @@ use self::colour::Colour;
 use self::ifd::{Directory, Input};
 use self::image::Image;
 use self::samples::Stored;
+use super::validity::sample_bytes;
 use super::{OpenOptions, Order, Pixels, Raster, RasterInfo};
 use crate::space::Region;
-use crate::value::{Kind, Palette, Sample, SampleType};
+use crate::value::{Kind, Palette};
 use crate::{Error, Result};
 
 /// Opens a TIFF file, of which the first image counts.
@@ -209,17 +210,4 @@ fn tags(directory: &Directory<'_>, items: Vec<(String, String)>) -> Result<Vec<(
     }
     tags.extend(items);
     Ok(tags)
-}
-
-/// A number as a little-endian sample, if it is one.
-fn sample_bytes(number: f64, sample: SampleType) -> Option<Vec<u8>> {
-    Some(match sample {
-        SampleType::U8 => u8::from_f64(number)?.to_le_bytes().to_vec(),
-        SampleType::U16 => u16::from_f64(number)?.to_le_bytes().to_vec(),
-        SampleType::I16 => i16::from_f64(number)?.to_le_bytes().to_vec(),
-        SampleType::U32 => u32::from_f64(number)?.to_le_bytes().to_vec(),
-        SampleType::I32 => i32::from_f64(number)?.to_le_bytes().to_vec(),
-        SampleType::F32 => (number as f32).to_le_bytes().to_vec(),
-        SampleType::F64 => number.to_le_bytes().to_vec(),
-    })
 }

@@ -1,0 +1,231 @@
+//! One job with one tree file per run, so that the instructions it takes can be counted from outside.
+//!
+//! `cargo bench --bench instructions -- JOB FILE [COUNT]`
+//!
+//! Times on a busy machine are too noisy to tell whether a change made questions a few percent slower; the instructions
+//! of a run are the same every time. `benches/instructions.py` runs all jobs with many files under valgrind, subtracts what
+//! opening the file takes, and compares two states of the project; see there.
+//!
+//! A job asks the same questions every time, COUNT of them, and prints a number that depends on the answers: two states of
+//! the project must agree about it. The jobs:
+//!
+//! | job | question |
+//! | --- | --- |
+//! | `open` | none; the file is opened and closed COUNT times |
+//! | `descent` | the value of one cell of the deepest level |
+//! | `coarse` | the value of one node of any level |
+//! | `points` | the values of COUNT cells of the deepest level, all at once |
+//! | `tiles` | an aligned window at any level: 256 x 256 cells, in octrees 32 x 32 x 32 |
+//! | `unaligned` | such a window anywhere |
+//! | `tiles-valid` | as `tiles`, with a flag per cell that is not VOID |
+//! | `walk` | statistics of a box, whose sides cut zones |
+//! | `histogram` | a histogram of a box |
+//! | `find` | the largest blocks of a box above the middle of the values |
+//! | `solid` | volume, surface and centre of an octree |
+
+// Nothing is timed here.
+#[allow(dead_code)]
+mod measuring;
+
+use std::path::Path;
+
+use measuring::{Outcome, Random};
+use spinney::query::{Condition, PointSamples, Tree, open};
+use spinney::space::Bounds;
+use spinney::store::goblin::OpenOptions;
+
+/// A job, and how many questions it asks unless it is told.
+type Job = (&'static str, u64, fn(&dyn Tree, u64, &mut Answers) -> Outcome<()>);
+
+const JOBS: [Job; 10] = [
+    ("descent", 200_000, descent),
+    ("coarse", 200_000, coarse),
+    ("points", 500_000, points),
+    ("tiles", 400, |tree, count, answers| windows(tree, count, true, false, answers)),
+    ("unaligned", 300, |tree, count, answers| windows(tree, count, false, false, answers)),
+    ("tiles-valid", 400, |tree, count, answers| windows(tree, count, true, true, answers)),
+    ("walk", 300, walk),
+    ("histogram", 100, histogram),
+    ("find", 100, find),
+    ("solid", 1, solid),
+];
+
+fn main() -> Outcome<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    let (job, file, count) = match &arguments[..] {
+        [] => {
+            println!("instructions: no job given, nothing to count; see benches/instructions.py");
+            return Ok(());
+        }
+        [job, file] => (job.as_str(), Path::new(file), None),
+        [job, file, count] => (job.as_str(), Path::new(file), Some(count.parse::<u64>()?)),
+        _ => return Err("expected JOB FILE [COUNT]".into()),
+    };
+    let mut answers = Answers(0);
+    if job == "open" {
+        for _ in 0..count.unwrap_or(1) {
+            answers.add(opened(file)?.header().extent[0]);
+        }
+    } else {
+        let known = JOBS.iter().find(|(name, _, _)| *name == job);
+        let (_, usual, run) = known.ok_or_else(|| format!("{job}: no such job"))?;
+        run(&*opened(file)?, count.unwrap_or(*usual), &mut answers)?;
+    }
+    println!("{:016x}", answers.0);
+    Ok(())
+}
+
+/// All that is asked of the library besides questions.
+fn opened(path: &Path) -> spinney::Result<Box<dyn Tree>> {
+    open(path, &OpenOptions::default())
+}
+
+/// A number that depends on all answers and on their order.
+struct Answers(u64);
+
+impl Answers {
+    fn add(&mut self, answer: u64) {
+        self.0 = (self.0.rotate_left(5) ^ answer).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    }
+
+    fn add_numbers(&mut self, numbers: &[f64]) {
+        numbers.iter().for_each(|number| self.add(number.to_bits()));
+    }
+
+    /// A few of many bytes: looking at all takes longer than drawing a tile.
+    fn add_some(&mut self, bytes: &[u8]) {
+        bytes.iter().step_by(1021).for_each(|byte| self.add(u64::from(*byte)));
+    }
+}
+
+/// A cell in a picture of so many.
+fn cell(extent: [u64; 3], random: &mut Random) -> [u64; 3] {
+    extent.map(|cells| if cells > 1 { random.below(cells) } else { 0 })
+}
+
+fn descent(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+    let (extent, depth) = (tree.header().extent, tree.depth());
+    let mut random = Random(1);
+    let mut value = [0.0; 4];
+    for _ in 0..count {
+        let found = tree.point(cell(extent, &mut random), depth, &mut value)?;
+        answers.add(if found { value[0].to_bits() } else { 1 });
+    }
+    Ok(())
+}
+
+fn coarse(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+    let extents: Vec<_> = (0..=tree.depth()).map(|level| tree.extent_at(level).max).collect();
+    let mut random = Random(2);
+    let mut value = [0.0; 4];
+    for _ in 0..count {
+        let level = random.below(extents.len() as u64) as usize;
+        let found = tree.point(cell(extents[level], &mut random), level as u8, &mut value)?;
+        answers.add(if found { value[0].to_bits() } else { 1 });
+    }
+    Ok(())
+}
+
+fn points(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+    let extent = tree.header().extent;
+    let mut random = Random(3);
+    let cells: Vec<_> = (0..count).map(|_| cell(extent, &mut random)).collect();
+    let mut samples = PointSamples::default();
+    tree.points(&cells, tree.depth(), &mut samples)?;
+    for index in (0..cells.len()).step_by(101) {
+        answers.add_numbers(samples.get(index).unwrap_or(&[0.5]));
+    }
+    Ok(())
+}
+
+fn windows(
+    tree: &dyn Tree,
+    count: u64,
+    aligned: bool,
+    with_flags: bool,
+    answers: &mut Answers,
+) -> Outcome<()> {
+    let axes = usize::from(tree.header().axes);
+    let log: u8 = if axes == 2 { 8 } else { 5 };
+    let side = 1u64 << log;
+    let sides: [u64; 3] = std::array::from_fn(|axis| if axis < axes { side } else { 1 });
+    let cells = sides.iter().product::<u64>() as usize;
+    let mut bytes = vec![0; cells * tree.header().value.size()];
+    let mut flags = vec![false; cells];
+    let mut random = Random(4);
+    let coarsest = log.min(tree.depth());
+    for _ in 0..count {
+        let level = coarsest + random.below(u64::from(tree.depth() - coarsest) + 1) as u8;
+        let extent = tree.extent_at(level).max;
+        let min = std::array::from_fn(|axis| match sides[axis] {
+            1 => 0,
+            side if aligned => random.below(extent[axis].div_ceil(side)) * side,
+            _ => random.below(extent[axis]),
+        });
+        let bounds = Bounds { min, max: std::array::from_fn(|axis| min[axis] + sides[axis]) };
+        tree.window(level, &bounds, 0.0, &mut bytes, with_flags.then_some(&mut flags[..]))?;
+        answers.add_some(&bytes);
+        if with_flags {
+            flags.iter().step_by(1021).for_each(|flag| answers.add(u64::from(*flag)));
+        }
+    }
+    Ok(())
+}
+
+/// A box between two cells of the picture.
+fn cuboid(tree: &dyn Tree, random: &mut Random) -> Bounds {
+    let extent = tree.header().extent;
+    let (a, b) = (cell(extent, random), cell(extent, random));
+    let ends: [_; 3] = std::array::from_fn(|axis| (a[axis].min(b[axis]), a[axis].max(b[axis]) + 1));
+    Bounds { min: ends.map(|(min, _)| min), max: ends.map(|(_, max)| max) }
+}
+
+fn walk(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+    let mut random = Random(5);
+    for _ in 0..count {
+        let statistics = tree.statistics(Some(cuboid(tree, &mut random)))?;
+        answers.add(statistics.cells);
+        for channel in &statistics.channels {
+            answers.add_numbers(&[channel.min, channel.max, channel.mean, channel.deviation]);
+        }
+        statistics.classes.iter().for_each(|(_, cells)| answers.add(*cells));
+    }
+    Ok(())
+}
+
+fn histogram(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+    let mut random = Random(6);
+    let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
+    for _ in 0..count {
+        let bins = tree.histogram(&cuboid(tree, &mut random), low, high, 16)?;
+        bins.into_iter().for_each(|cells| answers.add(cells));
+    }
+    Ok(())
+}
+
+fn find(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+    let mut random = Random(7);
+    let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
+    let condition = Condition::Above((low + high) / 2.0);
+    for _ in 0..count {
+        // Not more than so many, since each has a text.
+        let mut left = 1000;
+        tree.find(condition, Some(cuboid(tree, &mut random)), &mut |block| {
+            answers.add(block.bounds.min[0] ^ block.bounds.max[1] << 32 ^ u64::from(block.level));
+            left -= 1;
+            Ok(left > 0)
+        })?;
+    }
+    Ok(())
+}
+
+fn solid(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+    for _ in 0..count {
+        let solid = tree.solid(tree.depth(), &())?;
+        answers.add(solid.cells);
+        answers.add_numbers(&[solid.volume, solid.smooth_area()]);
+        answers.add_numbers(&solid.centre.unwrap_or_default());
+        solid.faces.into_iter().for_each(|faces| answers.add(faces));
+    }
+    Ok(())
+}

@@ -1,0 +1,218 @@
+//! Datasets: tree files of either format, as they are or seen through steps, behind one interface, for the command line
+//! and for bindings.
+
+mod questions;
+mod solids;
+mod texts;
+mod viewed;
+
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+
+use self::viewed::Viewed;
+use crate::ops::{Chain, Sampling, Step, TreeFile, View};
+use crate::space::Bounds;
+use crate::store::autumnal::{Autumnal, Commit};
+use crate::store::goblin::Goblin;
+use crate::store::{Finding, Header, Metadata, OpenOptions, TreeFormat};
+use crate::{Progress, Result};
+
+/// A tree file of any form and either format, or a view of one, open for questions; may be shared by any number of
+/// threads.
+///
+/// Values come as f64 (which holds every sample type exactly) or as little-endian bytes; levels count from the root
+/// (0) to the cells ([`Dataset::depth`]); coordinates are cells of the level that is asked for, x, y, z, the last 0 in
+/// quadtrees.
+///
+/// ```no_run
+/// use spinney::dataset;
+/// use spinney::space::Bounds;
+/// use spinney::store::OpenOptions;
+///
+/// let map = dataset::open("world.goblin".as_ref(), &OpenOptions::default())?;
+/// let tile = Bounds { min: [0; 3], max: [256, 256, 1] };
+/// let mut bytes = vec![0; 256 * 256 * map.header().form.width()];
+/// map.window(8, &tile, 0.0, &mut bytes, None)?;
+/// // The same file, seen in another way, without opening it again.
+/// let turned = map.view(&["rotate=30".parse()?, "crop".parse()?])?;
+/// println!("{:?}", turned.header().extent);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+pub struct Dataset {
+    tree: Tree,
+}
+
+/// What questions are asked of.
+enum Tree {
+    /// A file of one of the two formats, no other base of views.
+    File(TreeFile),
+    View(Box<Viewed>),
+}
+
+/// What answers questions, each in its own way.
+enum Reader<'a> {
+    Goblin(&'a Goblin),
+    Autumnal(&'a Autumnal),
+    View(&'a Viewed),
+}
+
+/// Opens a tree file of either format and any form; `map.autumn@12` is commit 12 of `map.autumn`.
+///
+/// # Errors
+/// If it cannot be read, is no tree file, is damaged, or of a newer version.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
+    Dataset::of(TreeFile::open(path, options)?)
+}
+
+/// Opens a file to be seen through a chain of steps: nothing is made beforehand. Who has opened the file already takes
+/// [`Dataset::view`].
+///
+/// # Errors
+/// If the file cannot be read, or a step cannot be done.
+pub fn open_view(chain: &Chain) -> Result<Dataset> {
+    Ok(Dataset::seen(Viewed::new(chain.open()?, chain.moves)))
+}
+
+impl Dataset {
+    /// An open file, or anything else that a view can stand on.
+    ///
+    /// # Errors
+    /// If the file's header says what no file can have.
+    pub fn of(file: TreeFile) -> Result<Dataset> {
+        if matches!(file, TreeFile::Goblin(_) | TreeFile::Autumnal(_)) {
+            return Ok(Dataset { tree: Tree::File(file) });
+        }
+        let extent = file.header().extent;
+        Ok(Dataset::seen(Viewed::new(View::new(Arc::new(file), extent)?, false)))
+    }
+
+    fn seen(viewed: Viewed) -> Dataset {
+        Dataset { tree: Tree::View(Box::new(viewed)) }
+    }
+
+    /// The dataset seen through more steps, without opening the file again. New cells get their values by the file's
+    /// rule, and what is seen stays where it is in the world.
+    ///
+    /// # Errors
+    /// If a step cannot be done.
+    pub fn view(self, steps: &[Step]) -> Result<Dataset> {
+        let viewed = match self.tree {
+            Tree::File(file) => {
+                let (extent, rule) = (file.header().extent, file.header().rule);
+                let view = View::new(Arc::new(file), extent)?.through(steps)?;
+                Viewed::new(view.sampled(Sampling::Area(rule))?, false)
+            }
+            Tree::View(viewed) => viewed.through(steps)?,
+        };
+        Ok(Dataset::seen(viewed))
+    }
+
+    fn reader(&self) -> Reader<'_> {
+        match &self.tree {
+            Tree::File(TreeFile::Goblin(file)) => Reader::Goblin(file),
+            Tree::File(TreeFile::Autumnal(file)) => Reader::Autumnal(file),
+            Tree::File(_) => unreachable!("what is no file is seen through a view"),
+            Tree::View(viewed) => Reader::View(viewed),
+        }
+    }
+
+    /// The file, also where it is seen through a view.
+    fn file(&self) -> &TreeFile {
+        match &self.tree {
+            Tree::File(file) => file,
+            Tree::View(viewed) => viewed.file(),
+        }
+    }
+
+    /// The file's format.
+    pub fn format(&self) -> TreeFormat {
+        self.file().format()
+    }
+
+    /// The commit that is looked at; only Autumnal files have commits.
+    pub fn commit(&self) -> Option<&Commit> {
+        self.file().commit()
+    }
+
+    /// Moves on to the newest commit, if the file has got a newer one; tells whether. What was opened at a certain commit,
+    /// or is seen through a view, stays as it is.
+    ///
+    /// # Errors
+    /// If the file cannot be read any more; the dataset stays as it was then.
+    pub fn refresh(&mut self) -> Result<bool> {
+        match &mut self.tree {
+            // A reader that others have, too, is not pulled away from under them.
+            Tree::File(TreeFile::Autumnal(file)) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
+            Tree::File(_) | Tree::View(_) => Ok(false),
+        }
+    }
+
+    /// What the header says: form, rule, depth, extent. Depth and extent of views are their own.
+    pub fn header(&self) -> &Header {
+        match &self.tree {
+            Tree::File(file) => file.header(),
+            Tree::View(viewed) => viewed.header(),
+        }
+    }
+
+    /// What is told about the data. The frame of views is their own.
+    pub fn metadata(&self) -> &Metadata {
+        match &self.tree {
+            Tree::File(file) => file.metadata(),
+            Tree::View(viewed) => viewed.metadata(),
+        }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        self.file().path()
+    }
+
+    /// Bytes of the whole file.
+    pub fn file_size(&self) -> u64 {
+        self.file().file_size()
+    }
+
+    /// Number of segments; 0 in Autumnal files, which have none.
+    pub fn segments(&self) -> usize {
+        self.file().segments()
+    }
+
+    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's tree, the
+    /// shared ones as often as they occur.
+    pub fn stored_records(&self) -> u64 {
+        self.file().stored_records()
+    }
+
+    /// Name and bytes of each part of the file.
+    pub fn sections(&self) -> Vec<(&'static str, u64)> {
+        self.file().sections()
+    }
+
+    /// Levels below the root.
+    pub fn depth(&self) -> u8 {
+        self.header().depth()
+    }
+
+    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID. Below the
+    /// cells there is nothing finer: such a level counts as [`Dataset::depth`].
+    pub fn extent_at(&self, level: u8) -> Bounds {
+        let shift = self.depth().saturating_sub(level);
+        Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
+    }
+
+    /// Checks all of the file: see [`Goblin::verify`] and [`Autumnal::verify`].
+    ///
+    /// # Errors
+    /// If the file cannot be read, or on interruption.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        self.file().verify(memory, progress)
+    }
+}
+
+impl fmt::Debug for Dataset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Dataset").field("path", &self.path()).field("header", self.header()).finish()
+    }
+}

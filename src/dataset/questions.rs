@@ -1,0 +1,174 @@
+//! Questions about any dataset: cells, windows, statistics, searches.
+
+use super::viewed::value_at;
+use super::{Dataset, Reader};
+use crate::Result;
+use crate::query::{
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, source_find, source_histogram, source_statistics,
+};
+use crate::space::{Bounds, Cell, Code};
+use crate::tree::Source;
+use crate::value::Value;
+
+impl Dataset {
+    /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the tree).
+    ///
+    /// # Errors
+    /// If the file is damaged there; of a view also if it has no such level.
+    pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [f64; 4]) -> Result<bool> {
+        let found = match self.reader() {
+            Reader::View(viewed) => value_at(&viewed.at(level)?, cell)?,
+            _ if level > self.depth() => None,
+            Reader::Goblin(file) => {
+                self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
+            }
+            Reader::Autumnal(file) => {
+                self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
+            }
+        };
+        if let Some(found) = found {
+            let samples = self.header().form.value.samples(found);
+            value[..samples.len()].copy_from_slice(&samples);
+        }
+        Ok(found.is_some())
+    }
+
+    /// The values of many cells of a level, in the order of the cells, to `samples`, whose former contents go. Much faster
+    /// than asking for them one by one where there are very many.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or the level is too deep.
+    pub fn points(&self, cells: &[[u64; 3]], level: u8, samples: &mut PointSamples) -> Result<()> {
+        let value_type = self.header().form.value;
+        samples.start(value_type.channels.into());
+        let mut values = vec![None; cells.len()];
+        match self.reader() {
+            Reader::Goblin(file) => {
+                let cells: Vec<Cell> = cells.iter().map(|cell| saturated(*cell)).collect();
+                file.values_at(level, &cells, &mut values)?;
+            }
+            Reader::Autumnal(file) => {
+                for (cell, value) in cells.iter().zip(&mut values) {
+                    let code = self.code(level, saturated(*cell));
+                    *value = code.map_or(Ok(None), |code| file.value_at(code))?;
+                }
+            }
+            Reader::View(viewed) => {
+                let view = viewed.at(level)?;
+                for (cell, value) in cells.iter().zip(&mut values) {
+                    *value = value_at(&view, *cell)?;
+                }
+            }
+        }
+        samples.push_values(value_type, &values);
+        Ok(())
+    }
+
+    /// The code of a cell of a level; `None` outside of the space.
+    fn code(&self, level: u8, cell: Cell) -> Option<Code> {
+        Code::from_cell(self.header().form.dimension, level, cell)
+    }
+
+    /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together, little-endian;
+    /// VOID cells have the sample `fill` in every channel, and `false` in `valid` if that is given.
+    ///
+    /// `bytes` must have `bounds.volume() * header().form.width()` bytes, `valid` one flag per cell.
+    ///
+    /// # Errors
+    /// If the file is damaged there, the level is too deep, or a buffer has the wrong size.
+    pub fn window(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        fill: f64,
+        bytes: &mut [u8],
+        valid: Option<&mut [bool]>,
+    ) -> Result<()> {
+        let fill: Value = self.header().form.value.nearest(|_| fill);
+        match self.reader() {
+            Reader::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
+            Reader::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
+            Reader::View(viewed) => {
+                let view = viewed.at(level)?;
+                let mut canvas = Canvas::new(view.form(), bounds, fill, bytes, valid)?;
+                canvas.draw(&view, view.root()?, view.depth())
+            }
+        }
+    }
+
+    /// Exact statistics of a box of cells (of the deepest level); the whole picture if there is none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        match self.reader() {
+            Reader::View(viewed) => {
+                let counts_classes = self.header().counts_classes();
+                source_statistics(viewed.view(), &self.within(bounds), counts_classes)
+            }
+            _ => self.file().statistics(bounds),
+        }
+    }
+
+    /// The part of a box that is in the picture; all of it if there is no box.
+    fn within(&self, bounds: Option<Bounds>) -> Bounds {
+        let picture = self.header().picture();
+        bounds.map_or(picture, |bounds| bounds.intersect(&picture))
+    }
+
+    /// Whether some cells of a box may be VOID; `false` is sure. Of views it is cheaper than statistics.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
+        match self.reader() {
+            Reader::View(viewed) => viewed.may_have_void(&bounds),
+            _ => Ok(self.statistics(Some(bounds))?.cells < bounds.volume()),
+        }
+    }
+
+    /// Bounds of all values, per channel: the least and the largest; nothing if there are none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
+        // No view has values beyond its file's.
+        let statistics = self.file().statistics(None)?;
+        Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
+    }
+
+    /// Cells of a box (of the deepest level) whose first channel lies in each of `bins` equal parts of `low ..= high`.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
+        match self.reader() {
+            Reader::Goblin(file) => file.histogram(bounds, low, high, bins),
+            Reader::Autumnal(file) => source_histogram(file, bounds, (low, high), bins),
+            Reader::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins),
+        }
+    }
+
+    /// Hands out the largest blocks in a box (of cells of the deepest level; the whole picture if there is none) all of
+    /// whose cells meet a condition, in FD order, until `found` says `false`. VOID meets none.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or `found` fails.
+    pub fn find(
+        &self,
+        condition: Condition,
+        bounds: Option<Bounds>,
+        found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Result<()> {
+        match self.reader() {
+            Reader::Goblin(file) => file.find(condition, bounds, found),
+            Reader::Autumnal(file) => source_find(file, condition, &self.within(bounds), found),
+            Reader::View(viewed) => source_find(viewed.view(), condition, &self.within(bounds), found),
+        }
+    }
+}
+
+/// Coordinates that are too large for any tree stay so.
+fn saturated(cell: [u64; 3]) -> Cell {
+    cell.map(|cell| u32::try_from(cell).unwrap_or(u32::MAX))
+}

@@ -1,0 +1,33 @@
+//! Which file an open file is, whatever its name.
+
+use std::fs::File;
+use std::io;
+
+use super::platform::device_and_inode;
+
+/// Tells files apart, whatever names they have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct FileId(u64, u64);
+
+impl FileId {
+    /// That of an open file. Where the system has no such numbers, every call gives another one: nothing is then known
+    /// to be the same file.
+    ///
+    /// # Errors
+    /// If the system cannot tell.
+    pub fn of(file: &File) -> io::Result<FileId> {
+        Ok(device_and_inode(file)?.map_or_else(FileId::unique, |(device, inode)| FileId(device, inode)))
+    }
+
+    /// One that nothing else has: for bytes in memory.
+    pub fn unique() -> FileId {
+        use std::sync::atomic::{AtomicU64, Ordering};
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        FileId(u64::MAX, NEXT.fetch_add(1, Ordering::Relaxed))
+    }
+
+    /// Whether it is one that nothing else has, from which nothing can be learned about files.
+    pub(crate) fn is_unique(self) -> bool {
+        self.0 == u64::MAX
+    }
+}

@@ -1,0 +1,19 @@
+//! Files: read where they are mapped or at positions, written whole or not at all, locked, sorted beyond memory.
+
+mod file_id;
+mod lock;
+mod output;
+pub(crate) mod platform;
+mod read;
+mod sorter;
+mod write;
+
+pub use file_id::FileId;
+pub(crate) use lock::LockedFile;
+pub use output::Output;
+pub(crate) use output::folder;
+pub(crate) use read::FileBytes;
+pub use read::{Mapped, Positioned, ReadBackend};
+pub(crate) use sorter::Sorter;
+pub(crate) use write::FileBackend;
+pub use write::WriteBackend;

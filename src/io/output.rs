@@ -1,0 +1,155 @@
+//! Writing a file so that nobody ever sees half of it.
+
+use std::fs::{File, TryLockError};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::platform::set_output_permissions;
+use crate::{Error, Result};
+
+/// Where output goes: a new file that appears whole or not at all, or standard output.
+///
+/// A file is written under a temporary name in the target's folder and takes the target's place only in
+/// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it. Dropping the
+/// output without committing removes the temporary file; if the process is killed, the next output of that name
+/// does.
+pub struct Output {
+    path: PathBuf,
+    sink: Sink,
+}
+
+enum Sink {
+    File(BufWriter<tempfile::NamedTempFile>),
+    /// Standard output, a device or a pipe: there is nothing to take the place of.
+    Stream(BufWriter<Box<dyn Write + Send>>),
+}
+
+/// Larger pieces, such as most segments, are written as they are.
+const BUFFER: usize = 1 << 16;
+
+impl Output {
+    /// Starts a file at `path`; `-` is standard output. Devices and named pipes are written to as they are.
+    ///
+    /// # Errors
+    /// If `path` is a folder, or no file can be made in its folder.
+    pub fn create(path: &Path) -> Result<Output> {
+        let sink = if path == Path::new("-") {
+            Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(io::stdout())))
+        } else if path.is_dir() {
+            let is_folder = io::Error::from(io::ErrorKind::IsADirectory);
+            return Err(Error::io(path, "create a file")(is_folder));
+        } else if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+            let stream = File::options().write(true).open(path).map_err(Error::io(path, "open"))?;
+            Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(stream)))
+        } else {
+            let file =
+                temporary(path).map_err(Error::io(path, "create a temporary file beside the target"))?;
+            Sink::File(BufWriter::with_capacity(BUFFER, file))
+        };
+        Ok(Output { path: path.to_path_buf(), sink })
+    }
+
+    /// The final path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether bytes go to a file, which can be overwritten in place while it is being made.
+    pub fn file_mut(&mut self) -> Option<&mut File> {
+        match &mut self.sink {
+            Sink::File(file) => Some(file.get_mut().as_file_mut()),
+            Sink::Stream(_) => None,
+        }
+    }
+
+    /// Puts the finished file in its place, on the disk and not only in the system's memory.
+    ///
+    /// An existing file's permissions are kept; a new file gets the usual ones.
+    pub fn commit(self) -> Result<()> {
+        let path = self.path;
+        match self.sink {
+            Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
+            Sink::File(file) => {
+                let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
+                set_output_permissions(file.as_file(), &path).map_err(Error::io(&path, "set the permissions"))?;
+                file.as_file().sync_all().map_err(Error::io(&path, "sync"))?;
+                // Following a symbolic link keeps the link and replaces what it points to.
+                let target = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
+                let same_folder = folder(&target) == folder(&path)
+                    || std::fs::canonicalize(folder(&path)).is_ok_and(|f| f == folder(&target));
+                let target = if same_folder { target } else { path.clone() };
+                file.persist(&target).map_err(|e| Error::io(&path, "put in place")(e.error))?;
+                sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
+            }
+        }
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match &mut self.sink {
+            Sink::File(file) => file.write(bytes),
+            Sink::Stream(out) => out.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.sink {
+            Sink::File(file) => file.flush(),
+            Sink::Stream(out) => out.flush(),
+        }
+    }
+}
+
+/// Letters and digits between a temporary file's prefix and suffix.
+const RANDOM: usize = 6;
+
+const SUFFIX: &str = ".partial";
+
+/// A file beside the target, with a lock that tells others that it is being written.
+fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let prefix = format!(".{}.", target.file_name().unwrap_or_default().to_string_lossy());
+    let folder = folder(target);
+    remove_left_behind(folder, &prefix);
+    loop {
+        let file =
+            tempfile::Builder::new().prefix(&prefix).suffix(SUFFIX).rand_bytes(RANDOM).tempfile_in(folder)?;
+        // Before it is locked, another process may take it for one that was left behind. Where there are no locks,
+        // nobody takes anything.
+        let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
+        if !taken && file.path().exists() {
+            return Ok(file);
+        }
+    }
+}
+
+/// Removes what processes that were killed have left: temporary files for the same target that nobody holds a lock
+/// on. What cannot be removed stays, which is no reason to fail.
+fn remove_left_behind(folder: &Path, prefix: &str) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let random = name.to_str().and_then(|name| name.strip_prefix(prefix)?.strip_suffix(SUFFIX));
+        let is_ours = random.is_some_and(|random| {
+            random.len() == RANDOM && random.bytes().all(|byte| byte.is_ascii_alphanumeric())
+        });
+        if !is_ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        // The lock is held while the file is removed, so that its maker cannot take it meanwhile.
+        if let Ok(file) = File::open(entry.path())
+            && file.try_lock().is_ok()
+        {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// The folder a path lies in.
+pub(crate) fn folder(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Makes a rename in a folder durable.
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+}

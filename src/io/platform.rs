@@ -1,0 +1,86 @@
+//! What systems do differently, behind functions that are the same on all of them.
+//!
+//! Tested on Linux; macOS is Unix to this page, and Windows has what its interfaces offer for the same.
+
+use std::fs::File;
+use std::io;
+use std::path::Path;
+
+/// Reads bytes at a place of a file, whatever its cursor.
+#[cfg(unix)]
+pub(crate) fn read_exact_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
+}
+
+/// Reads bytes at a place of a file, whatever its cursor.
+#[cfg(windows)]
+pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_read(file, bytes, offset)? {
+            0 => return Err(io::ErrorKind::UnexpectedEof.into()),
+            read => {
+                bytes = &mut bytes[read..];
+                offset += read as u64;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Writes bytes at a place of a file, which may lie behind its end.
+#[cfg(unix)]
+pub(crate) fn write_all_at(file: &File, bytes: &[u8], offset: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::write_all_at(file, bytes, offset)
+}
+
+/// Writes bytes at a place of a file, which may lie behind its end.
+#[cfg(windows)]
+pub(crate) fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io::Result<()> {
+    while !bytes.is_empty() {
+        match std::os::windows::fs::FileExt::seek_write(file, bytes, offset)? {
+            0 => return Err(io::ErrorKind::WriteZero.into()),
+            written => {
+                bytes = &bytes[written..];
+                offset += written as u64;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Device and inode of an open file; `None` where the system has no such numbers.
+pub(super) fn device_and_inode(file: &File) -> io::Result<Option<(u64, u64)>> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let metadata = file.metadata()?;
+        Ok(Some((metadata.dev(), metadata.ino())))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = file;
+        Ok(None)
+    }
+}
+
+/// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
+#[cfg(unix)]
+pub(super) fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    let mode = match std::fs::metadata(target) {
+        Ok(existing) => existing.permissions().mode() & 0o777,
+        Err(_) => {
+            // The mask can only be read by setting it.
+            let mask = rustix::process::umask(rustix::fs::Mode::empty());
+            rustix::process::umask(mask);
+            0o666 & !mask.bits()
+        }
+    };
+    file.set_permissions(std::fs::Permissions::from_mode(mode))
+}
+
+/// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
+#[cfg(not(unix))]
+pub(super) fn set_output_permissions(_: &File, _: &Path) -> io::Result<()> {
+    Ok(())
+}

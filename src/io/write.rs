@@ -1,0 +1,66 @@
+//! What can be written at any place: files, or what tests put in their place.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::file_id::FileId;
+use super::platform::write_all_at;
+use super::read::{Mapped, ReadBackend};
+use crate::Result;
+
+/// Somewhere bytes can be written at any place and made durable: a file, or what tests put in its place.
+///
+/// Writes may become durable in any order, in part or not at all, until [`WriteBackend::sync`] returns.
+pub trait WriteBackend: Send {
+    /// Writes bytes at a place, which may lie behind the end.
+    ///
+    /// # Errors
+    /// If that fails; some of the bytes may be written.
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()>;
+
+    /// Makes all that was written durable.
+    ///
+    /// # Errors
+    /// If that fails. What was written since the last success may then be lost even if a later call succeeds.
+    fn sync(&mut self) -> io::Result<()>;
+
+    /// The bytes as they are now, to be read.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    fn reader(&self) -> Result<Box<dyn ReadBackend>>;
+
+    /// Which file it is.
+    fn id(&self) -> FileId;
+}
+
+/// A file. Written with ordinary positioned writes, never through a mapping.
+pub(crate) struct FileBackend {
+    pub(crate) file: File,
+    pub(crate) path: PathBuf,
+}
+
+impl FileBackend {
+    pub(crate) fn new(file: File, path: &Path) -> FileBackend {
+        FileBackend { file, path: path.to_path_buf() }
+    }
+}
+
+impl WriteBackend for FileBackend {
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        write_all_at(&self.file, bytes, offset)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.file.sync_data()
+    }
+
+    fn reader(&self) -> Result<Box<dyn ReadBackend>> {
+        Ok(Box::new(Mapped::of(&self.file, &self.path)?))
+    }
+
+    fn id(&self) -> FileId {
+        FileId::of(&self.file).unwrap_or_else(|_| FileId::unique())
+    }
+}

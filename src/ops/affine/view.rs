@@ -1,0 +1,384 @@
+//! Views: one affine map between the cells of a result and those of a source, however many steps led to it.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::map::Map;
+use crate::ops::tree_file::TreeFile;
+use crate::space::Frame;
+use crate::store::depth_for;
+use crate::tree::{Form, Source};
+use crate::value::Rule;
+use crate::{Error, Result};
+
+/// How cells that are no source cells get their value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sampling {
+    /// The source cell at the cell's centre.
+    Centre,
+    /// From all source cells that the cell covers, each as far as it is covered, by the source's rule: the mean, or
+    /// the value with the largest area (the least of several). Only where axes stay axes; elsewhere as
+    /// [`Sampling::Centre`].
+    Area(Rule),
+}
+
+/// A file seen through an affine map: a window, a translated, scaled, mirrored or rotated tree, or any chain of these.
+///
+/// A chain is one map, so that cells are looked up once and nothing is lost between the steps. Nothing is read before
+/// somebody walks the view, and memory is proportional to depth: an INNER node of the view knows the source nodes
+/// around its image (at most 2 along each axis), as in the algorithms of Samet for translation and rotation; it is
+/// uniform if they are, else split until that is decided, at last at single cells. Where a node of the view is a
+/// node of the source, it is handed through, with all that is stored below it.
+///
+/// ```
+/// use std::sync::Arc;
+/// use spinney::ops::{Axis, Map, View};
+/// use spinney::space::Dimension;
+/// use spinney::tree::{Form, MemTree, Source};
+/// use spinney::value::{Rule, SampleType, Value, ValueType};
+///
+/// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+/// let columns = MemTree::from_cells(form, 2, Rule::Mean, &|[x, _, _]| Some(Value::from([x as u8])));
+/// let view = View::new(Arc::new(columns.into()), [4, 3, 1])?;
+/// let turned = view.window([1, 0, 0], [3, 3, 1])?.transform(&Map::rotation(Axis::Z, 90.0, [0.0; 3]))?;
+/// assert_eq!((turned.extent(), turned.depth()), ([3, 3, 1], 2));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct View {
+    pub(super) source: Arc<TreeFile>,
+    /// The source's, at hand: every node asks for it.
+    pub(super) form: Form,
+    /// Cells of the source along each axis; the rest is VOID.
+    source_extent: [u64; 3],
+    /// From source cells to where they are placed.
+    placed: Map,
+    /// Where the view's first cell is, on the ground where source cells are placed: whole numbers.
+    origin: DVec3,
+    extent: [u64; 3],
+    depth: u8,
+    /// Windows taken on the way: from source cells to the window's, and its size.
+    windows: Vec<(Map, DVec3)>,
+    pub(super) sampling: Sampling,
+    pub(super) lookup: Lookup,
+}
+
+/// What is needed to find a view's cells, derived from the steps.
+#[derive(Clone, Debug)]
+pub(super) struct Lookup {
+    /// From the view's cells to the source's.
+    pub(super) to_source: Map,
+    /// Whether cells are averaged over areas of the source.
+    pub(super) by_area: bool,
+    /// Source cells that are seen: from the first up to, not including, the last.
+    pub(super) seen: ([i64; 3], [i64; 3]),
+    /// If the view only moves the source, by whole cells.
+    pub(super) moved: Option<Moved>,
+    /// Box around the image of what is seen, in whole cells.
+    pub(super) content: (DVec3, DVec3),
+    /// Box of cells that can be other than VOID.
+    pub(super) shown: (DVec3, DVec3),
+    /// Windows that lie askew: from the view's cells to the window's, and its size.
+    pub(super) askew: Vec<(Map, DVec3)>,
+}
+
+/// A move by whole cells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moved {
+    /// From the view's cells to the source's.
+    pub(super) by: [i64; 3],
+    /// Source cells that are seen, also through windows taken later.
+    seen: ([i64; 3], [i64; 3]),
+    /// Source cells that are not VOID.
+    extent: [u64; 3],
+}
+
+impl Moved {
+    /// Whether all that a box of source cells, given by its first cell and side, has is seen.
+    pub(super) fn shows_all(&self, first: [i64; 3], side: i64, axes: usize) -> bool {
+        (0..axes).all(|axis| {
+            let (start, end) = (first[axis].max(0), (first[axis] + side).min(self.extent[axis] as i64));
+            self.seen.0[axis] <= start && end <= self.seen.1[axis]
+        })
+    }
+}
+
+/// A part of a cell: rounding errors of coordinates are smaller, and nothing that matters is.
+pub(super) const TINY: f64 = 1e-6;
+
+impl View {
+    /// All of a file whose picture has `extent` cells.
+    ///
+    /// # Errors
+    /// If the extent does not fit the source.
+    pub fn new(source: Arc<TreeFile>, extent: [u64; 3]) -> Result<View> {
+        let (form, depth) = (source.form(), source.depth());
+        let side = 1u64 << depth;
+        for (axis, cells) in extent.into_iter().enumerate() {
+            let most = if axis < form.axes() { side } else { 1 };
+            if cells == 0 || cells > most {
+                let found = format!("{cells} cells along axis {axis}");
+                return Err(Error::invalid("extent", found, format!("1 to {most}, the source's")));
+            }
+        }
+        let view = View {
+            source,
+            form,
+            source_extent: extent,
+            placed: Map::IDENTITY,
+            origin: DVec3::ZERO,
+            extent,
+            depth,
+            windows: Vec::new(),
+            sampling: Sampling::Centre,
+            lookup: Lookup {
+                to_source: Map::IDENTITY,
+                by_area: false,
+                seen: ([0; 3], [0; 3]),
+                moved: None,
+                content: (DVec3::ZERO, DVec3::ZERO),
+                shown: (DVec3::ZERO, DVec3::ZERO),
+                askew: Vec::new(),
+            },
+        };
+        view.renewed()
+    }
+
+    /// Cells along each axis; all that is outside is VOID.
+    pub fn extent(&self) -> [u64; 3] {
+        self.extent
+    }
+
+    /// Levels below the root.
+    pub fn depth(&self) -> u8 {
+        self.depth
+    }
+
+    /// What is looked at.
+    pub fn source(&self) -> &Arc<TreeFile> {
+        &self.source
+    }
+
+    /// The map from the view's cells to the source's.
+    pub fn to_source(&self) -> Map {
+        self.lookup.to_source
+    }
+
+    /// A box of cells, which may stick out on any side; its first cell becomes the view's first.
+    ///
+    /// # Errors
+    /// If it has no cells, more than the deepest tree, or none of the view's.
+    pub fn window(mut self, min: [i64; 3], size: [u64; 3]) -> Result<View> {
+        let axes = self.form.axes();
+        let outside = (0..axes).any(|axis| {
+            min[axis] >= self.extent[axis] as i64 || min[axis].saturating_add_unsigned(size[axis]) <= 0
+        });
+        if size.contains(&0) || outside {
+            let found = format!("{} cells from {}", show(&size, axes), show(&min, axes));
+            let expected = format!("some of the {} cells", show(&self.extent, axes));
+            return Err(Error::invalid("window", found, expected));
+        }
+        self.origin += DVec3::from(min.map(|min| min as f64));
+        self.extent = size;
+        self.add_window();
+        self.fitted()
+    }
+
+    /// From here on nothing outside the extent is seen, whatever steps follow.
+    fn add_window(&mut self) {
+        let to_window = self.placed.then(&Map::translation((-self.origin).to_array()));
+        self.windows.push((to_window, DVec3::from(self.extent.map(|cells| cells as f64))));
+    }
+
+    /// Moves by so many cells, or parts of cells, along each axis. The view begins where it began: what moves before
+    /// the first cell is not seen, and there is room for what moves on.
+    ///
+    /// # Errors
+    /// If nothing is left, or more than the deepest tree holds.
+    pub fn translate(mut self, by: [f64; 3]) -> Result<View> {
+        self.check_axes(&Map::translation(by))?;
+        let mut extent = [1; 3];
+        for axis in 0..self.form.axes() {
+            let end = (self.extent[axis] as f64 + by[axis] - TINY).ceil();
+            if end.is_nan() || end < 1.0 {
+                let found = format!("{} cells along axis {axis}", by[axis]);
+                return Err(Error::invalid("translation", found, "one that leaves some cells in place"));
+            }
+            extent[axis] = end as u64;
+        }
+        self.placed = self.placed.then(&Map::translation(by));
+        self.extent = extent;
+        self.fitted()
+    }
+
+    /// Maps the view's cells anywhere; the result has room for all of them, its first cell is the corner of the box
+    /// around them.
+    ///
+    /// # Errors
+    /// If the map cannot be inverted, leaves a quadtree's plane, or the result needs a deeper tree than there can be.
+    pub fn transform(self, map: &Map) -> Result<View> {
+        let end = DVec3::from(self.extent.map(|cells| cells as f64));
+        let (min, max) = map.bounding_box(DVec3::ZERO, end);
+        let (min, max) = ((min + TINY).floor(), (max - TINY).ceil());
+        let extent = (max - min).max(DVec3::ONE).to_array().map(|cells| cells as u64);
+        self.mapped(map, min, extent)
+    }
+
+    /// Maps the view's cells onto a given grid of so many cells; what falls outside is not seen.
+    ///
+    /// # Errors
+    /// As [`View::transform`].
+    pub fn onto(self, map: &Map, extent: [u64; 3]) -> Result<View> {
+        if extent.contains(&0) {
+            let found = show(&extent, self.form.axes());
+            return Err(Error::invalid("size of the result", found, "at least one cell"));
+        }
+        let mut view = self.mapped(map, DVec3::ZERO, extent)?;
+        view.add_window();
+        view.renewed()
+    }
+
+    fn mapped(mut self, map: &Map, min: DVec3, extent: [u64; 3]) -> Result<View> {
+        self.check_axes(map)?;
+        map.inverse()?;
+        let there = Map::translation((-self.origin).to_array()).then(map);
+        let and_back = Map::translation(self.origin.to_array());
+        self.placed = self.placed.then(&there).then(&and_back);
+        self.origin += min;
+        self.extent = extent;
+        self.fitted()
+    }
+
+    /// So many times as many cells along each axis.
+    ///
+    /// # Errors
+    /// As [`View::transform`]; factors must be positive.
+    pub fn scale(self, by: [f64; 3]) -> Result<View> {
+        if !by.iter().all(|factor| *factor > 0.0 && factor.is_finite()) {
+            return Err(Error::invalid("scale", format!("{by:?}"), "factors greater than 0"));
+        }
+        self.transform(&Map::scaling(by))
+    }
+
+    /// A tree of this depth over the same space: coarser or finer cells, and as many of them as it takes.
+    ///
+    /// # Errors
+    /// As [`View::transform`].
+    pub fn resample(self, depth: u8) -> Result<View> {
+        let factor = 2f64.powi(i32::from(depth) - i32::from(self.depth));
+        let axes = self.form.axes();
+        let mut view = self.scale(std::array::from_fn(|axis| if axis < axes { factor } else { 1.0 }))?;
+        view.depth = view.depth.max(depth);
+        view.renewed()
+    }
+
+    /// A deeper tree over the same cells: there is room for more on the far sides.
+    ///
+    /// # Errors
+    /// If the view does not fit, or there are no such trees.
+    pub fn deepened(mut self, depth: u8) -> Result<View> {
+        let (least, most) = (depth_for(self.extent), self.form.dimension.max_depth());
+        if depth < least || depth > most {
+            let expected = format!("{least} to {most}");
+            return Err(Error::invalid("depth", depth.to_string(), expected));
+        }
+        self.depth = depth;
+        self.renewed()
+    }
+
+    /// Chooses how new cells get their values.
+    ///
+    /// # Errors
+    /// None in practice: a view that is there can be sampled in any way.
+    pub fn sampled(mut self, sampling: Sampling) -> Result<View> {
+        self.sampling = sampling;
+        self.renewed()
+    }
+
+    /// Whether a window was taken: there may be less to see than the source has.
+    pub fn has_windows(&self) -> bool {
+        !self.windows.is_empty()
+    }
+
+    /// The view's frame. By default cells stay where the file has them in the world, however they are arranged; with
+    /// `moves`, they are moved in the world the way they were moved in the tree.
+    pub fn frame(&self, moves: bool) -> Frame {
+        let source = &self.source.metadata().frame;
+        let cells = if moves { Map::translation(self.origin.to_array()) } else { self.lookup.to_source };
+        let world = Map::from_rows(source.matrix);
+        Frame { matrix: cells.then(&world).to_rows(), ..source.clone() }
+    }
+
+    fn check_axes(&self, map: &Map) -> Result<()> {
+        let rows = map.to_rows();
+        let stays = self.form.axes() > 2
+            || (rows[2] == [0.0, 0.0, 1.0, 0.0] && rows[0][2] == 0.0 && rows[1][2] == 0.0);
+        let finite = rows.iter().flatten().all(|number| number.is_finite());
+        if stays && finite {
+            return Ok(());
+        }
+        let expected = if finite { "one that leaves z alone, for a quadtree" } else { "finite numbers" };
+        Err(Error::invalid("affine map", format!("{rows:?}"), expected))
+    }
+
+    /// With the depth that the extent needs.
+    fn fitted(mut self) -> Result<View> {
+        let depth = depth_for(self.extent);
+        let most = self.form.dimension.max_depth();
+        if depth > most {
+            let found = format!("{} cells", show(&self.extent, self.form.axes()));
+            let expected = format!("at most {} along each axis", 1u64 << most);
+            return Err(Error::invalid("size of the result", found, expected));
+        }
+        self.depth = depth;
+        self.renewed()
+    }
+
+    /// With what is derived made anew.
+    fn renewed(mut self) -> Result<View> {
+        // Windows say which source cells are seen, wherever that can be said in whole source cells; else which cells of the
+        // view can show something. What is neither (the window lies askew to both) is asked cell by cell.
+        let to_source = self.placed.then(&Map::translation((-self.origin).to_array())).inverse()?;
+        let source_end = DVec3::from(self.source_extent.map(|cells| cells as f64));
+        let mut seen = (DVec3::ZERO, source_end);
+        let mut shown = (DVec3::ZERO, DVec3::from(self.extent.map(|cells| cells as f64)));
+        let mut askew = Vec::new();
+        for (map, size) in &self.windows {
+            let here = to_source.then(map);
+            if map.keeps_cells() {
+                let (start, end) = map.inverse()?.bounding_box(DVec3::ZERO, *size);
+                seen = (seen.0.max(start.round()), seen.1.min(end.round()).max(seen.0));
+            } else if here.is_translation() {
+                let start = (-here.0.translation).round();
+                shown = (shown.0.max(start), shown.1.min(start + size));
+            } else {
+                askew.push((here, *size));
+            }
+        }
+        let image = to_source.inverse()?.bounding_box(seen.0, seen.1);
+        let whole = |point: DVec3| point.to_array().map(|number| number as i64);
+        let moves = to_source.is_translation() && to_source.keeps_cells();
+        let moved = moves.then(|| {
+            let by = to_source.0.translation;
+            let seen = (whole(seen.0.max(shown.0 + by)), whole(seen.1.min(shown.1 + by)));
+            Moved { by: whole(by), seen, extent: self.source_extent }
+        });
+        let is_area = matches!(self.sampling, Sampling::Area(rule) if rule != Rule::Nearest);
+        self.lookup = Lookup {
+            to_source,
+            by_area: is_area && to_source.keeps_axes() && !to_source.keeps_cells(),
+            seen: (whole(seen.0), whole(seen.1)),
+            moved,
+            content: ((image.0 + TINY).floor(), (image.1 - TINY).ceil()),
+            shown,
+            askew,
+        };
+        Ok(self)
+    }
+}
+
+/// Numbers of cells along each axis, as people write them.
+fn show<T: ToString>(numbers: &[T; 3], axes: usize) -> String {
+    numbers[..axes].iter().map(T::to_string).collect::<Vec<_>>().join(" x ")
+}

@@ -1,0 +1,198 @@
+//! How trees are merged into one, cell by cell, and what that means for their nodes.
+
+use std::fmt;
+
+use crate::store::builder::{MergeAction, MergeTable};
+use crate::tree::NodeState;
+
+/// Whose value counts where both have one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Prefer {
+    /// The first tree's.
+    First,
+    /// The second tree's.
+    Second,
+}
+
+/// How trees are merged into one, cell by cell; a cell is present if it is not VOID.
+///
+/// ```
+/// use spinney::ops::{Operation, Prefer};
+/// let union = Operation::named("or", Prefer::First);
+/// assert_eq!(union, Some(Operation::Set { number: 7, prefer: Prefer::First }));
+/// assert_eq!(union.unwrap().to_string(), "union");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
+    /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both belong
+    /// to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of neither. So 1 is
+    /// the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union, 12 the complement of
+    /// the first, which needs no second.
+    Set {
+        /// The number, 0 to 15.
+        number: u8,
+        /// Whose value stands where both are present.
+        prefer: Prefer,
+    },
+    /// The first of any number of trees that is present.
+    Over,
+    /// The least value per channel, where all are present.
+    Min,
+    /// The largest value per channel, where all are present.
+    Max,
+    /// The sum per channel, where all are present; kept within what the type can hold.
+    Add,
+    /// The first minus all others, where all are present; kept within what the type can hold.
+    Subtract,
+    /// The cells in which two trees have the same value.
+    Equal,
+    /// The cells in which two trees differ, with the second's value, or the first's where the second is VOID.
+    Changed,
+}
+
+/// The sixteen set operations by number: their names, the usual one first.
+const SETS: [&[&str]; 16] = [
+    &["none"],
+    &["intersection", "and"],
+    &["a-b", "difference"],
+    &["a"],
+    &["b-a"],
+    &["b"],
+    &["xor"],
+    &["union", "or"],
+    &["nor"],
+    &["xnor"],
+    &["not-b"],
+    &["a|!b"],
+    &["not", "not-a", "complement"],
+    &["b|!a"],
+    &["nand"],
+    &["all"],
+];
+
+/// The other operations with their names.
+const OTHERS: [(&str, Operation); 7] = [
+    ("over", Operation::Over),
+    ("min", Operation::Min),
+    ("max", Operation::Max),
+    ("add", Operation::Add),
+    ("subtract", Operation::Subtract),
+    ("equal", Operation::Equal),
+    ("changed", Operation::Changed),
+];
+
+impl Operation {
+    /// The operation with a name (or with a number, 0 to 15), as people write it: `union`, `a-b`, `min`; `prefer` is for
+    /// set operations. `mask` is the intersection with the first tree's values. `None` if there is none of that name.
+    pub fn named(name: &str, prefer: Prefer) -> Option<Operation> {
+        if name == "mask" {
+            return Some(Operation::Set { number: 1, prefer: Prefer::First });
+        }
+        let by_number = name.parse().ok().filter(|number| *number < SETS.len());
+        let number = by_number.or_else(|| SETS.iter().position(|names| names.contains(&name)));
+        match number {
+            Some(number) => Some(Operation::Set { number: number as u8, prefer }),
+            None => OTHERS.iter().find(|(other, _)| *other == name).map(|(_, operation)| *operation),
+        }
+    }
+
+    /// Numbers of trees that it takes.
+    pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
+        match self {
+            Operation::Set { number: 12, .. } => 1..=2,
+            Operation::Set { .. } | Operation::Equal | Operation::Changed => 2..=2,
+            _ => 1..=usize::MAX,
+        }
+    }
+}
+
+/// The name that people write, as [`Operation::named`] takes it, and whose values are taken if not the first tree's.
+impl fmt::Display for Operation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Operation::Set { number, prefer } = *self else {
+            let name = OTHERS.iter().find(|(_, operation)| operation == self).map_or("", |(name, _)| name);
+            return f.write_str(name);
+        };
+        match SETS.get(usize::from(number)) {
+            Some(names) => f.write_str(names[0])?,
+            None => write!(f, "{number}")?,
+        }
+        // Where both have a value and none of them stays, nobody asks whose.
+        if prefer == Prefer::Second && number & 1 != 0 { f.write_str(" --values b") } else { Ok(()) }
+    }
+}
+
+/// What cells below a node may be, as far as is known without looking.
+#[derive(Clone, Copy)]
+struct Possible {
+    present: bool,
+    void: bool,
+}
+
+impl Possible {
+    fn of(state: NodeState) -> Possible {
+        Possible { present: state != NodeState::Void, void: state != NodeState::Leaf }
+    }
+}
+
+/// A set operation's actions for nodes inside the extent, outside, and across its border.
+pub(super) fn merge_tables(number: u8, prefer: Prefer) -> [MergeTable; 3] {
+    let parts = [(true, false), (false, true), (true, true)];
+    parts.map(|part| MergeTable::new(|states| merge_action(number, prefer, states, part)))
+}
+
+/// What becomes of a node, some of whose cells are inside the extent, or outside: goes through all combinations of presence
+/// that are possible below it.
+fn merge_action(
+    number: u8,
+    prefer: Prefer,
+    states: [NodeState; 2],
+    (inside, outside): (bool, bool),
+) -> MergeAction {
+    let [first, second] = states.map(Possible::of);
+    // Whether a cell of the result may be VOID, or of the first, the second, or of neither.
+    let (mut void, mut of) = (false, [false; 3]);
+    // Whether the result is just one of the trees as it is.
+    let mut is = [true; 2];
+    for (a, b) in [(true, true), (true, false), (false, true), (false, false)] {
+        let possible =
+            if a { first.present } else { first.void } && if b { second.present } else { second.void };
+        if !possible {
+            continue;
+        }
+        let (bit, whose) = match (a, b) {
+            (true, true) => (0, Some(if prefer == Prefer::First { 0 } else { 1 })),
+            (true, false) => (1, Some(0)),
+            (false, true) => (2, Some(1)),
+            (false, false) => (3, None),
+        };
+        let belongs = number >> bit & 1 != 0;
+        match whose {
+            Some(whose) if belongs => of[whose] = true,
+            None if belongs => {
+                // Outside the extent there is nothing to fill.
+                of[2] |= inside;
+                void |= outside;
+            }
+            _ => void = true,
+        }
+        let filled = belongs && whose.is_none() && inside;
+        for (tree, present) in [a, b].into_iter().enumerate() {
+            let as_is = if present {
+                belongs && whose == Some(tree)
+            } else {
+                !belongs || !(filled || whose.is_some())
+            };
+            is[tree] &= as_is;
+        }
+    }
+    match (void, of) {
+        (true, [false, false, false]) => MergeAction::Void,
+        (false, [true, false, false]) if states[0] == NodeState::Leaf => MergeAction::Take(0),
+        (false, [false, true, false]) if states[1] == NodeState::Leaf => MergeAction::Take(1),
+        (false, [false, false, true]) => MergeAction::Fill,
+        _ if is[0] => MergeAction::Take(0),
+        _ if is[1] => MergeAction::Take(1),
+        _ => MergeAction::Split,
+    }
+}

@@ -1,0 +1,375 @@
+//! What views and edits stand on: a tree file of either format, one with changes that are not written yet, or a tree in
+//! memory.
+
+use std::fmt;
+use std::fs::File;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::patched::{Patched, PatchedNode};
+use crate::io::{Mapped, Positioned, ReadBackend};
+use crate::query::{Statistics, source_statistics, tally_statistics};
+use crate::space::Bounds;
+use crate::store::autumnal::{self, Autumnal, Commit};
+use crate::store::builder::{RecordRef, ReusableSource, SegmentNode};
+use crate::store::container::{HEAVY_THRESHOLD, STRIDE, reach};
+use crate::store::goblin::{self, Goblin};
+use crate::store::{Codec, Finding, Header, Metadata, OpenOptions, Shape, TreeFormat, split_commit};
+use crate::tree::{Child, Children, Form, MemTree, Source, no_children};
+use crate::value::{Kind, Rule, Tally};
+use crate::{Error, Progress, Result};
+
+/// A tree file of either format, open for reading, or something that stands for one.
+pub enum TreeFile {
+    /// Published.
+    Goblin(Box<Goblin>),
+    /// Edited: one of its commits.
+    Autumnal(Arc<Autumnal>),
+    /// The same with changes on it that are not written yet.
+    Patched(Patched),
+    /// A small tree in memory.
+    Memory(Box<MemoryTree>),
+}
+
+/// An INNER node of an open file.
+#[derive(Clone, Copy, Debug)]
+pub enum TreeFileNode {
+    /// Of a Goblin file.
+    Goblin(goblin::Node),
+    /// Of an Autumnal file.
+    Autumnal(autumnal::Node),
+    /// Of one with changes.
+    Patched(PatchedNode),
+    /// Of a tree in memory.
+    Memory(<MemTree as Source>::Node),
+}
+
+/// A tree in memory with what a file would tell about it.
+pub struct MemoryTree {
+    tree: MemTree,
+    header: Header,
+    metadata: Metadata,
+}
+
+impl MemoryTree {
+    /// A tree whose picture is the whole space, of values that are averaged, with nothing told about its data.
+    fn new(tree: MemTree) -> MemoryTree {
+        let (form, depth) = (tree.form(), tree.depth());
+        let header = Header {
+            form,
+            rule: Rule::Mean,
+            kind: Kind::Continuous,
+            codec: Codec::Plain,
+            shape: Shape {
+                depth,
+                reach: reach(form.dimension),
+                stride: STRIDE,
+                heavy_threshold: HEAVY_THRESHOLD,
+            },
+            extent: Bounds::space(form.dimension, depth).max,
+        };
+        MemoryTree { tree, header, metadata: Metadata::default() }
+    }
+
+    /// The tree.
+    pub fn tree(&self) -> &MemTree {
+        &self.tree
+    }
+}
+
+impl TreeFile {
+    /// Opens a file, or a commit of one: see [`split_commit`].
+    ///
+    /// # Errors
+    /// If it cannot be read, is no tree file, or is damaged.
+    pub fn open(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
+        let (name, commit) = split_commit(path);
+        let file = File::open(&name).map_err(Error::io(&*name, "open"))?;
+        let copy = file.try_clone().map_err(Error::io(&*name, "open"))?;
+        let (format, _) = Header::read(&name, &Positioned::of(copy, &name)?)?;
+        match (format, commit) {
+            (TreeFormat::Goblin, None) => {
+                let backend: Box<dyn ReadBackend> = if options.positioned {
+                    Box::new(Positioned::of(file, &name)?)
+                } else {
+                    Box::new(Mapped::of(&file, &name)?)
+                };
+                Ok(Goblin::from_backend(path, backend, options)?.into())
+            }
+            // There are no commits in it: only a file whose name is all of the path can be meant.
+            (TreeFormat::Goblin, Some(_)) => Ok(Goblin::open(path, options)?.into()),
+            (TreeFormat::Autumnal, _) => Ok(Autumnal::open(path, options)?.into()),
+        }
+    }
+
+    /// The file, for messages.
+    pub fn path(&self) -> &Path {
+        match self {
+            TreeFile::Goblin(file) => file.path(),
+            TreeFile::Autumnal(file) => file.path(),
+            TreeFile::Patched(file) => file.file().path(),
+            TreeFile::Memory(_) => Path::new("(memory)"),
+        }
+    }
+
+    /// What the header says.
+    pub fn header(&self) -> &Header {
+        match self {
+            TreeFile::Goblin(file) => file.header(),
+            TreeFile::Autumnal(file) => file.header(),
+            TreeFile::Patched(file) => file.file().header(),
+            TreeFile::Memory(tree) => &tree.header,
+        }
+    }
+
+    /// What is told about the data.
+    pub fn metadata(&self) -> &Metadata {
+        match self {
+            TreeFile::Goblin(file) => file.metadata(),
+            TreeFile::Autumnal(file) => file.metadata(),
+            TreeFile::Patched(file) => file.file().metadata(),
+            TreeFile::Memory(tree) => &tree.metadata,
+        }
+    }
+
+    /// The file's format; a tree in memory counts as published.
+    pub fn format(&self) -> TreeFormat {
+        match self {
+            TreeFile::Goblin(_) | TreeFile::Memory(_) => TreeFormat::Goblin,
+            TreeFile::Autumnal(_) | TreeFile::Patched(_) => TreeFormat::Autumnal,
+        }
+    }
+
+    /// The Autumnal file that this is, without changes that are not written yet.
+    fn autumnal(&self) -> Option<&Autumnal> {
+        match self {
+            TreeFile::Autumnal(file) => Some(file),
+            TreeFile::Patched(file) => Some(file.file()),
+            TreeFile::Goblin(_) | TreeFile::Memory(_) => None,
+        }
+    }
+
+    /// The commit that is looked at; only Autumnal files have commits.
+    pub fn commit(&self) -> Option<&Commit> {
+        self.autumnal().map(Autumnal::commit)
+    }
+
+    /// Bytes of the whole file.
+    pub fn file_size(&self) -> u64 {
+        match self {
+            TreeFile::Goblin(file) => file.file_size(),
+            _ => self.autumnal().map_or(0, Autumnal::file_size),
+        }
+    }
+
+    /// Number of segments; 0 in Autumnal files, which have none.
+    pub fn segments(&self) -> usize {
+        if let TreeFile::Goblin(file) = self { file.segments() } else { 0 }
+    }
+
+    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's tree, the
+    /// shared ones as often as they occur.
+    pub fn stored_records(&self) -> u64 {
+        match self {
+            TreeFile::Goblin(file) => file.stored_records(),
+            TreeFile::Memory(tree) => tree.tree.inner_nodes() as u64,
+            _ => self.commit().map_or(0, |commit| commit.records),
+        }
+    }
+
+    /// Name and bytes of each part of the file.
+    pub fn sections(&self) -> Vec<(&'static str, u64)> {
+        match self {
+            TreeFile::Goblin(file) => file.sections(),
+            _ => self.autumnal().map_or_else(Vec::new, Autumnal::sections),
+        }
+    }
+
+    /// Checks everything: see [`Goblin::verify`] and [`Autumnal::verify`].
+    ///
+    /// # Errors
+    /// If the file cannot be read, or on interruption.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        match self {
+            TreeFile::Goblin(file) => file.verify(memory, progress),
+            _ => self.autumnal().map_or_else(|| Ok(Vec::new()), |file| file.verify(memory, progress)),
+        }
+    }
+
+    /// Exact statistics of a box of cells (of the deepest level); the whole picture if there is none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        let picture = self.header().picture();
+        let counts_classes = self.header().counts_classes();
+        let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        match self {
+            TreeFile::Goblin(file) => file.statistics(Some(bounds)),
+            TreeFile::Autumnal(file) => {
+                // All of the picture is all of the tree, however many nodes that has.
+                if bounds == picture
+                    && let Child::Inner { node, .. } = file.root_place()
+                    && let Some(tally) = file.tally(&node)?
+                {
+                    return Ok(tally_statistics(tally, bounds.volume(), counts_classes));
+                }
+                source_statistics(&**file, &bounds, counts_classes)
+            }
+            TreeFile::Patched(_) | TreeFile::Memory(_) => source_statistics(self, &bounds, counts_classes),
+        }
+    }
+
+    /// Writes the children of an inner node as nodes of something that stands on this file: what [`Source::children`]
+    /// does, without a second array for those who have nodes of their own.
+    pub(super) fn children_as<N>(
+        &self,
+        node: &TreeFileNode,
+        children: &mut Children<N>,
+        node_of: impl Fn(TreeFileNode) -> N,
+    ) -> Result<()> {
+        match (self, node) {
+            (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => {
+                let mut found = no_children();
+                file.children(node, &mut found)?;
+                hand_on(&found, children, file.form(), |node| node_of(TreeFileNode::Goblin(node)));
+            }
+            (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => {
+                let mut found = no_children();
+                file.children(node, &mut found)?;
+                hand_on(&found, children, file.form(), |node| node_of(TreeFileNode::Autumnal(node)));
+            }
+            (TreeFile::Patched(file), TreeFileNode::Patched(node)) => {
+                let mut found = no_children();
+                file.children(node, &mut found)?;
+                hand_on(&found, children, file.form(), |node| node_of(TreeFileNode::Patched(node)));
+            }
+            (TreeFile::Memory(file), TreeFileNode::Memory(node)) => {
+                let mut found = no_children();
+                file.tree.children(node, &mut found)?;
+                hand_on(&found, children, file.tree.form(), |node| node_of(TreeFileNode::Memory(node)));
+            }
+            _ => unreachable!("{OTHER}"),
+        }
+        Ok(())
+    }
+}
+
+/// Fails unless a tree is of the same form as another one; the paths are for the message.
+pub(super) fn check_form((path, form): (&Path, Form), (other, expected): (&Path, Form)) -> Result<()> {
+    if form == expected {
+        return Ok(());
+    }
+    let expected = format!("{expected}, as {} is", other.display());
+    Err(Error::invalid(path.display().to_string(), form.to_string(), expected))
+}
+
+/// A node that does not belong to the file.
+const OTHER: &str = "nodes go to the file that they are from";
+
+/// Writes children with other nodes.
+#[inline]
+fn hand_on<M: Copy, N>(
+    found: &Children<M>,
+    children: &mut Children<N>,
+    form: Form,
+    node_of: impl Fn(M) -> N,
+) {
+    for (child, found) in children.iter_mut().zip(found).take(form.children()) {
+        *child = found.map_node(&node_of);
+    }
+}
+
+impl From<Goblin> for TreeFile {
+    fn from(file: Goblin) -> TreeFile {
+        TreeFile::Goblin(Box::new(file))
+    }
+}
+
+impl From<Autumnal> for TreeFile {
+    fn from(file: Autumnal) -> TreeFile {
+        TreeFile::Autumnal(Arc::new(file))
+    }
+}
+
+impl From<Arc<Autumnal>> for TreeFile {
+    fn from(file: Arc<Autumnal>) -> TreeFile {
+        TreeFile::Autumnal(file)
+    }
+}
+
+impl From<Patched> for TreeFile {
+    fn from(file: Patched) -> TreeFile {
+        TreeFile::Patched(file)
+    }
+}
+
+/// The tree's picture is its whole space, and nothing is told about it.
+impl From<MemTree> for TreeFile {
+    fn from(tree: MemTree) -> TreeFile {
+        TreeFile::Memory(Box::new(MemoryTree::new(tree)))
+    }
+}
+
+impl fmt::Debug for TreeFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("TreeFile").field(&self.path()).finish()
+    }
+}
+
+impl Source for TreeFile {
+    type Node = TreeFileNode;
+
+    fn form(&self) -> Form {
+        self.header().form
+    }
+
+    fn depth(&self) -> u8 {
+        self.header().depth()
+    }
+
+    fn root(&self) -> Result<Child<TreeFileNode>> {
+        Ok(match self {
+            TreeFile::Goblin(file) => file.root()?.map_node(TreeFileNode::Goblin),
+            TreeFile::Autumnal(file) => file.root()?.map_node(TreeFileNode::Autumnal),
+            TreeFile::Patched(file) => file.root()?.map_node(TreeFileNode::Patched),
+            TreeFile::Memory(file) => file.tree.root()?.map_node(TreeFileNode::Memory),
+        })
+    }
+
+    fn children(&self, node: &TreeFileNode, children: &mut Children<TreeFileNode>) -> Result<()> {
+        self.children_as(node, children, |node| node)
+    }
+
+    fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
+        match self {
+            TreeFile::Goblin(file) => file.draw(bounds, values, valid),
+            TreeFile::Autumnal(_) | TreeFile::Patched(_) | TreeFile::Memory(_) => Ok(false),
+        }
+    }
+
+    fn tally(&self, node: &TreeFileNode) -> Result<Option<Tally>> {
+        match (self, node) {
+            (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.tally(node),
+            (TreeFile::Patched(file), TreeFileNode::Patched(node)) => file.tally(node),
+            _ => Ok(None),
+        }
+    }
+}
+
+impl ReusableSource for TreeFile {
+    fn stored(&self, node: &TreeFileNode) -> Option<SegmentNode<'_>> {
+        match (self, node) {
+            (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => file.stored(node),
+            _ => None,
+        }
+    }
+
+    fn kept(&self, node: &TreeFileNode) -> Option<RecordRef> {
+        match (self, node) {
+            (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.kept(node),
+            (TreeFile::Patched(file), TreeFileNode::Patched(node)) => file.kept(node),
+            _ => None,
+        }
+    }
+}

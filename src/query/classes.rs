@@ -1,0 +1,118 @@
+//! Counting the cells of each value.
+
+use zerocopy::IntoBytes;
+
+use super::count::{Count, Subtree};
+use super::walk::Zone;
+use crate::Result;
+use crate::store::container::subtree::{BadSkip, each_leaf};
+use crate::store::container::{Record, RecordLayout, with_record_type};
+use crate::tree::Form;
+use crate::value::{Tally, Value, ValueType};
+
+/// The tally of cells of each value, which come by ascending value.
+pub(super) fn tally_of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> Tally {
+    let mut tally = Tally::void(value_type);
+    for (value, cells) in &classes {
+        tally = Tally::merge(&[&tally, &Tally::leaf(value_type, *value, *cells, false)]);
+    }
+    Tally { classes, ..tally }
+}
+
+/// Cells of each value; remembers the last one because neighbours are alike.
+pub(super) struct Classes {
+    value_type: ValueType,
+    /// Classes found so far, by ascending value.
+    counts: Vec<Class>,
+    /// Index of the class that was counted last.
+    last: usize,
+    /// Cells of each value that is one byte, still to be added.
+    bytes: Box<[u64; 256]>,
+    subtree: Subtree<Classes>,
+}
+
+struct Class {
+    /// See [`ValueType::order_key`].
+    key: u128,
+    value: Value,
+    cells: u64,
+}
+
+impl Classes {
+    /// Nothing counted, for trees of a form.
+    pub(super) fn new(form: Form) -> Classes {
+        Classes {
+            value_type: form.value,
+            counts: Vec::new(),
+            last: 0,
+            bytes: Box::new([0; 256]),
+            subtree: with_record_type!(RecordLayout::new(form), R => count_subtree::<R>),
+        }
+    }
+
+    /// Counts cells of a value that is one byte: no search for those.
+    #[inline]
+    fn add_byte(&mut self, byte: u8, cells: u64) {
+        self.bytes[usize::from(byte)] += cells;
+    }
+
+    /// Counts cells of a value of several bytes.
+    #[inline]
+    fn add(&mut self, value: Value, cells: u64) {
+        match self.counts.get_mut(self.last) {
+            Some(last) if last.value == value => last.cells += cells,
+            _ => self.search(value, cells),
+        }
+    }
+
+    /// Counts cells of another value than the last.
+    #[inline(never)]
+    fn search(&mut self, value: Value, cells: u64) {
+        let key = self.value_type.order_key(value);
+        self.last = match self.counts.binary_search_by_key(&key, |class| class.key) {
+            Ok(index) => index,
+            Err(index) => {
+                self.counts.insert(index, Class { key, value, cells: 0 });
+                index
+            }
+        };
+        self.counts[self.last].cells += cells;
+    }
+}
+
+impl Count for Classes {
+    fn block(&mut self, value: Value, cells: u64) {
+        if self.value_type.size() == 1 {
+            self.add_byte(value.to_bytes()[0], cells);
+        } else {
+            self.add(value, cells);
+        }
+    }
+
+    fn zone(&mut self, zone: &dyn Zone) -> Result<()> {
+        zone.classes()?.into_iter().for_each(|(value, cells)| self.block(value, cells));
+        Ok(())
+    }
+
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+        (self.subtree)(self, records, levels)
+    }
+
+    fn finish(mut self: Box<Self>) -> Tally {
+        for byte in 0..=u8::MAX {
+            let cells = self.bytes[usize::from(byte)];
+            if cells > 0 {
+                self.search(Value::from([byte]), cells);
+            }
+        }
+        let classes = self.counts.iter().map(|class| (class.value, class.cells)).collect();
+        tally_of_classes(self.value_type, classes)
+    }
+}
+
+fn count_subtree<R: Record>(classes: &mut Classes, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+    each_leaf(R::of(records), levels, |bytes, cells| match bytes.as_bytes() {
+        [byte] => classes.add_byte(*byte, cells),
+        bytes => classes.add(Value::from_bytes(bytes), cells),
+    })
+}

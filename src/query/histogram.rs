@@ -1,0 +1,106 @@
+//! Histograms of any box: zones are taken whole where all of their values belong to one bin.
+
+use zerocopy::IntoBytes;
+
+use super::count::{Subtree, number_of};
+use super::walk::{Visitor, Zone, walk, walk_source};
+use crate::Result;
+use crate::space::{Bounds, Code};
+use crate::store::container::subtree::{BadSkip, each_leaf};
+use crate::store::container::{Record, with_form_type};
+use crate::store::goblin::Goblin;
+use crate::tree::{Form, Source};
+use crate::value::{Native, Sample, Value};
+
+impl Goblin {
+    /// Cells of a box whose first channel lies in each of `bins` equal parts of `low ..= high`.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
+        let mut histogram = Histogram::new(self.header().form, (low, high), bins);
+        walk(self, bounds, &mut histogram)?;
+        Ok(histogram.bins.cells)
+    }
+}
+
+/// [`Goblin::histogram`] of any source.
+pub(crate) fn source_histogram<S: Source>(
+    source: &S,
+    bounds: &Bounds,
+    range: (f64, f64),
+    bins: usize,
+) -> Result<Vec<u64>> {
+    let mut histogram = Histogram::new(source.form(), range, bins);
+    walk_source(source, bounds, &mut histogram)?;
+    Ok(histogram.bins.cells)
+}
+
+/// Cells by equal parts of a range of numbers; those with numbers outside it count for the first or the last part.
+struct Bins {
+    low: f64,
+    /// Bins per unit.
+    scale: f64,
+    cells: Vec<u64>,
+}
+
+impl Bins {
+    /// Index of the bin that a number belongs to.
+    #[inline]
+    fn bin(&self, number: f64) -> usize {
+        let bin = (number - self.low) * self.scale;
+        (bin.max(0.0) as usize).min(self.cells.len() - 1)
+    }
+
+    /// Counts cells with a number.
+    #[inline]
+    fn add(&mut self, number: f64, cells: u64) {
+        let bin = self.bin(number);
+        self.cells[bin] += cells;
+    }
+}
+
+struct Histogram {
+    bins: Bins,
+    /// The first sample of a value.
+    number: fn(Value) -> f64,
+    subtree: Subtree<Bins>,
+}
+
+impl Histogram {
+    fn new(form: Form, (low, high): (f64, f64), bins: usize) -> Histogram {
+        let cells = vec![0; bins.max(1)];
+        Histogram {
+            bins: Bins { low, scale: cells.len() as f64 / (high - low), cells },
+            number: number_of(form.value),
+            subtree: with_form_type!(form, V, R => bin_subtree::<<V as Native>::Sample, R>),
+        }
+    }
+}
+
+impl Visitor for Histogram {
+    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Result<bool> {
+        let zone = zone.tally()?;
+        let [first, last] = [zone.min, zone.max].map(|value| self.bins.bin((self.number)(value)));
+        if first == last {
+            self.bins.cells[first] += zone.cells;
+        }
+        Ok(first == last)
+    }
+
+    #[inline]
+    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Result<()> {
+        if let Some(value) = value {
+            self.bins.add((self.number)(value), cells);
+        }
+        Ok(())
+    }
+
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
+        Some((self.subtree)(&mut self.bins, records, levels))
+    }
+}
+
+fn bin_subtree<S: Sample, R: Record>(bins: &mut Bins, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+    each_leaf(R::of(records), levels, |bytes, cells| bins.add(S::read(bytes.as_bytes()).to_f64(), cells))
+}

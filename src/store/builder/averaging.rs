@@ -1,0 +1,284 @@
+//! The rules at work on a block: what is carried up from level to level to make representatives.
+//!
+//! These are kernels: compiled for each type of values or width of records, and chosen once per block.
+
+use std::cmp::Ordering;
+use std::marker::PhantomData;
+
+use zerocopy::{FromBytes, IntoBytes};
+
+use crate::store::container::subtree::{CHECKED, each_leaf};
+use crate::store::container::{INNER, LEAF, Record, VOID};
+use crate::tree::Child;
+use crate::value::{Native, Rule, Value, ValueType, dominant};
+
+/// A rule at work on a block, from the bottom up.
+pub(super) trait Averaging<R: Record> {
+    /// What is carried up for an INNER node.
+    type Of: Copy + Default;
+
+    /// What is carried up for the parent of these children, and its representative. `known` is empty if no child is INNER;
+    /// a child has `cells` cells.
+    fn merge(&mut self, states: &[u8], values: &[R::Bytes], known: &[Self::Of], cells: u32) -> (Self::Of, R::Bytes);
+
+    /// What is carried up for a subtree of records, checked, of so many levels.
+    fn reused(&mut self, records: &[R], levels: u8) -> Self::Of;
+}
+
+/// A value of known type from its bytes.
+#[inline]
+pub(super) fn decode<R: Record, V: Native>(bytes: R::Bytes) -> V {
+    V::from_wire(V::Wire::read_from_bytes(bytes.as_bytes()).expect("records are as wide as values"))
+}
+
+/// A value's bytes.
+#[inline]
+fn encode<R: Record, V: Native>(value: V) -> R::Bytes {
+    R::Bytes::read_from_bytes(value.to_wire().as_bytes()).expect("records are as wide as values")
+}
+
+/// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the cells they are shared among.
+pub(super) struct Means<V> {
+    /// Whether cells that are VOID count.
+    with_void: bool,
+    value: PhantomData<V>,
+}
+
+impl<V> Means<V> {
+    pub(super) fn new(with_void: bool) -> Self {
+        Means { with_void, value: PhantomData }
+    }
+}
+
+impl<V: Native, R: Record> Averaging<R> for Means<V> {
+    type Of = (V::BlockSums, u32);
+
+    #[inline]
+    fn merge(&mut self, states: &[u8], values: &[R::Bytes], known: &[Self::Of], cells: u32) -> (Self::Of, R::Bytes) {
+        let mut sums = [V::BlockSums::default(); 8];
+        let mut count = 0;
+        for (i, state) in states.iter().enumerate() {
+            match *state {
+                LEAF => {
+                    sums[i] = decode::<R, V>(values[i]).block_sums(cells);
+                    count += cells;
+                }
+                INNER => {
+                    sums[i] = known[i].0;
+                    count += known[i].1;
+                }
+                _ if self.with_void => count += cells,
+                _ => {}
+            }
+        }
+        let sum = pairwise(&sums[..R::CHILDREN], V::add_block_sums);
+        ((sum, count), encode::<R, V>(V::block_mean(sum, count)))
+    }
+
+    fn reused(&mut self, records: &[R], levels: u8) -> Self::Of {
+        let (sum, count) = block_sums::<V, R>(records, 0, levels);
+        (sum, if self.with_void { 1 << (R::AXES * levels as usize) } else { count })
+    }
+}
+
+/// Sums and cells of a subtree, added up in the order in which building adds them.
+fn block_sums<V: Native, R: Record>(records: &[R], at: usize, levels: u8) -> (V::BlockSums, u32) {
+    let record = &records[at];
+    let mut next = at + 1;
+    let mut count = 0;
+    let cells = 1 << (R::AXES * (levels as usize - 1));
+    let mut sums = [V::BlockSums::default(); 8];
+    for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
+        match record.state(child) {
+            LEAF => {
+                count += cells;
+                *sum = decode::<R, V>(record.values()[child]).block_sums(cells);
+            }
+            INNER => {
+                let below = block_sums::<V, R>(records, next, levels - 1);
+                next += records[next].skip() as usize;
+                count += below.1;
+                *sum = below.0;
+            }
+            _ => {}
+        }
+    }
+    (pairwise(&sums[..R::CHILDREN], V::add_block_sums), count)
+}
+
+/// [`Rule::Majority`]: counts per class, as a range of one arena; in any order.
+pub(super) struct Majorities<V, R: Record> {
+    arena: Vec<(R::Bytes, u64)>,
+    value: PhantomData<V>,
+}
+
+/// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with 200
+/// classes at random.
+const FEW: u32 = 64;
+
+impl<V: Native, R: Record> Majorities<V, R> {
+    pub(super) fn new() -> Self {
+        Majorities { arena: Vec::new(), value: PhantomData }
+    }
+
+    /// The counts of a node, by ascending value.
+    pub(super) fn list(&mut self, (start, len): (u32, u32), node: Child<()>, cells: u32) -> Vec<(Value, u64)> {
+        match node {
+            Child::Void => Vec::new(),
+            Child::Leaf(value) => vec![(value, cells as u64)],
+            Child::Inner { .. } => {
+                // (It is the root's, the last of all.)
+                self.arena.truncate((start + len) as usize);
+                self.sum_from(start as usize);
+                let counts = self.arena[start as usize..].iter();
+                counts.map(|(bytes, cells)| (Value::from_bytes(bytes.as_bytes()), *cells)).collect()
+            }
+        }
+    }
+
+    /// Adds to the list that begins at `start` and is the arena's last.
+    #[inline]
+    fn add(&mut self, start: usize, value: R::Bytes, cells: u64) {
+        match self.arena[start..].iter_mut().find(|(other, _)| *other == value) {
+            Some((_, sum)) => *sum += cells,
+            None => self.arena.push((value, cells)),
+        }
+    }
+
+    #[inline]
+    fn order(a: &R::Bytes, b: &R::Bytes) -> Ordering {
+        decode::<R, V>(*a).order(decode::<R, V>(*b))
+    }
+
+    /// The value with the highest count in the arena's last list, which begins at `start`; the least of several.
+    #[inline]
+    fn most_frequent(&self, start: usize) -> Option<R::Bytes> {
+        let rank = |a: &&(R::Bytes, u64), b: &&(R::Bytes, u64)| a.1.cmp(&b.1).then_with(|| Self::order(&b.0, &a.0));
+        self.arena[start..].iter().max_by(rank).map(|(value, _)| *value)
+    }
+
+    /// Sorts the arena's last list, which begins at `start`, and makes one entry of equal values.
+    fn sum_from(&mut self, start: usize) {
+        let list = &mut self.arena[start..];
+        list.sort_unstable_by(|a, b| Self::order(&a.0, &b.0));
+        let mut len = 0;
+        let mut next = 0;
+        while let Some(&(value, mut sum)) = list.get(next) {
+            next += 1;
+            while let Some((_, count)) = list.get(next).filter(|(other, _)| *other == value) {
+                sum += *count;
+                next += 1;
+            }
+            list[len] = (value, sum);
+            len += 1;
+        }
+        self.arena.truncate(start + len);
+    }
+}
+
+impl<V: Native, R: Record> Averaging<R> for Majorities<V, R> {
+    type Of = (u32, u32);
+
+    fn merge(&mut self, states: &[u8], values: &[R::Bytes], known: &[Self::Of], cells: u32) -> (Self::Of, R::Bytes) {
+        let start = self.arena.len();
+        let few = known.iter().map(|(_, len)| len).sum::<u32>() <= FEW;
+        for (i, state) in states.iter().enumerate() {
+            match *state {
+                LEAF if few => self.add(start, values[i], cells as u64),
+                LEAF => self.arena.push((values[i], cells as u64)),
+                INNER => {
+                    let (first, len) = known[i];
+                    let range = first as usize..(first + len) as usize;
+                    if few {
+                        for index in range {
+                            let (value, cells) = self.arena[index];
+                            self.add(start, value, cells);
+                        }
+                    } else {
+                        self.arena.extend_from_within(range);
+                    }
+                }
+                _ => {}
+            }
+        }
+        if !few {
+            self.sum_from(start);
+        }
+        let majority = self.most_frequent(start).unwrap_or(R::ZERO);
+        ((start as u32, (self.arena.len() - start) as u32), majority)
+    }
+
+    fn reused(&mut self, records: &[R], levels: u8) -> Self::Of {
+        let start = self.arena.len();
+        let mut last = start;
+        each_leaf(records, levels, |value, cells| {
+            // Neighbours are alike.
+            if self.arena.get(last).is_none_or(|(other, _)| *other != value) {
+                self.add(start, value, 0);
+                let index = self.arena[start..].iter().position(|(other, _)| *other == value);
+                last = start + index.unwrap_or(0);
+            }
+            self.arena[last].1 += cells;
+        })
+        .expect(CHECKED);
+        (start as u32, (self.arena.len() - start) as u32)
+    }
+}
+
+/// The rules that look at the children alone.
+pub(super) struct Local<V> {
+    rule: Rule,
+    value: PhantomData<V>,
+}
+
+impl<V> Local<V> {
+    pub(super) fn new(rule: Rule) -> Self {
+        Local { rule, value: PhantomData }
+    }
+}
+
+impl<V: Native, R: Record> Averaging<R> for Local<V> {
+    type Of = ();
+
+    fn merge(&mut self, states: &[u8], values: &[R::Bytes], _: &[()], _: u32) -> ((), R::Bytes) {
+        let some = || states.iter().zip(values).filter(|(state, _)| **state != VOID);
+        let numbers = || some().map(|(_, value)| decode::<R, V>(*value));
+        let representative = match self.rule {
+            Rule::Min => numbers().reduce(V::min).map(encode::<R, V>),
+            Rule::Max => numbers().reduce(V::max).map(encode::<R, V>),
+            Rule::Dominant => {
+                let children = some().map(|(state, value)| (Value::from_bytes(value.as_bytes()), *state == INNER));
+                let value = dominant(children).to_bytes();
+                Some(R::Bytes::read_from_prefix(&value).expect("16 bytes hold any value").0)
+            }
+            Rule::Nearest | Rule::Mean | Rule::Majority | Rule::Occupancy => some().map(|(_, value)| *value).next(),
+        };
+        ((), representative.unwrap_or(R::ZERO))
+    }
+
+    fn reused(&mut self, _: &[R], _: u8) {}
+}
+
+/// Adds neighbours, then neighbours of those, and so on.
+#[inline]
+pub(super) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> T {
+    match items {
+        [a, b, c, d] => add(add(*a, *b), add(*c, *d)),
+        _ => {
+            let (left, right) = items.split_at(4);
+            add(pairwise(left, add), pairwise(right, add))
+        }
+    }
+}
+
+/// Sorts a list of counts by value and makes one entry of equal values.
+pub(super) fn sum_by_value(value_type: ValueType, counts: &mut Vec<(Value, u64)>) {
+    counts.sort_unstable_by_key(|(value, _)| value_type.order_key(*value));
+    counts.dedup_by(|next, sum| {
+        let same = next.0 == sum.0;
+        if same {
+            sum.1 += next.1;
+        }
+        same
+    });
+}

@@ -1,0 +1,333 @@
+//! Builds the tree of one block of cells: condense, average, emit records in preorder.
+//!
+//! A block is worked level by level in flat arrays in Z order, where the children of a node are consecutive. There
+//! are no pointers and no recursion: the cells' level is reduced to the next one until one node is left, which gives
+//! every node's state, value and number of records; then the levels are gone through from the top, each inner
+//! node handing its children their numbers, and every record is written once, where it belongs.
+//!
+//! Arrays hold values as bytes, so that a block is the same for all types; what is done with them is compiled for each
+//! type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per block.
+
+use zerocopy::{FromBytes, IntoBytes};
+
+use super::averaging::{Averaging, Local, Majorities, Means, sum_by_value};
+use super::part::Part;
+use super::reused::{ReusedNode, ReusedRecords};
+use super::tally;
+use crate::space::Code;
+use crate::store::container::subtree::{CHECKED, each_leaf};
+use crate::store::container::{
+    INNER, LEAF, LevelCounts, Record, RecordLayout, VOID, with_form_type, with_record_type,
+};
+use crate::tree::{Child, Form};
+use crate::value::{Rule, Value};
+
+/// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level above.
+pub(super) struct Level {
+    pub(super) states: Vec<u8>,
+    /// The values' bytes, zeros where a node is VOID.
+    pub(super) values: Vec<u8>,
+    /// Records of each node's subtree; empty for the level of the cells.
+    pub(super) records: Vec<u32>,
+    /// Indices, in this level, of the nodes whose children make up the next one; `None`: all of them.
+    pub(super) expanded: Option<Vec<u32>>,
+    /// INNER nodes that came as a whole, in order.
+    pub(super) reused: Vec<ReusedNode>,
+}
+
+/// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
+pub(super) struct Block {
+    form: Form,
+    code: Code,
+    /// Levels from the block's root to the cells.
+    pub(super) height: u8,
+    pub(super) levels: Vec<Level>,
+    pub(super) reused: ReusedRecords,
+}
+
+impl Level {
+    /// So many VOID nodes.
+    pub(super) fn new(form: Form, nodes: usize) -> Level {
+        Level {
+            states: vec![VOID; nodes],
+            values: vec![0; nodes * form.width()],
+            records: vec![0; nodes],
+            expanded: None,
+            reused: Vec::new(),
+        }
+    }
+
+    /// The level of a block's root, which is INNER as far as is known.
+    pub(super) fn root(form: Form) -> Level {
+        Level { expanded: Some(vec![0]), ..Level::new(form, 1) }
+    }
+
+    /// The values, with their width known at compile time.
+    #[inline]
+    pub(super) fn values_of<R: Record>(&self) -> &[R::Bytes] {
+        <[R::Bytes]>::ref_from_bytes(&self.values).expect("whole values")
+    }
+
+    /// A node's value.
+    #[inline]
+    fn value(&self, form: Form, index: usize) -> Value {
+        Value::read(&self.values[index * form.width()..], form.width()).expect("a value per node")
+    }
+
+    /// Makes a node a LEAF.
+    #[inline]
+    pub(super) fn put_leaf(&mut self, form: Form, index: usize, value: Value) {
+        // (NaN is VOID.)
+        if !form.value.is_nan(value) {
+            self.states[index] = LEAF;
+            value.write(&mut self.values[index * form.width()..][..form.width()]);
+        }
+    }
+
+    /// Makes a node one whose records are taken over.
+    pub(super) fn put_reused(&mut self, form: Form, representative: Value, node: ReusedNode) {
+        let index = node.index as usize;
+        self.states[index] = INNER;
+        representative.write(&mut self.values[index * form.width()..][..form.width()]);
+        self.records[index] = node.len;
+        self.reused.push(node);
+    }
+
+    /// The index of the node whose children are the `group`-th group of the next level.
+    #[inline]
+    pub(super) fn parent(&self, group: usize) -> usize {
+        self.expanded.as_ref().map_or(group, |expanded| expanded[group] as usize)
+    }
+}
+
+impl Block {
+    /// A block from the levels that a source had.
+    pub(super) fn new(form: Form, code: Code, height: u8, levels: Vec<Level>, reused: ReusedRecords) -> Self {
+        Block { form, code, height, levels, reused }
+    }
+
+    /// The block under `code`, of `height` levels, from all its cells in Z order.
+    pub(super) fn from_cells(form: Form, code: Code, height: u8, states: Vec<u8>, values: Vec<u8>) -> Self {
+        debug_assert_eq!(states.len() as u64, form.dimension.cells(height));
+        let mut levels: Vec<Level> =
+            (0..height).map(|level| Level::new(form, form.dimension.cells(level) as usize)).collect();
+        levels.push(Level { states, values, records: Vec::new(), expanded: None, reused: Vec::new() });
+        let reused = ReusedRecords::new(RecordLayout::new(form), height);
+        Block { form, code, height, levels, reused }
+    }
+
+    /// Condenses and averages the block and turns it into records.
+    pub(super) fn build(mut self, rule: Rule, count_classes: bool, counts: &mut LevelCounts) -> Part {
+        let (form, code) = (self.form, self.code);
+        let classes = with_form_type!(form, V, R => match rule {
+            Rule::Mean | Rule::Occupancy => {
+                reduce::<R, _>(&mut self, &mut Means::<V>::new(rule == Rule::Occupancy));
+                None
+            }
+            Rule::Majority => {
+                let mut majorities = Majorities::<V, R>::new();
+                let root = reduce::<R, _>(&mut self, &mut majorities);
+                Some(majorities.list(root, self.root(), self.cells_at(0)))
+            }
+            Rule::Dominant | Rule::Min | Rule::Max | Rule::Nearest => {
+                reduce::<R, _>(&mut self, &mut Local::<V>::new(rule));
+                None
+            }
+        });
+        let classes = classes.or_else(|| count_classes.then(|| self.classes()));
+        let tally = tally::of_block(&self, classes);
+        let child = self.root();
+        let records = with_record_type!(RecordLayout::new(form), R => records::<R>(&self, counts));
+        let total = RecordLayout::new(form).count(&records) as u64;
+        Part { code, child, total, records, tally }
+    }
+
+    pub(super) fn form(&self) -> Form {
+        self.form
+    }
+
+    /// The block's root, once it is reduced.
+    fn root(&self) -> Child<()> {
+        let root = &self.levels[0];
+        let value = root.value(self.form, 0);
+        match root.states[0] {
+            VOID => Child::Void,
+            LEAF => Child::Leaf(value),
+            _ => Child::Inner { representative: value, node: () },
+        }
+    }
+
+    /// Cells per node of the level `index` levels below the block's root.
+    pub(super) fn cells_at(&self, index: usize) -> u32 {
+        self.form.dimension.cells(self.height - index as u8) as u32
+    }
+
+    /// Cells of each value.
+    fn classes(&self) -> Vec<(Value, u64)> {
+        let mut leaves: Vec<(Value, u64)> = Vec::new();
+        with_record_type!(RecordLayout::new(self.form), R => {
+            for_leaves::<R>(self, &mut |value, cells| {
+                let value = Value::from_bytes(value.as_bytes());
+                match leaves.last_mut() {
+                    // Neighbours are alike.
+                    Some(last) if last.0 == value => last.1 += u64::from(cells),
+                    _ => leaves.push((value, u64::from(cells))),
+                }
+            });
+        });
+        sum_by_value(self.form.value, &mut leaves);
+        leaves
+    }
+
+    /// The records of a node that were taken over.
+    pub(super) fn reused_records<R: Record>(&self, node: &ReusedNode) -> &[R] {
+        R::of(self.reused.records(node))
+    }
+}
+
+/// Gives every expanded node its state, value and number of records, from the bottom up; returns what the averaging knows
+/// of the root.
+fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A::Of {
+    let mut below: Vec<A::Of> = Vec::new();
+    let height = block.height;
+    let (levels, reused) = (&mut block.levels, &block.reused);
+    let add_reused = |level: &Level, index: usize, known: &mut Vec<A::Of>, averaging: &mut A| {
+        for node in &level.reused {
+            known.resize(level.states.len(), A::Of::default());
+            known[node.index as usize] =
+                averaging.reused(R::of(reused.records(node)), height - index as u8);
+        }
+    };
+    if let Some(last) = levels.last() {
+        add_reused(last, levels.len() - 1, &mut below, averaging);
+    }
+    for index in (1..levels.len()).rev() {
+        let cells = 1 << (R::AXES * (height as usize - index));
+        let (upper, lower) = levels.split_at_mut(index);
+        let (parents, children) = (&mut upper[index - 1], &lower[0]);
+        let mut known = vec![A::Of::default(); parents.states.len()];
+        add_reused(parents, index - 1, &mut known, averaging);
+        reduce_level::<R, A>(parents, children, (&below, &mut known), cells, averaging);
+        below = known;
+    }
+    below.first().copied().unwrap_or_default()
+}
+
+/// Gives the parents of one level of nodes their states, values and numbers of records; a child has `cells` cells. `below`
+/// is what is known of the INNER children, `known` of the parents.
+fn reduce_level<R: Record, A: Averaging<R>>(
+    parents: &mut Level,
+    children: &Level,
+    (below, known): (&[A::Of], &mut [A::Of]),
+    cells: u32,
+    averaging: &mut A,
+) {
+    let expanded = parents.expanded.take();
+    let (states, counts) = (&mut parents.states, &mut parents.records);
+    let representatives =
+        <[R::Bytes]>::mut_from_bytes(&mut parents.values).expect("whole values");
+    let values = children.values_of::<R>();
+    let groups = children.states.chunks_exact(R::CHILDREN).zip(values.chunks_exact(R::CHILDREN));
+    for (group, (child_states, child_values)) in groups.enumerate() {
+        let parent = expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
+        let first = child_states[0];
+        let uniform = first != INNER
+            && child_states.iter().all(|state| *state == first)
+            && (first == VOID || child_values.iter().all(|value| *value == child_values[0]));
+        if uniform {
+            states[parent] = first;
+            representatives[parent] = child_values[0];
+            continue;
+        }
+        let range = group * R::CHILDREN..(group + 1) * R::CHILDREN;
+        let known_below = below.get(range.clone()).unwrap_or(&[]);
+        let (of, representative) = averaging.merge(child_states, child_values, known_below, cells);
+        known[parent] = of;
+        states[parent] = INNER;
+        representatives[parent] = representative;
+        counts[parent] = 1 + children.records.get(range).unwrap_or(&[]).iter().sum::<u32>();
+    }
+    parents.expanded = expanded;
+}
+
+/// The records of all inner nodes, in preorder.
+fn records<R: Record>(block: &Block, counts: &mut LevelCounts) -> Vec<u8> {
+    let root = &block.levels[0];
+    if root.states[0] != INNER {
+        return Vec::new();
+    }
+    let mut bytes = vec![0; root.records[0] as usize * size_of::<R>()];
+    let records = <[R]>::mut_from_bytes(&mut bytes).expect("whole records");
+    let mut numbers = vec![0u32];
+    put_reused(block, 0, &numbers, records);
+    counts.merge_below(block.code.level(), &block.reused.counts);
+    for index in 1..block.levels.len() {
+        let (parents, children) = (&block.levels[index - 1], &block.levels[index]);
+        let values = children.values_of::<R>();
+        let level = block.code.level() + index as u8;
+        let mut below = vec![0u32; if children.records.is_empty() { 0 } else { children.states.len() }];
+        let mut tallied = [0u64; 3];
+        for group in 0..children.states.len() / R::CHILDREN {
+            let parent = parents.parent(group);
+            if parents.states[parent] != INNER {
+                continue;
+            }
+            let number = numbers[parent];
+            let start = group * R::CHILDREN;
+            let mut next = number + 1;
+            let mut states = 0;
+            for i in 0..R::CHILDREN {
+                let state = children.states[start + i];
+                states |= (state as u32) << (2 * i);
+                tallied[state as usize] += 1;
+                if state == INNER {
+                    below[start + i] = next;
+                    next += children.records[start + i];
+                }
+            }
+            records[number as usize] =
+                R::new(states, &values[start..start + R::CHILDREN], parents.records[parent]);
+        }
+        counts.add(level, tallied);
+        put_reused(block, index, &below, records);
+        numbers = below;
+    }
+    bytes
+}
+
+/// Puts the records that were taken over at a level where they belong.
+fn put_reused<R: Record>(block: &Block, index: usize, numbers: &[u32], records: &mut [R]) {
+    for node in &block.levels[index].reused {
+        let reused = block.reused_records::<R>(node);
+        records[numbers[node.index as usize] as usize..][..reused.len()].copy_from_slice(reused);
+    }
+}
+
+/// Hands out the leaves that the block was made of, before condensing, with their cells.
+#[inline]
+pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Bytes, u32)) {
+    for (index, level) in block.levels.iter().enumerate() {
+        let cells = block.cells_at(index);
+        for node in &level.reused {
+            let reused = block.reused_records::<R>(node);
+            each_leaf(reused, block.height - index as u8, |value, cells| leaf(value, cells as u32))
+                .expect(CHECKED);
+        }
+        let values = level.values_of::<R>();
+        let leaves = level.states.iter().zip(values);
+        match &level.expanded {
+            Some(expanded) => {
+                let mut expanded = expanded.iter().map(|index| *index as usize).peekable();
+                for (index, (state, value)) in leaves.enumerate() {
+                    if expanded.next_if_eq(&index).is_none() && *state == LEAF {
+                        leaf(*value, cells);
+                    }
+                }
+            }
+            None if index + 1 < block.levels.len() => {}
+            // The level of the cells, mostly without VOID.
+            None if !level.states.contains(&VOID) => values.iter().for_each(|value| leaf(*value, 1)),
+            None => leaves.filter(|(state, _)| **state == LEAF).for_each(|(_, value)| leaf(*value, 1)),
+        }
+    }
+}

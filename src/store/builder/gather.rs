@@ -1,0 +1,289 @@
+//! Gathers the nodes of one block from a source: node by node, but for subtrees that a file has stored and small blocks of
+//! cells that the source can draw.
+
+use std::ops::Range;
+
+use zerocopy::IntoBytes;
+
+use super::block::{Block, Level};
+use super::reuse::{MergeAction, Overlay, ReusableSource, SegmentNode, Subtree};
+use super::reused::ReusedRecords;
+use crate::Result;
+use crate::space::Code;
+use crate::store::container::{INNER, LEAF, Record, RecordLayout, VOID, with_record_type};
+use crate::tree::{CellBlock, Child, Form, NodeState, no_children};
+use crate::value::Value;
+
+/// Cells of a block that is drawn, as a power of two: a quadtree's block of 32 x 32 cells, an octree's of 8 x 8 x 8. Larger
+/// ones are drawn in vain where there is little detail.
+const DRAWN_BITS: u8 = 10;
+
+/// An INNER node whose children are still to be gathered.
+enum Open<N> {
+    /// A node of the source.
+    Node(N),
+    /// Cells that were drawn: the number of their block, and the first of the node's.
+    Cells(u32, u32),
+}
+
+/// What gathering has so far beside the levels.
+struct Gathered {
+    reused: ReusedRecords,
+    drawn: Vec<CellBlock>,
+}
+
+impl Block {
+    /// The block under `code`, whose root is the source's inner node `node`. Where `stored` allows it for a node of a file at
+    /// so many levels above the cells, its records are taken over.
+    pub(super) fn from_source<S: ReusableSource>(
+        source: &S,
+        code: Code,
+        height: u8,
+        (representative, node): (Value, &S::Node),
+        may_reuse: &dyn Fn(&SegmentNode<'_>, u8) -> bool,
+    ) -> Result<Self> {
+        let form = source.form();
+        let fan_out = form.children();
+        let mut gathered =
+            Gathered { reused: ReusedRecords::new(RecordLayout::new(form), height), drawn: Vec::new() };
+        let mut root = Level::root(form);
+        if let Some(stored) = source.stored(node).filter(|stored| may_reuse(stored, height))
+            && let Some(node) = gathered.reused.take(0, stored.subtree()?.records(), height)
+        {
+            root.put_reused(form, representative, node);
+            root.expanded = Some(Vec::new());
+            return Ok(Block::new(form, code, height, vec![root], gathered.reused));
+        }
+        let mut levels = vec![root];
+        let mut nodes = vec![open(source, &mut gathered.drawn, node.clone(), height)?];
+        let mut children = no_children();
+        for below in (0..height).rev() {
+            let mut level = Level::new(form, nodes.len() * fan_out);
+            let mut expanded = Vec::new();
+            let mut deeper = Vec::new();
+            for (group, node) in nodes.iter().enumerate() {
+                let first = group * fan_out;
+                let node = match node {
+                    Open::Node(node) => node,
+                    Open::Cells(block, start) => {
+                        let cells = (*block, &gathered.drawn[*block as usize]);
+                        cell_children(form, cells, *start, below, first, &mut level, (&mut expanded, &mut deeper));
+                        continue;
+                    }
+                };
+                source.children(node, &mut children)?;
+                for (index, child) in (first..).zip(&mut children[..fan_out]) {
+                    match std::mem::take(child) {
+                        Child::Void => {}
+                        Child::Inner { representative, node } if below > 0 => {
+                            let stored = source.stored(&node).filter(|stored| may_reuse(stored, below));
+                            let reused = match stored {
+                                Some(stored) => gathered.reused.take(index, stored.subtree()?.records(), below),
+                                None => None,
+                            };
+                            if let Some(reused) = reused {
+                                level.put_reused(form, representative, reused);
+                            } else {
+                                expanded.push(index as u32);
+                                deeper.push(open(source, &mut gathered.drawn, node, below)?);
+                            }
+                        }
+                        Child::Leaf(value) | Child::Inner { representative: value, .. } => {
+                            level.put_leaf(form, index, value);
+                        }
+                    }
+                }
+            }
+            nodes = deeper;
+            level.expanded = Some(expanded);
+            levels.push(level);
+            if nodes.is_empty() {
+                break;
+            }
+        }
+        Ok(Block::new(form, code, height, levels, gathered.reused))
+    }
+
+    /// The block under `code` of two stored subtrees, merged: what set operations spend most of their time on. `None` if
+    /// records contradict each other; going through them the usual way tells what is wrong.
+    pub(super) fn from_overlay(
+        form: Form,
+        overlay: &Overlay<'_>,
+        code: Code,
+        height: u8,
+    ) -> Result<Option<Self>> {
+        // (In variables of their own: the records are borrowed from them.)
+        let (first, second) = (subtree(&overlay.nodes[0])?, subtree(&overlay.nodes[1])?);
+        let records = [&first, &second].map(|subtree| subtree.as_ref().map_or(&[][..], Subtree::records));
+        let layout = RecordLayout::new(form);
+        let mut reused = ReusedRecords::new(layout, height);
+        let levels = with_record_type!(layout, R => merge::<R>(form, overlay, records, height, &mut reused));
+        Ok(levels.map(|levels| Block::new(form, code, height, levels, reused)))
+    }
+}
+
+/// The records of an INNER node and of all below it.
+fn subtree<'a>(node: &Child<SegmentNode<'a>>) -> Result<Option<Subtree<'a>>> {
+    match node {
+        Child::Inner { node, .. } => node.subtree().map(Some),
+        _ => Ok(None),
+    }
+}
+
+/// A node of the source, or its cells where these are few and the source can draw them.
+fn open<S: ReusableSource>(
+    source: &S,
+    drawn: &mut Vec<CellBlock>,
+    node: S::Node,
+    levels: u8,
+) -> Result<Open<S::Node>> {
+    let is_small = levels == DRAWN_BITS / source.form().axes() as u8;
+    let cells = if is_small { source.cells(&node, levels)? } else { None };
+    Ok(match cells {
+        Some(cells) => {
+            drawn.push(cells);
+            Open::Cells(drawn.len() as u32 - 1, 0)
+        }
+        None => Open::Node(node),
+    })
+}
+
+/// The children of a node of drawn cells, whose first cell is `start`: uniform ones become leaves of the level, the first at
+/// index `first`, all others are opened.
+fn cell_children<N>(
+    form: Form,
+    (block, cells): (u32, &CellBlock),
+    start: u32,
+    below: u8,
+    first: usize,
+    level: &mut Level,
+    (expanded, deeper): (&mut Vec<u32>, &mut Vec<Open<N>>),
+) {
+    let size = form.dimension.cells(below) as usize;
+    for child in 0..form.children() {
+        let start = start as usize + child * size;
+        match uniform(cells, start..start + size, form.width()) {
+            Some(value) => {
+                value.into_iter().for_each(|value| level.put_leaf(form, first + child, value));
+            }
+            None => {
+                expanded.push((first + child) as u32);
+                deeper.push(Open::Cells(block, start as u32));
+            }
+        }
+    }
+}
+
+/// The value that all these cells have (`None` is VOID), if they are alike.
+fn uniform(cells: &CellBlock, range: Range<usize>, width: usize) -> Option<Option<Value>> {
+    let present = &cells.present[range.clone()];
+    let values = &cells.values[range.start * width..range.end * width];
+    let is_there = present[0];
+    // Without a way out in the middle, so that many are compared at a time.
+    let alike = present.iter().fold(true, |alike, other| alike & (*other == is_there));
+    // Cells that are alike are the same when moved by one.
+    let same = alike && (is_there == 0 || values[width..] == values[..values.len() - width]);
+    same.then(|| (is_there != 0).then(|| Value::from_bytes(&values[..width])))
+}
+
+/// A node of one of two trees that are merged: its state, its value, and the number of its record if it is INNER.
+#[derive(Clone, Copy)]
+struct MergeNode<B> {
+    state: NodeState,
+    value: B,
+    record: u32,
+}
+
+/// The levels of two subtrees of records, merged; `None` if records contradict each other.
+fn merge<R: Record>(
+    form: Form,
+    overlay: &Overlay<'_>,
+    records: [&[u8]; 2],
+    height: u8,
+    reused: &mut ReusedRecords,
+) -> Option<Vec<Level>> {
+    let records = records.map(R::of);
+    let is_float = form.value.sample.is_float();
+    let root = |node: &Child<SegmentNode<'_>>| {
+        let value = node.value().unwrap_or_default().to_bytes();
+        let (value, _) = <R::Bytes as zerocopy::FromBytes>::read_from_prefix(&value).ok()?;
+        Some(MergeNode { state: node.state(), value, record: 0 })
+    };
+    let mut levels = vec![Level::root(form)];
+    let mut open = vec![[root(&overlay.nodes[0])?, root(&overlay.nodes[1])?]];
+    for below in (0..height).rev() {
+        let mut level = Level::new(form, open.len() * R::CHILDREN);
+        let mut expanded = Vec::new();
+        let mut deeper = Vec::new();
+        for (group, [first, second]) in open.iter().enumerate() {
+            let (first, second) = (merge_children(records[0], first)?, merge_children(records[1], second)?);
+            for i in 0..R::CHILDREN {
+                let pair = [first[i], second[i]];
+                let index = group * R::CHILDREN + i;
+                match overlay.actions.get([pair[0].state, pair[1].state]) {
+                    MergeAction::Void => {}
+                    MergeAction::Take(tree) => {
+                        let MergeNode { state, value, record } = pair[tree];
+                        match state {
+                            NodeState::Void => {}
+                            NodeState::Leaf if is_float => {
+                                level.put_leaf(form, index, Value::from_bytes(value.as_bytes()));
+                            }
+                            NodeState::Leaf => {
+                                level.states[index] = LEAF;
+                                let width = size_of::<R::Bytes>();
+                                level.values[index * width..][..width].copy_from_slice(value.as_bytes());
+                            }
+                            NodeState::Inner => {
+                                let subtree = &records[tree][record as usize..];
+                                let subtree = &subtree[..subtree[0].skip() as usize];
+                                let node = reused.take(index, subtree.as_bytes(), below)?;
+                                level.put_reused(form, Value::from_bytes(value.as_bytes()), node);
+                            }
+                        }
+                    }
+                    MergeAction::Split if below > 0 => {
+                        expanded.push(index as u32);
+                        deeper.push(pair);
+                    }
+                    MergeAction::Split | MergeAction::Fill => return None,
+                }
+            }
+        }
+        open = deeper;
+        level.expanded = Some(expanded);
+        levels.push(level);
+        if open.is_empty() {
+            break;
+        }
+    }
+    Some(levels)
+}
+
+/// The children of a node, those of a uniform one like it. `None` if its record lies.
+#[inline]
+fn merge_children<R: Record>(records: &[R], node: &MergeNode<R::Bytes>) -> Option<[MergeNode<R::Bytes>; 8]> {
+    let mut children = [*node; 8];
+    if node.state != NodeState::Inner {
+        return Some(children);
+    }
+    let record = records.get(node.record as usize)?;
+    let end = node.record + record.skip();
+    let mut next = node.record + 1;
+    for (i, child) in children[..R::CHILDREN].iter_mut().enumerate() {
+        child.value = record.values()[i];
+        match record.state(i) {
+            VOID => child.state = NodeState::Void,
+            LEAF => child.state = NodeState::Leaf,
+            state => {
+                let skip = if next < end { records.get(next as usize)?.skip() } else { 0 };
+                if state != INNER || skip == 0 || skip > end.saturating_sub(next) {
+                    return None;
+                }
+                child.record = next;
+                next += skip;
+            }
+        }
+    }
+    Some(children)
+}

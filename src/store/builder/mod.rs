@@ -1,0 +1,31 @@
+//! Building: from slabs of samples, or from any source, to parts of a tree, whatever the format that they are stored in.
+//!
+//! Building is bottom-up and streaming: blocks of cells become parts of the tree (`block`), and what makes a file of
+//! parts, a [`TreeSink`], merges them and writes what is finished.
+
+mod averaging;
+mod block;
+mod gather;
+mod options;
+mod part;
+mod reuse;
+mod reused;
+mod sink;
+mod slab;
+mod tally;
+mod walk;
+
+pub use options::{BuildOptions, depth_for};
+pub(in crate::store) use part::{ENOUGH, Part, SealedSegment, representative_of, trim, uniform_children};
+pub use reuse::{
+    MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree,
+};
+pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
+pub use slab::{Slab, Slabs};
+pub(in crate::store) use walk::{Builder, walk};
+
+use crate::Result;
+use crate::store::container::Shape;
+
+/// Hands parts of a tree to what makes a file of them; the shape says how large blocks are.
+pub(in crate::store) type Fill<'a> = dyn FnMut(&mut dyn TreeSink, Shape) -> Result<()> + 'a;

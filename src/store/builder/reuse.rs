@@ -1,0 +1,136 @@
+//! What a source has stored already, so that it need not be built anew: nodes of files, whose records are taken over.
+
+use std::any::Any;
+use std::ops::Range;
+
+use crate::Result;
+use crate::io::{FileBytes, FileId};
+use crate::space::Code;
+use crate::store::container::Header;
+use crate::tree::{Child, MemTree, NodeState, Source};
+
+/// A source that may tell which of its nodes are stored in files.
+pub trait ReusableSource: Source {
+    /// The node of a file with segments that an INNER node is, with all that is below it, if it is one: the records that are
+    /// stored may then be copied.
+    fn stored(&self, _: &Self::Node) -> Option<SegmentNode<'_>> {
+        None
+    }
+
+    /// The node of an Autumnal file that an INNER node is, with all that is below it, if it is one: the file need not be
+    /// written that again.
+    fn kept(&self, _: &Self::Node) -> Option<RecordRef> {
+        None
+    }
+
+    /// The nodes of two files that an INNER node is made of, if it is no more than these, merged: the builder may then
+    /// merge them itself, record by record.
+    fn overlay(&self, _: &Self::Node) -> Option<Overlay<'_>> {
+        None
+    }
+}
+
+impl ReusableSource for MemTree {}
+
+/// A file whose tree is stored in segments of records.
+pub trait SegmentFile: Any + Send + Sync {
+    /// The file's header.
+    fn file_header(&self) -> &Header;
+
+    /// The records of a node and of all that is below it in its segment, given the numbers of the segment and of the
+    /// node's record.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn subtree(&self, segment: u32, record: u32) -> Result<Subtree<'_>>;
+}
+
+/// A node of an open file with segments.
+#[derive(Clone, Copy)]
+pub struct SegmentNode<'a> {
+    /// The file.
+    pub file: &'a dyn SegmentFile,
+    /// The node.
+    pub code: Code,
+    /// The number of the segment that its record is in.
+    pub segment: u32,
+    /// The number of the record there.
+    pub record: u32,
+}
+
+impl<'a> SegmentNode<'a> {
+    /// The node's records: see [`SegmentFile::subtree`].
+    pub(in crate::store) fn subtree(&self) -> Result<Subtree<'a>> {
+        self.file.subtree(self.segment, self.record)
+    }
+}
+
+/// Records of a node and of all that is below it in its segment.
+pub struct Subtree<'a> {
+    bytes: FileBytes<'a>,
+    range: Range<usize>,
+}
+
+impl<'a> Subtree<'a> {
+    /// A part of a segment's bytes; no records at all if the range lies.
+    pub(in crate::store) fn new(bytes: FileBytes<'a>, range: Range<usize>) -> Subtree<'a> {
+        let range = if bytes.get(range.clone()).is_some() { range } else { 0..0 };
+        Subtree { bytes, range }
+    }
+
+    /// The records' bytes.
+    pub(in crate::store) fn records(&self) -> &[u8] {
+        &self.bytes[self.range.clone()]
+    }
+}
+
+/// A record of an Autumnal file: whoever writes to that file need not write it again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordRef {
+    /// The file.
+    pub(in crate::store) file: FileId,
+    /// Where the record is.
+    pub(in crate::store) address: u64,
+    /// Levels below the node.
+    pub height: u8,
+}
+
+/// What becomes of a node when two trees are merged into one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MergeAction {
+    /// Nothing.
+    Void,
+    /// What this tree has, with all that is below it.
+    Take(usize),
+    /// Something that neither tree has.
+    Fill,
+    /// What becomes of its children.
+    Split,
+}
+
+/// Merge actions by what each of two trees has at a node.
+#[derive(Clone, Copy, Debug)]
+pub struct MergeTable([[MergeAction; 3]; 3]);
+
+impl MergeTable {
+    /// Asks once for each pair of states.
+    pub fn new(action: impl Fn([NodeState; 2]) -> MergeAction) -> MergeTable {
+        const STATES: [NodeState; 3] = [NodeState::Void, NodeState::Leaf, NodeState::Inner];
+        MergeTable(STATES.map(|first| STATES.map(|second| action([first, second]))))
+    }
+
+    /// The action for a pair of states.
+    #[inline]
+    pub fn get(&self, [first, second]: [NodeState; 2]) -> MergeAction {
+        self.0[first as usize][second as usize]
+    }
+}
+
+/// A node of two stored trees that are merged into one, cell by cell, with all that is below it.
+#[derive(Clone, Copy)]
+pub struct Overlay<'a> {
+    /// What the trees have there.
+    pub nodes: [Child<SegmentNode<'a>>; 2],
+    /// How they are merged.
+    pub actions: MergeTable,
+}

@@ -1,0 +1,119 @@
+//! The tally of a block: exact counts, extremes and sums of its cells.
+//!
+//! Kernels: compiled for each type of values, chosen once per block.
+
+use super::averaging::{decode, pairwise};
+use super::block::{Block, for_leaves};
+use crate::store::container::{INNER, LEAF, Record, with_form_type};
+use crate::value::{Native, Sums, Tally, Value, erase};
+
+/// What is below a block's root; from class counts where they are known and sums are exact.
+pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tally {
+    let form = block.form();
+    let is_float = form.value.sample.is_float();
+    let mut tally = match &classes {
+        Some(classes) if !is_float => of_classes(block, classes),
+        _ => with_form_type!(form, V, R => of_leaves::<V, R>(block, is_float)),
+    };
+    tally.classes = classes.unwrap_or_default();
+    tally
+}
+
+fn of_classes(block: &Block, classes: &[(Value, u64)]) -> Tally {
+    let value_type = block.form().value;
+    let classes = classes.iter().map(|(value, cells)| Tally::leaf(value_type, *value, *cells, false));
+    classes.fold(Tally::void(value_type), |sum, class| Tally::merge(&[&sum, &class]))
+}
+
+fn of_leaves<V: Native, R: Record>(block: &Block, is_float: bool) -> Tally {
+    let mut cells = 0u64;
+    let (mut min, mut max) = any_leaf::<R>(block).map_or_else(Default::default, |bytes| {
+        let value: V = decode::<R, V>(bytes);
+        (value, value)
+    });
+    let mut sums = V::BlockSums::default();
+    let mut squares = V::BlockSquares::default();
+    for_leaves::<R>(block, &mut |bytes, count| {
+        let value: V = decode::<R, V>(bytes);
+        cells += count as u64;
+        (min, max) = (min.min(value), max.max(value));
+        // Sums of floating samples depend on the order of adding: see below.
+        if !is_float {
+            sums = V::add_block_sums(sums, value.block_sums(count));
+            squares = V::add_block_squares(squares, value.block_squares(count));
+        }
+    });
+    let (sum, squares) = if is_float {
+        (pairwise_sums::<V, R>(block, V::total_sums), pairwise_sums::<V, R>(block, V::total_squares))
+    } else {
+        (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
+    };
+    Tally { value_type: V::TYPE, cells, min: erase(min), max: erase(max), sum, squares, classes: Vec::new() }
+}
+
+/// Some leaf's value.
+fn any_leaf<R: Record>(block: &Block) -> Option<R::Bytes> {
+    let at_hand = block.levels.iter().find_map(|level| {
+        let index = level.states.iter().position(|state| *state == LEAF)?;
+        Some(level.values_of::<R>()[index])
+    });
+    at_hand.or_else(|| {
+        // All of them are in records that were taken over.
+        let mut any = None;
+        for_leaves::<R>(block, &mut |value, _| any = any.or(Some(value)));
+        any
+    })
+}
+
+/// Adds something of every leaf, pairwise in Z order: see [`Tally`].
+fn pairwise_sums<V: Native, R: Record>(block: &Block, of_leaf: fn(V, u64) -> V::TotalSums) -> Sums {
+    let mut below: Vec<V::TotalSums> = Vec::new();
+    for (index, level) in block.levels.iter().enumerate().rev() {
+        let cells = block.cells_at(index) as u64;
+        let is_last = index + 1 == block.levels.len();
+        let mut sums = vec![V::TotalSums::default(); level.states.len()];
+        if is_last || level.expanded.is_some() {
+            let leaves = level.states.iter().zip(level.values_of::<R>());
+            for (sum, (state, value)) in sums.iter_mut().zip(leaves) {
+                if *state == LEAF {
+                    *sum = of_leaf(decode::<R, V>(*value), cells);
+                }
+            }
+        }
+        for node in &level.reused {
+            let reused = block.reused_records::<R>(node);
+            let height = block.height - index as u8;
+            sums[node.index as usize] = pairwise_of_records::<V, R>(reused, 0, height, of_leaf);
+        }
+        for (group, children) in below.chunks_exact(R::CHILDREN).enumerate() {
+            sums[level.parent(group)] = pairwise(children, V::add_sums);
+        }
+        below = sums;
+    }
+    V::erase(below.first().copied().unwrap_or_default())
+}
+
+/// Adds something of every leaf of a subtree of records that were checked, pairwise in Z order.
+fn pairwise_of_records<V: Native, R: Record>(
+    records: &[R],
+    at: usize,
+    height: u8,
+    of_leaf: fn(V, u64) -> V::TotalSums,
+) -> V::TotalSums {
+    let record = &records[at];
+    let mut next = at + 1;
+    let mut sums = [V::TotalSums::default(); 8];
+    for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
+        match record.state(child) {
+            LEAF => {
+                *sum = of_leaf(decode::<R, V>(record.values()[child]), 1 << (R::AXES * (height as usize - 1)))
+            }
+            INNER => {
+                *sum = pairwise_of_records::<V, R>(records, next, height - 1, of_leaf);
+                next += records[next].skip() as usize;
+            }
+            _ => {}
+        }
+    }
+    pairwise(&sums[..R::CHILDREN], V::add_sums)
+}

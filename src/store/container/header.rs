@@ -1,0 +1,211 @@
+//! The fixed header at the start of tree files of both formats.
+
+use std::path::Path;
+
+use zerocopy::little_endian::{U16, U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use super::format::TreeFormat;
+use super::record::RecordLayout;
+use super::shape::Shape;
+use crate::io::ReadBackend;
+use crate::space::{Bounds, Dimension};
+use crate::tree::Form;
+use crate::value::{Kind, Rule, SampleType, ValueType};
+use crate::{Error, Result};
+
+/// Readers refuse files of a newer major version.
+pub(in crate::store) const MAJOR: u16 = 1;
+pub(in crate::store) const MINOR: u16 = 0;
+
+/// How records are packed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Codec {
+    /// Not at all: mapped records are used where they stand.
+    Plain,
+}
+
+impl Codec {
+    /// The codec's name.
+    pub fn name(self) -> &'static str {
+        "plain"
+    }
+}
+
+/// What the first 60 bytes of a file say.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Header {
+    /// Quadtree or octree, and the type of the values.
+    pub form: Form,
+    /// How representatives were made.
+    pub rule: Rule,
+    /// What the values mean.
+    pub kind: Kind,
+    /// How records are packed.
+    pub codec: Codec,
+    /// How the tree is cut into segments.
+    pub shape: Shape,
+    /// Cells along each axis that can be other than VOID: the picture's size.
+    pub extent: [u64; 3],
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawHeader {
+    magic: [u8; 8],
+    major: U16,
+    minor: U16,
+    axes: u8,
+    sample: u8,
+    channels: u8,
+    rule: u8,
+    kind: u8,
+    codec: u8,
+    depth: u8,
+    reach: u8,
+    stride: u8,
+    zero: [u8; 3],
+    heavy_threshold: U32,
+    zero2: U32,
+    extent: [U64; 3],
+    checksum: U32,
+}
+
+/// Bytes of the header.
+pub(in crate::store) const HEADER_SIZE: usize = size_of::<RawHeader>();
+const _: () = assert!(HEADER_SIZE == 60);
+
+impl Header {
+    /// Levels below the root.
+    pub fn depth(&self) -> u8 {
+        self.shape.depth
+    }
+
+    /// The picture: all cells that can be other than VOID.
+    pub fn picture(&self) -> Bounds {
+        Bounds::picture(self.extent)
+    }
+
+    /// Bytes and places of the tree's records in segments.
+    pub fn record_layout(&self) -> RecordLayout {
+        RecordLayout::new(self.form)
+    }
+
+    /// Whether classes are counted per zone.
+    pub fn counts_classes(&self) -> bool {
+        self.kind == Kind::Categorical || self.rule == Rule::Majority
+    }
+
+    /// Reads and checks the header of a tree file of either format.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is that of no tree file that this program knows.
+    pub(crate) fn read(path: &Path, file: &dyn ReadBackend) -> Result<(TreeFormat, Header)> {
+        let length = file.len().min(HEADER_SIZE as u64) as usize;
+        Header::from_bytes(path, &file.read(0, length)?)
+    }
+
+    pub(in crate::store) fn to_bytes(&self, format: TreeFormat) -> Vec<u8> {
+        let mut raw = RawHeader {
+            magic: format.magic(),
+            major: MAJOR.into(),
+            minor: MINOR.into(),
+            axes: self.form.axes() as u8,
+            sample: self.form.value.sample as u8,
+            channels: self.form.value.channels,
+            rule: self.rule as u8,
+            kind: self.kind as u8,
+            codec: self.codec as u8,
+            depth: self.shape.depth,
+            reach: self.shape.reach,
+            stride: self.shape.stride,
+            zero: [0; 3],
+            heavy_threshold: self.shape.heavy_threshold.into(),
+            zero2: 0.into(),
+            extent: self.extent.map(U64::new),
+            checksum: 0.into(),
+        };
+        raw.checksum = crc32c::crc32c(&raw.as_bytes()[..HEADER_SIZE - 4]).into();
+        raw.as_bytes().to_vec()
+    }
+
+    /// Checks and understands the first bytes of a file of either format.
+    pub(in crate::store) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(TreeFormat, Header)> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
+        let Ok((raw, _)) = RawHeader::ref_from_prefix(bytes) else {
+            return Err(corrupt(format!("{} bytes", bytes.len()), "a tree file of at least 60 bytes"));
+        };
+        let format =
+            [TreeFormat::Goblin, TreeFormat::Autumnal].into_iter().find(|format| format.magic() == raw.magic);
+        let Some(format) = format else {
+            let found = format!("`{}`", raw.magic.escape_ascii());
+            return Err(corrupt(
+                found,
+                "the first bytes of a tree file, `\\x93Goblin\\n` or `\\x93Autumn\\n`",
+            ));
+        };
+        if raw.major.get() != MAJOR {
+            let advice = format!("this program reads version {MAJOR}; use one that is as new as the file");
+            return Err(Error::unsupported(path, format!("{} version {}", format.name(), raw.major), advice));
+        }
+        let checksum = crc32c::crc32c(&bytes[..HEADER_SIZE - 4]);
+        if raw.checksum.get() != checksum {
+            let found = format!("checksum {checksum:08x}");
+            return Err(corrupt(found, &format!("{:08x}", raw.checksum)));
+        }
+        let number = |name: &str, number: u8, expected: &str| corrupt(format!("{name} {number}"), expected);
+        let sample = SampleType::ALL.get(raw.sample as usize);
+        let rule = Rule::ALL.get(raw.rule as usize);
+        let dimension =
+            Dimension::from_axes(raw.axes).ok_or_else(|| number("axes", raw.axes, "2 or 3"))?;
+        let most = dimension.max_depth();
+        let heavy_threshold = raw.heavy_threshold.get();
+        let shape = Shape { depth: raw.depth, reach: raw.reach, stride: raw.stride, heavy_threshold };
+        if shape.depth > most {
+            return Err(number("depth", raw.depth, &format!("at most {most}")));
+        }
+        // So that a block of 2^reach cells along each axis has at most 2^24 cells.
+        let most = 24 / raw.axes;
+        let fits = (1..shape.reach).contains(&shape.stride)
+            && shape.reach <= most
+            && shape.reach.is_multiple_of(shape.stride)
+            && (1..=1 << 20).contains(&shape.heavy_threshold);
+        if !fits {
+            return Err(corrupt(
+                format!("segments {shape:?}"),
+                &format!("stride < reach <= {most}, heavy threshold <= 2^20"),
+            ));
+        }
+        let extent = raw.extent.map(|cells| cells.get());
+        let side = 1u64 << shape.depth;
+        let axes = raw.axes as usize;
+        let good = |(axis, cells): (usize, &u64)| *cells > 0 && *cells <= if axis < axes { side } else { 1 };
+        if !extent.iter().enumerate().all(good) {
+            return Err(corrupt(format!("extent {extent:?}"), "1 to 2^depth cells along every axis"));
+        }
+        let sample = *sample.ok_or_else(|| number("sample type", raw.sample, "0 to 6"))?;
+        let value = ValueType::new(sample, raw.channels);
+        if !value.is_supported() {
+            return Err(corrupt(format!("values {value}"), "1 to 4 channels of u8, u16 or f32, or 1 channel"));
+        }
+        let header = Header {
+            form: Form::new(dimension, value),
+            rule: *rule.ok_or_else(|| number("rule", raw.rule, "0 to 6"))?,
+            kind: match raw.kind {
+                0 => Kind::Categorical,
+                1 => Kind::Continuous,
+                other => return Err(number("kind", other, "0 or 1")),
+            },
+            codec: match raw.codec {
+                0 => Codec::Plain,
+                other => {
+                    let advice = "read it with a program that has this codec";
+                    return Err(Error::unsupported(path, format!("codec number {other}"), advice));
+                }
+            },
+            shape,
+            extent,
+        };
+        Ok((format, header))
+    }
+}

@@ -1,0 +1,98 @@
+//! The metadata section: everything about a file that is not needed to find its way in it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::level_counts::LevelCounts;
+use crate::space::Frame;
+use crate::value::Palette;
+use crate::{Error, Result};
+
+/// Where the data lie, what they mean and where they come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Metadata {
+    /// Where the cells lie in the world.
+    pub frame: Frame,
+    /// The number that VOID had in the input, and gets in outputs that need one.
+    pub nodata: Option<f64>,
+    /// Colours of the values.
+    pub palette: Option<Palette>,
+    /// Names of the values.
+    pub class_names: BTreeMap<i64, String>,
+    /// A name per channel; empty strings or nothing where unknown.
+    pub band_names: Vec<String>,
+    /// Factor and summand per channel that make physical units of samples; nothing where there is nothing to do.
+    pub scale_offset: Vec<(f64, f64)>,
+    /// Which channel is opacity.
+    pub alpha: Option<u8>,
+    /// Nodes per level.
+    pub counts: LevelCounts,
+    /// Where the data come from, in order: one line per input or operation.
+    pub provenance: Vec<String>,
+    /// Anything else.
+    pub tags: BTreeMap<String, String>,
+}
+
+impl Default for Metadata {
+    fn default() -> Self {
+        Metadata {
+            frame: Frame::identity(),
+            nodata: None,
+            palette: None,
+            class_names: BTreeMap::new(),
+            band_names: Vec::new(),
+            scale_offset: Vec::new(),
+            alpha: None,
+            counts: LevelCounts::default(),
+            provenance: Vec::new(),
+            tags: BTreeMap::new(),
+        }
+    }
+}
+
+/// Bytes that metadata may have, on disk and decoded: a hostile length must not ask for more.
+const LIMIT: usize = 16 << 20;
+/// First number of the section: the version of the struct that follows.
+const VERSION: u32 = 1;
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard().with_limit::<LIMIT>()
+}
+
+impl Metadata {
+    pub(in crate::store) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+        bincode::serde::encode_to_vec((VERSION, self), config())
+            .ok()
+            .filter(|bytes| bytes.len() <= LIMIT)
+            .ok_or_else(|| Error::TooLarge {
+                path: path.to_path_buf(),
+                what: "the metadata (palette, names, tags)".into(),
+                needed: LIMIT as u64 + 1,
+                limit: LIMIT as u64,
+                advice: "leave out tags or class names".into(),
+            })
+    }
+
+    /// Checks the section's length, which must be done before anybody makes room for its bytes.
+    pub(in crate::store) fn check_length(path: &Path, length: u64) -> Result<()> {
+        let fits = length <= LIMIT as u64;
+        let found = || format!("{length} bytes");
+        fits.then_some(()).ok_or_else(|| Error::corrupt(path, "metadata", found(), "at most 16 MiB"))
+    }
+
+    pub(in crate::store) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "metadata", found, expected);
+        Metadata::check_length(path, bytes.len() as u64)?;
+        let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
+            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
+        if version != VERSION {
+            let advice = "read it with a program as new as the file";
+            return Err(Error::unsupported(path, format!("metadata version {version}"), advice));
+        }
+        let (metadata, _): (Metadata, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
+            .map_err(|error| corrupt(error.to_string(), "the metadata of formats.md"))?;
+        Ok(metadata)
+    }
+}

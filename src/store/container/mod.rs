@@ -1,0 +1,23 @@
+//! What files of both formats have in common: header, metadata, records, how trees are cut into segments.
+
+mod finding;
+mod format;
+mod header;
+mod level_counts;
+mod metadata;
+mod options;
+pub(crate) mod record;
+mod shape;
+pub(crate) mod subtree;
+
+pub(in crate::store) use finding::MAX_FINDINGS;
+pub use finding::Finding;
+pub use format::{TreeFormat, file_is_tree, split_commit};
+pub(in crate::store) use header::HEADER_SIZE;
+pub use header::{Codec, Header};
+pub use level_counts::LevelCounts;
+pub use metadata::Metadata;
+pub use options::OpenOptions;
+pub use record::{CUT, INNER, LEAF, RecordHead, RecordLayout, VOID};
+pub(crate) use record::{HEAVY_THRESHOLD, Record, STRIDE, reach, with_form_type, with_record_type};
+pub use shape::Shape;

@@ -1,0 +1,431 @@
+//! The record of segments: what an inner node knows of its children.
+//!
+//! Records are written by the builder for both formats and stand in Goblin files. How wide a value is and how many
+//! children there are is known at run time ([`RecordLayout`]); what goes over very many records is compiled for each
+//! width and fan-out ([`Record`], [`with_record_type`]).
+
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use crate::space::Dimension;
+use crate::tree::Form;
+use crate::value::Value;
+
+/// Nothing there.
+pub const VOID: u8 = 0;
+/// One value all over.
+pub const LEAF: u8 = 1;
+/// More detail below, whose record is in this segment.
+pub const INNER: u8 = 2;
+/// More detail below, whose record is in another segment.
+pub const CUT: u8 = 3;
+
+/// Bits of the state of one child.
+pub(crate) const STATE_BITS: usize = 2;
+/// The bits of one state.
+const STATE_MASK: u32 = 3;
+/// The lower bit of the state of each of up to 16 children: times a state, the states of nodes that all have this one.
+pub(crate) const ALIKE: u32 = 0x5555_5555;
+
+/// Levels of records in a segment (`h`), where files are written.
+pub(crate) const fn reach(dimension: Dimension) -> u8 {
+    match dimension {
+        Dimension::Quad => 8,
+        Dimension::Oct => 6,
+    }
+}
+
+/// Levels between nodes that may own a segment (`s`), where files are written.
+pub(crate) const STRIDE: u8 = 2;
+
+/// A subtree with more records than this owns a segment (`T`), where files are written.
+pub(crate) const HEAVY_THRESHOLD: u32 = 4096;
+
+/// Bytes and places of records of a tree whose form is known at run time.
+///
+/// A quadtree's record has four values, states in one byte, skip in three; an octree's has eight values, states in two
+/// bytes, two zero bytes, skip in four.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordLayout {
+    /// Quadtree or octree.
+    pub dimension: Dimension,
+    /// Bytes of a value.
+    pub width: usize,
+    /// Where the states start, behind the values.
+    states_at: usize,
+    /// Bytes of a record.
+    pub size: usize,
+}
+
+/// States and skip of a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordHead {
+    /// Two bits per child, child 0 lowest.
+    pub states: u32,
+    /// How many records this node's subtree occupies in its segment, this one included.
+    pub skip: u32,
+}
+
+impl RecordHead {
+    /// State of one child.
+    #[inline]
+    pub fn state(self, child: usize) -> u8 {
+        state_of(self.states, child)
+    }
+}
+
+/// State of one child among those of all.
+#[inline]
+pub(crate) fn state_of(states: u32, child: usize) -> u8 {
+    (states >> (STATE_BITS * child) & STATE_MASK) as u8
+}
+
+impl RecordLayout {
+    /// The layout for trees of a form.
+    pub const fn new(form: Form) -> RecordLayout {
+        let states_at = form.children() * form.width();
+        let rest = match form.dimension {
+            Dimension::Quad => 4,
+            Dimension::Oct => 8,
+        };
+        RecordLayout { dimension: form.dimension, width: form.width(), states_at, size: states_at + rest }
+    }
+
+    /// Children of a node.
+    #[inline]
+    pub const fn children(&self) -> usize {
+        self.dimension.children()
+    }
+
+    /// Records in so many bytes.
+    #[inline]
+    pub fn count(&self, records: &[u8]) -> usize {
+        records.len() / self.size
+    }
+
+    /// States and skip of the record with a number; `None` where there is no such record.
+    #[inline]
+    pub fn head(&self, records: &[u8], at: usize) -> Option<RecordHead> {
+        let start = at * self.size + self.states_at;
+        match self.dimension {
+            Dimension::Quad => {
+                let word = u32::from_le_bytes(records.get(start..start + 4)?.try_into().ok()?);
+                Some(RecordHead { states: word & 0xff, skip: word >> 8 })
+            }
+            Dimension::Oct => {
+                let word = u64::from_le_bytes(records.get(start..start + 8)?.try_into().ok()?);
+                Some(RecordHead { states: word as u32 & 0xffff, skip: (word >> 32) as u32 })
+            }
+        }
+    }
+
+    /// Value (LEAF) or representative (INNER, CUT) of a child of the record with a number; zeros for VOID.
+    ///
+    /// # Panics
+    /// If there is no such record.
+    #[inline]
+    pub fn value(&self, records: &[u8], at: usize, child: usize) -> Value {
+        let start = at * self.size + child * self.width;
+        Value::read(&records[start..], self.width).expect("as many bytes as the record has")
+    }
+
+    /// The bytes of a subtree of so many records from the one with a number on; `None` where there are fewer.
+    #[inline]
+    pub fn subtree<'r>(&self, records: &'r [u8], at: usize, skip: u32) -> Option<&'r [u8]> {
+        records.get(at * self.size..(at + skip as usize) * self.size)
+    }
+
+    /// Writes a record: its children's values, one after the other, and its head.
+    #[inline]
+    pub fn write(&self, record: &mut [u8], values: &[u8], head: RecordHead) {
+        record[..self.states_at].copy_from_slice(values);
+        self.write_head(record, head);
+    }
+
+    /// Sets a record's head.
+    #[inline]
+    pub fn write_head(&self, record: &mut [u8], head: RecordHead) {
+        let RecordHead { states, skip } = head;
+        match self.dimension {
+            Dimension::Quad => {
+                record[self.states_at..].copy_from_slice(&(states & 0xff | skip << 8).to_le_bytes());
+            }
+            Dimension::Oct => {
+                let word = u64::from(states & 0xffff) | u64::from(skip) << 32;
+                record[self.states_at..].copy_from_slice(&word.to_le_bytes());
+            }
+        }
+    }
+
+    /// Where the record of one INNER child is, whose parent's head this is; `None` if a skip leads out of the node.
+    ///
+    /// The parent's own extent (`at .. at + skip`) must have been checked. Looks at no sibling behind the child.
+    #[inline]
+    pub fn child_record(&self, records: &[u8], at: usize, head: RecordHead, child: usize) -> Option<usize> {
+        let end = at + head.skip as usize;
+        let mut next = at + 1;
+        for before in 0..child {
+            if head.state(before) == INNER {
+                let skip = self.head(records, next)?.skip as usize;
+                next = next.checked_add(skip.max(1))?;
+            }
+        }
+        if next >= end {
+            return None;
+        }
+        let skip = self.head(records, next)?.skip as usize;
+        (skip > 0 && next + skip <= end).then_some(next)
+    }
+
+    /// Where the children's records of the record with a number are, and its head; 0 for children without a record
+    /// here. `None` if skips do not add up.
+    ///
+    /// The record's own extent (`at .. at + skip`) must have been checked; every child's is checked here to lie
+    /// inside it and beside the others, so that no walk can leave the segment or go round in it.
+    #[inline]
+    pub fn child_records(&self, records: &[u8], at: usize) -> Option<(RecordHead, [u32; 8])> {
+        let head = self.head(records, at)?;
+        let end = at + head.skip as usize;
+        let mut next = at + 1;
+        let mut places = [0; 8];
+        for (child, place) in places[..self.children()].iter_mut().enumerate() {
+            if head.state(child) == INNER {
+                let skip = if next < end { self.head(records, next)?.skip as usize } else { 0 };
+                if skip == 0 || next + skip > end {
+                    return None;
+                }
+                *place = next as u32;
+                next += skip;
+            }
+        }
+        Some((head, places))
+    }
+}
+
+/// One inner node, as it stands on disk, with width and fan-out known at compile time.
+pub(crate) trait Record:
+    FromBytes + IntoBytes + Immutable + KnownLayout + Unaligned + Copy + Send + Sync + 'static
+{
+    /// Quadtree or octree.
+    const DIMENSION: Dimension;
+    /// Number of axes.
+    const AXES: usize = Self::DIMENSION.axes();
+    /// Children of a node.
+    const CHILDREN: usize = Self::DIMENSION.children();
+    /// The bytes of a value.
+    type Bytes: FromBytes
+        + IntoBytes
+        + Immutable
+        + KnownLayout
+        + Unaligned
+        + Copy
+        + PartialEq
+        + std::fmt::Debug
+        + Send
+        + Sync;
+    /// The bytes of the values of all children.
+    type Values: AsRef<[Self::Bytes]>;
+    /// No value: all bytes zero.
+    const ZERO: Self::Bytes;
+
+    /// The values of children that are all alike.
+    fn alike(value: Self::Bytes) -> Self::Values;
+    /// A record of the values of all its children.
+    fn new(states: u32, values: &[Self::Bytes], skip: u32) -> Self;
+    /// The children's values, child 0 first.
+    fn values(&self) -> &[Self::Bytes];
+    /// Two bits per child, child 0 lowest.
+    fn states(&self) -> u32;
+    /// How many records this node's subtree occupies in its segment, this one included.
+    fn skip(&self) -> u32;
+
+    /// State of one child.
+    #[inline]
+    fn state(&self, child: usize) -> u8 {
+        state_of(self.states(), child)
+    }
+
+    /// Bytes as records; nothing if they are not a whole number of them.
+    #[inline]
+    fn of(bytes: &[u8]) -> &[Self] {
+        <[Self]>::ref_from_bytes(bytes).unwrap_or(&[])
+    }
+}
+
+/// A record of a quadtree.
+#[derive(Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+pub(crate) struct QuadRecord<const WIDTH: usize> {
+    values: [[u8; WIDTH]; 4],
+    states: u8,
+    skip: [u8; 3],
+}
+
+/// A record of an octree.
+#[derive(Clone, Copy, FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+pub(crate) struct OctRecord<const WIDTH: usize> {
+    values: [[u8; WIDTH]; 8],
+    states: [u8; 2],
+    zero: [u8; 2],
+    skip: [u8; 4],
+}
+
+impl<const WIDTH: usize> Record for QuadRecord<WIDTH> {
+    const DIMENSION: Dimension = Dimension::Quad;
+    type Bytes = [u8; WIDTH];
+    type Values = [[u8; WIDTH]; 4];
+    const ZERO: [u8; WIDTH] = [0; WIDTH];
+
+    #[inline]
+    fn alike(value: [u8; WIDTH]) -> [[u8; WIDTH]; 4] {
+        [value; 4]
+    }
+    #[inline]
+    fn new(states: u32, values: &[[u8; WIDTH]], skip: u32) -> Self {
+        let [a, b, c, _] = skip.to_le_bytes();
+        QuadRecord { values: values.try_into().expect("four values"), states: states as u8, skip: [a, b, c] }
+    }
+    #[inline]
+    fn values(&self) -> &[[u8; WIDTH]] {
+        &self.values
+    }
+    #[inline]
+    fn states(&self) -> u32 {
+        self.states as u32
+    }
+    #[inline]
+    fn skip(&self) -> u32 {
+        let [a, b, c] = self.skip;
+        u32::from_le_bytes([a, b, c, 0])
+    }
+}
+
+impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
+    const DIMENSION: Dimension = Dimension::Oct;
+    type Bytes = [u8; WIDTH];
+    type Values = [[u8; WIDTH]; 8];
+    const ZERO: [u8; WIDTH] = [0; WIDTH];
+
+    #[inline]
+    fn alike(value: [u8; WIDTH]) -> [[u8; WIDTH]; 8] {
+        [value; 8]
+    }
+    #[inline]
+    fn new(states: u32, values: &[[u8; WIDTH]], skip: u32) -> Self {
+        let values = values.try_into().expect("eight values");
+        OctRecord {
+            values,
+            states: (states as u16).to_le_bytes(),
+            zero: [0; 2],
+            skip: skip.to_le_bytes(),
+        }
+    }
+    #[inline]
+    fn values(&self) -> &[[u8; WIDTH]] {
+        &self.values
+    }
+    #[inline]
+    fn states(&self) -> u32 {
+        u16::from_le_bytes(self.states) as u32
+    }
+    #[inline]
+    fn skip(&self) -> u32 {
+        u32::from_le_bytes(self.skip)
+    }
+}
+
+/// Evaluates an expression with a name bound to the type of a [`RecordLayout`]'s records: the way into what goes over
+/// very many of them.
+macro_rules! with_record_type {
+    ($layout:expr, $R:ident => $body:expr) => {{
+        use $crate::space::Dimension;
+        use $crate::store::container::record::{OctRecord, QuadRecord};
+        let layout: $crate::store::container::record::RecordLayout = $layout;
+        macro_rules! with {
+            ($Record:ty) => {{
+                type $R = $Record;
+                $body
+            }};
+        }
+        match (layout.dimension, layout.width) {
+            (Dimension::Quad, 1) => with!(QuadRecord<1>),
+            (Dimension::Quad, 2) => with!(QuadRecord<2>),
+            (Dimension::Quad, 3) => with!(QuadRecord<3>),
+            (Dimension::Quad, 4) => with!(QuadRecord<4>),
+            (Dimension::Quad, 6) => with!(QuadRecord<6>),
+            (Dimension::Quad, 8) => with!(QuadRecord<8>),
+            (Dimension::Quad, 12) => with!(QuadRecord<12>),
+            (Dimension::Quad, 16) => with!(QuadRecord<16>),
+            (Dimension::Oct, 1) => with!(OctRecord<1>),
+            (Dimension::Oct, 2) => with!(OctRecord<2>),
+            (Dimension::Oct, 3) => with!(OctRecord<3>),
+            (Dimension::Oct, 4) => with!(OctRecord<4>),
+            (Dimension::Oct, 6) => with!(OctRecord<6>),
+            (Dimension::Oct, 8) => with!(OctRecord<8>),
+            (Dimension::Oct, 12) => with!(OctRecord<12>),
+            (Dimension::Oct, 16) => with!(OctRecord<16>),
+            (_, width) => unreachable!("no tree has values of {width} bytes"),
+        }
+    }};
+}
+
+pub(crate) use with_record_type;
+
+/// Evaluates an expression with names bound to the type of a [`Form`]'s values ([`Native`](crate::value::Native)) and to
+/// that of its records: the way into kernels that go over very many records.
+macro_rules! with_form_type {
+    ($form:expr, $V:ident, $R:ident => $body:expr) => {{
+        let form: $crate::tree::Form = $form;
+        $crate::value::with_native_type!(form.value, $V => match form.dimension {
+            $crate::space::Dimension::Quad => {
+                type $R = $crate::store::container::record::QuadRecord<{ size_of::<$V>() }>;
+                $body
+            }
+            $crate::space::Dimension::Oct => {
+                type $R = $crate::store::container::record::OctRecord<{ size_of::<$V>() }>;
+                $body
+            }
+        })
+    }};
+}
+
+pub(crate) use with_form_type;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::value::{SampleType, ValueType};
+
+    #[test]
+    fn layouts_and_types_agree() {
+        for dimension in [Dimension::Quad, Dimension::Oct] {
+            for sample in SampleType::ALL {
+                for channels in 1..=4 {
+                    let value = ValueType::new(sample, channels);
+                    if !value.is_supported() {
+                        continue;
+                    }
+                    let layout = RecordLayout::new(Form::new(dimension, value));
+                    with_record_type!(layout, R => {
+                        assert_eq!((size_of::<R>(), size_of::<<R as Record>::Bytes>()), (layout.size, layout.width));
+                        let mut values = Vec::new();
+                        for child in 0..R::CHILDREN {
+                            let bytes = vec![child as u8 + 1; layout.width];
+                            values.push(<R as Record>::Bytes::read_from_bytes(&bytes).unwrap());
+                        }
+                        let head = RecordHead { states: 0b10_01_00_11, skip: 0x1234 };
+                        let record = R::new(head.states, &values, head.skip);
+                        let mut written = vec![0; layout.size];
+                        layout.write(&mut written, values.as_bytes(), head);
+                        assert_eq!(record.as_bytes(), written);
+                        assert_eq!(layout.head(&written, 0), Some(head));
+                        assert_eq!((record.states(), record.skip()), (head.states, head.skip));
+                        for (child, value) in values.iter().enumerate() {
+                            assert_eq!(layout.value(&written, 0, child), Value::from_bytes(value.as_bytes()));
+                        }
+                    });
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! Finding things: the segment of a node, its record in there, its value.
+
+use super::directory::code_bits;
+use super::reader::Goblin;
+use super::segment::Segment;
+use crate::space::Code;
+use crate::store::container::{INNER, LEAF, VOID};
+use crate::tree::Child;
+use crate::value::Value;
+use crate::{Error, Result};
+
+/// Where a node's record is.
+pub(crate) struct Located<'a> {
+    /// The deepest segment that has it.
+    pub(crate) segment: Segment<'a>,
+    /// The record's number there.
+    pub(crate) record: usize,
+}
+
+impl Goblin {
+    /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and its ancestors;
+    /// two searches, O(log segments).
+    pub fn find_segment(&self, code: Code) -> Option<usize> {
+        let directory = self.directory();
+        let size = self.entry_size;
+        let mut code = code;
+        let mut high = self.segments();
+        loop {
+            // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor, then
+            // every ancestor with a segment is an ancestor of that entry too.
+            let bits = code.bits();
+            let mut low = 0;
+            while low < high {
+                let middle = low + (high - low) / 2;
+                if code_bits(directory, middle, size) <= bits { low = middle + 1 } else { high = middle }
+            }
+            let index = low.checked_sub(1)?;
+            let before = Code::from_bits(self.layout.dimension, code_bits(directory, index, size))?;
+            if before.contains(code) {
+                return Some(index);
+            }
+            let level = before.common_ancestor(code).level();
+            code = code.ancestor(self.header.shape.segment_level(level));
+            // However the entries lie about their order, there are fewer and fewer left to search.
+            high = index;
+        }
+    }
+
+    /// The deepest segment among those of a node and its ancestors, in a file whose root is INNER.
+    #[inline]
+    pub(super) fn segment_above(&self, code: Code) -> Result<Segment<'_>> {
+        self.segment(self.find_segment(code).ok_or_else(|| self.no_root())?)
+    }
+
+    /// The deepest segment with a node's record, or the uniform value (VOID or LEAF) of the block it lies in.
+    ///
+    /// The representative is left out (it is zero): it stands with the parent, which may be in another segment, and who
+    /// wants it asks [`Goblin::value_at`].
+    #[inline]
+    pub(crate) fn locate(&self, code: Code) -> Result<Child<Located<'_>>> {
+        match self.root_place() {
+            Child::Void => return Ok(Child::Void),
+            Child::Leaf(value) => return Ok(Child::Leaf(value)),
+            Child::Inner { .. } => {}
+        }
+        let segment = self.segment_above(code)?;
+        let (layout, records) = (&self.layout, segment.records());
+        let mut record = 0;
+        for level in segment.code.level()..code.level() {
+            let step = code.step(level);
+            let head = layout.head(records, record).ok_or_else(|| self.bad_skip(&segment, record))?;
+            match head.state(step) {
+                VOID => return Ok(Child::Void),
+                LEAF => return Ok(Child::Leaf(layout.value(records, record, step))),
+                INNER => {
+                    let child = layout.child_record(records, record, head, step);
+                    record = child.ok_or_else(|| self.bad_skip(&segment, record))?;
+                }
+                // The record is in a deeper segment, and this is the deepest one.
+                _ => return Err(self.bad_cut(code.ancestor(level + 1))),
+            }
+        }
+        Ok(Child::Inner { representative: Value::ZERO, node: Located { segment, record } })
+    }
+
+    /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;
+    /// `None` is VOID. At most two searches in the directory and one descent in one segment.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn value_at(&self, code: Code) -> Result<Option<Value>> {
+        let Some(parent) = code.parent() else {
+            return Ok(self.root_place().value());
+        };
+        Ok(match self.locate(parent)? {
+            Child::Void => None,
+            Child::Leaf(value) => Some(value),
+            Child::Inner { node: Located { segment, record }, .. } => {
+                let step = code.step(parent.level());
+                let (layout, records) = (&self.layout, segment.records());
+                let head = layout.head(records, record).ok_or_else(|| self.bad_skip(&segment, record))?;
+                (head.state(step) != VOID).then(|| layout.value(records, record, step))
+            }
+        })
+    }
+
+    /// The error for a directory without the segment that every INNER root owns.
+    #[cold]
+    pub(super) fn no_root(&self) -> Error {
+        self.corrupt("directory".into(), "no root", "one")
+    }
+
+    /// The error for a record whose children's extents are not beside each other inside its own.
+    #[cold]
+    pub(crate) fn bad_skip(&self, segment: &Segment<'_>, record: usize) -> Error {
+        let part = format!("segment {}, record {record}", segment.code);
+        self.corrupt(part, "a child's skip that leads out of the node", "skips that add up")
+    }
+
+    /// The error for a node that is CUT where there is no deeper segment.
+    #[cold]
+    pub(crate) fn bad_cut(&self, code: Code) -> Error {
+        self.corrupt(format!("node {code}"), "CUT, but no deeper segment", "a segment with its record")
+    }
+}

@@ -1,0 +1,212 @@
+//! Takes over what a file has stored below a node, segment by segment, without making it anew.
+
+use std::any::Any;
+
+use super::reader::Goblin;
+use super::segment::Segment;
+use super::segment_builder::SegmentSink;
+use crate::Result;
+use crate::parallel;
+use crate::space::Code;
+use crate::store::builder::{ENOUGH, Part, SegmentNode, trim};
+use crate::store::container::subtree::count_nodes;
+use crate::store::container::{CUT, INNER, LevelCounts, Shape};
+use crate::tree::{Child, Form};
+use crate::value::Value;
+
+/// A node of a file that owns a segment, to be copied to another node.
+pub(super) struct SegmentCopy<'a> {
+    file: &'a Goblin,
+    from: Code,
+    to: Code,
+    /// The number of the segment that the node owns.
+    own: usize,
+    /// Segments of the node and of what is below it, a node's before its ancestors'.
+    segments: Vec<usize>,
+}
+
+/// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are written.
+const BATCH: usize = 8;
+
+/// The Goblin file that a node is from.
+fn file_of<'a>(node: &SegmentNode<'a>) -> Option<&'a Goblin> {
+    let file: &'a dyn Any = node.file;
+    file.downcast_ref()
+}
+
+impl<'a> SegmentCopy<'a> {
+    /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment, and so will
+    /// `to`, with the same segments below.
+    pub(super) fn is_possible(node: &SegmentNode<'_>, to: Code, form: Form, shape: &Shape) -> Result<bool> {
+        let Some(file) = file_of(node) else { return Ok(false) };
+        let there = file.header();
+        let is_alike = there.form == form
+            && there.shape.is_cut_like(shape)
+            && there.depth().checked_sub(node.code.level()) == shape.depth.checked_sub(to.level());
+        // A root owns a segment whether it is heavy or not.
+        if !is_alike || !shape.is_candidate(to.level()) || node.code.level() == 0 {
+            return Ok(false);
+        }
+        Ok(node.record == 0 && file.segment(node.segment as usize)?.code() == node.code)
+    }
+
+    /// All that is to be copied; `None` if the node is not that of a Goblin file.
+    pub(super) fn of(node: &SegmentNode<'a>, to: Code) -> Result<Option<SegmentCopy<'a>>> {
+        let Some(file) = file_of(node) else { return Ok(None) };
+        let (from, own) = (node.code, node.segment as usize);
+        Ok(Some(SegmentCopy { file, from, to, own, segments: below(file, own, from)? }))
+    }
+
+    /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are counted.
+    pub(super) fn send(&self, sink: &mut dyn SegmentSink) -> Result<LevelCounts> {
+        let mut counts = LevelCounts::default();
+        let mut ready: &[usize] = &[];
+        for next in self.segments.chunks(BATCH).chain([&[][..]]) {
+            let (sent, counted) = parallel::join(|| self.send_some(ready, sink), || self.count(next));
+            sent?;
+            counts.merge(&counted?);
+            ready = next;
+        }
+        Ok(counts)
+    }
+
+    fn count(&self, segments: &[usize]) -> Result<LevelCounts> {
+        let mut counts = LevelCounts::default();
+        for counted in parallel::map(segments, |index| self.count_segment(*index)) {
+            counts.merge(&counted?);
+        }
+        Ok(counts)
+    }
+
+    /// Sends segments that were counted, and thereby checked.
+    fn send_some(&self, segments: &[usize], sink: &mut dyn SegmentSink) -> Result<()> {
+        for index in segments {
+            let segment = self.file.segment(*index)?;
+            let mut entry = self.file.entry(*index)?;
+            entry.code = moved(entry.code, self.from, self.to);
+            sink.copy(&segment, entry)?;
+        }
+        Ok(())
+    }
+
+    /// What the ancestors need of the node, in a tree of this shape.
+    pub(super) fn part(&self, representative: Value, shape: &Shape) -> Result<Part> {
+        let segment = self.file.segment(self.own)?;
+        let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
+        let levels = cut.saturating_sub(self.to.level());
+        self.check_upper_levels(&segment, levels)?;
+        let mut records = Vec::new();
+        trim(self.file.layout(), segment.records(), 0, levels, &mut records);
+        Ok(Part {
+            code: self.to,
+            child: Child::Inner { representative, node: () },
+            // Heavy enough that it keeps its segment, and so do its ancestors, whatever else is below them.
+            total: ENOUGH,
+            records,
+            tally: self.file.zone(self.own)?,
+        })
+    }
+
+    /// Goes through so many levels of a segment's records.
+    ///
+    /// Nobody else does: counting turns to the deeper segments, where these records stand again. Skips that lead to the same
+    /// records again and again would make many of few when they are taken over.
+    fn check_upper_levels(&self, segment: &Segment<'_>, levels: u8) -> Result<()> {
+        let mut pending = vec![(0, levels)];
+        while let Some((at, levels)) = pending.pop() {
+            let children = self.file.layout().child_records(segment.records(), at);
+            let (head, children) = children.ok_or_else(|| self.file.bad_skip(segment, at))?;
+            if levels > 1 {
+                let inner = children.iter().enumerate().filter(|(child, _)| head.state(*child) == INNER);
+                pending.extend(inner.map(|(_, record)| (*record as usize, levels - 1)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts the nodes below a segment's records that no deeper segment has, at the levels that they get.
+    fn count_segment(&self, index: usize) -> Result<LevelCounts> {
+        let segment = self.file.segment(index)?;
+        let (layout, shape) = (self.file.layout(), &self.file.header().shape);
+        let records = segment.records();
+        let mut counts = LevelCounts::default();
+        let mut pending = vec![(segment.code(), 0)];
+        while let Some((code, at)) = pending.pop() {
+            // Nodes below this level own no segments: all that is below is here.
+            if code.level() >= shape.block_level() {
+                self.count_inline(&segment, code, at, &mut counts)?;
+                continue;
+            }
+            let children = layout.child_records(records, at);
+            let (head, children) = children.ok_or_else(|| self.file.bad_skip(&segment, at))?;
+            let candidates = shape.is_candidate(code.level() + 1);
+            let mut nodes = [0; 3];
+            for (step, record) in children[..layout.children()].iter().enumerate() {
+                let state = head.state(step);
+                // Where the record of an INNER node is does not matter to what it is.
+                nodes[usize::from(state.min(INNER))] += 1;
+                if state < INNER {
+                    continue;
+                }
+                let (child, record) = (code.child(step), *record as usize);
+                let found = if candidates { self.file.find_segment(child) } else { None };
+                match found {
+                    // It is counted with its own segment.
+                    Some(found) if found != index && self.file.entry(found)?.code == child => {}
+                    _ if state == CUT => return Err(self.file.bad_cut(child)),
+                    // It might own a segment and does not: it is inline.
+                    _ if candidates => self.count_inline(&segment, child, record, &mut counts)?,
+                    _ => pending.push((child, record)),
+                }
+            }
+            counts.add(self.new_level(code.level() + 1), nodes);
+        }
+        Ok(counts)
+    }
+
+    /// Counts the nodes below one whose whole subtree is in a segment.
+    fn count_inline(
+        &self,
+        segment: &Segment<'_>,
+        code: Code,
+        at: usize,
+        counts: &mut LevelCounts,
+    ) -> Result<()> {
+        let bad_skip = || self.file.bad_skip(segment, at);
+        let (layout, records) = (self.file.layout(), segment.records());
+        let head = layout.head(records, at).ok_or_else(bad_skip)?;
+        let subtree = layout.subtree(records, at, head.skip).ok_or_else(bad_skip)?;
+        let levels = self.file.header().depth().saturating_sub(code.level());
+        count_nodes(*layout, subtree, levels, self.new_level(code.level()), counts).map_err(|_| bad_skip())
+    }
+
+    /// The level that nodes of a level get.
+    fn new_level(&self, level: u8) -> u8 {
+        level + self.to.level() - self.from.level()
+    }
+}
+
+/// The node that lies below `to` as `code` lies below `from`.
+fn moved(code: Code, from: Code, to: Code) -> Code {
+    (from.level()..code.level()).fold(to, |node, level| node.child(code.step(level)))
+}
+
+/// The segments of a node, the first of which has a number, and of what is below it, a node's before its ancestors', as
+/// building writes them.
+fn below(file: &Goblin, first: usize, code: Code) -> Result<Vec<usize>> {
+    let mut order = Vec::new();
+    // The directory has ancestors first. Those that may still have something below them:
+    let mut open: Vec<(usize, Code)> = Vec::new();
+    for index in first..file.segments() {
+        let next = file.entry(index)?.code;
+        if !code.contains(next) {
+            break;
+        }
+        while let Some((done, _)) = open.pop_if(|(_, above)| !above.contains(next)) {
+            order.push(done);
+        }
+        open.push((index, next));
+    }
+    order.extend(open.into_iter().rev().map(|(index, _)| index));
+    Ok(order)
+}

@@ -1,0 +1,48 @@
+//! The kind of a tree, known at run time.
+
+use std::fmt;
+
+use crate::space::Dimension;
+use crate::value::ValueType;
+
+/// What a tree divides and what its cells hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Form {
+    /// Quadtree or octree.
+    pub dimension: Dimension,
+    /// Type of the values.
+    pub value: ValueType,
+}
+
+impl Form {
+    /// A tree of this dimension with values of this type.
+    pub const fn new(dimension: Dimension, value: ValueType) -> Form {
+        Form { dimension, value }
+    }
+
+    /// Number of axes.
+    #[inline]
+    pub const fn axes(self) -> usize {
+        self.dimension.axes()
+    }
+
+    /// Children of an inner node.
+    #[inline]
+    pub const fn children(self) -> usize {
+        self.dimension.children()
+    }
+
+    /// Bytes of a value.
+    #[inline]
+    pub const fn width(self) -> usize {
+        self.value.size()
+    }
+}
+
+/// As people say it: "a quadtree of u8x3".
+impl fmt::Display for Form {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let article = if self.dimension == Dimension::Quad { "a" } else { "an" };
+        write!(f, "{article} {} of {}", self.dimension.tree_name(), self.value)
+    }
+}

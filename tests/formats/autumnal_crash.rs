@@ -1,0 +1,228 @@
+//! What a crash at any instant leaves of an Autumnal file: the last commit, or the one before.
+
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use spinney::io::{FileId, Output, ReadBackend, WriteBackend};
+use spinney::ops::{Edit, apply_edits};
+use spinney::store::autumnal::{Autumnal, Editor, Note};
+use spinney::store::build_tree;
+use spinney::value::{Kind, Rule};
+
+use crate::common::{Cells, QUAD, Random, assert_same, byte, cells_of, options};
+
+const SIZE: [u64; 3] = [70, 90, 1];
+const SECTOR: usize = 512;
+
+/// What was asked of a disk.
+#[derive(Clone)]
+enum Event {
+    Write(u64, Vec<u8>),
+    Sync,
+}
+
+/// A disk in memory that remembers everything, and may fail.
+#[derive(Clone)]
+struct Disk(Arc<Mutex<State>>);
+
+struct State {
+    bytes: Vec<u8>,
+    events: Vec<Event>,
+    /// Writes and syncs that will still succeed.
+    good: usize,
+    id: FileId,
+}
+
+impl Disk {
+    fn new(bytes: Vec<u8>) -> Disk {
+        Disk(Arc::new(Mutex::new(State {
+            bytes,
+            events: Vec::new(),
+            good: usize::MAX,
+            id: FileId::unique(),
+        })))
+    }
+}
+
+impl State {
+    fn may_go_on(&mut self) -> io::Result<()> {
+        match self.good.checked_sub(1) {
+            Some(good) => self.good = good,
+            None => return Err(io::Error::other("the disk has failed")),
+        }
+        Ok(())
+    }
+}
+
+fn put(bytes: &mut Vec<u8>, offset: u64, new: &[u8]) {
+    let end = offset as usize + new.len();
+    if bytes.len() < end {
+        bytes.resize(end, 0);
+    }
+    bytes[offset as usize..end].copy_from_slice(new);
+}
+
+impl WriteBackend for Disk {
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        let mut state = self.0.lock().unwrap();
+        if let Err(error) = state.may_go_on() {
+            // Half of it arrives.
+            let half = &bytes[..bytes.len() / 2];
+            put(&mut state.bytes, offset, half);
+            return Err(error);
+        }
+        put(&mut state.bytes, offset, bytes);
+        state.events.push(Event::Write(offset, bytes.to_vec()));
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        let mut state = self.0.lock().unwrap();
+        state.may_go_on()?;
+        state.events.push(Event::Sync);
+        Ok(())
+    }
+
+    fn reader(&self) -> spinney::Result<Box<dyn ReadBackend>> {
+        Ok(Box::new(self.0.lock().unwrap().bytes.clone()))
+    }
+
+    fn id(&self) -> FileId {
+        self.0.lock().unwrap().id
+    }
+}
+
+/// The bytes of a new file of cells.
+fn start(cells: &Cells) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.autumn");
+    let options = options(Rule::Mean, Kind::Continuous, cells.depth());
+    build_tree(&cells.tree(Rule::Mean), cells.size, &options, Output::create(&path).unwrap(), &()).unwrap();
+    std::fs::read(&path).unwrap()
+}
+
+fn editor(disk: &Disk) -> spinney::Result<Editor> {
+    Editor::on(Box::new(disk.clone()), Path::new("(disk)"), 1 << 20)
+}
+
+/// Changes some cells, and commits.
+fn change(editor: &mut Editor, random: &mut Random, cells: &mut Cells) -> spinney::Result<()> {
+    let list: Vec<_> = (0..1 + random.below(40))
+        .map(|_| ([random.below(SIZE[0]), random.below(SIZE[1]), 0], random.below(200) as u8 + 1))
+        .collect();
+    for (cell, value) in &list {
+        cells.cells[(cell[1] * SIZE[0] + cell[0]) as usize] = Some(byte(*value));
+    }
+    let set = list.into_iter().map(|(cell, value)| (cell, Some(vec![f64::from(value)])));
+    apply_edits(editor, &mut [Ok(Edit::Set(set.collect()))].into_iter(), &())?;
+    editor.commit(Note::default()).map(|_| ())
+}
+
+/// The number of the commit that is found in some bytes, after checking that all of it is as it was made.
+fn found(bytes: Vec<u8>, commits: &[Cells]) -> usize {
+    let file = Autumnal::from_bytes(bytes).unwrap();
+    let number = file.commit().number as usize;
+    assert_same(&cells_of(&file, SIZE), &commits[number - 1], "a commit after a crash");
+    number
+}
+
+#[test]
+fn every_crash_leaves_the_last_commit_or_the_one_before() {
+    let mut random = Random(1);
+    let mut cells = Cells::random(QUAD, 1, SIZE, 5, true);
+    let begin = start(&cells);
+    let disk = Disk::new(begin.clone());
+    let mut commits = vec![cells.clone()];
+    let mut editor = editor(&disk).unwrap();
+    // How many commits there are after so many events.
+    let mut ends = Vec::new();
+    for _ in 0..6 {
+        change(&mut editor, &mut random, &mut cells).unwrap();
+        commits.push(cells.clone());
+        ends.push(disk.0.lock().unwrap().events.len());
+    }
+    let events = disk.0.lock().unwrap().events.clone();
+    // What is durable, and what may or may not be.
+    let mut durable = begin;
+    let mut pending: Vec<(u64, Vec<u8>)> = Vec::new();
+    let mut images = 0;
+    for (i, event) in events.iter().enumerate() {
+        match event {
+            Event::Write(offset, bytes) => pending.push((*offset, bytes.clone())),
+            Event::Sync => {
+                pending.drain(..).for_each(|(offset, bytes)| put(&mut durable, offset, &bytes));
+            }
+        }
+        // Commits that were reported as durable, and those that were begun.
+        let done = 1 + ends.iter().filter(|end| **end <= i + 1).count();
+        for attempt in 0..40 {
+            let mut image = durable.clone();
+            // Some of the sectors that wait have arrived, in any order: none, all, or at random.
+            let mut sectors: Vec<(u64, &[u8])> = pending
+                .iter()
+                .flat_map(|(offset, bytes)| {
+                    bytes.chunks(SECTOR).enumerate().map(|(n, bytes)| (*offset + (n * SECTOR) as u64, bytes))
+                })
+                .collect();
+            for n in (1..sectors.len()).rev() {
+                sectors.swap(n, random.below(n as u64 + 1) as usize);
+            }
+            for (offset, bytes) in sectors {
+                let arrives = match attempt {
+                    0 => false,
+                    1 => true,
+                    _ => random.below(4) > attempt % 4,
+                };
+                if arrives {
+                    put(&mut image, offset, bytes);
+                }
+            }
+            let number = found(image, &commits);
+            assert!(number == done || number == done + 1, "event {i}: commit {number}, {done} were durable");
+            images += 1;
+        }
+    }
+    assert!(images > 1000);
+}
+
+#[test]
+fn after_a_failure_nothing_more_is_written() {
+    let mut random = Random(2);
+    for good in 0..30 {
+        let mut cells = Cells::random(QUAD, 1, SIZE, 5, true);
+        let disk = Disk::new(start(&cells));
+        let mut commits = vec![cells.clone()];
+        disk.0.lock().unwrap().good = good;
+        let failed = (|| {
+            let mut editor = editor(&disk)?;
+            for _ in 0..20 {
+                let changed = change(&mut editor, &mut random, &mut cells);
+                commits.push(cells.clone());
+                if let Err(error) = changed {
+                    // The disk is well again, but nobody knows what is on it.
+                    disk.0.lock().unwrap().good = usize::MAX;
+                    let events = disk.0.lock().unwrap().events.len();
+                    assert!(change(&mut editor, &mut random, &mut cells).is_err());
+                    assert_eq!(disk.0.lock().unwrap().events.len(), events);
+                    return Err(error);
+                }
+            }
+            Ok(())
+        })();
+        let error = failed.unwrap_err();
+        assert!(matches!(error, spinney::Error::Io { .. }), "{error}");
+        disk.0.lock().unwrap().good = usize::MAX;
+        let bytes = disk.0.lock().unwrap().bytes.clone();
+        let number = found(bytes, &commits);
+        assert!(number + 1 >= commits.len(), "commit {number} of {}", commits.len());
+        // The next editor goes on from there.
+        let mut next = editor(&disk).unwrap();
+        let mut cells = commits[number - 1].clone();
+        change(&mut next, &mut random, &mut cells).unwrap();
+        commits.truncate(number);
+        commits.push(cells);
+        let bytes = disk.0.lock().unwrap().bytes.clone();
+        assert_eq!(found(bytes, &commits), number + 1);
+    }
+}

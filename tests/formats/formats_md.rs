@@ -1,0 +1,120 @@
+//! The hex dump in `formats.md` is what the builder writes.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use spinney::io::Output;
+use spinney::space::{Code, Dimension};
+use spinney::store::{BuildOptions, build_tree};
+use spinney::tree::MemTree;
+use spinney::value::{Kind, Rule};
+
+use crate::common::{QUAD, byte};
+
+/// The text of a file of the project.
+fn text(name: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
+}
+
+/// The fenced block after a marker.
+fn block<'a>(text: &'a str, marker: &str) -> &'a str {
+    let (_, after) = text.split_once(marker).expect("the marker");
+    let (_, after) = after.split_once("```text\n").expect("a block");
+    after.split_once("\n```").expect("its end").0
+}
+
+/// The bytes of a dump whose lines are offset, bytes, meaning, with two spaces or more between them.
+fn dumped(dump: &str) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    for line in dump.lines() {
+        let mut columns = line.splitn(3, "  ");
+        let offset = usize::from_str_radix(columns.next().unwrap(), 16).unwrap();
+        assert_eq!(offset, bytes.len(), "{line}");
+        let pairs = columns.next().unwrap().split(' ');
+        bytes.extend(pairs.map(|pair| u8::from_str_radix(pair, 16).unwrap()));
+    }
+    bytes
+}
+
+/// The picture of section 16, as it stands there.
+fn picture(formats: &str) -> Vec<u8> {
+    let (_, section) = formats.split_once("## 16.").unwrap();
+    let rows = section.lines().filter(|line| line.starts_with("    ")).take(8);
+    rows.flat_map(|row| row.split_whitespace().map(|cell| cell.parse::<u8>().unwrap())).collect()
+}
+
+#[test]
+fn the_dump_is_what_the_builder_writes() {
+    let formats = text("formats.md");
+    let cells = picture(&formats);
+    assert_eq!(cells.len(), 64);
+    let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(8 * y + x) as usize]));
+    let tree = MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell);
+    let options = BuildOptions::new(Kind::Categorical, 3).rule(Rule::Dominant).memory(1 << 20);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("classic.goblin");
+    build_tree(&tree, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
+    let written = std::fs::read(&path).unwrap();
+    assert_eq!(dumped(block(&formats, "<!-- dump: classic.goblin -->")), written);
+    let frozen = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
+    assert_eq!(std::fs::read(frozen).unwrap(), written);
+}
+
+#[test]
+fn the_dump_of_pointered_records_is_what_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("classic.autumn");
+    let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
+    spinney::ops::convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    let expected = dumped(block(&text("formats.md"), "<!-- dump: classic.autumn -->"));
+    assert_eq!(std::fs::read(&path).unwrap()[12288..][..expected.len()], expected);
+    // The record behind is no record: the extent ends there.
+    assert_eq!(expected.len(), 32 + 69);
+}
+
+#[test]
+fn tables_of_byte_positions_add_up() {
+    // In every table whose first columns are a position and a length, each row starts where the one before ended.
+    let formats = text("formats.md");
+    let (mut tables, mut expected) = (BTreeMap::new(), None);
+    for line in formats.lines() {
+        let columns: Vec<&str> = line.split('|').map(str::trim).collect();
+        match columns[..] {
+            ["", at, "bytes", ..] if at.ends_with("at") => expected = Some(0),
+            ["", at, bytes, ..] if expected.is_some() => {
+                let Ok(at) = at.parse::<u64>() else { continue };
+                assert_eq!(Some(at), expected, "{line}");
+                expected = bytes.parse().ok().map(|bytes: u64| at + bytes);
+                tables.insert(line.as_ptr() as usize, at);
+            }
+            [""] | [_] => expected = None,
+            _ => {}
+        }
+    }
+    assert!(tables.len() > 30, "{} rows", tables.len());
+}
+
+#[test]
+fn the_checksum_is_the_one_described() {
+    assert_eq!(crc32c::crc32c(b"123456789"), 0xE306_9283);
+}
+
+#[test]
+fn codes_of_the_table() {
+    let formats = text("formats.md");
+    let row = |name: &str| -> [u64; 2] {
+        let line = formats.lines().find(|line| line.starts_with(&format!("| {name} |"))).unwrap();
+        let numbers = line.split('`').filter_map(|part| u64::from_str_radix(part, 16).ok());
+        numbers.collect::<Vec<_>>().try_into().unwrap()
+    };
+    let codes = |path: &[usize]| {
+        [Dimension::Quad, Dimension::Oct]
+            .map(|dimension| Code::from_digits(dimension, path.iter().copied()).unwrap().bits())
+    };
+    assert_eq!(row("root"), codes(&[]));
+    assert_eq!(row("its child 0"), codes(&[0]));
+    assert_eq!(row("its child 3"), codes(&[3]));
+    assert_eq!(row("its last child"), [codes(&[3])[0], Code::root(Dimension::Oct).child(7).bits()]);
+    assert_eq!(row("path 1, 0, 2, 3"), codes(&[1, 0, 2, 3]));
+    assert_eq!(Code::from_digits(Dimension::Quad, [1, 0, 2, 3]).unwrap().cell(), [9, 3, 0]);
+}

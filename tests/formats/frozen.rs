@@ -1,0 +1,208 @@
+//! Files of format version 1 are read as ever, and building the same gives the same bytes.
+
+use std::path::{Path, PathBuf};
+
+use spinney::space::Code;
+use spinney::store::autumnal::{Autumnal, History};
+use spinney::store::goblin::Goblin;
+use spinney::store::{Header, OpenOptions};
+use spinney::tree::{Form, MemTree};
+use spinney::value::{Kind, Rule, SampleType, Sums, Value};
+
+use crate::common::{OCT, QUAD, byte, quad};
+use crate::frozen_files as frozen;
+use crate::island;
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1").join(format!("{name}.goblin"))
+}
+
+/// A frozen file, found to be in order.
+fn open(name: &str) -> Goblin {
+    let positioned = Goblin::open(&fixture(name), &OpenOptions::new().positioned(64 << 20));
+    assert_eq!(positioned.unwrap().verify(1 << 24, &()).unwrap(), []);
+    let file = Goblin::open(&fixture(name), &OpenOptions::new()).unwrap();
+    assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+    file
+}
+
+fn cell(file: &Goblin, level: u8, cell: [u32; 3]) -> Option<Value> {
+    let dimension = file.header().form.dimension;
+    file.value_at(Code::from_cell(dimension, level, cell).unwrap()).unwrap()
+}
+
+/// Form, rule, kind, depth, reach, stride, heavy threshold, extent.
+fn numbers(header: &Header) -> (Form, Rule, Kind, [u32; 4], [u64; 3]) {
+    let shape = header.shape;
+    let shape = [shape.depth as u32, shape.reach as u32, shape.stride as u32, shape.heavy_threshold];
+    (header.form, header.rule, header.kind, shape, header.extent)
+}
+
+#[test]
+fn the_same_bytes_are_built_today() {
+    let folder = tempfile::tempdir().unwrap();
+    let island = island::make();
+    for name in frozen::FILES {
+        let path = folder.path().join(name);
+        frozen::make(name, &island, &path).unwrap();
+        assert!(std::fs::read(&path).unwrap() == std::fs::read(fixture(name)).unwrap(), "{name} differs");
+    }
+}
+
+#[test]
+fn history() {
+    let frozen_path = fixture("history").with_extension("autumn");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("history.autumn");
+    frozen::make_history(&island::make(), &path).unwrap();
+    assert!(std::fs::read(&path).unwrap() == std::fs::read(&frozen_path).unwrap(), "history differs");
+    let cell = |number: u64, x: u32, y: u32| match (number, x, y) {
+        (3, 0, 0) => None,
+        (3, 7, 7) => Some(byte(2)),
+        (2 | 3, 2..=5, 1..=4) => Some(byte(3)),
+        _ => Some(byte(frozen::CLASSIC[y as usize][x as usize])),
+    };
+    let history = History::open(&frozen_path, &OpenOptions::default()).unwrap();
+    let told: Vec<_> = history
+        .commits()
+        .map(|commit| {
+            let commit = commit.unwrap();
+            (commit.number, commit.note.time, commit.note.message, commit.cells, commit.records)
+        })
+        .collect();
+    let records = |number| {
+        let tree = MemTree::from_cells(QUAD, 3, Rule::Dominant, &|[x, y, _]| cell(number, x, y));
+        tree.inner_nodes() as u64
+    };
+    let expected = [
+        (4, Some(3), "Back to the beginning".to_string(), 64, 10),
+        (3, Some(2), "Set two cells".to_string(), 63, records(3)),
+        (2, Some(1), "Fill a box".to_string(), 64, records(2)),
+        (1, None, String::new(), 64, 10),
+    ];
+    assert_eq!(told, expected);
+    for number in 1..=4 {
+        let name = format!("{}@{number}", frozen_path.display());
+        let file = Autumnal::open(name.as_ref(), &OpenOptions::default()).unwrap();
+        assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+        for (x, y) in (0..64).map(|i| (i % 8, i / 8)) {
+            let code = Code::from_cell(QUAD.dimension, 3, [x, y, 0]).unwrap();
+            assert_eq!(file.value_at(code).unwrap(), cell(number, x, y), "{x}, {y} in commit {number}");
+        }
+    }
+}
+
+#[test]
+fn classic() {
+    let file = open("classic");
+    let expected = (QUAD, Rule::Dominant, Kind::Categorical, [3, 8, 2, 4096], [8, 8, 1]);
+    assert_eq!(numbers(file.header()), expected);
+    assert_eq!((file.segments(), file.stored_records(), file.file_size()), (1, 10, 516));
+    assert_eq!(file.zone(0).unwrap().classes, [(byte(1), 40), (byte(2), 15), (byte(3), 9)]);
+    let child = |i| file.value_at(Code::root(QUAD.dimension).child(i)).unwrap();
+    assert_eq!([0, 1, 2, 3].map(child), [1, 1, 1, 2].map(byte).map(Some));
+    for (y, row) in frozen::CLASSIC.iter().enumerate() {
+        for (x, class) in row.iter().enumerate() {
+            assert_eq!(cell(&file, 3, [x as u32, y as u32, 0]), Some(byte(*class)));
+        }
+    }
+}
+
+#[test]
+fn classes() {
+    let file = open("classes");
+    let expected = (QUAD, Rule::Majority, Kind::Categorical, [8, 8, 2, 4096], [256, 200, 1]);
+    assert_eq!(numbers(file.header()), expected);
+    let metadata = file.metadata();
+    assert_eq!(metadata.frame, frozen::frame());
+    assert_eq!(metadata.nodata, Some(0.0));
+    assert_eq!(metadata.class_names[&4], "forest");
+    assert_eq!(metadata.palette.as_ref().unwrap().colours, island::COLOURS);
+    assert_eq!(metadata.band_names, ["land cover"]);
+    assert_eq!(metadata.provenance, ["made by examples/make_fixtures"]);
+    assert_eq!(metadata.tags["AREA_OR_POINT"], "Area");
+    let zone = file.zone(0).unwrap();
+    assert_eq!(zone.classes, CLASSES.map(|(class, cells)| (byte(class), cells)));
+    assert_eq!(zone.cells, CLASSES.iter().map(|(_, cells)| cells).sum::<u64>());
+    assert_eq!(cell(&file, 0, [0; 3]), Some(byte(1)));
+    assert_eq!(cell(&file, 8, [0, 199, 0]), None);
+    assert_eq!(cell(&file, 8, [27, 78, 0]), Some(byte(island::Cover::Lake as u8)));
+    assert_eq!(cell(&file, 8, [100, 70, 0]), Some(byte(island::Cover::Snow as u8)));
+    assert_eq!(cell(&file, 8, [255, 255, 0]), None);
+    assert_eq!(metadata.counts.records(), file.stored_records());
+}
+
+const CLASSES: [(u8, u64); 7] =
+    [(1, 11450), (2, 1466), (3, 10281), (4, 9549), (5, 2961), (6, 4639), (7, 299)];
+
+#[test]
+fn elevation() {
+    let file = open("elevation");
+    let expected = (quad(SampleType::F32, 1), Rule::Mean, Kind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
+    assert_eq!(numbers(file.header()), expected);
+    assert_eq!(file.metadata().nodata, Some(-9999.0));
+    assert_eq!(file.metadata().scale_offset, [(1.0, 0.0)]);
+    let zone = file.zone(0).unwrap();
+    let height = |metres: f32| Some(Value::from([metres]));
+    assert_eq!((zone.cells, Some(zone.min), Some(zone.max)), (1820, height(0.0), height(2885.75)));
+    assert_eq!(zone.sum, Sums::Float([876_617.25, 0.0, 0.0, 0.0]));
+    assert_eq!(cell(&file, 0, [0; 3]), height((876_617.25f64 / 1820.0) as f32));
+    assert_eq!(cell(&file, 6, [25, 18, 0]), height(1381.875));
+    assert_eq!(cell(&file, 6, [0, 0, 0]), None);
+    // Heights are eighths of a metre, so this sum is exact in any order.
+    let elevation = island::make().elevation();
+    let place = |x: usize, y: usize| y * frozen::STEP * island::WIDTH + x * frozen::STEP;
+    let below: Vec<f64> =
+        (0..256).filter_map(|i| elevation[place(16 + i % 16, 16 + i / 16)]).map(f64::from).collect();
+    let mean = below.iter().sum::<f64>() / below.len() as f64;
+    assert_eq!(cell(&file, 2, [1, 1, 0]), height(mean as f32));
+    assert_eq!(mean as f32, 1192.4966);
+}
+
+#[test]
+fn rgb() {
+    let file = open("rgb");
+    let expected = (quad(SampleType::U8, 3), Rule::Mean, Kind::Continuous, [6, 8, 2, 4096], [64, 50, 1]);
+    assert_eq!(numbers(file.header()), expected);
+    assert_eq!(file.metadata().band_names, ["red", "green", "blue"]);
+    let colour = |channels: [u8; 3]| Some(Value::from(channels));
+    let zone = file.zone(0).unwrap();
+    assert_eq!((zone.cells, zone.sum), (3200, Sums::Exact([277_839, 390_006, 347_226, 0])));
+    assert_eq!(cell(&file, 0, [0; 3]), colour([87, 122, 109]));
+    assert_eq!(cell(&file, 6, [25, 18, 0]), colour([255, 255, 255]));
+    assert_eq!(cell(&file, 6, [45, 20, 0]), colour([139, 170, 85]));
+    assert_eq!(cell(&file, 6, [63, 50, 0]), None);
+}
+
+#[test]
+fn ball() {
+    let file = open("ball");
+    let expected = (OCT, Rule::Mean, Kind::Continuous, [5, 6, 2, 4096], [32, 32, 32]);
+    assert_eq!(numbers(file.header()), expected);
+    assert_eq!(cell(&file, 0, [0; 3]), Some(byte(255)));
+    assert_eq!((cell(&file, 5, [0; 3]), cell(&file, 5, [16; 3])), (None, Some(byte(255))));
+    // As full as it looks: 4/3 pi r^3 for r = 14.5.
+    let cells = file.zone(0).unwrap().cells;
+    assert_eq!(cells, 12_712);
+    assert!((cells as f64 - 12_770.0).abs() < 200.0);
+    for octant in 0..8 {
+        assert_eq!(file.value_at(Code::root(OCT.dimension).child(octant)).unwrap(), Some(byte(255)));
+    }
+}
+
+#[test]
+fn segments() {
+    let file = open("segments");
+    let expected = (QUAD, Rule::Mean, Kind::Continuous, [10, 8, 2, 4096], [1000, 300, 1]);
+    assert_eq!(numbers(file.header()), expected);
+    let codes: Vec<String> = (0..file.segments()).map(|i| file.entry(i).unwrap().code.to_string()).collect();
+    assert_eq!(codes, ["/", "/01"]);
+    assert!(file.stored_records() > file.metadata().counts.records(), "upper levels are stored twice");
+    assert_eq!(cell(&file, 10, [256, 0, 0]), Some(byte(0)));
+    assert_eq!(cell(&file, 10, [258, 0, 0]), Some(byte(100)));
+    assert_eq!(cell(&file, 8, [64, 0, 0]), Some(byte(50)));
+    assert_eq!(cell(&file, 10, [999, 299, 0]), Some(byte(120)));
+    assert_eq!(cell(&file, 10, [1000, 299, 0]), None);
+    let zone = file.zone(0).unwrap();
+    assert_eq!((zone.cells, zone.min, zone.max), (300_000, byte(0), byte(120)));
+}

@@ -1,0 +1,126 @@
+//! Goblin files against the tree in memory: build, read, verify, for both dimensions and all types.
+
+use spinney::space::{Code, Dimension};
+use spinney::store::goblin::Goblin;
+use spinney::tree::{Child, Form, Source};
+use spinney::value::{Kind, Rule, SampleType};
+
+use crate::common::{
+    Cells, OCT, QUAD, as_byte, byte, cells_below, children, goblin, goblin_bytes, goblin_from_tree,
+    goblin_from_view, oct, quad, same_trees, value_types, view_of_file,
+};
+
+fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+    let cells = Cells::random(form, seed, size, 4 + seed % 60, !seed.is_multiple_of(3));
+    let tree = cells.tree(rule);
+    let bytes = goblin_bytes(&cells, rule, kind);
+    let file = Goblin::from_bytes(bytes).unwrap();
+    same_trees(&file, &tree);
+    assert_eq!(file.metadata().counts.records(), tree.inner_nodes() as u64);
+    assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
+    // From a source: the same tree, the same bytes when written again.
+    let again = goblin_from_tree(&tree, size, rule, kind);
+    same_trees(&Goblin::from_bytes(again.clone()).unwrap(), &tree);
+    let file = view_of_file(file.into(), size);
+    assert!(goblin_from_view(&file, rule, kind) == again, "{form} {rule} {kind} {size:?}");
+}
+
+#[test]
+fn quadtrees_of_every_type_and_rule_come_back() {
+    use Kind::{Categorical, Continuous};
+    use SampleType::*;
+    for seed in 0..6 {
+        let size = [1 + 137 * seed, 300 - 40 * seed, 1];
+        round_trip(QUAD, seed, size, Rule::Majority, Categorical);
+        round_trip(quad(U8, 3), seed, size, Rule::Mean, Continuous);
+        round_trip(quad(F32, 1), seed, size, Rule::Mean, Continuous);
+        round_trip(quad(I16, 1), seed, size, Rule::ALL[seed as usize], Continuous);
+    }
+    round_trip(QUAD, 7, [513, 700, 1], Rule::Mean, Categorical);
+    round_trip(quad(U16, 4), 7, [513, 300, 1], Rule::Mean, Continuous);
+    round_trip(quad(U16, 1), 8, [300, 300, 1], Rule::Dominant, Categorical);
+    round_trip(quad(U32, 1), 9, [300, 513, 1], Rule::Max, Continuous);
+    round_trip(quad(I32, 1), 10, [256, 256, 1], Rule::Mean, Continuous);
+    round_trip(quad(F64, 1), 11, [257, 256, 1], Rule::Mean, Continuous);
+    round_trip(quad(F32, 3), 12, [300, 257, 1], Rule::Min, Continuous);
+    round_trip(quad(U8, 2), 13, [1, 1, 1], Rule::Mean, Continuous);
+    round_trip(quad(U8, 4), 14, [2, 1, 1], Rule::Nearest, Continuous);
+}
+
+#[test]
+fn octrees_come_back() {
+    use SampleType::*;
+    for seed in 0..6 {
+        let size = [1 + 13 * seed, 70 - 9 * seed, 1 + 17 * seed];
+        round_trip(OCT, seed, size, Rule::Mean, Kind::Continuous);
+        round_trip(OCT, seed, size, Rule::ALL[seed as usize], Kind::Categorical);
+    }
+    round_trip(oct(F32, 3), 3, [65, 20, 70], Rule::Mean, Kind::Continuous);
+    round_trip(oct(U16, 1), 4, [130, 90, 30], Rule::Majority, Kind::Categorical);
+}
+
+/// Which records, kernels and rules a file needs is decided at run time: none may be missed.
+#[test]
+fn every_type_comes_back_by_every_rule_in_both_dimensions() {
+    for (i, value) in value_types().into_iter().enumerate() {
+        for (j, rule) in Rule::ALL.into_iter().enumerate() {
+            let seed = (7 * i + j) as u64;
+            let kind = if seed % 2 == 0 { Kind::Continuous } else { Kind::Categorical };
+            round_trip(Form::new(Dimension::Quad, value), seed, [70, 41, 1], rule, kind);
+            round_trip(Form::new(Dimension::Oct, value), seed, [13, 18, 9], rule, kind);
+        }
+    }
+}
+
+/// Means and majorities by going through all cells, for every node of a tree with several segments.
+#[test]
+fn averages_are_exact_at_every_level() {
+    let cells = Cells::random(QUAD, 5, [700, 600, 1], 9, true);
+    let mean = goblin(&cells, Rule::Mean, Kind::Continuous);
+    let majority = goblin(&cells, Rule::Majority, Kind::Categorical);
+    assert!(mean.segments() > 3);
+    let depth = mean.depth();
+    for level in 0..=depth {
+        for y in (0..1u32 << level).step_by(1 << level.saturating_sub(5)) {
+            for x in (0..1u32 << level).step_by(1 << level.saturating_sub(5)) {
+                let code = Code::from_cell(Dimension::Quad, level, [x, y, 0]).unwrap();
+                let mut counts = [0u64; 256];
+                let below = cells_below(code, depth).filter_map(|cell| cells.get(cell.map(u64::from)));
+                below.for_each(|value| counts[as_byte(value) as usize] += 1);
+                let valid: u64 = counts.iter().sum();
+                let sum: u64 = counts.iter().enumerate().map(|(value, count)| value as u64 * count).sum();
+                let expected_mean = (valid > 0).then(|| byte(((2 * sum + valid) / (2 * valid)) as u8));
+                assert_eq!(mean.value_at(code).unwrap(), expected_mean, "{code}");
+                let most = counts.iter().max().unwrap();
+                let class = counts.iter().position(|count| count == most).unwrap() as u8;
+                assert_eq!(majority.value_at(code).unwrap(), (valid > 0).then_some(byte(class)), "{code}");
+            }
+        }
+    }
+}
+
+#[test]
+fn bytes_do_not_depend_on_the_number_of_threads() {
+    let cells = Cells::random(QUAD, 5, [1500, 900, 1], 9, true);
+    let build = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| goblin_bytes(&cells, Rule::Majority, Kind::Categorical))
+    };
+    let one = build(1);
+    assert!(one == build(2) && one == build(5));
+}
+
+#[test]
+fn codes_come_in_preorder() {
+    let tree = Cells::random(OCT, 2, [50, 50, 50], 9, true).tree(Rule::Mean);
+    let mut pending = vec![(Code::root(Dimension::Oct), tree.root().unwrap())];
+    let mut before = None;
+    while let Some((code, place)) = pending.pop() {
+        assert!(before < Some(code.bits()));
+        before = Some(code.bits());
+        if let Child::Inner { node, .. } = place {
+            let children = children(&tree, &node).into_iter().enumerate().rev();
+            pending.extend(children.map(|(i, child)| (code.child(i), child)));
+        }
+    }
+}

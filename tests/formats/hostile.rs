@@ -1,0 +1,557 @@
+//! Damaged and crafted Goblin files: an error or the right answer, never a panic, a hang, or memory without bound.
+
+use std::io::Write;
+use std::sync::{Arc, LazyLock};
+use std::time::{Duration, Instant};
+
+use spinney::dataset::Dataset;
+use spinney::io::Output;
+use spinney::ops::{self, Axis, Combined, Map, Operation, Prefer, Sampling, TreeFile, View};
+use spinney::query::Condition;
+use spinney::space::Bounds;
+use spinney::store::OpenOptions;
+use spinney::store::goblin::Goblin;
+use spinney::tree::{Child, MemTree, Source};
+use spinney::value::{Kind, Rule, SampleType};
+use spinney::{Error, Result};
+
+use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
+
+/// What a file says to every question, in a form that can be compared.
+type Answers = Vec<Result<String>>;
+
+fn digest(bytes: &[u8]) -> String {
+    format!("{:08x}", crc32c::crc32c(bytes))
+}
+
+fn walk(file: &Goblin) -> Result<String> {
+    let mut text = Vec::new();
+    let mut pending = vec![file.root()?];
+    while let Some(place) = pending.pop() {
+        writeln!(text, "{:?}", place.value()).unwrap();
+        if let Child::Inner { node, .. } = place {
+            pending.extend(try_children(file, &node)?);
+        }
+    }
+    Ok(digest(&text))
+}
+
+fn window(tree: &Dataset, level: u8) -> Result<String> {
+    let mut bounds = tree.extent_at(level);
+    bounds.max = bounds.max.map(|end| end.min(1024));
+    let mut bytes = vec![0; bounds.volume() as usize * tree.header().form.width()];
+    let mut valid = vec![false; bounds.volume() as usize];
+    tree.window(level, &bounds, 250.0, &mut bytes, Some(&mut valid))?;
+    bytes.extend(valid.into_iter().map(u8::from));
+    Ok(digest(&bytes))
+}
+
+fn points(tree: &Dataset) -> Result<String> {
+    let mut random = Random(9);
+    let mut text = String::new();
+    for _ in 0..20 {
+        let cell = tree.header().extent.map(|end| random.below(end));
+        let mut value = [0.0; 4];
+        let found = tree.point(cell, tree.depth(), &mut value)?;
+        text += &format!("{found} {value:?} ");
+    }
+    Ok(text)
+}
+
+fn statistics(tree: &Dataset, bounds: Option<Bounds>) -> Result<String> {
+    let stats = tree.statistics(bounds)?;
+    Ok(format!("{} {} {:?} {:?}", stats.cells, stats.void_cells, stats.channels, stats.classes))
+}
+
+fn search(tree: &Dataset) -> Result<String> {
+    let mut text = Vec::new();
+    tree.find(Condition::Above(4.0), None, &mut |block| {
+        writeln!(text, "{block:?}").unwrap();
+        Ok(text.len() < 1 << 22)
+    })?;
+    Ok(digest(&text))
+}
+
+/// Asks everything. The last answer is what `verify` finds.
+fn ask(file: Result<Goblin>) -> Answers {
+    let file = match file {
+        Ok(file) => file,
+        Err(error) => return vec![Err(error)],
+    };
+    let walked = walk(&file);
+    let tree = &Dataset::from(TreeFile::from(file));
+    let [width, height, deep] = tree.header().extent;
+    let bounds = Bounds {
+        min: [width / 5, height / 7, deep / 9],
+        max: [width - width / 3, height - height / 4, deep - deep / 5],
+    };
+    let mut answers = vec![walked, points(tree), statistics(tree, None), statistics(tree, Some(bounds))];
+    let depth = tree.depth();
+    answers.extend([0, depth / 2, depth.saturating_sub(1), depth].map(|level| window(tree, level)));
+    answers.push(tree.histogram(&bounds, 0.0, 50.0, 7).map(|bins| format!("{bins:?}")));
+    answers.push(search(tree));
+    answers.push(tree.df_text(1 << 20).map(|text| digest(text.as_bytes())));
+    let _ = tree.metadata().counts.records();
+    let _ = tree.sections();
+    answers.push(tree.verify(1 << 24, &()).map(|findings| format!("{findings:?}")));
+    answers
+}
+
+/// Asks everything of the bytes in memory, mapped and read at positions.
+fn ask_all(bytes: &[u8]) -> [Answers; 3] {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(bytes).unwrap();
+    let open = |options: OpenOptions| ask(Goblin::open(file.path(), &options));
+    let positioned = OpenOptions::new().positioned(64 << 20);
+    [ask(Goblin::from_bytes(bytes.to_vec())), open(OpenOptions::new()), open(positioned)]
+}
+
+/// Every answer is the good file's or an error, and `verify` (or opening) tells that there is damage.
+fn damaged(bytes: &[u8], good: &Answers, what: &str) {
+    for answers in ask_all(bytes) {
+        if answers.len() == 1 {
+            assert!(answers[0].is_err(), "{what}");
+            continue;
+        }
+        let verified = answers.len() - 1;
+        for (i, (answer, expected)) in answers.iter().zip(good).enumerate().take(verified) {
+            let expected = expected.as_ref().unwrap();
+            assert!(
+                answer.as_ref().is_err() || answer.as_ref().is_ok_and(|a| a == expected),
+                "{what}, question {i}"
+            );
+        }
+        assert!(
+            answers[verified].as_ref().map_or(true, |findings| findings != "[]"),
+            "{what}: not found by verify"
+        );
+    }
+}
+
+fn truncate_and_flip(bytes: &[u8], cuts: usize, flips: u64) {
+    let good = ask(Goblin::from_bytes(bytes.to_vec()));
+    assert!(good.iter().all(Result::is_ok));
+    for answers in ask_all(bytes) {
+        assert!(answers.iter().zip(&good).all(|(a, b)| a.as_ref().unwrap() == b.as_ref().unwrap()));
+    }
+    let (start, end) = (100, bytes.len() - bytes.len().min(600));
+    for length in (0..bytes.len()).filter(|cut| *cut < start || *cut > end || cut % cuts == 0) {
+        damaged(&bytes[..length], &good, &format!("{length} of {} bytes", bytes.len()));
+    }
+    let bits = bytes.len() as u64 * 8;
+    let mut random = Random(flips);
+    for i in 0..flips.min(bits) {
+        let bit = if flips < bits { random.below(bits) } else { i };
+        let mut bytes = bytes.to_vec();
+        bytes[bit as usize / 8] ^= 1 << (bit % 8);
+        damaged(&bytes, &good, &format!("bit {bit}"));
+    }
+}
+
+/// A small file of several segments.
+fn map() -> &'static [u8] {
+    static MAP: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let cells = Cells::random(QUAD, 8, [400, 380, 1], 60, true);
+        goblin_bytes(&cells, Rule::Majority, Kind::Categorical)
+    });
+    &MAP
+}
+
+#[test]
+fn any_damage_to_a_tiny_file_is_found() {
+    let cells = Cells::random(QUAD, 3, [5, 7, 1], 9, true);
+    let bytes = goblin_bytes(&cells, Rule::Majority, Kind::Categorical);
+    truncate_and_flip(&bytes, 1, u64::MAX);
+}
+
+#[test]
+fn damage_to_a_file_with_segments_is_found() {
+    truncate_and_flip(map(), 997, 40);
+}
+
+#[test]
+fn damage_to_other_types_is_found() {
+    let cells = Cells::random(OCT, 5, [30, 20, 25], 9, true);
+    let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
+    truncate_and_flip(&bytes, 997, 40);
+    let cells = Cells::random(quad(SampleType::F32, 1), 4, [90, 70, 1], 60, true);
+    let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
+    truncate_and_flip(&bytes, 997, 40);
+}
+
+const HEADER: usize = 60;
+const TRAILER: usize = 68;
+
+/// A file taken apart, to be put together with right checksums and wrong contents.
+#[derive(Clone)]
+struct Craft {
+    header: Vec<u8>,
+    segments: Vec<u8>,
+    entries: Vec<Vec<u8>>,
+    metadata: Vec<u8>,
+    /// State and value of the root, number of segments, records.
+    trailer: Vec<u8>,
+    unknown_section: bool,
+}
+
+fn number(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+}
+
+fn set(bytes: &mut [u8], at: usize, number: u64) {
+    bytes[at..at + 8].copy_from_slice(&number.to_le_bytes());
+}
+
+fn set_short(bytes: &mut [u8], at: usize, number: u32) {
+    bytes[at..at + 4].copy_from_slice(&number.to_le_bytes());
+}
+
+impl Craft {
+    fn new(bytes: &[u8]) -> Craft {
+        let end = bytes.len() - 16;
+        let length = u32::from_le_bytes(bytes[end..end + 4].try_into().unwrap()) as usize;
+        let trailer = &bytes[end - length..end];
+        let section = |at: usize| {
+            number(trailer, at + 8) as usize..(number(trailer, at + 8) + number(trailer, at + 16)) as usize
+        };
+        let (directory, metadata) = (section(TRAILER), section(TRAILER + 24));
+        let count = number(trailer, 40) as usize;
+        Craft {
+            header: bytes[..HEADER].to_vec(),
+            segments: bytes[HEADER..directory.start].to_vec(),
+            entries: bytes[directory.clone()].chunks(directory.len() / count).map(<[u8]>::to_vec).collect(),
+            metadata: bytes[metadata].to_vec(),
+            trailer: trailer[..TRAILER].to_vec(),
+            unknown_section: false,
+        }
+    }
+
+    fn bytes(&self) -> Vec<u8> {
+        let mut file = self.header.clone();
+        let checksum = crc32c::crc32c(&file[..HEADER - 4]);
+        set_short(&mut file, HEADER - 4, checksum);
+        file.extend(&self.segments);
+        let mut directory = Vec::new();
+        for entry in &self.entries {
+            let mut entry = entry.clone();
+            let (offset, length) = (number(&entry, 8) as usize, number(&entry, 16) as usize);
+            if let Some(segment) = offset.checked_add(length).and_then(|end| file.get(offset..end)) {
+                set_short(&mut entry, 32, crc32c::crc32c(segment));
+            }
+            set_short(&mut entry, 36, 0);
+            let checksum = crc32c::crc32c(&entry);
+            set_short(&mut entry, 36, checksum);
+            directory.extend(entry);
+        }
+        let mut sections = Vec::new();
+        let mut section = |tag: &[u8; 4], bytes: &[u8]| {
+            sections.extend(tag);
+            sections.extend(crc32c::crc32c(bytes).to_le_bytes());
+            sections.extend((file.len() as u64).to_le_bytes());
+            sections.extend((bytes.len() as u64).to_le_bytes());
+            file.extend(bytes);
+        };
+        section(b"DIRE", &directory);
+        section(b"META", &self.metadata);
+        if self.unknown_section {
+            section(b"WHAT", b"is this?");
+        }
+        let mut trailer = self.trailer.clone();
+        set(&mut trailer, 40, self.entries.len() as u64);
+        set_short(&mut trailer, 64, sections.len() as u32 / 24);
+        let length = trailer.len() + sections.len();
+        set(&mut trailer, 56, (file.len() + length + 16) as u64);
+        trailer.extend(sections);
+        file.extend(&trailer);
+        file.extend((length as u32).to_le_bytes());
+        file.extend(crc32c::crc32c(&trailer).to_le_bytes());
+        file.extend(b"\nnilboG\x93");
+        file
+    }
+
+    /// Record `record` of the segment of entry `entry`: four values, states, skip.
+    fn record(&mut self, entry: usize, record: usize) -> &mut [u8] {
+        let start = number(&self.entries[entry], 8) as usize - HEADER + 8 * record;
+        &mut self.segments[start..start + 8]
+    }
+
+    fn set_skip(&mut self, entry: usize, record: usize, skip: u32) {
+        self.record(entry, record)[5..].copy_from_slice(&skip.to_le_bytes()[..3]);
+    }
+
+    /// The first record in the root's segment with a child in this state, and the child.
+    fn child_in_state(&mut self, state: u8) -> (usize, usize) {
+        let records = u32::from_le_bytes(self.entries[0][24..28].try_into().unwrap()) as usize;
+        let places = (0..records).flat_map(|record| (0..4).map(move |child| (record, child)));
+        places
+            .into_iter()
+            .find(|(record, child)| self.record(0, *record)[4] >> (2 * child) & 3 == state)
+            .unwrap()
+    }
+
+    fn set_state(&mut self, (record, child): (usize, usize), state: u8) {
+        let states = &mut self.record(0, record)[4];
+        *states = *states & !(3 << (2 * child)) | state << (2 * child);
+    }
+}
+
+/// Asks everything of a crafted file: quick, whatever it says.
+fn survives(bytes: &[u8], what: &str) -> [Answers; 3] {
+    let start = Instant::now();
+    let answers = ask_all(bytes);
+    assert!(start.elapsed() < Duration::from_secs(20), "{what} took {:?}", start.elapsed());
+    answers
+}
+
+/// Crafted so that some question cannot be answered.
+fn refused(craft: &Craft, what: &str) {
+    for answers in survives(&craft.bytes(), what) {
+        let told =
+            |answer: &Result<String>| answer.as_ref().map_or(true, |text| text.starts_with("[Finding"));
+        assert!(answers.iter().any(told), "{what}: nobody noticed");
+    }
+}
+
+fn good() -> Craft {
+    let craft = Craft::new(map());
+    assert!(craft.entries.len() > 2);
+    assert!(craft.bytes() == map());
+    craft
+}
+
+fn crafted(what: &str, change: impl Fn(&mut Craft)) {
+    let mut craft = good();
+    change(&mut craft);
+    refused(&craft, what);
+}
+
+#[test]
+fn skips_that_lead_astray() {
+    for (record, skip) in
+        [(0, 0), (0, 1), (0, 0xff_ffff), (1, 0), (1, 1), (1, 0xff_ffff), (2, 0), (5, 77_777)]
+    {
+        crafted(&format!("record {record} skips {skip}"), |craft| craft.set_skip(0, record, skip));
+    }
+    crafted("all skips are 1", |craft| {
+        let records = number(&craft.entries[0], 24) as u32 as usize;
+        (1..records).for_each(|record| craft.set_skip(0, record, 1));
+    });
+}
+
+#[test]
+fn states_that_lead_astray() {
+    crafted("LEAF that becomes INNER", |craft| {
+        let place = craft.child_in_state(1);
+        craft.set_state(place, 2);
+    });
+    crafted("LEAF that becomes CUT", |craft| {
+        let place = craft.child_in_state(1);
+        craft.set_state(place, 3);
+    });
+    crafted("INNER that becomes CUT", |craft| {
+        let place = craft.child_in_state(2);
+        craft.set_state(place, 3);
+    });
+    crafted("all children INNER", |craft| {
+        let records = number(&craft.entries[1], 24) as u32 as usize;
+        (0..records).for_each(|record| craft.record(1, record)[4] = 0b1010_1010);
+    });
+    crafted("all children CUT", |craft| {
+        let records = number(&craft.entries[0], 24) as u32 as usize;
+        (0..records).for_each(|record| craft.record(0, record)[4] = 0xff);
+    });
+    // A chain of records, each the only child of the one before, deeper than the tree.
+    crafted("records nested without end", |craft| {
+        let records = number(&craft.entries[0], 24) as u32;
+        for record in 0..records {
+            craft.record(0, record as usize)[4] = 2;
+            craft.set_skip(0, record as usize, records - record);
+        }
+    });
+}
+
+#[test]
+fn directories_that_lead_astray() {
+    for at in [8, 16] {
+        for wrong in [0, 1, 1 << 20, 1 << 63, u64::MAX, u64::MAX - 60] {
+            crafted(&format!("number {wrong} at {at} of an entry"), |craft| {
+                set(&mut craft.entries[1], at, wrong)
+            });
+        }
+    }
+    for (at, wrong) in [(24, 0), (24, 1), (24, u32::MAX), (28, 1), (28, u32::MAX)] {
+        crafted(&format!("count {wrong} at {at} of an entry"), |craft| {
+            set_short(&mut craft.entries[1], at, wrong)
+        });
+    }
+    for wrong in [0, 2, 30, 31, 1 << 63, u64::MAX, 1 << 62 | 5, 29] {
+        crafted(&format!("code {wrong:x}"), |craft| {
+            assert_ne!(number(&craft.entries[1], 0), wrong, "that is the right one");
+            set(&mut craft.entries[1], 0, wrong)
+        });
+    }
+    crafted("statistics of more cells than there are", |craft| {
+        craft.entries.iter_mut().for_each(|entry| set(entry, 40, u64::MAX));
+    });
+    crafted("sums of everything", |craft| {
+        craft.entries.iter_mut().for_each(|entry| entry[64..96].fill(0x7f));
+    });
+    crafted("class counts of everything", |craft| {
+        craft.segments.iter_mut().rev().take(64).for_each(|byte| *byte = 0xff)
+    });
+    crafted("entries the wrong way round", |craft| craft.entries.reverse());
+    crafted("entries twice", |craft| {
+        craft.entries = craft.entries.iter().flat_map(|entry| [entry.clone(), entry.clone()]).collect();
+    });
+    crafted("no entries but the root's", |craft| craft.entries.truncate(1));
+    crafted("no entries", |craft| craft.entries.clear());
+    crafted("all segments have the root's bytes", |craft| {
+        let root = craft.entries[0].clone();
+        craft.entries.iter_mut().for_each(|entry| entry[8..32].copy_from_slice(&root[8..32]));
+    });
+}
+
+/// Thousands of entries that all have the same bytes: work must be as for the file's size.
+#[test]
+fn many_segments_of_the_same_bytes_cost_little() {
+    let mut craft = good();
+    craft.header[24] = 20;
+    for axis in 0..2 {
+        set(&mut craft.header, 32 + 8 * axis, 1 << 20);
+    }
+    let root = craft.entries[0].clone();
+    let shift = |level: u32| 63 - 2 * level;
+    for node in 0..20_000u64 {
+        let mut entry = root.clone();
+        set(&mut entry, 0, node << shift(12) | 12);
+        craft.entries.push(entry);
+    }
+    craft.entries.sort_by_key(|entry| number(entry, 0));
+    refused(&craft, "20000 segments of the same bytes");
+}
+
+#[test]
+fn headers_that_lie() {
+    // Axes, sample type, channels, rule, kind, codec, depth, reach, stride.
+    for at in 12..21 {
+        for wrong in [0, 1, 3, 7, 30, 64, 255] {
+            let mut craft = good();
+            craft.header[at] = wrong;
+            survives(&craft.bytes(), &format!("{wrong} at {at} of the header"));
+        }
+    }
+    for axis in 0..3 {
+        for wrong in [0, 1, 1025, 1 << 63, u64::MAX] {
+            let mut craft = good();
+            set(&mut craft.header, 32 + 8 * axis, wrong);
+            survives(&craft.bytes(), &format!("extent {wrong}"));
+        }
+    }
+    for state in [0, 1, 3, 255] {
+        crafted(&format!("root state {state}"), |craft| craft.trailer[0] = state);
+    }
+}
+
+#[test]
+fn metadata_that_ask_for_much() {
+    // bincode's 64-bit lengths start with 253.
+    let huge: Vec<u8> = [253].into_iter().chain((1u64 << 60).to_le_bytes()).collect();
+    let length = good().metadata.len();
+    // Only opening reads them.
+    let opens_or_not = |craft: &Craft| drop(Goblin::from_bytes(craft.bytes()));
+    for at in (0..length).step_by(7) {
+        let mut craft = good();
+        craft.metadata.splice(at..at + 1, huge.iter().copied());
+        opens_or_not(&craft);
+        craft.metadata.truncate(at);
+        refused(&craft, "metadata cut short");
+    }
+    for count in [17 << 20, 60 << 20] {
+        let mut craft = good();
+        craft.metadata = vec![0; count];
+        opens_or_not(&craft);
+    }
+    for at in (0..length).step_by(7) {
+        for wrong in [0, 1, 127, 250, 255] {
+            let mut craft = good();
+            craft.metadata[at] = wrong;
+            opens_or_not(&craft);
+        }
+    }
+    memory_stays_bounded();
+}
+
+#[test]
+fn versions() {
+    let all_right = |craft: &Craft| {
+        let expected = ask(Goblin::from_bytes(map().to_vec()));
+        for answers in ask_all(&craft.bytes()) {
+            let pairs = answers.iter().zip(&expected);
+            pairs.for_each(|(a, b)| assert_eq!(a.as_ref().unwrap(), b.as_ref().unwrap()));
+        }
+    };
+    let mut craft = good();
+    craft.unknown_section = true;
+    all_right(&craft);
+    craft.header[10] = 9;
+    all_right(&craft);
+    craft.header[8] = 2;
+    let error = Goblin::from_bytes(craft.bytes()).err().unwrap();
+    assert!(matches!(error, Error::Unsupported { .. }), "{error}");
+    assert!(error.to_string().contains("version 2") && error.to_string().contains("as new as"), "{error}");
+}
+
+/// Peak memory of this process, whichever tests it has run so far.
+fn memory_stays_bounded() {
+    let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
+        eprintln!("skipped: no /proc");
+        return;
+    };
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    let kilobytes: u64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
+    assert!(kilobytes < 1 << 20, "{peak}");
+}
+
+/// Records that say anything, unchecked: what is made of them may be nonsense, but is made or refused.
+#[test]
+fn operations_on_records_that_lie() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = OpenOptions::new().check(false);
+    let good = Arc::new(TreeFile::from(Goblin::from_bytes(map().to_vec()).unwrap()));
+    let mut random = Random(12);
+    for round in 0..120u64 {
+        let mut bytes = map().to_vec();
+        for _ in 0..1 + round % 5 {
+            // The header is 60 bytes; the segments follow.
+            let at = 60 + random.below(bytes.len() as u64 / 2) as usize;
+            bytes[at] ^= 1 << random.below(8);
+        }
+        let Ok(file) = Goblin::from_backend("map".as_ref(), Box::new(bytes), &options) else { continue };
+        let file = Arc::new(TreeFile::from(file));
+        let extent = file.header().extent;
+        let of = |file: &Arc<TreeFile>| View::new(file.clone(), extent).unwrap();
+        let view = || of(&file);
+        let views = [
+            view(),
+            view().window([3, 5, 0], [300, 300, 1]).unwrap(),
+            view().transform(&Map::rotation(Axis::Z, 30.0, [9.0; 3])).unwrap(),
+            view().scale([0.3, 0.3, 1.0]).unwrap().sampled(Sampling::Area(Rule::Majority)).unwrap(),
+        ];
+        let view = &views[(round % 4) as usize];
+        let header = file.header();
+        let options = common::options(header.rule, header.kind, view.depth());
+        let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+        let alone = Combined::new(vec![view.clone()], Operation::Over, view.extent()).unwrap();
+        let _ = ops::build(&alone, &options, output, &());
+        let xor = Operation::Set { number: 6, prefer: Prefer::First };
+        let combined = Combined::new(vec![of(&file), of(&file)], xor, extent).unwrap();
+        let _ = MemTree::from_source(&combined, Rule::Nearest);
+        for number in [6, 7] {
+            let set = Operation::Set { number, prefer: Prefer::First };
+            let combined = Combined::new(vec![of(&good), of(&file)], set, extent).unwrap();
+            let options = common::options(header.rule, header.kind, header.shape.depth);
+            let output = Output::create(&folder.path().join("made.goblin")).unwrap();
+            let _ = ops::build(&combined, &options, output, &());
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Builders that die, are stopped, or find the disk full: the old file or the new one, never something between.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output as Run, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use spinney::dataset::open;
+use spinney::export::image::{Format, ImageSpec, create};
+use spinney::io::Output;
+use spinney::value::{SampleType, ValueType};
+use tempfile::TempDir;
+
+use crate::common::Random;
+use crate::common::command::interruptible;
+
+const SIDE: u64 = 4000;
+
+/// A folder with a picture that takes a while and the tree of a small one.
+struct Place {
+    folder: TempDir,
+    picture: PathBuf,
+    output: PathBuf,
+    old: Vec<u8>,
+}
+
+impl Place {
+    fn new() -> Place {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let (picture, small, output) = (path("large.tif"), path("small.tif"), path("out.goblin"));
+        write_noise(&picture, SIDE);
+        write_noise(&small, 50);
+        assert!(build(&small, &output).wait().unwrap().success());
+        let old = std::fs::read(&output).unwrap();
+        Place { folder, picture, output, old }
+    }
+
+    fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(self.folder.path()).unwrap();
+        let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
+    /// Nothing has changed, and nothing was left behind.
+    fn untouched(&self) {
+        assert!(std::fs::read(&self.output).unwrap() == self.old);
+        assert_eq!(self.files(), ["large.tif", "out.goblin", "small.tif"]);
+    }
+}
+
+fn write_noise(path: &Path, side: u64) {
+    let spec = ImageSpec {
+        width: side,
+        height: side,
+        value: ValueType { sample: SampleType::U8, channels: 1 },
+        alpha: false,
+        void: false,
+        frame: None,
+        nodata: None,
+        palette: None,
+        band_names: Vec::new(),
+    };
+    let mut writer = create(Output::create(path).unwrap(), Format::Tiff, &spec).unwrap();
+    let mut random = Random(side);
+    let row: Vec<u8> = (0..2 * side).map(|_| random.next() as u8).collect();
+    for _ in 0..side {
+        let start = random.below(side) as usize;
+        writer.write_rows(&row[start..][..side as usize], None).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
+
+fn build(input: &Path, output: &Path) -> Child {
+    start(Command::new(PROGRAM), input, output)
+}
+
+fn start(mut program: Command, input: &Path, output: &Path) -> Child {
+    program.args(["build", "--quiet", "--kind", "continuous", "--memory", "64M", "-o"]).args([output, input]);
+    program.stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Builds with files limited to some blocks of 512 or 1024 bytes.
+fn build_within(blocks: u32, place: &Place) -> Run {
+    let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
+    let mut command = Command::new("sh");
+    command.args([
+        "-c",
+        &script,
+        "sh",
+        PROGRAM,
+        "build",
+        "--quiet",
+        "--kind",
+        "continuous",
+    ]);
+    command.args(["--memory", "64M", "-o"]).args([&place.output, &place.picture]);
+    command.output().unwrap()
+}
+
+fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args(["-s", name, &child.id().to_string()]).status().unwrap().success());
+}
+
+#[test]
+fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
+    let place = Place::new();
+    let start = Instant::now();
+    assert!(build(&place.picture, &place.output).wait().unwrap().success());
+    let time = start.elapsed();
+    let new = std::fs::read(&place.output).unwrap();
+    let mut random = Random(7);
+    for _ in 0..5 {
+        std::fs::write(&place.output, &place.old).unwrap();
+        let mut child = build(&place.picture, &place.output);
+        sleep(time.mul_f64(random.below(1100) as f64 / 1000.0));
+        // It may be through already.
+        let _ = child.kill();
+        child.wait().unwrap();
+        let bytes = std::fs::read(&place.output).unwrap();
+        assert!(bytes == place.old || bytes == new, "{} bytes", bytes.len());
+        assert!(open(&place.output, &Default::default()).is_ok());
+    }
+    // What the killed ones left behind, the next one removes, except what somebody is writing.
+    let left = |random: &str| place.folder.path().join(format!(".out.goblin.{random}.partial"));
+    std::fs::write(left("abc123"), "left behind").unwrap();
+    std::fs::write(left("not-ours"), "somebody's").unwrap();
+    let busy = std::fs::File::create(left("DEF456")).unwrap();
+    busy.lock().unwrap();
+    assert!(build(&place.picture, &place.output).wait().unwrap().success());
+    let expected = [".out.goblin.DEF456.partial", ".out.goblin.not-ours.partial"];
+    assert_eq!(place.files()[..2], expected);
+    assert_eq!(place.files()[2..], ["large.tif", "out.goblin", "small.tif"]);
+    // Both are whole.
+    for bytes in [&place.old, &new] {
+        std::fs::write(&place.output, bytes).unwrap();
+        let tree = open(&place.output, &Default::default()).unwrap();
+        assert_eq!(tree.verify(64 << 20, &()).unwrap(), []);
+    }
+}
+
+#[test]
+fn a_full_disk_is_told_and_nothing_is_left() {
+    let place = Place::new();
+    for blocks in [0, 1, 100, 10_000] {
+        let run = build_within(blocks, &place);
+        let text = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(1), "{blocks} blocks: {text}");
+        assert!(text.contains("out.goblin") && text.contains("File too large"), "{text}");
+        place.untouched();
+    }
+}
+
+#[test]
+fn an_interrupted_builder_leaves_nothing() {
+    let place = Place::new();
+    for name in ["INT", "TERM"] {
+        let Some(program) = interruptible(PROGRAM) else { return };
+        let child = start(program, &place.picture, &place.output);
+        // The handler must be in place: the temporary file comes after it.
+        let start = Instant::now();
+        while place.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
+            sleep(Duration::from_millis(1));
+        }
+        sleep(Duration::from_millis(50));
+        signal(&child, name);
+        let run = child.wait_with_output().unwrap();
+        let text = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(130), "{name}: {text}");
+        assert!(text.contains("interrupted"), "{text}");
+        place.untouched();
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn devices_are_written_to_and_stay_what_they_are() {
+    use std::os::unix::fs::FileTypeExt;
+    let folder = tempfile::tempdir().unwrap();
+    let fixture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    // A pipe stands for all that is no file: a test must not put a real device at risk.
+    let pipe = folder.path().join("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let reader = std::thread::spawn({
+        let pipe = pipe.clone();
+        move || std::fs::read(pipe).unwrap()
+    });
+    let program = std::process::Command::new(PROGRAM)
+        .args(["-q", "build", fixture, "-o"])
+        .arg(&pipe)
+        .status();
+    assert!(program.unwrap().success());
+    assert!(reader.join().unwrap().starts_with(b"\x93Goblin\n"));
+    assert!(std::fs::metadata(&pipe).unwrap().file_type().is_fifo());
+}

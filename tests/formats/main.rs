@@ -1,0 +1,24 @@
+//! The two file formats: what is written, what is read back, what damage and crashes leave, and what their specification says.
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../../examples/make_fixtures/frozen.rs"]
+mod frozen_files;
+#[path = "../../examples/make_fixtures/island.rs"]
+mod island;
+
+mod autumnal;
+mod autumnal_crash;
+mod autumnal_edits;
+mod autumnal_hostile;
+#[cfg(unix)]
+mod autumnal_processes;
+mod codes;
+mod fixtures;
+mod formats_md;
+mod frozen;
+mod goblin;
+mod hostile;
+#[cfg(unix)]
+mod kill;
+mod literature;

@@ -1,0 +1,204 @@
+//! Raster files become trees that have every pixel.
+
+use std::path::{Path, PathBuf};
+
+use spinney::import::raster::{self, ImportOptions, OpenOptions, Pixels, Raster, RasterInfo, plan};
+use spinney::io::Output;
+use spinney::space::{Code, Region};
+use spinney::store;
+use spinney::store::goblin::Goblin;
+use spinney::tree::{Child, Source};
+use spinney::value::SampleType;
+use spinney::{Error, Result};
+
+use crate::common::{children, quad, shared_data};
+
+/// All pixels of a raster, and which are not VOID.
+fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
+    let info = raster.info().clone();
+    let mut pixels = Pixels::default();
+    raster.read(Region::new(0, 0, info.width, info.height), &mut pixels)?;
+    let size = info.sample.size();
+    let valid = pixels.bytes.chunks_exact(size * info.channels).map(|pixel| {
+        let numbers: Vec<f64> = pixel.chunks_exact(size).map(|sample| number(sample, &info)).collect();
+        let transparent = info.alpha.is_some_and(|alpha| numbers[alpha] == 0.0);
+        let nodata = info.nodata.is_some_and(|nodata| numbers.iter().all(|number| *number == nodata));
+        !transparent && !nodata && !numbers.iter().any(|number| number.is_nan())
+    });
+    let valid = match &pixels.valid {
+        Some(mask) => valid.zip(mask).map(|(valid, mask)| valid && *mask).collect(),
+        None => valid.collect(),
+    };
+    Ok((pixels.bytes, valid))
+}
+
+fn number(sample: &[u8], info: &RasterInfo) -> f64 {
+    match info.sample {
+        SampleType::U8 => sample[0].into(),
+        SampleType::U16 => u16::from_le_bytes(sample.try_into().unwrap()).into(),
+        SampleType::I16 => i16::from_le_bytes(sample.try_into().unwrap()).into(),
+        SampleType::U32 => u32::from_le_bytes(sample.try_into().unwrap()).into(),
+        SampleType::I32 => i32::from_le_bytes(sample.try_into().unwrap()).into(),
+        SampleType::F32 => f32::from_le_bytes(sample.try_into().unwrap()).into(),
+        SampleType::F64 => f64::from_le_bytes(sample.try_into().unwrap()),
+    }
+}
+
+/// Those of a tree, painted leaf by leaf; VOID pixels are zeros.
+fn cells_of(file: &Goblin) -> (Vec<u8>, Vec<bool>) {
+    let form = file.header().form;
+    let [width, height, _] = file.header().extent.map(|cells| cells as usize);
+    let size = form.width();
+    let mut bytes = vec![0; width * height * size];
+    let mut valid = vec![false; width * height];
+    let mut pending = vec![(Code::root(form.dimension), file.root().unwrap())];
+    while let Some((code, place)) = pending.pop() {
+        match place {
+            Child::Void => {}
+            Child::Inner { node, .. } => {
+                let children = children(file, &node).into_iter().enumerate();
+                pending.extend(children.map(|(i, child)| (code.child(i), child)));
+            }
+            Child::Leaf(value) => {
+                let side = 1 << (file.depth() - code.level());
+                let [x, y, _] = code.cell().map(|cell| cell as usize * side);
+                assert!(x < width && y < height, "outside of the picture all is VOID");
+                for row in y..(y + side).min(height) {
+                    let row = row * width + x..row * width + (x + side).min(width);
+                    valid[row.clone()].fill(true);
+                    let cells = bytes[row.start * size..row.end * size].chunks_exact_mut(size);
+                    cells.for_each(|cell| cell.copy_from_slice(&value.to_bytes()[..size]));
+                }
+            }
+        }
+    }
+    (bytes, valid)
+}
+
+fn open(path: &Path) -> Goblin {
+    Goblin::open(path, &store::OpenOptions::new()).unwrap()
+}
+
+/// Pixels of the largest pictures that are tried: larger ones take long and show nothing new.
+const LARGEST: u64 = 10_000_000;
+
+/// Builds a tree of a file and compares all pixels; `false` if the file cannot be read in the first place, or is
+/// too large.
+fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
+    let raster = |bands: &Option<Vec<usize>>| {
+        let raster = raster::open(path, &OpenOptions::default())?;
+        match bands {
+            Some(bands) => raster::select(raster, bands),
+            None => Ok(raster),
+        }
+    };
+    let Ok(first) = raster(&None) else { return false };
+    if first.info().width.saturating_mul(first.info().height) > LARGEST {
+        return false;
+    }
+    let bands = raster::value_type(path, first.info()).is_err().then(|| vec![1]);
+    if bands.is_some() {
+        let refused =
+            plan(&[path.to_path_buf()], &ImportOptions::default()).err().map(|error| error.to_string());
+        assert!(refused.is_some_and(|error| error.contains("--band")), "{}", path.display());
+    }
+    let target = folder.join("t.goblin");
+    let options = ImportOptions { bands: bands.clone(), memory, ..ImportOptions::default() };
+    let import = plan(&[path.to_path_buf()], &options).unwrap();
+    let (value, metadata) = (import.value_type(), import.options().metadata.clone());
+    let built = import.build(Output::create(&target).unwrap(), &());
+    let Ok((mut bytes, valid)) = raster(&bands).and_then(|mut raster| pixels_of(&mut *raster)) else {
+        assert!(built.is_err() && std::fs::read_dir(folder).unwrap().next().is_none(), "{}", path.display());
+        return false;
+    };
+    built.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let pixels = bytes.chunks_exact_mut(value.size()).zip(&valid).filter(|(_, valid)| !**valid);
+    pixels.for_each(|(pixel, _)| pixel.fill(0));
+    let file = open(&target);
+    assert_eq!(file.header().form, quad(value.sample, value.channels));
+    let expected = store::Metadata { counts: file.metadata().counts.clone(), ..metadata };
+    // As text, in which NaN is equal to itself.
+    assert_eq!(format!("{:?}", file.metadata()), format!("{expected:?}"));
+    let (found, found_valid) = cells_of(&file);
+    assert!(found_valid == valid, "{}: VOID differs", path.display());
+    assert!(found == bytes, "{}: samples differ", path.display());
+    std::fs::remove_file(&target).unwrap();
+    true
+}
+
+#[test]
+fn every_pixel_of_every_file_comes_back() {
+    let Some(folder) = shared_data().map(|folder| folder.join("raster")) else { return };
+    let temp = tempfile::tempdir().unwrap();
+    let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
+    let mut count = 0;
+    for line in table.lines().skip(1) {
+        let file = line.split('\t').next().unwrap();
+        count += usize::from(comes_back(&folder.join(file), temp.path(), None));
+    }
+    assert!(count > 300, "{count}");
+}
+
+#[test]
+fn little_memory_does_for_wide_pictures() {
+    let Some(folder) = shared_data() else { return };
+    let temp = tempfile::tempdir().unwrap();
+    // In strips, 4320 pixels wide: too much for bands within 8 MiB.
+    let path = folder.join("raster/large/relief_4320x2160_i16.tif");
+    assert!(comes_back(&path, temp.path(), Some(8 << 20)));
+}
+
+/// A grey 16-bit picture on disk.
+fn picture(folder: &Path, name: &str, [width, height]: [u32; 2]) -> PathBuf {
+    let path = folder.join(name);
+    let file = std::fs::File::create(&path).unwrap();
+    let samples: Vec<u16> = (0..width * height).map(|i| (i % width / 9 + i / width / 7) as u16).collect();
+    let mut encoder = tiff::encoder::TiffEncoder::new(file).unwrap();
+    encoder.write_image::<tiff::encoder::colortype::Gray16>(width, height, &samples).unwrap();
+    path
+}
+
+#[test]
+fn options_overrule_the_file() {
+    let temp = tempfile::tempdir().unwrap();
+    let path = picture(temp.path(), "p.tif", [300, 200]);
+    let options = ImportOptions {
+        nodata: Some(7.0),
+        depth: Some(12),
+        epsg: Some(3857),
+        transform: Some([2.0, 0.0, 10.0, 0.0, -2.0, 20.0]),
+        rule: Some(spinney::value::Rule::Max),
+        ..ImportOptions::default()
+    };
+    let import = plan(std::slice::from_ref(&path), &options).unwrap();
+    let text: String =
+        import.description().iter().map(|(heading, text)| format!("{heading}: {text}\n")).collect();
+    for expected in ["300 x 200", "u16", "EPSG:3857", "2, 0, 10, 0, -2, 20", "nodata: 7", "max", "12 levels"]
+    {
+        assert!(text.contains(expected), "{text}");
+    }
+    let target = temp.path().join("t.goblin");
+    import.build(Output::create(&target).unwrap(), &()).unwrap();
+    let file = open(&target);
+    assert_eq!(file.header().form, quad(SampleType::U16, 1));
+    assert_eq!(file.depth(), 12);
+    assert_eq!(file.metadata().frame.epsg, Some(3857));
+    assert_eq!(file.metadata().frame.affine(), [2.0, 0.0, 10.0, 0.0, -2.0, 20.0]);
+    assert_eq!(file.metadata().nodata, Some(7.0));
+    assert_eq!(file.metadata().provenance.len(), 2);
+    let (_, valid) = cells_of(&file);
+    assert!(!valid[63] && valid[0] && valid[62] && valid[72]);
+
+    let refused = |options: ImportOptions| plan(std::slice::from_ref(&path), &options).err();
+    let is_invalid = |error: Option<Error>| matches!(error, Some(Error::Invalid { .. }));
+    assert!(is_invalid(refused(ImportOptions { depth: Some(8), ..options.clone() })));
+    assert!(is_invalid(refused(ImportOptions { depth: Some(30), ..options.clone() })));
+    assert!(is_invalid(refused(ImportOptions { transform: Some([0.0; 6]), ..options.clone() })));
+    assert!(is_invalid(refused(ImportOptions { bands: Some(vec![2]), ..options.clone() })));
+    assert!(is_invalid(plan(&[], &options).err()));
+    // A number that the samples cannot be is no nodata number at all.
+    let import =
+        plan(std::slice::from_ref(&path), &ImportOptions { nodata: Some(-1.0), ..options.clone() }).unwrap();
+    assert_eq!(import.options().metadata.nodata, None);
+    assert!(import.description().iter().any(|(_, text)| text.contains("u16 cannot hold -1")));
+}

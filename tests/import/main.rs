@@ -1,0 +1,19 @@
+//! Pictures and meshes: what is read from files of other programs, what becomes of it, and what is written.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod import;
+mod mesh_export;
+#[cfg(feature = "mesh")]
+mod mesh_polygon;
+mod mesh_prisms;
+#[cfg(feature = "mesh")]
+mod mesh_readers;
+mod mesh_real;
+mod mesh_solids;
+#[cfg(feature = "raster")]
+mod pictures;
+mod raster_tiff;
+mod raster_tiff_hostile;
+mod real_rasters;

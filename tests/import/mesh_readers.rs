@@ -1,0 +1,19 @@
+//! Readers of boundary representations, against hand-written files, real ones and hostile ones.
+
+#[path = "mesh_files/mod.rs"]
+mod mesh_files;
+
+#[path = "mesh_files/cityjson.rs"]
+mod cityjson;
+#[path = "mesh_files/hostile.rs"]
+mod hostile;
+#[path = "mesh_files/obj.rs"]
+mod obj;
+#[path = "mesh_files/off.rs"]
+mod off;
+#[path = "mesh_files/ply.rs"]
+mod ply;
+#[path = "mesh_files/real.rs"]
+mod real;
+#[path = "mesh_files/stl.rs"]
+mod stl;

@@ -1,0 +1,329 @@
+//! Solids made of meshes, against brute force: winding numbers at every cell's centre.
+
+use spinney::import::mesh::{Attribute, Boundary, Decided, SolidOptions, plan_models};
+use spinney::io::Output;
+use spinney::ops::{Operation, Prefer};
+use spinney::space::{Code, Dimension};
+use spinney::store::goblin::Goblin;
+use spinney::value::Value;
+
+use crate::common::solid::{
+    Point, Polygons, Triangle, build, cells, cuboid, plain, tetrahedra, unit_cells, winding,
+};
+use crate::common::{Random, as_byte, byte, combined, view_of_file};
+
+#[test]
+fn boxes_on_the_grid_become_their_cells() {
+    for boundary in [Boundary::Full, Boundary::Centre, Boundary::Coverage] {
+        let options = SolidOptions { boundary, ..unit_cells(7) };
+        let (tree, report) =
+            build(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
+        assert_eq!((report.inside, report.triangles, report.displacement), (Decided::Closed, 12, 0.0));
+        let found = cells(&tree);
+        for (i, cell) in found.iter().enumerate() {
+            let [x, y, z] = [i % 128, i / 128 % 128, i / 128 / 128];
+            let expected = (8..72).contains(&x) && (16..80).contains(&y) && (64..96).contains(&z);
+            assert_eq!(*cell, expected.then(|| byte(255)), "{x} {y} {z} {boundary:?}");
+        }
+    }
+    // The whole space: nothing is cut, nothing is divided.
+    let (tree, _) = build(plain(&cuboid([0.0; 3], [128.0; 3])), &unit_cells(7));
+    assert_eq!(tree.header().extent, [128; 3]);
+    assert_eq!(tree.metadata().counts.levels(), [[0, 1, 0]]);
+}
+
+#[test]
+fn cells_are_inside_where_their_centre_has_a_winding_number() {
+    let mut random = Random(11);
+    for (depth, count, grid) in [(3, 3, 1.0), (4, 4, 0.5), (5, 9, 0.37), (7, 3, 0.013), (7, 12, 8.0)] {
+        let side = f64::from(1u32 << depth);
+        let triangles = tetrahedra(&mut random, count, side, grid);
+        let (tree, report) = build(plain(&triangles), &unit_cells(depth));
+        assert_eq!(report.inside, Decided::Closed);
+        let side = 1usize << depth;
+        let (mut full, mut checked) = (0, 0);
+        for (i, cell) in cells(&tree).into_iter().enumerate() {
+            if depth == 7 && random.below(50) != 0 {
+                continue;
+            }
+            let [x, y, z] = [i % side, i / side % side, i / side / side];
+            // On the surface itself the lattice counts as moved a little, x most.
+            let at = [x as f64 + 0.5 + 1e-4, y as f64 + 0.5 + 1e-6, z as f64 + 0.5 + 1e-8];
+            let expected = winding(&triangles, at);
+            if (expected - expected.round()).abs() > 0.01 {
+                continue;
+            }
+            checked += 1;
+            full += usize::from(cell.is_some());
+            assert_eq!(
+                cell,
+                (expected.round() != 0.0).then(|| byte(255)),
+                "{at:?} has {expected}, depth {depth}"
+            );
+        }
+        assert!(full > 0 && checked > side, "{full} of {checked}");
+    }
+}
+
+#[test]
+fn nested_shells_are_cavities_and_bodies_may_overlap() {
+    let mut inner = cuboid([20.3, 20.3, 20.3], [40.1, 40.2, 40.3]);
+    inner.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+    let triangles = [cuboid([4.1; 3], [60.2; 3]), inner, cuboid([50.5; 3], [63.9; 3])].concat();
+    let (tree, _) = build(plain(&triangles), &unit_cells(6));
+    let at = |cell: u32| value_at(&tree, [cell; 3]);
+    let full = Some(255);
+    assert_eq!([2, 10, 30, 45, 55, 62].map(at), [None, full, None, full, full, full]);
+}
+
+/// The byte at one of 64 x 64 x 64 cells.
+fn value_at(tree: &Goblin, cell: [u32; 3]) -> Option<u8> {
+    tree.value_at(Code::from_cell(Dimension::Oct, 6, cell).unwrap()).unwrap().map(as_byte)
+}
+
+/// What a box has of a cell.
+fn share([low, high]: [Point; 2], cell: [usize; 3]) -> f64 {
+    (0..3)
+        .map(|axis| {
+            let at = cell[axis] as f64;
+            (high[axis].min(at + 1.0) - low[axis].max(at)).max(0.0)
+        })
+        .product()
+}
+
+/// How far coverage may be off in a cell that is clipped, and in one that is sampled.
+const ROUNDED: f64 = 0.51 / 255.0;
+const SAMPLED: f64 = 0.2;
+
+#[test]
+fn coverage_is_what_a_solid_has_of_each_cell() {
+    let a = [[3.3, 4.4, 5.5], [40.7, 29.2, 17.9]];
+    let touching = [[40.7, 10.1, 5.5], [55.2, 20.3, 60.6]];
+    let overlapping = [[30.2, 10.1, 10.3], [55.2, 20.3, 60.6]];
+    let small = [[50.2, 50.3, 50.4], [50.4, 50.6, 50.9]];
+    let inverted = |[low, high]: [Point; 2]| {
+        cuboid(low, high).into_iter().map(|[a, b, c]| [a, c, b]).collect::<Vec<_>>()
+    };
+    let upright = |[low, high]: [Point; 2]| cuboid(low, high);
+    let sum = |boxes: &[[Point; 2]], cell| boxes.iter().map(|part| share(*part, cell)).sum::<f64>();
+    let minus = |cell| {
+        share(a, cell) + share(overlapping, cell) - {
+            let both = std::array::from_fn(|axis| a[0][axis].max(overlapping[0][axis]));
+            let end = std::array::from_fn(|axis| a[1][axis].min(overlapping[1][axis]));
+            share([both, end], cell)
+        }
+    };
+    type Expected<'a> = Box<dyn Fn([usize; 3]) -> f64 + 'a>;
+    let cases: [(Vec<Triangle>, Expected, f64); 5] = [
+        (upright(a), Box::new(|cell| share(a, cell)), ROUNDED),
+        (inverted(a), Box::new(|cell| share(a, cell)), ROUNDED),
+        (
+            [upright(a), upright(touching), upright(small)].concat(),
+            Box::new(|cell| sum(&[a, touching, small], cell)),
+            ROUNDED,
+        ),
+        // A cavity in a cell, and one that is larger.
+        (
+            [
+                upright(a),
+                inverted([[20.1, 20.2, 10.3], [20.5, 20.9, 10.7]]),
+                inverted([[5.5, 6.6, 7.7], [9.1, 9.2, 9.3]]),
+            ]
+            .concat(),
+            Box::new(|cell| {
+                share(a, cell)
+                    - share([[20.1, 20.2, 10.3], [20.5, 20.9, 10.7]], cell)
+                    - share([[5.5, 6.6, 7.7], [9.1, 9.2, 9.3]], cell)
+            }),
+            ROUNDED,
+        ),
+        ([upright(a), upright(overlapping)].concat(), Box::new(minus), SAMPLED),
+    ];
+    for (number, (triangles, expected, tolerance)) in cases.into_iter().enumerate() {
+        let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
+        let (tree, report) = build(plain(&triangles), &options);
+        assert_eq!(report.inside, Decided::Closed);
+        for (i, value) in cells(&tree).into_iter().enumerate() {
+            let cell = [i % 64, i / 64 % 64, i / 64 / 64];
+            let found = value.map_or(0.0, |value| f64::from(as_byte(value)) / 255.0);
+            let expected = expected(cell);
+            assert!(
+                (found - expected).abs() <= tolerance,
+                "{cell:?}: {found}, expected {expected}, case {number}"
+            );
+        }
+    }
+}
+
+#[test]
+fn coverage_of_foam_adds_up() {
+    // A small cube in every cell: none is without faces, so that all are sampled; one in most: all are clipped.
+    let mut random = Random(77);
+    for (every, tolerance) in [(true, 0.05), (false, 0.003)] {
+        let mut triangles = Vec::new();
+        let mut expected = 0.0;
+        for i in 0..512 {
+            if !every && random.below(8) == 0 {
+                continue;
+            }
+            let low =
+                [i % 8, i / 8 % 8, i / 64].map(|at| at as f64 + 0.02 + random.below(250) as f64 / 1000.0);
+            let size = 0.3 + random.below(100) as f64 / 250.0;
+            triangles.extend(cuboid(low, low.map(|at| at + size)));
+            expected += size.powi(3);
+        }
+        let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(3) };
+        let (tree, _) = build(plain(&triangles), &options);
+        let found = cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
+        assert!((found / expected - 1.0).abs() < tolerance, "{found}, expected {expected}");
+    }
+}
+
+#[test]
+fn coverage_adds_up_to_the_volume() {
+    let mut random = Random(5);
+    for _ in 0..12 {
+        let triangles = tetrahedra(&mut random, 1, 60.0, 0.731);
+        let volume = |[a, b, c]: &Triangle| {
+            (a[0] * (b[1] * c[2] - b[2] * c[1])
+                + a[1] * (b[2] * c[0] - b[0] * c[2])
+                + a[2] * (b[0] * c[1] - b[1] * c[0]))
+                / 6.0
+        };
+        let expected = triangles.iter().map(volume).sum::<f64>().abs();
+        let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
+        let (tree, _) = build(plain(&triangles), &options);
+        let found = cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
+        assert!((found - expected).abs() < 1.0, "{found}, expected {expected}");
+    }
+}
+
+#[test]
+fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
+    // Of a box off the grid the cells that are cut are known.
+    let (low, high) = ([3.25, 4.5, 5.0], [20.5, 9.75, 11.0]);
+    let triangles = cuboid(low, high);
+    let options = SolidOptions { boundary: Boundary::Full, ..unit_cells(5) };
+    let (full, _) = build(plain(&triangles), &options);
+    let (shell, report) =
+        build(plain(&triangles), &SolidOptions { surface: true, ..unit_cells(5) });
+    assert_eq!(report.inside, Decided::Surface);
+    for (i, (full, shell)) in cells(&full).into_iter().zip(cells(&shell)).enumerate() {
+        let cell = [i % 32, i / 32 % 32, i / 32 / 32].map(|x| x as f64);
+        let overlaps = (0..3).all(|axis| low[axis] < cell[axis] + 1.0 && cell[axis] < high[axis]);
+        let inside = (0..3).all(|axis| low[axis] <= cell[axis] && cell[axis] + 1.0 <= high[axis]);
+        assert_eq!(full.is_some(), overlaps, "{cell:?}");
+        assert_eq!(shell.is_some(), overlaps && !inside, "{cell:?}");
+    }
+}
+
+#[test]
+fn parts_and_colours_are_kept() {
+    let coloured = |triangles: Vec<Triangle>, part: u32, colour: [u8; 3]| {
+        triangles.into_iter().map(move |triangle| (triangle, part, colour))
+    };
+    let faces: Vec<_> = coloured(cuboid([2.0; 3], [10.0; 3]), 0, [200, 10, 10])
+        .chain(coloured(cuboid([10.0, 2.0, 2.0], [30.0, 10.0, 10.0]), 1, [10, 200, 10]))
+        .collect();
+    let options = SolidOptions { attribute: Attribute::Part, ..unit_cells(5) };
+    let (tree, _) = build(Polygons::of_triangles(faces.clone()), &options);
+    assert_eq!(tree.metadata().class_names[&2], "part 1");
+    let options = SolidOptions { attribute: Attribute::Colour, ..unit_cells(5) };
+    let (colours, _) = build(Polygons::of_triangles(faces), &options);
+    for (i, (part, colour)) in cells(&tree).into_iter().zip(cells(&colours)).enumerate() {
+        let [x, y, z] = [i % 32, i / 32 % 32, i / 32 / 32];
+        let inside = (2..10).contains(&y) && (2..10).contains(&z);
+        let expected = match x {
+            2..10 if inside => Some((byte(1), Value::from([200u8, 10, 10]))),
+            10..30 if inside => Some((byte(2), Value::from([10u8, 200, 10]))),
+            _ => None,
+        };
+        assert_eq!(part.zip(colour), expected, "{x} {y} {z}");
+    }
+}
+
+#[test]
+fn flipped_faces_are_parity_and_holes_a_field() {
+    let mut triangles = cuboid([4.0, 5.0, 6.0], [52.0, 53.0, 54.0]);
+    let inside = |tree: &Goblin, cell: [u32; 3]| value_at(tree, cell).is_some();
+    triangles[3].swap(0, 1);
+    let (tree, report) = build(plain(&triangles), &unit_cells(6));
+    assert_eq!(report.inside, Decided::Flipped);
+    assert_eq!(cells(&tree).iter().flatten().count(), 48 * 48 * 48);
+    triangles[3].swap(0, 1);
+    triangles.remove(5);
+    let (tree, report) = build(plain(&triangles), &unit_cells(6));
+    assert_eq!(report.inside, Decided::Open);
+    assert!(report.undecided > 0);
+    assert!(inside(&tree, [28, 40, 30]) && inside(&tree, [5, 6, 7]) && !inside(&tree, [60, 60, 60]));
+    assert!(tree.metadata().tags["solid.surface"].starts_with("open"));
+    // Turned inside out it is the same, and with faces there twice.
+    triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+    triangles.push(triangles[2]);
+    let (turned, report) = build(plain(&triangles), &unit_cells(6));
+    assert_eq!((report.inside, report.doubled), (Decided::Open, 1));
+    assert!(cells(&turned) == cells(&tree));
+    // As far as cells lie inside, away from the hole.
+    let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
+    let shifted: Vec<Triangle> =
+        triangles.iter().map(|corners| corners.map(|at| at.map(|x| x + 0.25))).collect();
+    let (covered, _) = build(plain(&shifted), &options);
+    let at = |cell| value_at(&covered, cell);
+    assert_eq!([[4, 30, 30], [30, 30, 30], [52, 20, 20]].map(at), [191, 255, 64].map(Some));
+}
+
+#[test]
+fn memory_and_threads_do_not_change_the_bytes() {
+    let mut random = Random(99);
+    let triangles = tetrahedra(&mut random, 400, 500.0, 0.37);
+    let folder = tempfile::tempdir().unwrap();
+    let mut first: Option<Vec<u8>> = None;
+    for (memory, threads) in [(256 << 20, 1), (256 << 20, 3), (40_000, 2), (20_000, 1)] {
+        let path = folder.path().join("solid.goblin");
+        let options = SolidOptions { memory, ..unit_cells(9) };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let import = plan_models(vec![plain(&triangles)], &options).unwrap();
+        pool.install(|| import.build(Output::create(&path).unwrap(), &())).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        assert!(first.get_or_insert_with(|| bytes.clone()) == &bytes, "memory {memory}, {threads} threads");
+    }
+}
+
+#[test]
+fn operations_on_solids_are_those_on_their_cells() {
+    let mut random = Random(2);
+    let meshes = [(); 2].map(|()| tetrahedra(&mut random, 5, 60.0, 0.37));
+    let views = meshes.each_ref().map(|triangles| {
+        let (tree, _) = build(plain(triangles), &unit_cells(6));
+        view_of_file(tree.into(), [64; 3])
+    });
+    // A and B, A - B, B - A, A xor B, A or B.
+    for number in [1, 2, 4, 6, 7] {
+        let operation = Operation::Set { number, prefer: Prefer::First };
+        let combined = combined(views.to_vec(), operation, [64; 3]);
+        let mut checked = 0;
+        for (i, cell) in cells(&combined).into_iter().enumerate().step_by(11) {
+            let at = [i % 64, i / 64 % 64, i / 4096].map(|at| at as f64 + 0.5);
+            let windings = meshes.each_ref().map(|triangles| winding(triangles, at));
+            if windings.iter().any(|winding| (winding - winding.round()).abs() > 0.01) {
+                continue;
+            }
+            let bit = match windings.map(|winding| winding.round() != 0.0) {
+                [true, true] => 0,
+                [true, false] => 1,
+                [false, true] => 2,
+                [false, false] => 3,
+            };
+            checked += 1;
+            assert_eq!(cell.is_some(), number >> bit & 1 > 0, "{at:?}, operation {number}");
+        }
+        assert!(checked > 20_000, "{checked}");
+    }
+    // Both meshes as one model are their union.
+    let (both, _) = build(plain(&meshes.concat()), &unit_cells(6));
+    let operation = Operation::Set { number: 7, prefer: Prefer::First };
+    let combined = combined(views.to_vec(), operation, [64; 3]);
+    // (Winding numbers of bodies turned against each other cancel, which is no union.)
+    let same = cells(&both).into_iter().zip(cells(&combined)).filter(|(a, b)| a == b).count();
+    assert!(same > 250_000, "{same}");
+}

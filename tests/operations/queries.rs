@@ -1,0 +1,215 @@
+//! Windows, points, statistics and searches against the simplest model: an array of cells.
+
+use spinney::query::{Condition, FoundBlock};
+use spinney::space::{Bounds, Code, Dimension};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType, Value};
+
+use crate::common::{self, Cells, OCT, QUAD, Random, cells_below, dataset, goblin, oct, quad, value_types};
+
+/// A box somewhere in, across or outside a space of `side` cells per axis.
+fn some_bounds(dimension: Dimension, random: &mut Random, side: u64) -> Bounds {
+    let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
+    for axis in 0..dimension.axes() {
+        bounds.min[axis] = random.below(side + side / 4 + 1);
+        bounds.max[axis] = bounds.min[axis] + 1 + random.below(side.min(90));
+    }
+    bounds
+}
+
+fn cells_of(bounds: &Bounds) -> impl Iterator<Item = [u64; 3]> {
+    let Bounds { min, max } = *bounds;
+    (min[2]..max[2])
+        .flat_map(move |z| (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| [x, y, z])))
+}
+
+fn windows(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+    let (dimension, width) = (form.dimension, form.width());
+    let cells = Cells::random(form, seed, size, 20, true);
+    let (file, tree) = (goblin(&cells, rule, kind), cells.tree(rule));
+    let mut random = Random(seed);
+    let fill = common::value(form.value, 77);
+    for level in 0..=cells.depth() {
+        for _ in 0..6 {
+            let bounds = some_bounds(dimension, &mut random, 1 << level);
+            let len = bounds.volume() as usize;
+            let (mut values, mut valid) = (fill.to_bytes()[..width].repeat(len), vec![true; len]);
+            file.window(level, &bounds, fill, &mut values, Some(&mut valid)).unwrap();
+            let mut plain = vec![0; len * width];
+            file.window(level, &bounds, fill, &mut plain, None).unwrap();
+            let found = values.chunks_exact(width).zip(plain.chunks_exact(width));
+            for ((i, cell), (value, plain)) in cells_of(&bounds).enumerate().zip(found) {
+                let code = Code::from_cell(dimension, level, cell.map(|cell| cell as u32));
+                let expected = code.and_then(|code| tree.value_at(code));
+                assert_eq!(valid[i], expected.is_some(), "{form} level {level} cell {cell:?}");
+                for found in [value, plain].map(Value::from_bytes) {
+                    assert_eq!(found, expected.unwrap_or(fill), "{form} level {level} cell {cell:?}");
+                }
+                if let Some(code) = code.filter(|_| i % 37 == 0) {
+                    assert_eq!(file.value_at(code).unwrap(), expected);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn any_window_at_any_level() {
+    use SampleType::*;
+    windows(QUAD, 1, [700, 500, 1], Rule::Majority, Kind::Categorical);
+    windows(QUAD, 3, [2100, 1300, 1], Rule::Majority, Kind::Categorical);
+    windows(quad(U8, 3), 2, [300, 900, 1], Rule::Mean, Kind::Continuous);
+    windows(quad(F32, 1), 4, [513, 1, 1], Rule::Mean, Kind::Continuous);
+    windows(OCT, 5, [90, 70, 80], Rule::Mean, Kind::Continuous);
+    windows(oct(U16, 1), 6, [200, 140, 20], Rule::Majority, Kind::Categorical);
+    for (seed, value) in (10..).zip(value_types()) {
+        windows(Form::new(Dimension::Quad, value), seed, [400, 130, 1], Rule::Mean, Kind::Continuous);
+        windows(Form::new(Dimension::Oct, value), seed, [70, 30, 20], Rule::Majority, Kind::Categorical);
+    }
+}
+
+#[test]
+fn the_picture_has_a_size_at_every_level() {
+    let cells = Cells::random(QUAD, 7, [70, 33, 1], 9, false);
+    let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let size = |level| file.extent_at(level).max;
+    assert_eq!([size(0), size(3), size(6), size(7)], [[1, 1, 1], [5, 3, 1], [35, 17, 1], [70, 33, 1]]);
+    assert_eq!([size(8), size(255)], [size(7); 2]);
+}
+
+#[test]
+fn an_aligned_tile_needs_few_segments() {
+    let cells = Cells::random(QUAD, 8, [3000, 2500, 1], 200, false);
+    let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+    assert!(file.segments() > 50);
+    let mut tile = vec![0u8; 1 << 16];
+    for level in 8..=12 {
+        for (y, x) in (0..1u64 << (level - 8)).flat_map(|y| (0..1u64 << (level - 8)).map(move |x| (y, x))) {
+            let bounds = Bounds { min: [x << 8, y << 8, 0], max: [(x + 1) << 8, (y + 1) << 8, 1] };
+            let segments = file.window(level, &bounds, Value::ZERO, &mut tile, None).unwrap();
+            assert!(segments <= 5, "level {level} tile {x},{y}: {segments} segments");
+        }
+    }
+}
+
+fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
+    let cells = Cells::random(form, seed, size, 12, seed.is_multiple_of(2));
+    let file = goblin(&cells, rule, kind);
+    let number = |value: &Value, channel: usize| form.value.samples(*value)[channel];
+    let mut random = Random(seed);
+    for round in 0..20 {
+        let bounds = some_bounds(form.dimension, &mut random, size[0].max(size[1]));
+        let bounds = (round > 0).then_some(bounds);
+        let picture = Bounds::picture(size);
+        let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let found = file.statistics(bounds).unwrap();
+        let values: Vec<Value> = cells_of(&inside).filter_map(|cell| cells.get(cell)).collect();
+        assert_eq!(found.cells, values.len() as u64);
+        assert_eq!(found.void_cells, inside.volume() - found.cells);
+        for (channel, stats) in found.channels.iter().enumerate() {
+            let numbers = || values.iter().map(|value| number(value, channel));
+            let mean = numbers().sum::<f64>() / values.len() as f64;
+            let variance = numbers().map(|n| (n - mean) * (n - mean)).sum::<f64>() / values.len() as f64;
+            assert_eq!(stats.min, numbers().fold(f64::INFINITY, f64::min), "{form}");
+            assert_eq!(stats.max, numbers().fold(f64::NEG_INFINITY, f64::max));
+            assert!((stats.mean - mean).abs() < 1e-9 * (1.0 + mean.abs()), "{} {mean}", stats.mean);
+            assert!(
+                (stats.deviation - variance.sqrt()).abs() < 1e-6,
+                "{} {}",
+                stats.deviation,
+                variance.sqrt()
+            );
+        }
+        if form.value.channels == 1 && kind == Kind::Categorical {
+            let mut counts: Vec<(f64, u64)> = Vec::new();
+            let mut numbers: Vec<f64> = values.iter().map(|value| number(value, 0)).collect();
+            numbers.sort_by(f64::total_cmp);
+            for number in numbers {
+                match counts.last_mut() {
+                    Some((last, count)) if *last == number => *count += 1,
+                    _ => counts.push((number, 1)),
+                }
+            }
+            assert_eq!(found.classes, counts);
+        }
+        let (low, high) = (-50.0, 120.0);
+        let mut bins = vec![0; 7];
+        for value in &values {
+            let bin = (number(value, 0) - low) * (7.0 / (high - low));
+            bins[(bin.max(0.0) as usize).min(6)] += 1;
+        }
+        assert_eq!(file.histogram(&inside, low, high, 7).unwrap(), bins);
+    }
+}
+
+#[test]
+fn statistics_are_those_of_the_cells() {
+    use SampleType::*;
+    statistics(QUAD, 2, [900, 500, 1], Rule::Majority, Kind::Categorical);
+    statistics(quad(I16, 1), 3, [300, 600, 1], Rule::Mean, Kind::Continuous);
+    statistics(quad(F32, 3), 4, [400, 300, 1], Rule::Mean, Kind::Continuous);
+    statistics(quad(U16, 1), 5, [600, 300, 1], Rule::Dominant, Kind::Categorical);
+    statistics(OCT, 6, [60, 80, 40], Rule::Mean, Kind::Continuous);
+    for (seed, value) in (10..).zip(value_types()) {
+        statistics(Form::new(Dimension::Quad, value), seed, [130, 90, 1], Rule::Majority, Kind::Categorical);
+        statistics(Form::new(Dimension::Oct, value), seed, [30, 20, 40], Rule::Mean, Kind::Continuous);
+    }
+}
+
+fn search(form: Form, seed: u64, size: [u64; 3], kind: Kind, condition: Condition) {
+    let cells = Cells::random(form, seed, size, 6, true);
+    let file = goblin(&cells, kind.default_rule(), kind);
+    let meets = |cell: [u64; 3]| {
+        let number = cells.get(cell).map(|value| form.value.first_sample(value));
+        number.is_some_and(|number| match condition {
+            Condition::Above(bound) => number > bound,
+            Condition::Below(bound) => number < bound,
+            Condition::Equal(wanted) => number == wanted,
+        })
+    };
+    let mut random = Random(seed);
+    for round in 0..8 {
+        let picture = Bounds::picture(size);
+        let bounds = (round > 0).then(|| some_bounds(form.dimension, &mut random, size[0]));
+        let inside = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let mut blocks: Vec<FoundBlock> = Vec::new();
+        file.find(condition, bounds, &mut |block| {
+            blocks.push(block);
+            Ok(true)
+        })
+        .unwrap();
+        let mut covered = std::collections::HashSet::new();
+        for block in &blocks {
+            for cell in cells_of(&block.bounds) {
+                assert!(inside.contains(&Bounds { min: cell, max: cell.map(|c| c + 1) }));
+                assert!(meets(cell) && covered.insert(cell));
+            }
+            // No larger block would do.
+            let code = Code::parse(form.dimension, &block.code).unwrap();
+            if let Some(parent) = code.parent() {
+                let depth = file.header().shape.depth;
+                let mut around = cells_below(parent, depth).map(|cell| cell.map(u64::from));
+                let within = |c: [u64; 3]| inside.contains(&Bounds { min: c, max: c.map(|c| c + 1) });
+                assert!(!around.all(|cell| within(cell) && meets(cell)), "{} could be larger", block.code);
+            }
+        }
+        let code = |block: &FoundBlock| Code::parse(form.dimension, &block.code).unwrap();
+        assert!(blocks.iter().map(code).is_sorted());
+        assert_eq!(covered.len(), cells_of(&inside).filter(|cell| meets(*cell)).count());
+    }
+}
+
+#[test]
+fn searches_find_all_and_the_largest() {
+    use SampleType::*;
+    search(QUAD, 1, [500, 600, 1], Kind::Categorical, Condition::Equal(3.0));
+    search(QUAD, 2, [600, 500, 1], Kind::Categorical, Condition::Above(1.0));
+    search(quad(F32, 1), 3, [300, 300, 1], Kind::Continuous, Condition::Below(-11.0));
+    search(OCT, 4, [40, 70, 66], Kind::Continuous, Condition::Above(2.0));
+    for (seed, value) in (10..).zip(value_types()) {
+        // The first numbers of signed types are below zero.
+        let bound = value.first_sample(common::value(value, 2));
+        search(Form::new(Dimension::Quad, value), seed, [130, 90, 1], Kind::Continuous, Condition::Above(bound));
+        search(Form::new(Dimension::Oct, value), seed, [20, 30, 17], Kind::Categorical, Condition::Below(bound));
+    }
+}

@@ -1,0 +1,222 @@
+//! `spinney build` as users meet it.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use assert_cmd::Command;
+use spinney::store::OpenOptions;
+use spinney::store::goblin::Goblin;
+
+use crate::common::QUAD;
+use crate::common::command::{interruptible, peak_memory};
+use crate::common::tiff_file::{Ifd, Values, file};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
+
+/// Runs the program; gives back its exit code, standard output and standard error.
+fn run(args: &[&str], folder: &Path) -> (Option<i32>, Vec<u8>, String) {
+    let output = Command::new(PROGRAM).args(args).current_dir(folder).output().unwrap();
+    (output.status.code(), output.stdout, String::from_utf8(output.stderr).unwrap())
+}
+
+/// A small grey picture `p.tif` in a folder of its own.
+fn small() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let strip = (0..300 * 200).map(|i: u32| (i % 300 / 9 + i / 300 / 7) as u8).collect();
+    fs::write(folder.path().join("p.tif"), file(&[Ifd::grey(300, 200, strip)])).unwrap();
+    folder
+}
+
+/// A picture of 2^15 x 2^13 pixels: one in 64 chunks is a ramp, the others are of one value each.
+fn large(folder: &Path, tiled: bool) -> PathBuf {
+    let chunk = |pixel: &dyn Fn(u32, u32) -> u8, width: u32, height: u32| {
+        let pixels: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect();
+        let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+        encoder.write_all(&pixels).unwrap();
+        encoder.finish().unwrap()
+    };
+    let [columns, rows]: [u32; 2] = [1 << 15, 1 << 13];
+    let [width, height] = if tiled { [1024, 1024] } else { [columns, 32] };
+    let ramp = chunk(&|x, y| ((x / 3 + y / 5) % 256) as u8, width, height);
+    let flat: Vec<Vec<u8>> = (0..5).map(|value| chunk(&|_, _| value, width, height)).collect();
+    let count = (columns / width * (rows / height)) as usize;
+    let chunks: Vec<Vec<u8>> =
+        (0..count).map(|i| if i % 64 == 5 { ramp.clone() } else { flat[i / 3 % 5].clone() }).collect();
+    let ifd = Ifd::grey(0, 0, Vec::new())
+        .tag(256, Values::Long(vec![columns]))
+        .tag(257, Values::Long(vec![rows]))
+        .short(259, &[8]);
+    let ifd = if tiled {
+        ifd.short(322, &[width as u16]).short(323, &[height as u16])
+    } else {
+        ifd.short(278, &[height as u16])
+    };
+    let path = folder.join(if tiled { "tiles.tif" } else { "strips.tif" });
+    fs::write(&path, file(&[ifd.chunks(&chunks)])).unwrap();
+    path
+}
+
+/// Names of all files in a folder, hidden ones too.
+fn names(folder: &Path) -> Vec<String> {
+    let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn a_picture_becomes_a_tree() {
+    let folder = small();
+    let (code, out, err) = run(&["build", "p.tif", "-o", "p.goblin"], folder.path());
+    assert_eq!((code, out.as_slice()), (Some(0), &b""[..]), "{err}");
+    for expected in ["300 x 200 pixels", "1 channel of u8", "continuous", "mean", "p.goblin: ", "of 58.6 KiB"]
+    {
+        assert!(err.contains(expected), "{expected}: {err}");
+    }
+    let tree = Goblin::open(&folder.path().join("p.goblin"), &OpenOptions::new()).unwrap();
+    assert_eq!((tree.header().form, tree.header().extent), (QUAD, [300, 200, 1]));
+    let (code, out, err) = run(&["build", "p.tif", "-o", "-", "--quiet"], folder.path());
+    assert_eq!((code, err.as_str()), (Some(0), ""));
+    assert!(out == fs::read(folder.path().join("p.goblin")).unwrap());
+    assert_eq!(names(folder.path()), ["p.goblin", "p.tif"]);
+}
+
+#[test]
+fn threads_do_not_change_the_bytes() {
+    let folder = small();
+    let build = |threads| {
+        run(&["build", "p.tif", "-qo", "-", "--kind", "categorical", "--threads", threads], folder.path()).1
+    };
+    let one = build("1");
+    assert!(!one.is_empty() && one == build("2") && one == build("5"));
+}
+
+#[test]
+fn failures_are_told_and_leave_nothing() {
+    let folder = small();
+    fs::write(folder.path().join("text.tif"), "no raster").unwrap();
+    let whole = fs::read(folder.path().join("p.tif")).unwrap();
+    // The tags stand at the end; a link to samples beyond the file is found only when building.
+    let mut damaged = whole.clone();
+    let offset = damaged.windows(8).position(|tag| tag == [0x11, 1, 4, 0, 1, 0, 0, 0]).unwrap() + 8;
+    damaged[offset..offset + 4].copy_from_slice(&(whole.len() as u32 - 10).to_le_bytes());
+    fs::write(folder.path().join("damaged.tif"), damaged).unwrap();
+    fs::write(folder.path().join("old.goblin"), "old").unwrap();
+    std::os::unix::fs::symlink("p.tif", folder.path().join("link.tif")).unwrap();
+    let before = names(folder.path());
+    for (args, expected_code, expected) in [
+        (&["build", "none.tif", "-o", "old.goblin"][..], 1, "none.tif: cannot open"),
+        (&["build", "text.tif", "-o", "old.goblin"], 1, "text.tif: a file of this format is not supported"),
+        (&["build", "damaged.tif", "-qo", "old.goblin"], 1, "damaged.tif"),
+        (&["build", "p.tif", "-o", "p.tif"], 1, "is an input and the output"),
+        (&["build", "p.tif", "-o", "link.tif"], 1, "is an input and the output"),
+        (&["build", "p.tif", "-o", "none/p.goblin", "-q"], 1, "none/p.goblin: cannot create"),
+        (&["build", "p.tif", "-qo", "x.goblin", "--band", "2"], 1, "bands: got 2"),
+        (&["build", "p.tif", "-qo", "x.goblin", "--depth", "8"], 1, "depth: got 8"),
+        (&["build", "p.tif", "-o", "x.goblin", "--memory", "lots"], 2, "--memory"),
+        (&["build", "p.tif", "-o", "x.goblin", "--transform", "1,2"], 2, "six numbers"),
+        (&["build", "p.tif", "-o", "x.goblin", "--rule", "best"], 2, "mean, majority"),
+        (&["build", "p.tif", "-o", "x.goblin", "--threads", "0"], 2, "--threads"),
+        (&["build", "p.tif"], 2, "--output"),
+        (&["build"], 2, "INPUT"),
+        (&["plant"], 2, "plant"),
+    ] {
+        let (code, _, err) = run(args, folder.path());
+        assert_eq!(code, Some(expected_code), "{args:?}: {err}");
+        assert!(err.contains(expected), "{args:?}: {err}");
+        if expected_code == 1 {
+            assert!(err.starts_with("spinney: ") && err.lines().count() == 1, "{args:?}: {err}");
+        }
+        assert_eq!(names(folder.path()), before, "{args:?}");
+    }
+    assert_eq!(fs::read(folder.path().join("old.goblin")).unwrap(), b"old");
+    assert!(fs::read(folder.path().join("p.tif")).unwrap() == whole);
+}
+
+#[test]
+fn completions_and_help() {
+    let folder = tempfile::tempdir().unwrap();
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let (code, out, _) = run(&["completions", shell], folder.path());
+        assert!(code == Some(0) && String::from_utf8(out).unwrap().contains("spinney"), "{shell}");
+    }
+    let (code, out, _) = run(&["build", "--help"], folder.path());
+    assert!(code == Some(0) && String::from_utf8(out).unwrap().contains("Examples:"));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let folder = small();
+    let mut command = std::process::Command::new(PROGRAM);
+    command.args(["build", "p.tif", "-qo", "-"]).current_dir(folder.path());
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(141), &b""[..]));
+}
+
+fn start(mut program: std::process::Command, args: &[&str], folder: &Path) -> Child {
+    program.args(args).current_dir(folder).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+#[test]
+fn interruption_leaves_nothing() {
+    if interruptible(PROGRAM).is_none() {
+        return;
+    }
+    let input = tempfile::tempdir().unwrap();
+    let input = large(input.path(), true).canonicalize().map(|path| (path, input)).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let args = ["build", input.0.to_str().unwrap(), "-qo", "t.goblin", "--threads", "1"];
+    let interrupted = || {
+        let child = start(interruptible(PROGRAM).unwrap(), &args, folder.path());
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while names(folder.path()).is_empty() && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let pid = rustix::process::Pid::from_child(&child);
+        rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+        child.wait_with_output().unwrap()
+    };
+    // On a busy machine the program may have ended before the signal comes.
+    let outputs = std::iter::repeat_with(|| {
+        let _ = fs::remove_file(folder.path().join("t.goblin"));
+        interrupted()
+    });
+    let output =
+        outputs.take(20).find(|output| !output.status.success()).expect("one is interrupted in time");
+    let err = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(130), "{err}");
+    assert!(err.starts_with("spinney: interrupted"), "{err}");
+    assert!(names(folder.path()).is_empty());
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_stays_within_its_budget() {
+    /// The program itself, threads' stacks and the allocator's leftovers.
+    const ALLOWANCE: u64 = 32 << 20;
+    let folder = tempfile::tempdir().unwrap();
+    // Strips in so little memory go through a temporary file.
+    for (tiled, memory, budget) in [(true, "128M", 128 << 20), (false, "24M", 24 << 20)] {
+        let path = large(folder.path(), tiled);
+        let args = ["build", path.to_str().unwrap(), "-qo", "t.goblin", "--memory", memory];
+        let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &args, folder.path()));
+        assert!(peak > 0 && peak < budget + ALLOWANCE, "{} MiB with {memory}", peak >> 20);
+    }
+    // Operations on the tree of the same picture: its file is small, so what is mapped does not count for much.
+    let jobs: [&[&str]; 4] = [
+        &["transform", "t.goblin", "rotate=17", "-o", "turned.goblin"],
+        &["transform", "t.goblin", "window=101,33,30000,8000", "-o", "part.goblin"],
+        &["transform", "turned.goblin", "like=t.goblin", "-o", "like.goblin"],
+        &["combine", "xor", "t.goblin", "like.goblin", "-o", "xor.goblin"],
+    ];
+    for job in jobs {
+        let arguments = [job, &["-q", "--memory", "16M"]].concat();
+        let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &arguments, folder.path()));
+        assert!(peak < (16 << 20) + ALLOWANCE, "{} MiB for {job:?}", peak >> 20);
+    }
+}

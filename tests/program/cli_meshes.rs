@@ -1,0 +1,140 @@
+//! `spinney build` of models, as people run it.
+
+use std::path::Path;
+
+use crate::common::command::{peak_memory, spinney, stderr, stdout};
+
+/// A box of 4 x 2 x 1, as an OBJ file of polygons.
+const BOX: &str = "\
+o plate
+v 0 0 0\nv 4 0 0\nv 4 2 0\nv 0 2 0\nv 0 0 1\nv 4 0 1\nv 4 2 1\nv 0 2 1
+f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 3 4 8 7\nf 1 5 8 4\nf 2 3 7 6
+";
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn a_model_becomes_a_solid_and_comes_out_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (model, tree) = (at("plate.obj"), at("plate.goblin"));
+    std::fs::write(&model, BOX).unwrap();
+    let said =
+        stderr(spinney(&["build", text(&model), "-o", text(&tree), "--cells", "16", "--stats"]).success());
+    for part in ["16 x 8 x 4 in a tree of depth 4, each 0.25 wide", "closed", "6 read, 12 triangles"] {
+        assert!(said.contains(part), "{said}");
+    }
+    let stats = stdout(&["stats", text(&tree), "--json"]);
+    let stats: serde_json::Value = serde_json::from_str(&stats).unwrap();
+    assert_eq!(stats["cells"], 16 * 8 * 4);
+    assert!(stdout(&["verify", text(&tree)]).contains("good"));
+    assert_eq!(stdout(&["point", text(&tree), "3.9,1.9,0.9"]).trim(), "255");
+    // Out as a mesh and in again: the same cells.
+    let (mesh, again) = (at("plate.ply"), at("again.goblin"));
+    spinney(&["export", text(&tree), text(&mesh)]).success();
+    spinney(&["build", text(&mesh), "-o", text(&again), "--like", text(&tree)]).success();
+    assert_eq!(stdout(&["dump", text(&tree), "--codes"]), stdout(&["dump", text(&again), "--codes"]));
+}
+
+#[test]
+fn cells_have_units_and_fit_together() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (model, tree) = (at("plate.obj"), at("plate.goblin"));
+    std::fs::write(&model, BOX).unwrap();
+    let build = |more: &[&str]| {
+        let mut words = vec!["build", text(&model), "-o", text(&tree)];
+        words.extend(more);
+        spinney(&words)
+    };
+    let said = stderr(build(&["--cell", "5mm", "--unit", "cm"]).success());
+    assert!(said.contains("8 x 4 x 2 in a tree of depth 3, each 0.5 wide"), "{said}");
+    assert!(stderr(build(&["--cell", "5mm"]).failure()).contains("--unit"));
+    assert!(stderr(build(&["--cell", "0"]).failure()).contains("a width above zero"));
+    assert!(stderr(build(&["--cell", "1e-9"]).failure()).contains("2^19"));
+    assert!(stderr(build(&["--cells", "0"]).failure()).contains("1 to 524288"));
+    assert!(stderr(build(&["--depth", "20"]).failure()).contains("1 to 19"));
+    assert!(stderr(build(&["--attribute", "colour"]).failure()).contains("colour of a model that has none"));
+    assert!(stderr(build(&["--rule", "mean"]).failure()).contains("for pictures"));
+    assert!(stderr(build(&["--surface", "--boundary", "full"]).failure()).contains("--boundary"));
+    let quadtree = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/classic.goblin");
+    assert!(stderr(build(&["--like", quadtree]).failure()).contains("needs an octree"));
+    // The file of the one build that succeeded is still there, whole.
+    assert!(stdout(&["verify", text(&tree)]).contains("good"));
+    let picture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    let refused = spinney(&["build", picture, "-o", text(&tree), "--cells", "4"]).failure();
+    assert!(stderr(refused).contains("is no model"));
+}
+
+#[test]
+fn bad_models_are_told_and_leave_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let tree = at("x.goblin");
+    for (name, content, said) in [
+        ("missing.ply", None, "missing.ply"),
+        ("empty.ply", Some(""), "empty.ply"),
+        ("index.obj", Some("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"), "9"),
+        ("nan.obj", Some("v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"), "nan"),
+        ("none.obj", Some("v 0 0 0\nv 1 0 0\n"), "none.obj"),
+        ("flat.obj", Some("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"), "flat.obj"),
+        ("cut.stl", Some("solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0"), "cut.stl"),
+    ] {
+        let path = at(name);
+        if let Some(content) = content {
+            std::fs::write(&path, content).unwrap();
+        }
+        let error = stderr(spinney(&["build", text(&path), "-o", text(&tree)]).failure().code(1));
+        assert!(error.contains(said), "{name}: {error}");
+        assert!(!tree.exists(), "{name}");
+    }
+    let model = at("own.obj");
+    std::fs::write(&model, BOX).unwrap();
+    let error = stderr(spinney(&["build", text(&model), "-o", text(&model)]).failure());
+    assert!(error.contains("choose another output"), "{error}");
+    assert_eq!(std::fs::read_to_string(&model).unwrap(), BOX);
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert!(!left.iter().any(|name| name.to_string_lossy().contains("partial")), "{left:?}");
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_stays_within_its_budget() {
+    /// The program itself, threads' stacks and the allocator's leftovers.
+    const ALLOWANCE: u64 = 32 << 20;
+    let folder = tempfile::tempdir().unwrap();
+    // A ball of 1.2 million triangles, 60 MB, that need 60 MB in memory.
+    let steps = 774u32;
+    let point = |i: u32, j: u32| {
+        let angle = |step: u32| f64::from(step) * std::f64::consts::PI / f64::from(steps);
+        // Poles are one point, and the last meridian is the first.
+        let radius = if i.is_multiple_of(steps) { 0.0 } else { angle(i).sin() };
+        let (x, y) = (angle(2 * (j % steps)).cos(), angle(2 * (j % steps)).sin());
+        [radius * x, radius * y, angle(i).cos()].map(|number| (number * 100.0) as f32)
+    };
+    let mut bytes = vec![0; 80];
+    bytes.extend((2 * steps * steps).to_le_bytes());
+    for (i, j) in (0..steps).flat_map(|i| (0..steps).map(move |j| (i, j))) {
+        let [a, b, c, d] = [point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1)];
+        for corners in [[a, b, c], [a, c, d]] {
+            let numbers = [0.0; 3].into_iter().chain(corners.into_iter().flatten());
+            bytes.extend(numbers.flat_map(f32::to_le_bytes).chain([0, 0]));
+        }
+    }
+    let model = folder.path().join("ball.stl");
+    std::fs::write(&model, bytes).unwrap();
+    let (tree, program) = (folder.path().join("ball.goblin"), env!("CARGO_BIN_EXE_spinney"));
+    for cells in ["512", "64"] {
+        let words = ["build", text(&model), "-qo", text(&tree), "--cells", cells, "--memory", "24M"];
+        let mut child = std::process::Command::new(program).args(words).spawn().unwrap();
+        let peak = peak_memory(&mut child);
+        assert!(peak > 0 && peak < (24 << 20) + ALLOWANCE, "{} MiB at {cells}", peak >> 20);
+    }
+    let stats: serde_json::Value = serde_json::from_str(&stdout(&["stats", text(&tree), "--json"])).unwrap();
+    let volume = 4.0 / 3.0 * std::f64::consts::PI * 100f64.powi(3);
+    let found = stats["solid"]["volume"].as_f64().or(stats["volume"].as_f64()).unwrap();
+    assert!((found / volume - 1.0).abs() < 5e-3, "{found}, expected {volume}");
+}

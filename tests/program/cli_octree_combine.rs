@@ -1,0 +1,318 @@
+//! `spinney combine` on octrees that lie anywhere in one grid, against arrays of cells.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use spinney::space::Frame;
+use spinney::value::{Kind, Rule, SampleType, Value};
+use tempfile::TempDir;
+
+use crate::common::command::{spinney, stderr, stdout};
+use crate::common::octree::{frame, open, read, write};
+use crate::common::{Cells, OCT, QUAD, as_byte, assert_same, byte, made, oct, write_goblin};
+
+/// An array, and the cell of the grid that its first cell is.
+struct Placed {
+    cells: Cells,
+    at: [i64; 3],
+}
+
+impl Placed {
+    /// The value at a cell of the grid.
+    fn get(&self, cell: [i64; 3]) -> Cell {
+        self.cells.at(std::array::from_fn(|axis| cell[axis] - self.at[axis]))
+    }
+
+    fn end(&self, axis: usize) -> i64 {
+        self.at[axis] + self.cells.size[axis] as i64
+    }
+}
+
+/// The box around several: its first cell and size.
+fn around(all: &[&Placed]) -> ([i64; 3], [u64; 3]) {
+    let low = std::array::from_fn(|axis| all.iter().map(|one| one.at[axis]).min().unwrap());
+    let high = |axis: usize| all.iter().map(|one| one.end(axis)).max().unwrap();
+    (low, std::array::from_fn(|axis| (high(axis) - low[axis]) as u64))
+}
+
+/// What a rule for two cells makes of two arrays.
+fn joined(a: &Placed, b: &Placed, rule: impl Fn(Cell, Cell) -> Cell) -> Cells {
+    let (low, size) = around(&[a, b]);
+    made(OCT, size, |cell| {
+        let cell = std::array::from_fn(|axis| cell[axis] as i64 + low[axis]);
+        rule(a.get(cell), b.get(cell))
+    })
+}
+
+type Cell = Option<Value>;
+
+struct Setting {
+    folder: TempDir,
+    a: Placed,
+    b: Placed,
+}
+
+impl Setting {
+    /// Two octrees, each of which sticks out of the other, in `a.goblin` and `b.goblin`.
+    fn new() -> Setting {
+        let a = Placed { cells: Cells::random(OCT, 31, [13, 9, 11], 6, true), at: [0; 3] };
+        let b = Placed { cells: Cells::random(OCT, 33, [10, 12, 8], 6, true), at: [5, -2, 4] };
+        // Both, one, the other and neither; the same value and others: else there is little to see.
+        let kinds = joined(&a, &b, |a, b| {
+            Some(byte(match (a, b) {
+                (Some(a), Some(b)) => u8::from(a == b),
+                (Some(_), None) => 2,
+                (None, Some(_)) => 3,
+                (None, None) => 4,
+            }))
+        });
+        for kind in 0..5 {
+            let count = kinds.cells.iter().filter(|cell| **cell == Some(byte(kind))).count();
+            assert!(count > 20, "{count} cells of kind {kind}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        write(&folder.path().join("a.goblin"), &a.cells, a.at);
+        write(&folder.path().join("b.goblin"), &b.cells, b.at);
+        Setting { folder, a, b }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_string()
+    }
+
+    /// The cells of what the program makes of files.
+    fn combine(&self, operation: &str, files: &[&str], more: &[&str]) -> Cells {
+        let names: Vec<String> = files.iter().map(|file| self.name(file)).collect();
+        let out = self.name("out.goblin");
+        let mut arguments = vec!["-q", "combine", operation];
+        arguments.extend(names.iter().map(String::as_str));
+        arguments.extend(["-o", &out]);
+        arguments.extend(more);
+        spinney(&arguments).success();
+        read(Path::new(&out))
+    }
+
+    fn transform(&self, from: &str, steps: &[&str], to: &str) {
+        let names = [self.name(from), self.name(to)];
+        let mut arguments = vec!["-q", "transform", &names[0]];
+        arguments.extend(steps);
+        arguments.extend(["-o", &names[1]]);
+        spinney(&arguments).success();
+    }
+}
+
+/// What an operation makes of two cells.
+type Join = fn(Cell, Cell) -> Cell;
+
+fn number(a: Cell, b: Cell, join: fn(u8, u8) -> u8) -> Cell {
+    Some(byte(join(as_byte(a?), as_byte(b?))))
+}
+
+const OPERATIONS: [(&str, &[&str], Join); 26] = [
+    ("union", &[], |a, b| a.or(b)),
+    ("7", &["--values", "b"], |a, b| b.or(a)),
+    ("intersection", &[], |a, b| a.filter(|_| b.is_some())),
+    ("and", &["--values", "b"], |a, b| b.filter(|_| a.is_some())),
+    ("difference", &[], |a, b| a.filter(|_| b.is_none())),
+    ("b-a", &[], |a, b| b.filter(|_| a.is_none())),
+    ("xor", &[], Option::xor),
+    ("a", &[], |a, _| a),
+    // Where both are, the value is the first's unless said otherwise, also here.
+    ("b", &[], |a, b| a.or(b).filter(|_| b.is_some())),
+    ("b", &["--values", "b"], |_, b| b),
+    ("none", &[], |_, _| None),
+    ("nor", &[], |a, b| a.or(b).map_or(Some(byte(255)), |_| None)),
+    ("nor", &["--fill", "7"], |a, b| a.or(b).map_or(Some(byte(7)), |_| None)),
+    ("xnor", &["--fill", "7"], |a, b| if a.is_some() == b.is_some() { a.or(Some(byte(7))) } else { None }),
+    ("nand", &["--fill", "7"], |a, b| if a.is_some() && b.is_some() { None } else { a.or(b).or(Some(byte(7))) }),
+    ("all", &["--fill", "7"], |a, b| a.or(b).or(Some(byte(7)))),
+    ("mask", &[], |a, b| a.filter(|_| b.is_some())),
+    ("over", &[], |a, b| a.or(b)),
+    ("min", &[], |a, b| number(a, b, u8::min)),
+    ("max", &[], |a, b| number(a, b, u8::max)),
+    ("add", &[], |a, b| number(a, b, u8::saturating_add)),
+    ("subtract", &[], |a, b| number(a, b, u8::saturating_sub)),
+    ("equal", &[], |a, b| a.filter(|_| a == b)),
+    ("changed", &[], |a, b| if a == b { None } else { b.or(a) }),
+    ("not-b", &["--fill", "9"], |a, b| if b.is_some() { None } else { a.or(Some(byte(9))) }),
+    ("not-a", &["--fill", "9"], |a, b| if a.is_some() { None } else { b.or(Some(byte(9))) }),
+];
+
+#[test]
+fn octrees_side_by_side() {
+    let setting = Setting::new();
+    let (low, _) = around(&[&setting.a, &setting.b]);
+    for (operation, more, join) in OPERATIONS {
+        let found = setting.combine(operation, &["a.goblin", "b.goblin"], more);
+        let expected = joined(&setting.a, &setting.b, join);
+        assert_same(&found, &expected, &format!("{operation} {more:?}"));
+        let there = open(&setting.path("out.goblin")).metadata().frame.clone();
+        assert_eq!(there.matrix, frame().shifted(low.map(|cell| cell as f64)).matrix, "{operation}");
+    }
+}
+
+#[test]
+fn octrees_that_are_turned_or_coarse() {
+    let setting = Setting::new();
+    // However its cells are arranged, it lies where it lay.
+    for step in ["rotate=90,x", "rotate=90,y", "axes=-z,+x,-y", "mirror=z"] {
+        setting.transform("b.goblin", &[step], "turned.goblin");
+        let [(_, _, union), (_, _, subtract)] = [OPERATIONS[0], OPERATIONS[21]];
+        for (operation, join) in [("union", union), ("subtract", subtract)] {
+            let found = setting.combine(operation, &["a.goblin", "turned.goblin"], &[]);
+            assert_same(&found, &joined(&setting.a, &setting.b, join), &format!("{operation}, {step}"));
+        }
+    }
+    // Cells twice as large count as blocks of 2 x 2 x 2, whichever comes first.
+    let small = Cells::noise(OCT, 34, [4, 7, 3], 50);
+    let coarse = frame().shifted([-2.0, 3.0, 6.0]).coarser(1);
+    let path = setting.path("coarse.goblin");
+    write_goblin(&path, &small, (Rule::Mean, Kind::Continuous), coarse);
+    let fine = made(OCT, small.size.map(|cells| 2 * cells), |cell| small.get(cell.map(|cell| cell / 2)));
+    let blocks = Placed { cells: fine, at: [-2, 3, 6] };
+    for (operation, _, join) in [OPERATIONS[0], OPERATIONS[4], OPERATIONS[19]] {
+        let found = setting.combine(operation, &["a.goblin", "coarse.goblin"], &[]);
+        assert_same(&found, &joined(&setting.a, &blocks, join), &format!("{operation}, second coarse"));
+        let found = setting.combine(operation, &["coarse.goblin", "a.goblin"], &[]);
+        assert_same(&found, &joined(&blocks, &setting.a, join), &format!("{operation}, first coarse"));
+    }
+}
+
+#[test]
+fn cut_in_pieces_and_put_together() {
+    let setting = Setting::new();
+    // Cut along every axis, off the borders of nodes; the last piece lies on top of others.
+    for (name, window) in [
+        ("1.goblin", "window=0,0,0,13,9,5"),
+        ("2.goblin", "window=0,0,5,6,9,6"),
+        ("3.goblin", "window=6,0,5,7,4,6"),
+        ("4.goblin", "window=5,3,4,8,6,7"),
+    ] {
+        setting.transform("a.goblin", &[window], name);
+    }
+    let pieces = ["4.goblin", "2.goblin", "1.goblin", "3.goblin"];
+    for operation in ["union", "over"] {
+        assert_same(&setting.combine(operation, &pieces, &[]), &setting.a.cells, operation);
+    }
+    // What is nowhere is nowhere; what one of them has not is in no minimum.
+    let parts: Vec<Placed> = [([5, 3, 4], [8, 6, 7]), ([6, 0, 5], [7, 4, 6])]
+        .map(|(at, size): ([i64; 3], [u64; 3])| {
+            let cells = made(OCT, size, |cell| setting.a.get(std::array::from_fn(|i| cell[i] as i64 + at[i])));
+            Placed { cells, at }
+        })
+        .into();
+    let expected = joined(&parts[0], &parts[1], |a, b| number(a, b, u8::min));
+    assert!(expected.cells.iter().flatten().count() > 10);
+    assert_same(&setting.combine("min", &["4.goblin", "3.goblin"], &[]), &expected, "min of pieces");
+}
+
+#[test]
+fn the_complement_of_one_octree() {
+    let setting = Setting::new();
+    let expected = made(OCT, setting.a.cells.size, |cell| setting.a.cells.get(cell).map_or(Some(byte(255)), |_| None));
+    assert_same(&setting.combine("not", &["a.goblin"], &[]), &expected, "not");
+    // The ball of the fixtures has all symmetries of the cube about its middle.
+    let ball = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
+    std::fs::copy(ball, setting.path("ball.goblin")).unwrap();
+    let whole = read(&setting.path("ball.goblin"));
+    for step in ["rotate=90,x", "rotate=120,1,1,1", "rotate=180,1,0,1", "affine=1,0,0,0,0,1,0,0,0,0,-1,32"] {
+        setting.transform("ball.goblin", &[step, "--move"], "turned.goblin");
+        let left = setting.combine("xor", &["ball.goblin", "turned.goblin"], &[]);
+        assert_eq!(left.cells.iter().flatten().count(), 0, "{step}");
+    }
+    setting.transform("ball.goblin", &["translate=3,0,-5", "--move"], "moved.goblin");
+    let left = setting.combine("difference", &["ball.goblin", "moved.goblin"], &[]);
+    let [ball, moved] = [[0; 3], [3, 0, -5]].map(|at| Placed { cells: whole.clone(), at });
+    // What moves before the first cell is not seen, with all of its room.
+    let expected = joined(&ball, &moved, |a, b| a.filter(|_| b.is_none()));
+    let beyond = |cell: [u64; 3]| [cell[0], cell[1], cell[2] + 5];
+    let expected = made(OCT, [35, 32, 32], |cell| expected.get(beyond(cell)));
+    assert_same(&left, &expected, "ball without ball");
+}
+
+#[test]
+fn which_values_meet() {
+    let setting = Setting::new();
+    let mut expected: BTreeMap<(Option<u8>, Option<u8>), u64> = BTreeMap::new();
+    let (low, size) = around(&[&setting.a, &setting.b]);
+    for number in 0..size.iter().product() {
+        let cell = [number % size[0], number / size[0] % size[1], number / size[0] / size[1]];
+        let cell = std::array::from_fn(|axis| cell[axis] as i64 + low[axis]);
+        let pair = (setting.a.get(cell).map(as_byte), setting.b.get(cell).map(as_byte));
+        if pair != (None, None) {
+            *expected.entry(pair).or_default() += 1;
+        }
+    }
+    let table = stdout(&["combine", "cross", &setting.name("a.goblin"), &setting.name("b.goblin"), "--json"]);
+    let rows: Vec<serde_json::Value> = serde_json::from_str(&table).unwrap();
+    let sample = |value: &serde_json::Value| value.get(0).map(|number| number.as_f64().unwrap() as u8);
+    let found: Vec<_> = rows
+        .iter()
+        .map(|row| ((sample(&row["first"]), sample(&row["second"])), row["cells"].as_u64().unwrap()))
+        .collect();
+    assert_eq!(found, expected.into_iter().collect::<Vec<_>>());
+}
+
+#[test]
+fn octrees_that_do_not_match() {
+    let setting = Setting::new();
+    let of_mean = (Rule::Mean, Kind::Continuous);
+    let (a, b, out) = (setting.name("a.goblin"), setting.name("b.goblin"), setting.name("out.goblin"));
+    let plane = setting.name("plane.goblin");
+    let flat = Cells::random(QUAD, 7, [13, 9, 1], 6, true);
+    write_goblin(Path::new(&plane), &flat, of_mean, frame());
+    let wide = setting.name("wide.goblin");
+    let numbers = Cells::random(oct(SampleType::U16, 1), 7, [5; 3], 6, true);
+    write_goblin(Path::new(&wide), &numbers, of_mean, frame());
+    let elsewhere = setting.name("elsewhere.goblin");
+    let [here, there] = [32632, 4326].map(|epsg| Frame { epsg: Some(epsg), ..frame() });
+    let near = setting.name("near.goblin");
+    write_goblin(Path::new(&near), &setting.a.cells, of_mean, here);
+    write_goblin(Path::new(&elsewhere), &setting.a.cells, of_mean, there);
+    let before = std::fs::read(&a).unwrap();
+    let says = |arguments: &[&str], words: &[&str]| {
+        let text = stderr(spinney(arguments).code(1));
+        assert!(words.iter().all(|word| text.contains(word)), "{arguments:?}: {text}");
+        assert!(!Path::new(&out).exists(), "{arguments:?}");
+    };
+    for operation in ["union", "and", "xor", "subtract", "changed"] {
+        let words = ["plane.goblin", "quadtree of u8", "octree of u8", "a.goblin"];
+        says(&["combine", operation, &a, &plane, "-o", &out], &words);
+        says(&["combine", operation, &plane, &a, "-o", &out], &["quadtree of u8", "octree of u8"]);
+    }
+    says(&["combine", "cross", &a, &plane], &["quadtree of u8", "octree of u8"]);
+    says(&["combine", "over", &a, &b, &plane, "-o", &out], &["plane.goblin", "quadtree of u8"]);
+    says(&["combine", "union", &a, &wide, "-o", &out], &["octree of u16", "octree of u8"]);
+    says(&["combine", "union", &near, &elsewhere, "-o", &out], &["EPSG:32632", "EPSG:4326"]);
+    says(&["combine", "nor", &a, &b, "--fill", "300", "-o", &out], &["fill value", "300", "u8"]);
+    says(&["combine", "xor", &a, &b, &b, "-o", &out], &["two", "3"]);
+    says(&["combine", "subtract", &a, &setting.name("none.goblin"), "-o", &out], &["none.goblin"]);
+    // Parts of cells apart, in z alone; and the way out that the message tells.
+    let odd = setting.name("odd.goblin");
+    let apart = frame().shifted([0.0, 0.0, 0.5]);
+    write_goblin(Path::new(&odd), &setting.b.cells, of_mean, apart);
+    says(&["combine", "union", &a, &odd, "-o", &out], &["odd.goblin", "like="]);
+    setting.transform("odd.goblin", &[&format!("like={a}")], "even.goblin");
+    spinney(&["-q", "combine", "union", &a, &setting.name("even.goblin"), "-o", &out]).success();
+    std::fs::remove_file(&out).unwrap();
+    // An input as the output, by its own name or another: nothing is written.
+    let dotted = format!("{}/./a.goblin", setting.folder.path().display());
+    for output in [&a, &dotted] {
+        says(&["combine", "union", &a, &b, "-o", output], &["a.goblin", "input and the output"]);
+        says(&["combine", "union", &b, &a, "-o", output], &["a.goblin", "input and the output"]);
+        says(&["combine", "not", &a, "-o", output], &["a.goblin", "input and the output"]);
+    }
+    #[cfg(unix)]
+    {
+        let link = setting.name("link.goblin");
+        std::os::unix::fs::symlink(&a, &link).unwrap();
+        says(&["combine", "union", &a, &b, "-o", &link], &["a.goblin", "input and the output"]);
+        says(&["combine", "union", &link, &b, "-o", &a], &["link.goblin", "input and the output"]);
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+    }
+    assert!(std::fs::read(&a).unwrap() == before, "the input is as it was");
+}

@@ -1,0 +1,138 @@
+//! `spinney transform` and `spinney combine`, and questions through views.
+
+use std::path::{Path, PathBuf};
+
+use spinney::dataset;
+use spinney::store::OpenOptions;
+use tempfile::TempDir;
+
+use crate::common::command::{spinney, stderr, stdout};
+
+/// The island's classes, and a folder to work in.
+fn island() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("island.goblin");
+    let input = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    spinney(&["-q", "build", input, "-o", file.to_str().unwrap()]).success();
+    (folder, file)
+}
+
+fn cells(file: &Path) -> u64 {
+    let tree = dataset::open(file, &OpenOptions::new()).unwrap();
+    tree.statistics(None).unwrap().cells
+}
+
+/// All values of a picture, by way of raw samples.
+fn raw(file: &str, more: &[&str]) -> Vec<u8> {
+    let mut arguments = vec!["get", file, "-", "--format", "raw", "--nodata", "0"];
+    arguments.extend(more);
+    spinney(&arguments).success().get_output().stdout.clone()
+}
+
+#[test]
+fn a_view_and_the_file_made_of_it_say_the_same() {
+    let (folder, island) = island();
+    let (file, out) = (island.to_str().unwrap(), folder.path().join("out.goblin"));
+    let chains: [&[&str]; 6] = [
+        &["window=31,17,150,120"],
+        &["rotate=90", "mirror=x"],
+        &["rotate=30", "crop"],
+        &["scale=0.4"],
+        &["translate=5,7", "transpose"],
+        &["bbox=303000,3194000,307000,3198000", "rotate=-12.5", "scale=1.5"],
+    ];
+    for chain in chains {
+        let mut arguments = vec!["-q", "transform", file];
+        arguments.extend(chain);
+        arguments.extend(["-o", out.to_str().unwrap()]);
+        spinney(&arguments).success();
+        assert!(stdout(&["verify", out.to_str().unwrap()]).contains("good"), "{chain:?}");
+        let views: Vec<&str> = chain.iter().flat_map(|step| ["--view", step]).collect();
+        assert!(raw(file, &views) == raw(out.to_str().unwrap(), &[]), "{chain:?}");
+        let mut stats = vec!["stats", file];
+        stats.extend(&views);
+        assert_eq!(stdout(&stats), stdout(&["stats", out.to_str().unwrap()]), "{chain:?}");
+        let mut find = vec!["find", file, "--class", "6"];
+        find.extend(&views);
+        assert_eq!(stdout(&find), stdout(&["find", out.to_str().unwrap(), "--class", "6"]), "{chain:?}");
+    }
+    let point = stdout(&["point", file, "--view", "rotate=40", "305000,3196000"]);
+    assert_eq!(point, stdout(&["point", file, "305000,3196000"]), "it stays where it is in the world");
+}
+
+#[test]
+fn sets_and_values() {
+    let (folder, island) = island();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (a, b) = (island.to_str().unwrap().to_string(), path("b.goblin"));
+    spinney(&["-q", "transform", &a, "translate=20,11", "--move", "-o", &b]).success();
+    let combined = |operation: &str| {
+        let out = path("out.goblin");
+        spinney(&["-q", "combine", operation, &a, &b, "-o", &out]).success();
+        assert!(stdout(&["verify", &out]).contains("good"), "{operation}");
+        cells(Path::new(&out))
+    };
+    let (both, either) = (combined("and"), combined("union"));
+    let whole = (cells(&island), cells(Path::new(&b)));
+    assert_eq!(both + either, whole.0 + whole.1);
+    assert_eq!(combined("xor"), either - both);
+    assert_eq!(combined("a-b"), whole.0 - both);
+    assert_eq!(combined("4"), whole.1 - both);
+    assert_eq!(combined("equal") + combined("changed"), either);
+    assert_eq!(combined("nand") + both, 276 * 211);
+    let table = stdout(&["combine", "cross", &a, &b, "--json"]);
+    let rows: serde_json::Value = serde_json::from_str(&table).unwrap();
+    let sum: u64 = rows.as_array().unwrap().iter().map(|row| row["cells"].as_u64().unwrap()).sum();
+    assert_eq!(sum, either);
+    assert!(stdout(&["combine", "cross", &a, &b]).lines().count() > 10);
+    // Aligned by frames, whatever was cut off.
+    let (left, right, whole) = (path("left.goblin"), path("right.goblin"), path("whole.goblin"));
+    spinney(&["-q", "transform", &a, "window=0,0,101,200", "-o", &left]).success();
+    spinney(&["-q", "transform", &a, "window=101,0,155,200", "-o", &right]).success();
+    spinney(&["-q", "combine", "union", &right, &left, "-o", &whole]).success();
+    assert!(raw(&whole, &[]) == raw(&a, &[]));
+    // Coarser cells count as blocks of fine ones.
+    let coarse = path("coarse.goblin");
+    spinney(&["-q", "transform", &a, "depth=7", "-o", &coarse]).success();
+    spinney(&["-q", "combine", "mask", &a, &coarse, "-o", &whole]).success();
+    assert_eq!(cells(Path::new(&whole)), cells(&island));
+}
+
+#[test]
+fn refusals() {
+    let (folder, island) = island();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (a, out) = (island.to_str().unwrap().to_string(), path("out.goblin"));
+    let before = std::fs::read(&island).unwrap();
+    let relief = path("relief.goblin");
+    let input = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
+    spinney(&["-q", "build", input, "-o", &relief]).success();
+    let says = |arguments: &[&str], code: i32, words: &[&str]| {
+        let text = stderr(spinney(arguments).code(code));
+        assert!(words.iter().all(|word| text.contains(word)), "{arguments:?}: {text}");
+        assert!(!Path::new(&out).exists());
+    };
+    says(&["transform", &a, "crop", "-o", &a], 1, &["input and the output"]);
+    says(&["combine", "union", &relief, &a, "-o", &a], 1, &["input and the output"]);
+    says(&["transform", &a, &format!("like={relief}"), "-o", &relief], 1, &["input and the output"]);
+    says(&["combine", "union", &a, &relief, "-o", &out], 1, &["quadtree of f32", "quadtree of u8"]);
+    says(&["combine", "unite", &a, &a, "-o", &out], 2, &["no such operation"]);
+    says(&["combine", "and", &a, "-o", &out], 1, &["two"]);
+    says(&["combine", "cross", &a, &a, "-o", &out], 1, &["table"]);
+    says(&["combine", "union", &a, &a], 1, &["--output"]);
+    for step in ["spin=3", "window=1,2,3", "window=0,0,0,5", "scale=0", "rotate=x", "embed=/9", "affine=1,2"] {
+        says(&["transform", &a, step, "-o", &out], 2, &["step", step]);
+    }
+    for step in ["window=400,0,5,5", "translate=-300,0", "affine=1,1,0,1,1,0", "subtree=/0123012301", "depth=40"]
+    {
+        says(&["transform", &a, step, "-o", &out], 1, &["got", "expected"]);
+    }
+    says(&["transform", &path("none.goblin"), "-o", &out], 1, &["none.goblin", "cannot open"]);
+    // Grids that do not match, with the way out.
+    let odd = path("odd.goblin");
+    spinney(&["-q", "transform", &a, "scale=0.7", "-o", &odd]).success();
+    says(&["combine", "union", &a, &odd, "-o", &out], 1, &["odd.goblin", "like="]);
+    spinney(&["-q", "transform", &odd, &format!("like={a}"), "-o", &path("even.goblin")]).success();
+    spinney(&["-q", "combine", "union", &a, &path("even.goblin"), "-o", &out]).success();
+    assert_eq!(std::fs::read(&island).unwrap(), before);
+}

@@ -1,0 +1,14 @@
+//! The `spinney` program, as people run it.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod cli;
+#[cfg(all(unix, feature = "cli"))]
+mod cli_build;
+mod cli_edits;
+mod cli_meshes;
+mod cli_octree_combine;
+mod cli_octree_transform;
+mod cli_operations;
+mod cli_solids;
