@@ -11,18 +11,17 @@ use std::hint::black_box;
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use measuring::{Outcome, Random, median, quantile, seconds};
-use spinney::ops::{Combined, FillPatch, FillRegion, Map, Operation, View};
-use spinney::query::{Tree, open};
-use spinney::space::{Bounds, Code, Oct, Quad};
-use spinney::store::autumnal::{Autumnal, Editor, FileId, Medium, Note};
-use spinney::store::goblin::{Goblin, Layout, OpenOptions};
-use spinney::store::{File, Storage};
-use spinney::tree::{Child, Patched, Source};
-use spinney::value::{SampleType, Value};
+use spinney::dataset::{Dataset, open};
+use spinney::io::{FileId, Mapped, ReadBackend, WriteBackend};
+use spinney::ops::{Chain, Edit, FillRegion, apply_edits};
+use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::OpenOptions;
+use spinney::store::autumnal::{Autumnal, Editor, Note};
+use spinney::store::goblin::Goblin;
+use spinney::tree::{Child, Source, no_children};
 
 const CELLS: usize = 1_000_000;
 const WINDOWS: usize = 1000;
@@ -48,16 +47,7 @@ fn main() -> Outcome<()> {
             readers(&pair[1])?;
             continue;
         }
-        let tree = open(pair[0].as_ref(), &OpenOptions::default())?;
-        let (value, axes) = (tree.header().value, tree.header().axes);
-        // (The types of the usual files: all of them take minutes to compile.)
-        match (axes, value.sample, value.channels) {
-            (2, SampleType::U8, 1) => measure::<Quad, [u8; 1]>(&pair[0], &pair[1])?,
-            (2, SampleType::U8, 3) => measure::<Quad, [u8; 3]>(&pair[0], &pair[1])?,
-            (2, SampleType::I16, 1) => measure::<Quad, [i16; 1]>(&pair[0], &pair[1])?,
-            (3, SampleType::U8, 1) => measure::<Oct, [u8; 1]>(&pair[0], &pair[1])?,
-            _ => return Err(format!("no measuring of {axes} axes and {value}").into()),
-        }
+        measure(&pair[0], &pair[1])?;
     }
     Ok(())
 }
@@ -68,15 +58,16 @@ fn nanoseconds(count: usize, mut pass: impl FnMut() -> Outcome<()>) -> Outcome<f
     Ok(median(&mut times?) * 1e9 / count as f64)
 }
 
-fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
-    let options = OpenOptions::default();
-    let goblin = Goblin::<D, V>::open(goblin.as_ref(), &options)?;
-    let autumnal_path = Path::new(autumnal);
-    let autumnal = Autumnal::<D, V>::open(autumnal_path, &options)?;
-    let (depth, extent) = (goblin.header().shape.depth, goblin.header().extent);
+fn measure(goblin_path: &str, autumnal_path: &str) -> Outcome<()> {
+    let options = OpenOptions::new();
+    let goblin = Goblin::open(goblin_path.as_ref(), &options)?;
+    let autumnal = Autumnal::open(autumnal_path.as_ref(), &options)?;
+    let (form, depth, extent) = (goblin.header().form, goblin.header().depth(), goblin.header().extent);
     let mut random = Random(1);
-    let cells: Vec<Code<D>> = (0..CELLS)
-        .filter_map(|_| Code::from_cell(depth, extent.map(|cells| random.below(cells) as u32)))
+    let cells: Vec<Code> = (0..CELLS)
+        .filter_map(|_| {
+            Code::from_cell(form.dimension, depth, extent.map(|cells| random.below(cells) as u32))
+        })
         .collect();
     let a = nanoseconds(CELLS, || {
         cells.iter().try_for_each(|cell| goblin.value_at(*cell).map(|value| _ = black_box(value)))?;
@@ -88,7 +79,8 @@ fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
     })?;
     println!("  single cells     {a:8.0} ns  {b:8.0} ns  {:.2}", b / a);
 
-    let trees: [&dyn Tree; 2] = [&goblin, &autumnal];
+    let trees: [Dataset; 2] =
+        [open(goblin_path.as_ref(), &options)?, open(autumnal_path.as_ref(), &options)?];
     let windows: Vec<(u8, Bounds)> = (0..WINDOWS)
         .map(|_| {
             let level = depth - random.below(u64::from(depth.saturating_sub(8)) + 1) as u8;
@@ -100,7 +92,7 @@ fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
         .collect();
     let mut times = [0.0; 2];
     for (tree, time) in trees.iter().zip(&mut times) {
-        let mut bytes = vec![0; (SIDE * SIDE) as usize * V::TYPE.size()];
+        let mut bytes = vec![0; (SIDE * SIDE) as usize * form.width()];
         *time = nanoseconds(WINDOWS, || {
             windows
                 .iter()
@@ -122,8 +114,8 @@ fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
     let rate = |time: f64| records as f64 / time * 1e3;
     println!("  walk, {records} records: {:.1} and {:.1} million/s", rate(times[0]), rate(times[1]));
 
-    if D::AXES == 2 && extent[0] > 2 * SIDE && extent[1] > 2 * SIDE {
-        edits(&goblin, autumnal_path)?;
+    if form.dimension == Dimension::Quad && extent[0] > 2 * SIDE && extent[1] > 2 * SIDE {
+        edits(&goblin, autumnal_path.as_ref())?;
     }
     Ok(())
 }
@@ -132,13 +124,15 @@ fn measure<D: Layout, V: Value>(goblin: &str, autumnal: &str) -> Outcome<()> {
 fn walk<S: Source>(source: &S, records: &mut u64) -> Outcome<()> {
     fn node<S: Source>(source: &S, node_of: &S::Node, records: &mut u64) -> spinney::Result<()> {
         *records += 1;
-        source.each_child(node_of, |_, child| match child {
-            Child::Inner { node: below, .. } => node(source, &below, records),
-            place => {
-                black_box(place.value());
-                Ok(())
+        let mut children = no_children();
+        source.children(node_of, &mut children)?;
+        for child in &children[..source.form().children()] {
+            match child {
+                Child::Inner { node: below, .. } => node(source, below, records)?,
+                child => _ = black_box(child.value()),
             }
-        })
+        }
+        Ok(())
     }
     *records = 0;
     if let Child::Inner { node: root, .. } = source.root()? {
@@ -150,7 +144,7 @@ fn walk<S: Source>(source: &S, records: &mut u64) -> Outcome<()> {
 /// A file in the system's memory that is never synced.
 struct Unsynced(std::fs::File, std::path::PathBuf);
 
-impl Medium for Unsynced {
+impl WriteBackend for Unsynced {
     fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
         std::os::unix::fs::FileExt::write_all_at(&self.0, bytes, offset)
     }
@@ -159,8 +153,8 @@ impl Medium for Unsynced {
         Ok(())
     }
 
-    fn storage(&self) -> spinney::Result<Box<dyn Storage>> {
-        Ok(Box::new(spinney::store::Mapped::open(&self.1)?))
+    fn reader(&self) -> spinney::Result<Box<dyn ReadBackend>> {
+        Ok(Box::new(Mapped::open(&self.1)?))
     }
 
     fn id(&self) -> FileId {
@@ -168,17 +162,15 @@ impl Medium for Unsynced {
     }
 }
 
-fn edits<D: Layout, V: Value>(goblin: &Goblin<D, V>, path: &Path) -> Outcome<()> {
+fn edits(goblin: &Goblin, path: &Path) -> Outcome<()> {
     let copy = tempfile::NamedTempFile::new_in(path.parent().unwrap_or(Path::new(".")))?;
     std::fs::copy(path, copy.path())?;
     let file = std::fs::File::options().read(true).write(true).open(copy.path())?;
-    let medium = Unsynced(file, copy.path().to_path_buf());
-    let mut editor = Editor::<D, V>::on(Box::new(medium), copy.path(), 64 << 20)?;
+    let backend = Unsynced(file, copy.path().to_path_buf());
+    let mut editor = Editor::on(Box::new(backend), copy.path(), 64 << 20)?;
     let extent = goblin.header().extent;
     let mut random = Random(2);
-    let depth = goblin.header().shape.depth;
     let corner = |random: &mut Random| [random.below(extent[0] - SIDE), random.below(extent[1] - SIDE), 0];
-    let patch_file = Arc::new(File::<D, V>::open(goblin.path(), &OpenOptions::default())?);
     for what in ["a fill", "a paste", "an aligned paste"] {
         let mut times = Vec::new();
         let mut written = 0;
@@ -188,18 +180,16 @@ fn edits<D: Layout, V: Value>(goblin: &Goblin<D, V>, path: &Path) -> Outcome<()>
                 (min, from) = (min.map(|cell| cell / SIDE * SIDE), from.map(|cell| cell / SIDE * SIDE));
             }
             let bounds = Bounds { min, max: [min[0] + SIDE, min[1] + SIDE, 1] };
+            let change = if what == "a fill" {
+                Edit::Fill(FillRegion::Box(bounds), None)
+            } else {
+                // Cells of another part of the map.
+                let window = format!("window={},{},{SIDE},{SIDE}", from[0], from[1]);
+                let patch = Chain { steps: vec![window.parse()?], ..Chain::of(goblin.path()) };
+                Edit::Paste { patch, at: Some(min.map(|cell| cell as i64)), where_valid: false }
+            };
             let edit = || {
-                let patch = Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None));
-                let base = Arc::new(File::Patched(Patched::new(editor.tree(), patch)));
-                let mut views = vec![View::new(base, extent)?];
-                if what != "a fill" {
-                    // Cells of another place of the map.
-                    let part = View::new(patch_file.clone(), extent)?
-                        .window(from.map(|cell| cell as i64), [SIDE, SIDE, 1])?;
-                    let place = Map::translation(min.map(|cell| cell as f64));
-                    views.insert(0, part.onto(&place, extent)?.deepened(depth)?);
-                }
-                editor.replace(&Combined::new(views, Operation::Over, extent)?, &())?;
+                apply_edits(&mut editor, &mut [Ok(change)].into_iter(), &())?;
                 let commit = editor.commit(Note::default())?;
                 written += commit.map_or(0, |commit| commit.written.bytes);
                 Ok(())

@@ -6,14 +6,17 @@ use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use spinney::Result;
-use spinney::space::{Bounds, Code, Quad};
-use spinney::store::Output;
-use spinney::store::build::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
-use spinney::store::goblin::{Goblin, Layout, Metadata};
-use spinney::value::{Kind, Value};
-use zerocopy::IntoBytes;
+use spinney::io::Output;
+use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::goblin::Goblin;
+use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
+use spinney::tree::Form;
+use spinney::value::{Kind, SampleType, Value, ValueType};
 
 const SIDE: u64 = 4096;
+
+/// Quadtrees of bytes.
+const FORM: Form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 
 /// Pictures of `SIDE` cells per axis.
 #[derive(Clone, Copy)]
@@ -77,22 +80,12 @@ impl Slabs for Rows {
     }
 }
 
-fn build<V: Value>(rows: &mut Rows, kind: Kind) -> Vec<u8>
-where
-    Quad: Layout,
-{
+fn build(rows: &mut Rows, kind: Kind) -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("bench.goblin");
-    let options = BuildOptions {
-        rule: kind.default_rule(),
-        kind,
-        depth: depth_for(rows.extent()),
-        memory: 256 << 20,
-        metadata: Metadata::default(),
-        share: false,
-    };
+    let options = BuildOptions::new(kind, depth_for(rows.extent()));
     let output = Output::create(&path).expect("a file");
-    build_slabs::<Quad, V>(rows, None, &options, output, &()).expect("built");
+    build_slabs(FORM, rows, None, &options, output, &()).expect("built");
     std::fs::read(&path).expect("read")
 }
 
@@ -113,7 +106,7 @@ fn building(c: &mut Criterion) {
         group.bench_function(name, |b| {
             b.iter_batched_ref(
                 || Rows { picture: rows.picture.clone(), next: 0 },
-                |rows| pool.install(|| build::<[u8; 1]>(rows, kind)),
+                |rows| pool.install(|| build(rows, kind)),
                 BatchSize::PerIteration,
             );
         });
@@ -122,31 +115,27 @@ fn building(c: &mut Criterion) {
 
 fn reading(c: &mut Criterion) {
     for (name, picture, kind) in PICTURES.into_iter().skip(1) {
-        let file = Goblin::<Quad, [u8; 1]>::from_bytes(build::<[u8; 1]>(&mut Rows::new(picture), kind))
-            .expect("open");
+        let file = Goblin::from_bytes(build(&mut Rows::new(picture), kind)).expect("open");
         let depth = depth_for([SIDE, SIDE, 1]);
         let mut n = 0u64;
         let mut random = move || {
             n += 1;
             mix(n, 1)
         };
+        let code = |random: u64| {
+            let cell = [(random % SIDE) as u32, (random >> 32) as u32 % SIDE as u32, 0];
+            Code::from_cell(FORM.dimension, depth, cell).expect("inside")
+        };
         let mut group = c.benchmark_group(format!("read {name}"));
         group.throughput(Throughput::Elements(1));
         group.bench_function("cell", |b| {
-            b.iter(|| {
-                let r = random();
-                let code = Code::from_cell(depth, [(r % SIDE) as u32, (r >> 32) as u32 % SIDE as u32, 0]);
-                black_box(file.value_at(code.expect("inside")).expect("good"))
-            });
+            b.iter(|| black_box(file.value_at(code(random())).expect("good")));
         });
         group.bench_function("directory", |b| {
-            b.iter(|| {
-                let r = random();
-                let code = Code::from_cell(depth, [(r % SIDE) as u32, (r >> 32) as u32 % SIDE as u32, 0]);
-                black_box(file.find_segment(code.expect("inside")))
-            });
+            b.iter(|| black_box(file.find_segment(code(random()))));
         });
-        let mut tile = vec![[0u8; 1]; 1 << 16];
+        let mut tile = vec![0; 1 << 16];
+        let fill = Value::from([255u8]);
         group.throughput(Throughput::Elements(1 << 16));
         for level in [depth, depth - 1, depth - 2] {
             group.bench_function(format!("tile at level {level}"), |b| {
@@ -155,8 +144,8 @@ fn reading(c: &mut Criterion) {
                     let r = random();
                     let (x, y) = (r % tiles, (r >> 32) % tiles);
                     let bounds = Bounds { min: [x << 8, y << 8, 0], max: [(x + 1) << 8, (y + 1) << 8, 1] };
-                    file.window(level, &bounds, [255], &mut tile, None).expect("good");
-                    black_box(tile.as_bytes()[0])
+                    file.window(level, &bounds, fill, &mut tile, None).expect("good");
+                    black_box(tile[0])
                 });
             });
         }

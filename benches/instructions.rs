@@ -30,12 +30,12 @@ mod measuring;
 use std::path::Path;
 
 use measuring::{Outcome, Random};
-use spinney::query::{Condition, PointSamples, Tree, open};
+use spinney::dataset::Dataset;
+use spinney::query::{Condition, PointSamples};
 use spinney::space::Bounds;
-use spinney::store::goblin::OpenOptions;
 
 /// A job, and how many questions it asks unless it is told.
-type Job = (&'static str, u64, fn(&dyn Tree, u64, &mut Answers) -> Outcome<()>);
+type Job = (&'static str, u64, fn(&Dataset, u64, &mut Answers) -> Outcome<()>);
 
 const JOBS: [Job; 10] = [
     ("descent", 200_000, descent),
@@ -69,15 +69,15 @@ fn main() -> Outcome<()> {
     } else {
         let known = JOBS.iter().find(|(name, _, _)| *name == job);
         let (_, usual, run) = known.ok_or_else(|| format!("{job}: no such job"))?;
-        run(&*opened(file)?, count.unwrap_or(*usual), &mut answers)?;
+        run(&opened(file)?, count.unwrap_or(*usual), &mut answers)?;
     }
     println!("{:016x}", answers.0);
     Ok(())
 }
 
 /// All that is asked of the library besides questions.
-fn opened(path: &Path) -> spinney::Result<Box<dyn Tree>> {
-    open(path, &OpenOptions::default())
+fn opened(path: &Path) -> spinney::Result<Dataset> {
+    spinney::open(path)
 }
 
 /// A number that depends on all answers and on their order.
@@ -103,7 +103,7 @@ fn cell(extent: [u64; 3], random: &mut Random) -> [u64; 3] {
     extent.map(|cells| if cells > 1 { random.below(cells) } else { 0 })
 }
 
-fn descent(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn descent(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let (extent, depth) = (tree.header().extent, tree.depth());
     let mut random = Random(1);
     let mut value = [0.0; 4];
@@ -114,7 +114,7 @@ fn descent(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
     Ok(())
 }
 
-fn coarse(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn coarse(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let extents: Vec<_> = (0..=tree.depth()).map(|level| tree.extent_at(level).max).collect();
     let mut random = Random(2);
     let mut value = [0.0; 4];
@@ -126,7 +126,7 @@ fn coarse(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
     Ok(())
 }
 
-fn points(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn points(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let extent = tree.header().extent;
     let mut random = Random(3);
     let cells: Vec<_> = (0..count).map(|_| cell(extent, &mut random)).collect();
@@ -139,18 +139,18 @@ fn points(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
 }
 
 fn windows(
-    tree: &dyn Tree,
+    tree: &Dataset,
     count: u64,
     aligned: bool,
     with_flags: bool,
     answers: &mut Answers,
 ) -> Outcome<()> {
-    let axes = usize::from(tree.header().axes);
+    let axes = tree.header().form.axes();
     let log: u8 = if axes == 2 { 8 } else { 5 };
     let side = 1u64 << log;
     let sides: [u64; 3] = std::array::from_fn(|axis| if axis < axes { side } else { 1 });
     let cells = sides.iter().product::<u64>() as usize;
-    let mut bytes = vec![0; cells * tree.header().value.size()];
+    let mut bytes = vec![0; cells * tree.header().form.width()];
     let mut flags = vec![false; cells];
     let mut random = Random(4);
     let coarsest = log.min(tree.depth());
@@ -173,14 +173,14 @@ fn windows(
 }
 
 /// A box between two cells of the picture.
-fn cuboid(tree: &dyn Tree, random: &mut Random) -> Bounds {
+fn cuboid(tree: &Dataset, random: &mut Random) -> Bounds {
     let extent = tree.header().extent;
     let (a, b) = (cell(extent, random), cell(extent, random));
     let ends: [_; 3] = std::array::from_fn(|axis| (a[axis].min(b[axis]), a[axis].max(b[axis]) + 1));
     Bounds { min: ends.map(|(min, _)| min), max: ends.map(|(_, max)| max) }
 }
 
-fn walk(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn walk(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut random = Random(5);
     for _ in 0..count {
         let statistics = tree.statistics(Some(cuboid(tree, &mut random)))?;
@@ -193,7 +193,7 @@ fn walk(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
     Ok(())
 }
 
-fn histogram(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn histogram(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut random = Random(6);
     let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
     for _ in 0..count {
@@ -203,7 +203,7 @@ fn histogram(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> 
     Ok(())
 }
 
-fn find(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let mut random = Random(7);
     let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
     let condition = Condition::Above((low + high) / 2.0);
@@ -219,7 +219,7 @@ fn find(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
     Ok(())
 }
 
-fn solid(tree: &dyn Tree, count: u64, answers: &mut Answers) -> Outcome<()> {
+fn solid(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     for _ in 0..count {
         let solid = tree.solid(tree.depth(), &())?;
         answers.add(solid.cells);

@@ -14,11 +14,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use measuring::{Outcome, Random, median, quantile, seconds};
-use spinney::query::open;
-use spinney::space::{Bounds, Code, Oct, Quad};
-use spinney::store::goblin::{Goblin, Layout, OpenOptions};
+use spinney::space::{Bounds, Code, Dimension};
+use spinney::store::OpenOptions;
+use spinney::store::goblin::Goblin;
 use spinney::value::Value;
-use spinney::with_value_type;
 
 const SIDE: u64 = 256;
 const WINDOWS: usize = 4000;
@@ -48,51 +47,42 @@ fn main() -> Outcome<()> {
     }
     for file in &files {
         let path = Path::new(file);
-        let (value, axes) = {
-            let tree = open(path, &OpenOptions::default())?;
-            (tree.header().value, tree.header().axes)
-        };
-        if axes == 3 {
-            println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
-            with_value_type!(value, V => points(&Goblin::<Oct, V>::open(path, &OpenOptions::default())?)?, else return Err("unknown type of values".into()));
-            continue;
+        let tree = Goblin::open(path, &OpenOptions::new())?;
+        println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
+        match tree.header().form.dimension {
+            Dimension::Quad => measure(&tree, listed.as_deref(), only.as_deref())?,
+            Dimension::Oct => points(&tree)?,
         }
-        with_value_type!(value, V => measure::<V>(path, listed.as_deref(), only.as_deref())?, else return Err("unknown type of values".into()));
     }
     Ok(())
 }
 
-fn measure<V: Value>(path: &Path, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()>
-where
-    Quad: spinney::store::goblin::Layout,
-{
-    let tree = Goblin::<Quad, V>::open(path, &OpenOptions::default())?;
-    println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
+fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
     let asked = |question: &str| only.is_none_or(|only| only == question);
-    let depth = tree.header().shape.depth;
+    let depth = tree.header().depth();
     if asked("windows") {
         let listed = listed.map(|listed| {
             listed.iter().map(|[up, column, row]| (depth - *up as u8, window_from([*column, *row]))).collect()
         });
-        windows(&tree, "aligned", &listed.unwrap_or_else(|| random_windows(&tree, true)))?;
+        windows(tree, "aligned", &listed.unwrap_or_else(|| random_windows(tree, true)))?;
     }
     if asked("unaligned") {
-        windows(&tree, "unaligned", &random_windows(&tree, false))?;
+        windows(tree, "unaligned", &random_windows(tree, false))?;
     }
     if asked("cells") {
-        cells(&tree)?;
+        cells(tree)?;
     }
     if asked("points") {
-        points(&tree)?;
+        points(tree)?;
     }
     if asked("statistics") {
-        statistics(&tree)?;
+        statistics(tree)?;
     }
     Ok(())
 }
 
-fn extent<V: Value>(tree: &Goblin<Quad, V>, level: u8) -> [u64; 2] {
-    let shift = tree.header().shape.depth - level;
+fn extent(tree: &Goblin, level: u8) -> [u64; 2] {
+    let shift = tree.header().depth() - level;
     [0, 1].map(|axis| tree.header().extent[axis].div_ceil(1 << shift))
 }
 
@@ -112,8 +102,8 @@ fn window_from([column, row]: [u64; 2]) -> Bounds {
 }
 
 /// Windows at random places of random levels with more than one window.
-fn random_windows<V: Value>(tree: &Goblin<Quad, V>, aligned: bool) -> Vec<(u8, Bounds)> {
-    let depth = tree.header().shape.depth;
+fn random_windows(tree: &Goblin, aligned: bool) -> Vec<(u8, Bounds)> {
+    let depth = tree.header().depth();
     let first = 8.min(depth);
     let mut random = Random(1);
     let mut one = || {
@@ -138,11 +128,10 @@ struct Level {
     segments: usize,
 }
 
-fn windows<V: Value>(tree: &Goblin<Quad, V>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
-    let depth = tree.header().shape.depth;
+fn windows(tree: &Goblin, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
+    let depth = tree.header().depth();
     let first = places.iter().map(|(level, _)| *level).min().unwrap_or(depth);
-    let fill = V::from_channels(|_| Default::default());
-    let mut values = vec![fill.to_wire(); (SIDE * SIDE) as usize];
+    let mut bytes = vec![0; (SIDE * SIDE) as usize * tree.header().form.width()];
     let mut rates = Vec::new();
     // A window's time is the median of the passes: other processes interrupt now and then.
     let mut times = vec![[0.0; PASSES]; places.len()];
@@ -151,8 +140,8 @@ fn windows<V: Value>(tree: &Goblin<Quad, V>, name: &str, places: &[(u8, Bounds)]
         let took = seconds(|| {
             for ((level, bounds), times) in places.iter().zip(&mut times) {
                 let start = Instant::now();
-                let segments = tree.window(*level, bounds, fill, &mut values, None)?;
-                black_box(&values);
+                let segments = tree.window(*level, bounds, Value::ZERO, &mut bytes, None)?;
+                black_box(&bytes);
                 if pass > 0 {
                     times[pass - 1] = start.elapsed().as_secs_f64() * 1e6;
                 }
@@ -195,8 +184,8 @@ fn windows<V: Value>(tree: &Goblin<Quad, V>, name: &str, places: &[(u8, Bounds)]
     Ok(())
 }
 
-fn cells<V: Value>(tree: &Goblin<Quad, V>) -> Outcome<()> {
-    let depth = tree.header().shape.depth;
+fn cells(tree: &Goblin) -> Outcome<()> {
+    let (dimension, depth) = (tree.header().form.dimension, tree.header().depth());
     let [width, height] = extent(tree, depth);
     let mut random = Random(2);
     let places: Vec<[u32; 3]> =
@@ -205,7 +194,7 @@ fn cells<V: Value>(tree: &Goblin<Quad, V>) -> Outcome<()> {
     for pass in 0..=PASSES {
         let took = seconds(|| {
             for cell in &places {
-                let code = Code::from_cell(depth, *cell).ok_or("inside")?;
+                let code = Code::from_cell(dimension, depth, *cell).ok_or("inside")?;
                 black_box(tree.value_at(code)?);
             }
             Ok(())
@@ -218,18 +207,18 @@ fn cells<V: Value>(tree: &Goblin<Quad, V>) -> Outcome<()> {
     Ok(())
 }
 
-fn points<D: Layout, V: Value>(tree: &Goblin<D, V>) -> Outcome<()> {
-    let depth = tree.header().shape.depth;
-    let side = |axis: usize| if axis < D::AXES { 1u64 << depth } else { 1 };
+fn points(tree: &Goblin) -> Outcome<()> {
+    let (dimension, depth) = (tree.header().form.dimension, tree.header().depth());
+    let space = Bounds::space(dimension, depth).max;
     let mut random = Random(4);
     let places: Vec<[u32; 3]> =
-        (0..POINTS).map(|_| std::array::from_fn(|axis| random.below(side(axis)) as u32)).collect();
+        (0..POINTS).map(|_| std::array::from_fn(|axis| random.below(space[axis]) as u32)).collect();
     let mut values = vec![None; POINTS];
     let (mut single, mut many) = (Vec::new(), Vec::new());
     for pass in 0..=PASSES {
         let took = seconds(|| {
             for cell in &places[..CELLS] {
-                let code = Code::from_cell(depth, *cell).ok_or("inside")?;
+                let code = Code::from_cell(dimension, depth, *cell).ok_or("inside")?;
                 black_box(tree.value_at(code)?);
             }
             Ok(())
@@ -242,21 +231,16 @@ fn points<D: Layout, V: Value>(tree: &Goblin<D, V>) -> Outcome<()> {
         }
     }
     for (cell, value) in places.iter().zip(&values).step_by(97) {
-        let expected = tree.value_at(Code::from_cell(depth, *cell).ok_or("inside")?)?;
-        let same = match (expected, value) {
-            (Some(expected), Some(value)) => expected.same(*value),
-            (None, None) => true,
-            _ => false,
-        };
-        assert!(same, "{cell:?}");
+        let expected = tree.value_at(Code::from_cell(dimension, depth, *cell).ok_or("inside")?)?;
+        assert_eq!(expected, *value, "{cell:?}");
     }
     let (single, many) = (median(&mut single), median(&mut many));
     println!("  random points: {single:.1} million/s one by one, {many:.1} million/s of {POINTS} at once");
     Ok(())
 }
 
-fn statistics<V: Value>(tree: &Goblin<Quad, V>) -> Outcome<()> {
-    let [width, height] = extent(tree, tree.header().shape.depth);
+fn statistics(tree: &Goblin) -> Outcome<()> {
+    let [width, height] = extent(tree, tree.header().depth());
     let side = BOX_SIDE.min(width / 2).min(height / 2);
     let mut random = Random(3);
     let places: Vec<Bounds> = (0..BOXES)

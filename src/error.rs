@@ -11,13 +11,14 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system refused an operation on a file.
-    #[error("{}: cannot {doing}: {cause}", path.display())]
+    #[error("{}: cannot {doing}", path.display())]
     Io {
         /// The file (or `-` for a standard stream).
         path: PathBuf,
         /// What was being done, as a verb phrase: "open", "write the directory".
         doing: &'static str,
         /// The operating system's answer.
+        #[source]
         cause: io::Error,
     },
     /// The file's bytes break the rules of its format.

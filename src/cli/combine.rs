@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
-use spinney::ops::{self, Operation, Prefer};
 use spinney::io::Output;
+use spinney::ops::{self, Operation, Prefer};
 
-use super::output::{check_output, tell_output};
-use super::progress::Work;
-use super::{Global, Result, print_json, print_text, quantity};
+use super::Global;
+use super::args::{Memory, OperationName, check_output, parse_operation};
+use super::report::{Work, print_json, print_text, report_output};
 
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
 ///
@@ -20,16 +20,16 @@ use super::{Global, Result, print_json, print_text, quantity};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// What to do: see below
-    #[arg(value_parser = known)]
-    operation: String,
+    /// Operation: see below
+    #[arg(value_parser = parse_operation)]
+    operation: OperationName,
     /// Tree files of one kind
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// The file to make; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
-    /// Whose value stands where a set operation finds both: a or b
+    /// The tree whose value stands where a set operation finds both: a or b
     #[arg(long, value_name = "WHOSE", default_value = "a", value_parser = ["a", "b", "first", "second"])]
     values: String,
     /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
@@ -38,9 +38,8 @@ pub(crate) struct Args {
     /// Print the table of `cross` as JSON
     #[arg(long)]
     json: bool,
-    /// Memory to use, such as 256M or 2G
-    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
-    memory: u64,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 const EXAMPLES: &str = "\
@@ -67,77 +66,41 @@ Examples:
   spinney combine cross 2020.goblin 2025.goblin
   spinney combine not part.goblin -o mould.goblin";
 
-/// The sixteen by name, and other names for some.
-const SETS: [(u8, &[&str]); 16] = [
-    (0, &["none"]),
-    (1, &["and", "intersection"]),
-    (2, &["a-b", "difference"]),
-    (3, &["a"]),
-    (4, &["b-a"]),
-    (5, &["b"]),
-    (6, &["xor"]),
-    (7, &["or", "union"]),
-    (8, &["nor"]),
-    (9, &["xnor"]),
-    (10, &["not-b"]),
-    (11, &["a|!b"]),
-    (12, &["not", "not-a", "complement"]),
-    (13, &["b|!a"]),
-    (14, &["nand"]),
-    (15, &["all"]),
-];
-
-pub(super) fn operation(name: &str, files: usize, prefer: Prefer) -> Option<Operation> {
-    let by_number = name.parse().ok().filter(|number| *number < 16);
-    let by_name = SETS.iter().find(|(_, names)| names.contains(&name)).map(|(number, _)| *number);
-    Some(match (name, by_number.or(by_name)) {
-        (_, Some(7)) if files != 2 && prefer == Prefer::First => Operation::Over,
-        (_, Some(number)) => Operation::Set { number, prefer },
-        ("over", _) => Operation::Over,
-        ("mask", _) => Operation::Set { number: 1, prefer: Prefer::First },
-        ("min", _) => Operation::Min,
-        ("max", _) => Operation::Max,
-        ("add", _) => Operation::Add,
-        ("subtract", _) => Operation::Subtract,
-        ("equal", _) => Operation::Equal,
-        ("changed", _) => Operation::Changed,
-        _ => return None,
+/// The operation of a name on so many files.
+fn operation_on(name: &OperationName, prefer: Prefer, files: usize) -> Result<Operation> {
+    let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
+    Ok(match operation {
+        // Two trees have a union, of which one chooses the values; that of any number is the first over the others.
+        Operation::Set { number: 7, prefer: Prefer::First } if files != 2 => Operation::Over,
+        operation => operation,
     })
 }
 
-/// A name that means something.
-pub(super) fn known(name: &str) -> Result<String, String> {
-    let is_known = name == "cross" || operation(name, 2, Prefer::First).is_some();
-    is_known.then(|| name.to_string()).ok_or_else(|| "no such operation; see the list in --help".into())
-}
-
-pub(crate) fn run(args: Args, global: &Global) -> Result {
+pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Args { operation: name, files, output, values, fill, json, memory } = args;
-    if name == "cross" {
+    if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
         return table(&files, json);
     }
     ensure!(!json, "--json is for the table of cross");
     let prefer = if values == "a" || values == "first" { Prefer::First } else { Prefer::Second };
-    let Some(operation) = operation(&name, files.len(), prefer) else {
-        bail!("{name}: no such operation");
-    };
+    let operation = operation_on(&name, prefer, files.len())?;
     let path = output.context("--output is missing: where should the result go?")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;
     let work = Work::start(global, "cells")?;
-    let outcome = ops::combine(operation, fill, &files, Output::create(&path)?, memory, &work)?;
+    let outcome = ops::combine(operation, fill, &files, Output::create(&path)?, memory.bytes, &work)?;
     work.finish();
     for (file, cells) in files.iter().zip(&outcome.before) {
-        global.say(format_args!("{:<10} {}: {cells} cells", "input", file.display()));
+        global.report("input", format_args!("{}: {cells} cells", file.display()));
     }
-    global.say(format_args!("{:<10} {} cells, depth {}", "result", outcome.after, outcome.depth));
-    tell_output(global, &path, start);
+    global.report("result", format_args!("{} cells, depth {}", outcome.after, outcome.depth));
+    report_output(global, &path, start);
     Ok(())
 }
 
-/// The table of pairs.
-fn table(files: &[PathBuf], json: bool) -> Result {
+/// Prints the table of pairs.
+fn table(files: &[PathBuf], json: bool) -> Result<()> {
     let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
     let pairs = ops::cross_files(first, second)?;
     if json {

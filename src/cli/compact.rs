@@ -1,15 +1,16 @@
-//! `spinney compact`: less history, less room.
+//! `spinney compact`: a file without older commits.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use spinney::ops;
+use anyhow::Result;
 use spinney::io::Output;
+use spinney::ops;
 use spinney::store::autumnal::Keep;
 
-use super::output::{check_output, tell_output};
-use super::progress::Work;
-use super::{Global, Result, history, quantity};
+use super::Global;
+use super::args::{Memory, check_output};
+use super::report::{Work, commit, report_output};
 
 /// Write some commits of an Autumnal file to a new one, without the room that the others took.
 ///
@@ -22,7 +23,7 @@ pub(crate) struct Args {
     /// The file to make
     #[arg(short, long, value_name = "OUT.autumn")]
     output: PathBuf,
-    /// How many commits stay, the newest ones
+    /// Number of commits that stay, the newest ones
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
     keep: u64,
     /// The commits that stay, by their numbers
@@ -31,9 +32,8 @@ pub(crate) struct Args {
     /// Store equal subtrees once, from now on
     #[arg(long)]
     share: bool,
-    /// Memory to use, such as 256M or 2G
-    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
-    memory: u64,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 const EXAMPLES: &str = "\
@@ -42,17 +42,17 @@ Examples:
   spinney compact map.autumn -o small.autumn --keep 10 --share
   spinney compact map.autumn -o releases.autumn --commits 1,12,40";
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     check_output([Path::new(&args.file)], &args.output)?;
     let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
     let work = Work::start(global, "cells")?;
     let output = Output::create(&args.output)?;
-    let commits = ops::compact_file(&args.file, &keep, args.share, output, args.memory, &work)?;
+    let commits = ops::compact_file(&args.file, &keep, args.share, output, args.memory.bytes, &work)?;
     work.finish();
-    for commit in &commits {
-        global.say(format_args!("{:<10} {}: {}", "commit", commit.number, history::written(commit)));
+    for written in &commits {
+        global.report("commit", format_args!("{}: {}", written.number, commit::written(written)));
     }
-    tell_output(global, &args.output, start);
+    report_output(global, &args.output, start);
     Ok(())
 }

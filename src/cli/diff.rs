@@ -4,14 +4,15 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use anyhow::Result;
 use serde_json::json;
 use spinney::Error;
-use spinney::ops::{self, Operation};
 use spinney::io::Output;
+use spinney::ops::{self, Operation};
 
-use super::output::{check_output, tell_output};
-use super::progress::Work;
-use super::{Global, Result, print_json, print_text, quantity};
+use super::Global;
+use super::args::{Memory, check_output};
+use super::report::{Work, print_json, print_text, report_output};
 
 /// Tell where two trees differ, most often two commits of one file.
 ///
@@ -32,9 +33,8 @@ pub(crate) struct Args {
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Memory to use, such as 256M or 2G
-    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
-    memory: u64,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 const EXAMPLES: &str = "\
@@ -43,7 +43,7 @@ Examples:
   spinney diff map.autumn@3 map.autumn@5 --ranges > changed.txt
   spinney diff 2020.goblin 2025.goblin -o changes.goblin";
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let paths = [args.first.as_path(), &args.second];
     let mut out = std::io::BufWriter::new(std::io::stdout().lock());
@@ -72,8 +72,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result {
     check_output(paths, output)?;
     let files = paths.map(Path::to_path_buf);
     let work = Work::start(global, "cells")?;
-    ops::combine(Operation::Changed, None, &files, Output::create(output)?, args.memory, &work)?;
+    ops::combine(Operation::Changed, None, &files, Output::create(output)?, args.memory.bytes, &work)?;
     work.finish();
-    tell_output(global, output, start);
+    report_output(global, output, start);
     Ok(())
 }

@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 
-use super::print_text;
-use super::viewed::Viewed;
+use super::args::Viewed;
+use super::report::print_text;
 
 const EXAMPLES: &str = "Examples:
   spinney dump classic.goblin            the literature's table

@@ -2,21 +2,24 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use clap::Subcommand;
+use spinney::dataset::Dataset;
 use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
-use spinney::ops::{Chain, Edit, FillRegion, Polygon, Step, edit};
-use spinney::dataset::Dataset;
-use spinney::space::Code;
 use spinney::io::Output;
+use spinney::ops::{Chain, Edit, FillRegion, Polygon, Prefer, Step, apply_edits};
+use spinney::space::Code;
+use spinney::store::autumnal::Editor;
 use spinney::store::file_is_tree;
 
-use super::history::{self, Told};
-use super::place::Part;
-use super::progress::Work;
-use super::viewed::step;
-use super::{Global, Result, combine, open};
+use super::args::{
+    CommitOptions, Cuboid, OperationName, Part, numbers, parse_cuboid, parse_operation, parse_step,
+    same_file, to_cells,
+};
+use super::report::Work;
+use super::report::commit::report_commit;
+use super::{Global, open};
 
 /// Change a tree in place: a commit more, and the old ones stay.
 ///
@@ -42,7 +45,7 @@ Examples:
   spinney log map.autumn
   spinney revert map.autumn 3";
 
-/// A new kind of change is a line here and one in [`Change::edits`].
+/// Changes: a new one is a line here and one in [`Change::options`] and in [`Change::edits`].
 #[derive(Subcommand)]
 enum Change {
     Paste(Paste),
@@ -57,16 +60,16 @@ struct Paste {
     /// Tree file or picture, of the same kind of values
     patch: PathBuf,
     /// The cell that its first one goes to [default: where it lies in the world]
-    #[arg(long, value_name = "COL,ROW[,Z]", value_parser = cell, allow_hyphen_values = true)]
+    #[arg(long, value_name = "COL,ROW[,Z]", value_parser = parse_cell, allow_hyphen_values = true)]
     at: Option<[i64; 3]>,
     /// Look at it through a step of `transform`, such as rotate=30; may be given several times
-    #[arg(long = "view", value_name = "STEP", value_parser = step)]
+    #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     /// Leave the tree as it is where the patch is VOID
     #[arg(long)]
     where_valid: bool,
     #[command(flatten)]
-    told: Told,
+    options: CommitOptions,
 }
 
 /// Give a region one value, or make it VOID
@@ -76,8 +79,8 @@ struct Fill {
     #[command(flatten)]
     part: Part,
     /// Box of an octree's cells: corner and edges
-    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = super::slice::parse_box, conflicts_with_all = ["window", "bbox"])]
-    cuboid: Option<[f64; 6]>,
+    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, conflicts_with_all = ["window", "bbox"])]
+    cuboid: Option<Cuboid>,
     /// Polygon, in world coordinates: corners X,Y with blanks between, rings with semicolons; a hole is a ring, too
     #[arg(long, value_name = "X,Y X,Y ...", allow_hyphen_values = true, conflicts_with_all = ["window", "bbox", "cuboid"])]
     polygon: Option<String>,
@@ -93,11 +96,11 @@ struct Fill {
         group = "what"
     )]
     value: Option<Vec<f64>>,
-    /// Nothing is there any more
+    /// VOID instead of a value: nothing is there any more
     #[arg(long, group = "what")]
     void: bool,
     #[command(flatten)]
-    told: Told,
+    options: CommitOptions,
 }
 
 /// Give many single cells new values
@@ -106,27 +109,25 @@ struct Set {
     /// Lines `X,Y,VALUE` or `X,Y,void` (octrees: X,Y,Z first), or a NumPy array with such rows; - is standard input
     cells: PathBuf,
     #[command(flatten)]
-    told: Told,
+    options: CommitOptions,
 }
 
 /// Do a set operation with another tree, which lies where it lies in the world
 #[derive(clap::Args)]
 struct Apply {
-    /// What to do, as in `spinney combine`: union, a-b, min, ...; A is the file
-    #[arg(value_parser = combine::known)]
-    operation: String,
+    /// Operation, as in `spinney combine`: union, a-b, min, ...; A is the file
+    #[arg(value_parser = parse_operation)]
+    operation: OperationName,
     /// The other tree file
     other: PathBuf,
     #[command(flatten)]
-    told: Told,
+    options: CommitOptions,
 }
 
-pub(crate) fn run(args: Args, global: &Global) -> Result {
+pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let Args { file, change } = args;
-    let told = match &change {
-        Change::Paste(Paste { told, .. }) | Change::Fill(Fill { told, .. }) => told.clone(),
-        Change::Set(Set { told, .. }) | Change::Apply(Apply { told, .. }) => told.clone(),
-    };
+    let options = change.options().clone();
+    let memory = options.memory.bytes;
     ensure!(
         change.other().is_none_or(|other| !same_file(other, &file)),
         "{}: is edited and pasted; name a commit, as in {}@1",
@@ -134,93 +135,103 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
         file.display()
     );
     let work = Work::start(global, "cells")?;
-    let (edits, _patch) = change.edits(&file, told.memory, &work)?;
-    let note = told.note(edits.1);
-    let commit = edit(&file, edits.0, note, told.memory, &work)?;
+    // A picture becomes a tree before the file is locked: others can edit it meanwhile.
+    let picture = match &change {
+        Change::Paste(paste) if !file_is_tree(&paste.patch) => {
+            Some(Picture::import(&paste.patch, &file, memory, &work)?)
+        }
+        _ => None,
+    };
+    let mut editor = Editor::open(&file, memory)?;
+    let (mut edits, message) = change.edits(&Dataset::of(editor.tree().into())?, picture.as_ref())?;
+    let note = options.note(message);
+    apply_edits(&mut editor, &mut edits, &work)?;
+    let commit = editor.commit(note)?;
     work.finish();
-    history::tell_commit(global, commit.as_ref());
+    report_commit(global, commit.as_ref());
     Ok(())
 }
 
-/// Whether both are the newest commit of one file.
-fn same_file(a: &Path, b: &Path) -> bool {
-    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
-}
-
-/// Changes, one after the other, and a message about them; a file that must stay until they are done.
-type Edits = ((Box<dyn Iterator<Item = spinney::Result<Edit>>>, String), Option<tempfile::TempDir>);
+/// Changes, one after the other.
+type Edits = Box<dyn Iterator<Item = spinney::Result<Edit>>>;
 
 impl Change {
+    fn options(&self) -> &CommitOptions {
+        match self {
+            Change::Paste(Paste { options, .. }) | Change::Fill(Fill { options, .. }) => options,
+            Change::Set(Set { options, .. }) | Change::Apply(Apply { options, .. }) => options,
+        }
+    }
+
+    /// The other tree, if there is one.
     fn other(&self) -> Option<&Path> {
         match self {
             Change::Paste(paste) => Some(&paste.patch),
             Change::Apply(apply) => Some(&apply.other),
-            _ => None,
+            Change::Fill(_) | Change::Set(_) => None,
         }
     }
 
-    fn edits(self, file: &Path, memory: u64, work: &Work) -> Result<Edits> {
-        let one = |edit, message: String| -> Result<Edits> {
-            Ok(((Box::new(std::iter::once(Ok(edit))), message), None))
-        };
-        match self {
+    /// Changes to a tree, and a message about them. A picture to be pasted has been imported already.
+    fn edits(self, tree: &Dataset, picture: Option<&Picture>) -> Result<(Edits, String)> {
+        let (edit, message) = match self {
             Change::Paste(Paste { patch, at, steps, where_valid, .. }) => {
-                let message = format!("Paste {}", patch.display());
-                let (path, folder) =
-                    if file_is_tree(&patch) { (patch, None) } else { picture(&patch, file, memory, work)? };
-                let patch = Chain { steps, ..Chain::of(&path) };
-                let edit = Edit::Paste { patch, at, where_valid };
-                Ok(((Box::new(std::iter::once(Ok(edit))), message), folder))
+                let path = picture.map_or(patch.as_path(), |picture| &picture.tree);
+                let chain = Chain { steps, ..Chain::of(path) };
+                (Edit::Paste { patch: chain, at, where_valid }, format!("Paste {}", patch.display()))
             }
             Change::Fill(fill) => {
-                let tree = open(file)?;
-                let (region, name) = fill.region(&tree)?;
+                let (region, name) = fill.region(tree)?;
                 let value = fill.value.filter(|_| !fill.void);
                 let what = value.as_ref().map_or("VOID".into(), |value| format!("{value:?}"));
-                one(Edit::Fill(region, value), format!("Fill {name} with {what}"))
+                (Edit::Fill(region, value), format!("Fill {name} with {what}"))
             }
             Change::Set(Set { cells, .. }) => {
-                let list = CellList::open(&cells, open(file)?.header())?;
-                let edits = list.map(|batch| batch.map(Edit::Set));
-                Ok(((Box::new(edits), format!("Set cells of {}", cells.display())), None))
+                let batches = CellList::open(&cells, tree.header())?;
+                let edits = batches.map(|batch| batch.map(Edit::Set));
+                return Ok((Box::new(edits), format!("Set cells of {}", cells.display())));
             }
             Change::Apply(Apply { operation: name, other, .. }) => {
-                let operation = combine::operation(&name, 2, spinney::ops::Prefer::First);
+                let operation = name.operation(Prefer::First);
                 let operation =
-                    operation.with_context(|| format!("{name}: no operation that makes a tree"))?;
-                let message = format!("Apply {name} of {}", other.display());
-                one(Edit::Apply(operation, other), message)
+                    operation.with_context(|| format!("{}: no operation that makes a tree", name.0))?;
+                let message = format!("Apply {} of {}", name.0, other.display());
+                (Edit::Apply(operation, other), message)
             }
-        }
+        };
+        Ok((Box::new(std::iter::once(Ok(edit))), message))
     }
 }
 
-/// A picture as a tree that can be pasted.
-fn picture(
-    path: &Path,
-    file: &Path,
-    memory: u64,
-    work: &Work,
-) -> Result<(PathBuf, Option<tempfile::TempDir>)> {
-    let tree = open(file)?;
-    let header = tree.header();
-    ensure!(
-        header.form.axes() == 2,
-        "{}: is no tree file, and pictures cannot be pasted into octrees",
-        path.display()
-    );
-    let options = ImportOptions {
-        kind: Some(header.kind),
-        rule: Some(header.rule),
-        memory: Some(memory),
-        ..ImportOptions::default()
-    };
-    let folder = tempfile::Builder::new().prefix("spinney-").tempdir_in(
-        file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new(".")),
-    )?;
-    let patch = folder.path().join("patch.goblin");
-    raster::plan(&[path.to_path_buf()], &options)?.build(Output::create(&patch)?, work)?;
-    Ok((patch, Some(folder)))
+/// A picture as a tree that can be pasted, in a folder that goes when this does.
+struct Picture {
+    tree: PathBuf,
+    _folder: tempfile::TempDir,
+}
+
+impl Picture {
+    /// Makes a tree like that in a file of a picture.
+    fn import(path: &Path, file: &Path, memory: u64, work: &Work) -> Result<Picture> {
+        let like = open(file)?;
+        let header = like.header();
+        ensure!(
+            header.form.axes() == 2,
+            "{}: is no tree file, and pictures cannot be pasted into octrees",
+            path.display()
+        );
+        let options = ImportOptions {
+            kind: Some(header.kind),
+            rule: Some(header.rule),
+            memory: Some(memory),
+            ..ImportOptions::default()
+        };
+        let beside = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder =
+            tempfile::Builder::new().prefix("spinney-").tempdir_in(beside.unwrap_or(Path::new(".")))?;
+        let tree = folder.path().join("patch.goblin");
+        raster::plan(&[path.to_path_buf()], &options)?.build(Output::create(&tree)?, work)?;
+        Ok(Picture { tree, _folder: folder })
+    }
 }
 
 impl Fill {
@@ -238,7 +249,7 @@ impl Fill {
             return Ok((FillRegion::Box(code.bounds(tree.depth())), format!("block {text}")));
         }
         let bounds = match self.cuboid {
-            Some(_) => super::slice::box_cells(tree, self.cuboid, tree.depth(), false)?,
+            Some(cuboid) => cuboid.cells(tree, tree.depth(), false)?,
             None => match self.part.bounds(tree)? {
                 Some(bounds) => bounds,
                 None => bail!("fill what? Give --window, --bbox, --box, --polygon or --block"),
@@ -255,20 +266,15 @@ fn polygon(text: &str, tree: &Dataset) -> Result<Polygon> {
     let corner = |text: &str| -> Result<[f64; 2]> {
         let numbers = text.split_once(',').map(|(x, y)| (x.trim().parse(), y.trim().parse()));
         let Some((Ok(x), Ok(y))) = numbers else { bail!("--polygon: `{text}` is no corner X,Y") };
-        let [x, y, _] =
-            tree.metadata().frame.to_cells([x, y, 0.0]).context("the file's transform has no inverse")?;
+        let [x, y, _] = to_cells(tree, [x, y, 0.0])?;
         Ok([x, y])
     };
     let rings = text.split(';').map(|ring| ring.split_whitespace().map(corner).collect::<Result<Vec<_>>>());
     Ok(Polygon::new(&rings.collect::<Result<Vec<_>>>()?)?)
 }
 
-/// Two or three whole numbers.
-fn cell(text: &str) -> Result<[i64; 3], String> {
-    let numbers: Option<Vec<i64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    match numbers.as_deref() {
-        Some([x, y]) => Ok([*x, *y, 0]),
-        Some([x, y, z]) => Ok([*x, *y, *z]),
-        _ => Err("expected COL,ROW or X,Y,Z in whole cells".into()),
-    }
+/// Reads two or three whole numbers.
+fn parse_cell(text: &str) -> Result<[i64; 3], String> {
+    let cell = numbers(text).or_else(|| numbers(text).map(|[x, y]: [i64; 2]| [x, y, 0]));
+    cell.ok_or_else(|| "expected COL,ROW or X,Y,Z in whole cells".into())
 }

@@ -3,14 +3,13 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, Result, bail};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
 use spinney::io::Output;
 
-use super::output::{check_output, tell_output};
-use super::progress::Work;
-use super::viewed::Viewed;
-use super::{Global, Result};
+use super::Global;
+use super::args::{Viewed, check_output};
+use super::report::{Work, report_output};
 
 /// Write the surface of an octree as a mesh
 ///
@@ -48,7 +47,7 @@ const EXAMPLES: &str = "Examples:
   spinney export city.goblin quarter.ply --view window=4096,4096,0,512,512,256
   spinney export bunny.goblin - --format stl > bunny.stl";
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Some(format) = args.format.or_else(|| MeshFormat::of(&args.output)) else {
         bail!("{}: unknown format; use .ply, .obj or .stl, or --format", args.output.display());
@@ -56,12 +55,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result {
     let tree = args.tree.open()?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let request = MeshRequest { level: args.level, smooth: args.smooth, triangles: args.triangles };
-    let output = Output::create(&args.output)?;
     let work = Work::start(global, "cells")?;
+    let output = Output::create(&args.output)?;
     let summary = export_mesh(&tree, &request, output, format, &work)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
-    global.say(format_args!("{:<10} {} faces, {} vertices", "mesh", summary.faces, summary.vertices));
-    tell_output(global, &args.output, start);
+    global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
+    report_output(global, &args.output, start);
     Ok(())
 }

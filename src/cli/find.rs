@@ -6,8 +6,7 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::query::Condition;
 
-use super::place::Part;
-use super::viewed::Viewed;
+use super::args::{Part, Viewed};
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
@@ -33,7 +32,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// What to look for, in the first channel.
+/// A condition on the first channel.
 #[derive(clap::Args)]
 #[group(required = true, multiple = false)]
 struct Wanted {

@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result, ensure};
+use spinney::dataset::Dataset;
 use spinney::export::image::Format;
 use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
-use spinney::dataset::Dataset;
-use spinney::space::Bounds;
 use spinney::io::Output;
+use spinney::space::Bounds;
 
 use super::Global;
-use super::output::{check_output, picture_format};
-use super::place::Part;
-use super::progress::Work;
-use super::slice::{Slice, box_cells, parse_box, parse_slice};
-use super::viewed::Viewed;
+use super::args::{
+    Cuboid, Part, Slice, Viewed, check_output, level_of, parse_cuboid, parse_size, parse_slice,
+    picture_format,
+};
+use super::report::Work;
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
@@ -44,15 +44,15 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
     /// Columns and rows of the output, from the coarsest level that is fine enough
-    #[arg(long, value_name = "WxH", value_parser = size)]
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u64, u64)>,
     /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
     /// Box of an octree as an array: first cell and size, in cells of the level
-    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_box, allow_hyphen_values = true)]
+    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, allow_hyphen_values = true)]
     #[arg(conflicts_with_all = ["size", "slice", "window", "bbox"])]
-    cells: Option<[f64; 6]>,
+    cells: Option<Cuboid>,
     /// The slice or box is given in world coordinates
     #[arg(long)]
     world: bool,
@@ -64,13 +64,8 @@ pub(crate) struct Args {
     nodata: Option<f64>,
 }
 
-pub(super) fn size(text: &str) -> Result<(u64, u64), String> {
-    let parts = text.split_once(['x', 'X', ',']);
-    let parts = parts.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
-    parts
-        .filter(|(width, height)| *width > 0 && *height > 0)
-        .ok_or_else(|| "expected WxH, as in 1024x512".into())
-}
+/// Bytes of the output to hold at a time.
+const MEMORY: u64 = 64 << 20;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
@@ -86,36 +81,35 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let slice = args.slice.unwrap_or(Slice::FLOOR);
     ensure!(is_octree || slice.axis == 2, "--slice: {} is a quadtree", args.tree.file.display());
     let across = slice.axis;
-    let picture = Bounds { min: [0; 3], max: tree.header().extent };
-    let mut bounds = args.part.slice_bounds(&tree, across)?.unwrap_or(picture);
-    let place = slice.cell(&tree, args.world)?;
-    (bounds.min[across], bounds.max[across]) = (place, place + 1);
+    let mut bounds = args.part.slice_bounds(&tree, across)?.unwrap_or(tree.header().picture());
+    let cell = slice.cell(&tree, args.world)?;
+    (bounds.min[across], bounds.max[across]) = (cell, cell + 1);
     let detail = match args.size {
         Some((width, height)) => Detail::Size(width, height),
         None => Detail::Level(args.level.unwrap_or(tree.depth())),
     };
-    let request = WindowRequest { bounds, across, detail, nodata: args.nodata, memory: 64 << 20 };
-    let output = Output::create(&args.output)?;
+    let request = WindowRequest { bounds, across, detail, nodata: args.nodata, memory: MEMORY };
     let progress = Work::start(global, "pixels")?;
+    let output = Output::create(&args.output)?;
     export_window(&tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", args.output.display()))
 }
 
-/// A box of an octree, or all of it.
+/// Writes a box of an octree, or all of it.
 fn array(args: &Args, tree: &Dataset, format: Format, global: &Global) -> Result<()> {
-    let level = args.level.unwrap_or(tree.depth());
-    ensure!(level <= tree.depth(), "--level: {level}, the tree's levels are 0 to {}", tree.depth());
-    let bounds = match args.part.bounds(tree)? {
-        None => box_cells(tree, args.cells, level, args.world)?,
-        Some(part) => {
+    let level = level_of(tree, args.level)?;
+    let bounds = match (args.part.bounds(tree)?, &args.cells) {
+        (None, None) => tree.extent_at(level),
+        (None, Some(cuboid)) => cuboid.cells(tree, level, args.world)?,
+        (Some(part), _) => {
             let shift = tree.depth() - level;
             let max = part.max.map(|cell| cell.div_ceil(1 << shift));
             Bounds { min: part.min.map(|cell| cell >> shift), max }
         }
     };
-    let request = ArrayRequest { bounds, level, nodata: args.nodata, memory: 64 << 20 };
-    let output = Output::create(&args.output)?;
+    let request = ArrayRequest { bounds, level, nodata: args.nodata, memory: MEMORY };
     let progress = Work::start(global, "cells")?;
+    let output = Output::create(&args.output)?;
     export_array(tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", args.output.display()))
 }

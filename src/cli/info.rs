@@ -6,7 +6,9 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
 
-use super::{history, open, print_json, print_text};
+use super::open;
+use super::report::statistics::channels_as_json;
+use super::report::{commit, print_json, print_text};
 
 const EXAMPLES: &str = "Examples:
   spinney info world.goblin
@@ -51,11 +53,6 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
         .collect();
     let sections: serde_json::Map<_, _> =
         tree.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
-    let channels: Vec<_> = stats
-        .channels
-        .iter()
-        .map(|c| json!({ "min": c.min, "max": c.max, "mean": c.mean, "deviation": c.deviation }))
-        .collect();
     let classes: Vec<_> = stats
         .classes
         .iter()
@@ -68,7 +65,7 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
     Ok(json!({
         "file": tree.path().display().to_string(),
         "format": tree.format().name(),
-        "commit": tree.commit().map(history::as_json),
+        "commit": tree.commit().map(commit::as_json),
         "codec": header.codec.name(),
         "tree": tree_name(tree),
         "value": header.form.value.to_string(),
@@ -91,7 +88,7 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
         "levels": levels,
         "cells": stats.cells,
         "void_cells": stats.void_cells,
-        "channels": channels,
+        "channels": channels_as_json(&stats),
         "classes": classes,
         "provenance": metadata.provenance,
         "tags": metadata.tags,
@@ -107,7 +104,7 @@ fn as_text(tree: &Dataset) -> Result<String> {
     let size: Vec<String> = header.extent[..header.form.axes() as usize].iter().map(u64::to_string).collect();
     writeln!(text, "{}: {} {}", tree.path().display(), tree.format().name(), tree_name(tree))?;
     if let Some(commit) = tree.commit() {
-        writeln!(text, "commit      {}{}", commit.number, history::about(commit))?;
+        writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
     }
     writeln!(
         text,
@@ -147,7 +144,7 @@ fn as_text(tree: &Dataset) -> Result<String> {
             tree.segments(),
             metadata.counts.records()
         )?,
-        Some(commit) => writeln!(text, "records     {}; {}", commit.records, history::written(commit))?,
+        Some(commit) => writeln!(text, "records     {}; {}", commit.records, commit::written(commit))?,
     }
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
     for (i, channel) in stats.channels.iter().enumerate().filter(|_| stats.classes.is_empty()) {

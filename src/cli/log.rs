@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
+use anyhow::Result;
 use spinney::store::autumnal::History;
 
-use super::{Result, history, print_json, print_text};
+use super::report::{commit, print_json, print_text};
 
 const EXAMPLES: &str = "Examples:
   spinney log map.autumn
@@ -17,7 +18,7 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
-    /// How many at most
+    /// Number of commits at most
     #[arg(short = 'n', long = "number", value_name = "N")]
     most: Option<usize>,
     /// Print JSON
@@ -25,20 +26,20 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(crate) fn run(args: &Args) -> Result {
+pub(crate) fn run(args: &Args) -> Result<()> {
     let file = History::open(&args.file, &Default::default())?;
     let commits = file.commits().take(args.most.unwrap_or(usize::MAX));
     if args.json {
-        let commits = commits.map(|commit| Ok(history::as_json(&commit?))).collect::<Result<Vec<_>>>()?;
+        let commits = commits.map(|entry| Ok(commit::as_json(&entry?))).collect::<Result<Vec<_>>>()?;
         return print_json(&commits.into());
     }
-    for commit in commits {
-        let commit = commit?;
-        print_text(&format!("{:>6}{}\n", commit.number, history::about(&commit)))?;
-        for line in commit.note.message.lines().skip(1) {
+    for entry in commits {
+        let entry = entry?;
+        print_text(&format!("{:>6}{}\n", entry.number, commit::about(&entry)))?;
+        for line in entry.note.message.lines().skip(1) {
             print_text(&format!("       {line}\n"))?;
         }
-        print_text(&format!("       {} cells; records: {}\n", commit.cells, history::written(&commit)))?;
+        print_text(&format!("       {} cells; records: {}\n", entry.cells, commit::written(&entry)))?;
     }
     Ok(())
 }

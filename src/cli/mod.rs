@@ -1,5 +1,6 @@
-//! The command line: one module per subcommand, and what they share.
+//! The command line: a module per subcommand, and the options and the output that they share.
 
+mod args;
 mod build;
 mod combine;
 mod compact;
@@ -10,34 +11,26 @@ mod edit;
 mod export;
 mod find;
 mod get;
-mod history;
 mod info;
 mod log;
-mod model;
-mod output;
-mod place;
 mod point;
-mod progress;
 mod publish;
-mod quantity;
 mod render;
+mod report;
 mod revert;
-mod slice;
-mod solid;
 mod stats;
 mod transform;
 mod verify;
-mod viewed;
 
-use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
 
+use anyhow::Result;
 use clap::{Parser, Subcommand};
 use spinney::dataset::Dataset;
 
-/// What most subcommands give back.
-type Result<T = (), E = anyhow::Error> = std::result::Result<T, E>;
+use self::args::Global;
+use self::report::exit::{BROKEN_PIPE, exit_code};
 
 /// Keeps pictures and solids that are larger than memory as quadtrees and octrees, any part at any level of detail straight
 /// from disk.
@@ -63,18 +56,7 @@ Start here:
 
 Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
 
-/// Options of all subcommands.
-#[derive(clap::Args)]
-pub(crate) struct Global {
-    /// Print errors only
-    #[arg(short, long, global = true)]
-    pub(crate) quiet: bool,
-    /// Threads to work with [default: one per core]
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
-    threads: Option<u16>,
-}
-
-/// A new subcommand is a module, a line here and one in [`Command::run`].
+/// Subcommands: a new one is a module, a line here and one in [`Command::run`].
 #[derive(Subcommand)]
 enum Command {
     Build(build::Args),
@@ -125,63 +107,24 @@ impl Command {
     }
 }
 
-impl Global {
-    /// A line for people; not part of the result.
-    pub(crate) fn say(&self, line: impl std::fmt::Display) {
-        if !self.quiet {
-            // Nobody may be listening, which is no reason to fail.
-            let _ = writeln!(io::stderr(), "{line}");
-        }
-    }
-}
-
 /// Opens a tree file of any type.
 fn open(path: &Path) -> Result<Dataset> {
     Ok(spinney::dataset::open(path, &Default::default())?)
 }
 
-fn print_text(text: &str) -> Result {
-    Ok(io::stdout().write_all(text.as_bytes())?)
-}
-
-fn print_json(value: &serde_json::Value) -> Result {
-    print_text(&format!("{value:#}\n"))
-}
-
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
     let Cli { global, command } = Cli::parse();
-    if let Some(threads) = global.threads {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.into());
-        pool.build_global().expect("no thread pool is running yet");
-    }
+    global.start_threads();
     match command.run(&global) {
         Ok(code) => code,
         Err(error) => {
             let code = exit_code(&error);
             if code != BROKEN_PIPE {
-                complain(&error);
+                report::complain(&error);
             }
             ExitCode::from(code)
         }
-    }
-}
-
-/// A line about a failure.
-fn complain(error: &anyhow::Error) {
-    let _ = writeln!(io::stderr(), "spinney: {error:#}");
-}
-
-/// What a shell reports of a program that wrote to a closed pipe: no failure to tell about.
-const BROKEN_PIPE: u8 = 141;
-
-fn exit_code(error: &anyhow::Error) -> u8 {
-    let is_broken_pipe = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
-    match error.downcast_ref() {
-        Some(spinney::Error::Interrupted) => 130,
-        Some(spinney::Error::Io { cause, .. }) if is_broken_pipe(cause) => BROKEN_PIPE,
-        _ if error.downcast_ref().is_some_and(is_broken_pipe) => BROKEN_PIPE,
-        _ => 1,
     }
 }
 

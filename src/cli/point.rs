@@ -2,13 +2,13 @@
 
 use std::io::{self, BufRead, Write};
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, anyhow, ensure};
 use rayon::prelude::*;
 use spinney::dataset::Dataset;
 use spinney::query::PointSamples;
 use spinney::value::SampleType;
 
-use super::viewed::Viewed;
+use super::args::{Viewed, level_of, to_cells};
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
@@ -40,9 +40,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = args.tree.open()?;
-    let depth = tree.depth();
-    let level = args.level.unwrap_or(depth);
-    ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
+    let level = level_of(&tree, args.level)?;
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };
     let points = Points { tree: &tree, level, cells: args.cells, from };
     let mut out = io::BufWriter::with_capacity(1 << 20, io::stdout().lock());
@@ -55,11 +53,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(out.flush()?)
 }
 
+/// Questions for points.
 struct Points<'a> {
     tree: &'a Dataset,
     level: u8,
     cells: bool,
-    /// What a point's number counts, for people.
+    /// Name of what a point's number counts, for people.
     from: &'static str,
 }
 
@@ -67,6 +66,7 @@ struct Points<'a> {
 const BATCH: usize = 4 << 20;
 
 impl Points<'_> {
+    /// Answers all lines of an input, of any length, in batches.
     fn stream(&self, mut input: impl BufRead, out: &mut impl Write) -> Result<()> {
         let mut rest: Vec<u8> = Vec::new();
         let mut line = 1;
@@ -106,46 +106,20 @@ impl Points<'_> {
         }
     }
 
-    /// An answer per line of input.
+    /// Answers lines of input, a line for each that is not empty; the first of them has number `first`.
     fn answer(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
-        let is_double = self.tree.header().form.value.sample == SampleType::F64;
-        let mut answers = Vec::with_capacity(lines.len());
         let text = std::str::from_utf8(lines).context("standard input is not text")?;
-        let shift = self.tree.depth() - self.level;
-        let axes = usize::from(self.tree.header().form.axes());
-        let wanted = if axes == 3 { "X,Y,Z" } else { "X,Y" };
         let mut cells = Vec::new();
-        for (i, line) in text.lines().enumerate() {
+        for (line, number) in text.lines().zip(first..) {
             let line = line.trim();
-            if line.is_empty() {
-                continue;
+            if !line.is_empty() {
+                cells.push(self.cell(line, number)?);
             }
-            let mut point = [0.0; 3];
-            let mut numbers = 0;
-            for word in line.split([',', ' ', '\t', ';']).filter(|word| !word.is_empty()) {
-                let number = word.parse().ok().filter(|number: &f64| number.is_finite());
-                match (number, point.get_mut(numbers)) {
-                    (Some(number), Some(place)) => *place = number,
-                    _ => bail!("{} {}: `{line}` is not {wanted}", self.from, first + i as u64),
-                }
-                numbers += 1;
-            }
-            ensure!(numbers >= axes, "{} {}: `{line}` is not {wanted}", self.from, first + i as u64);
-            let cell = if self.cells {
-                point
-            } else {
-                self.tree.metadata().frame.to_cells(point).context("the file's transform has no inverse")?
-            };
-            // What is before the first cell is as void as what is behind the last.
-            let outside = cell.iter().any(|number| *number < 0.0);
-            cells.push(if outside {
-                [u64::MAX; 3]
-            } else {
-                cell.map(|number| number.floor() as u64 >> shift)
-            });
         }
         let mut samples = PointSamples::default();
         self.tree.points(&cells, self.level, &mut samples)?;
+        let is_double = self.tree.header().form.value.sample == SampleType::F64;
+        let mut answers = Vec::with_capacity(lines.len());
         for index in 0..cells.len() {
             match samples.get(index) {
                 Some(numbers) => {
@@ -162,9 +136,33 @@ impl Points<'_> {
         }
         Ok(answers)
     }
+
+    /// The cell of the level in which the point of a line lies.
+    fn cell(&self, line: &str, number: u64) -> Result<[u64; 3]> {
+        let axes = self.tree.header().form.axes();
+        let wrong = || {
+            let wanted = if axes == 3 { "X,Y,Z" } else { "X,Y" };
+            anyhow!("{} {number}: `{line}` is not {wanted}", self.from)
+        };
+        let mut point = [0.0; 3];
+        let mut given = 0;
+        for word in line.split([',', ' ', '\t', ';']).filter(|word| !word.is_empty()) {
+            let coordinate = word.parse().ok().filter(|coordinate: &f64| coordinate.is_finite());
+            *point.get_mut(given).ok_or_else(wrong)? = coordinate.ok_or_else(wrong)?;
+            given += 1;
+        }
+        ensure!(given >= axes, wrong());
+        let cell = if self.cells { point } else { to_cells(self.tree, point)? };
+        // Before the first cell everything is as VOID as behind the last.
+        if cell.iter().any(|coordinate| *coordinate < 0.0) {
+            return Ok([u64::MAX; 3]);
+        }
+        let shift = self.tree.depth() - self.level;
+        Ok(cell.map(|coordinate| coordinate.floor() as u64 >> shift))
+    }
 }
 
-/// Whole numbers, which most are, without the detour over floating-point printing.
+/// Writes a number; a whole one, as most are, without the detour over floating-point printing.
 fn write_number(number: f64, is_double: bool, text: &mut Vec<u8>) {
     let whole = number as i64;
     let written = if whole as f64 == number {
@@ -177,6 +175,7 @@ fn write_number(number: f64, is_double: bool, text: &mut Vec<u8>) {
     debug_assert!(written.is_ok(), "writing to memory");
 }
 
+/// Cuts text into about so many parts at ends of lines.
 fn split_lines(bytes: &[u8], parts: usize) -> Vec<&[u8]> {
     let mut rest = bytes;
     let mut list = Vec::new();

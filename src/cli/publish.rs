@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use spinney::ops;
+use anyhow::Result;
 use spinney::io::Output;
+use spinney::ops;
 
-use super::output::{check_output, tell_output};
-use super::progress::Work;
-use super::{Global, Result, quantity};
+use super::Global;
+use super::args::{Memory, check_output};
+use super::report::{Work, report_output};
 
 /// Write a tree as it is to a file of the other format (or of the same).
 ///
@@ -24,9 +25,8 @@ pub(crate) struct Args {
     /// Store equal subtrees once; for .autumn files
     #[arg(long)]
     share: bool,
-    /// Memory to use, such as 256M or 2G
-    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
-    memory: u64,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 const EXAMPLES: &str = "\
@@ -35,12 +35,12 @@ Examples:
   spinney publish map.autumn@12 release.goblin
   spinney publish map.goblin map.autumn --share";
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     check_output([Path::new(&args.file)], &args.output)?;
     let work = Work::start(global, "cells")?;
-    ops::convert(&args.file, args.share, Output::create(&args.output)?, args.memory, &work)?;
+    ops::convert(&args.file, args.share, Output::create(&args.output)?, args.memory.bytes, &work)?;
     work.finish();
-    tell_output(global, &args.output, start);
+    report_output(global, &args.output, start);
     Ok(())
 }

@@ -3,15 +3,14 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, Result, ensure};
 use spinney::export::{Projection, RenderRequest, render};
-use spinney::space::Up;
 use spinney::io::Output;
+use spinney::space::Up;
 
-use super::output::{check_output, picture_format, tell_output};
-use super::progress::Work;
-use super::viewed::Viewed;
-use super::{Global, Result};
+use super::Global;
+use super::args::{Viewed, check_output, numbers, parse_size, picture_format};
+use super::report::{Work, report_output};
 
 const EXAMPLES: &str = "Examples:
   spinney render house.goblin house.png
@@ -32,29 +31,29 @@ pub(crate) struct Args {
     /// Output: .png, .tif, .npy or .raw; `-` is standard output
     output: PathBuf,
     /// Columns and rows
-    #[arg(long, value_name = "WxH", value_parser = super::get::size, default_value = "1024x768")]
+    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1024x768")]
     size: (u64, u64),
-    /// Where the viewer stands, in degrees: on the compass, and above the horizon
-    #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = direction, default_value = "215,30")]
+    /// Direction in which the viewer stands, in degrees: on the compass, and above the horizon
+    #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = parse_direction, default_value = "215,30")]
     #[arg(allow_hyphen_values = true)]
     from: [f64; 2],
     /// Level of detail [default: the coarsest that is fine enough]
     #[arg(long)]
     level: Option<u8>,
-    /// How many times as large as when all of the solid is seen
+    /// Enlargement: so many times as large as when all of the solid is seen
     #[arg(long, value_name = "F", default_value_t = 1.0)]
     zoom: f64,
-    /// Parallel lines stay parallel
+    /// Projection in which parallel lines stay parallel
     #[arg(long, conflicts_with = "perspective")]
     orthographic: bool,
-    /// What is farther away is smaller (the default)
+    /// Projection in which more distant things are smaller (the default)
     #[arg(long)]
     perspective: bool,
     /// Axis of the world that points up: y or z
     #[arg(long, value_name = "AXIS", default_value_t = Up::Z)]
     up: Up,
     /// Colour behind the solid: #rrggbb, white, grey, black, or transparent
-    #[arg(long, value_name = "COLOUR", value_parser = colour, default_value = "white")]
+    #[arg(long, value_name = "COLOUR", value_parser = parse_colour, default_value = "white")]
     background: Background,
     /// Samples of a pixel along each axis
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
@@ -64,19 +63,19 @@ pub(crate) struct Args {
     format: Option<String>,
 }
 
-/// What is behind the solid; nothing is transparent.
+/// The colour behind the solid; `None` is transparent.
 #[derive(Clone, Copy, Debug)]
 struct Background(Option<[u8; 3]>);
 
-fn direction(text: &str) -> Result<[f64; 2], String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
-    let numbers: Option<[f64; 2]> = numbers.and_then(|numbers| numbers.try_into().ok());
-    numbers
-        .filter(|[azimuth, elevation]| azimuth.is_finite() && (-90.0..=90.0).contains(elevation))
+/// Reads the direction in which the viewer stands.
+fn parse_direction(text: &str) -> Result<[f64; 2], String> {
+    numbers(text)
+        .filter(|[azimuth, elevation]: &[f64; 2]| azimuth.is_finite() && (-90.0..=90.0).contains(elevation))
         .ok_or_else(|| "expected azimuth and elevation in degrees, as in 215,30; elevation -90 to 90".into())
 }
 
-fn colour(text: &str) -> Result<Background, String> {
+/// Reads a colour, by name or by its digits.
+fn parse_colour(text: &str) -> Result<Background, String> {
     let name = text.to_lowercase();
     let colour = match name.as_str() {
         "transparent" | "none" => return Ok(Background(None)),
@@ -94,7 +93,7 @@ fn colour(text: &str) -> Result<Background, String> {
         .ok_or_else(|| "expected #rrggbb, white, grey, black or transparent".into())
 }
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result {
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let tree = args.tree.open()?;
     ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", args.tree.file.display());
@@ -117,7 +116,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result {
     let level = render(&tree, &request, output, format, &work)
         .with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
-    global.say(format_args!("{:<10} {level} of {}", "level", tree.depth()));
-    tell_output(global, &args.output, start);
+    global.report("level", format_args!("{level} of {}", tree.depth()));
+    report_output(global, &args.output, start);
     Ok(())
 }

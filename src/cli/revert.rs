@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
+use anyhow::Result;
 use spinney::ops::{Edit, edit};
 
-use super::history::{self, Told};
-use super::{Global, Result};
+use super::Global;
+use super::args::CommitOptions;
+use super::report::commit::report_commit;
 
 const EXAMPLES: &str = "Examples:
   spinney revert map.autumn 3
@@ -20,12 +22,12 @@ pub(crate) struct Args {
     /// The commit's number
     commit: u64,
     #[command(flatten)]
-    told: Told,
+    options: CommitOptions,
 }
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result {
-    let note = args.told.note(format!("Revert to commit {}", args.commit));
-    let commit = edit(&args.file, [Ok(Edit::Revert(args.commit))], note, args.told.memory, &())?;
-    history::tell_commit(global, commit.as_ref());
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let note = args.options.note(format!("Revert to commit {}", args.commit));
+    let commit = edit(&args.file, [Ok(Edit::Revert(args.commit))], note, args.options.memory.bytes, &())?;
+    report_commit(global, commit.as_ref());
     Ok(())
 }

@@ -4,13 +4,13 @@ use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::Statistics;
-use spinney::space::{Bounds, is_geographic};
+use spinney::space::is_geographic;
 use spinney::value::Rule;
 
-use super::place::Part;
-use super::progress::Work;
-use super::viewed::Viewed;
-use super::{Global, print_json, solid};
+use super::Global;
+use super::args::{Part, Viewed, level_of};
+use super::report::statistics::channels_as_json;
+use super::report::{Work, print_json, print_text, solid};
 
 const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
@@ -18,12 +18,12 @@ const EXAMPLES: &str = "Examples:
   spinney stats house.goblin
   spinney stats house.goblin --solid --level 7
 
-Of solids (octrees of occupancy, or others with --solid) volume, surface, centre of gravity and bounds are told, in units of
-the world. The volume is exact; coarser levels keep it. The surface is that of the cells which are at least half full:
+Of solids (octrees of occupancy, or others with --solid) volume, surface, centre of gravity and bounds are printed, in
+units of the world. The volume is exact; coarser levels keep it. The surface is that of the cells which are at least half full:
 once of the cells as blocks, and once of the smooth surface they stand for, each face weighted by the surface's normal there.
 In other octrees cells that are not VOID are full.
 
-Areas in square metres are told for projected coordinate systems that count in metres, except Web
+Areas in square metres are printed for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";
 
 /// Exact statistics of any part
@@ -37,7 +37,7 @@ pub(crate) struct Args {
     /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0 for none
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
     bins: u32,
-    /// Tell volume, surface, centre and bounds of an octree also where its values are not occupancy
+    /// Print volume, surface, centre and bounds of an octree also where its values are not occupancy
     #[arg(long)]
     solid: bool,
     /// Level at which a solid is measured [default: the deepest]
@@ -61,17 +61,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         !is_asked || bounds.is_none(),
         "--solid and --level are for the whole octree; see --view window=..."
     );
-    let is_solid = tree.header().form.axes() == 3 && tree.header().rule == Rule::Occupancy && bounds.is_none();
+    let is_solid =
+        tree.header().form.axes() == 3 && tree.header().rule == Rule::Occupancy && bounds.is_none();
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
-        let level = args.level.unwrap_or(tree.depth());
-        ensure!(level <= tree.depth(), "--level: {level}, the tree's levels are 0 to {}", tree.depth());
-        Some(tree.solid(level, &work)?)
+        Some(tree.solid(level_of(&tree, args.level)?, &work)?)
     } else {
         None
     };
     let stats = tree.statistics(bounds)?;
-    let picture = Bounds { min: [0; 3], max: tree.header().extent };
+    let picture = tree.header().picture();
     let bounds = bounds.unwrap_or(picture).intersect(&picture);
     let histogram = match stats.channels.first() {
         Some(first) if stats.classes.is_empty() && first.min < first.max && args.bins > 0 => {
@@ -89,11 +88,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         print_json(&json)
     } else {
         print(&tree, &stats, &histogram)?;
-        measured.map_or(Ok(()), |measured| super::print_text(&solid::as_text(&tree, &measured)?))
+        measured.map_or(Ok(()), |measured| print_text(&solid::as_text(&tree, &measured)?))
     }
 }
 
-/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true; otherwise why not.
+/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true; otherwise the reason
+/// why they are not known.
 fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
     let frame = &tree.metadata().frame;
     let epsg = frame.epsg.ok_or("no EPSG number tells how large a cell is")?;
@@ -118,11 +118,6 @@ fn class_name(tree: &Dataset, value: f64) -> Option<&str> {
 
 fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serde_json::Value {
     let area = cell_area(tree).ok();
-    let channels: Vec<_> = stats
-        .channels
-        .iter()
-        .map(|c| json!({ "min": c.min, "max": c.max, "mean": c.mean, "deviation": c.deviation }))
-        .collect();
     let class = |(value, cells): &(f64, u64)| {
         json!({
             "value": value,
@@ -136,7 +131,7 @@ fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serd
         "cells": stats.cells,
         "void_cells": stats.void_cells,
         "area_m2": area.map(|area| area * stats.cells as f64),
-        "channels": channels,
+        "channels": channels_as_json(stats),
         "classes": stats.classes.iter().map(class).collect::<Vec<_>>(),
         "histogram": histogram.iter().map(bin).collect::<Vec<_>>(),
         "segments_read": stats.segments_read,
@@ -181,5 +176,5 @@ fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result
             writeln!(text, "  {}", class_name(tree, *value).unwrap_or_default())?;
         }
     }
-    super::print_text(&text)
+    print_text(&text)
 }

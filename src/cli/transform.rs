@@ -1,15 +1,15 @@
 //! `spinney transform`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
-use spinney::ops::{self, Chain, Step};
+use anyhow::Result;
 use spinney::io::Output;
+use spinney::ops::{self, Chain, Step};
 
-use super::output::{check_output, tell_output};
-use super::progress::Work;
-use super::viewed::step;
-use super::{Global, Result, quantity};
+use super::Global;
+use super::args::{Memory, check_output, parse_step};
+use super::report::{Work, report_output};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned.
 ///
@@ -26,8 +26,8 @@ use super::{Global, Result, quantity};
 pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
-    /// What to do: see below
-    #[arg(value_name = "STEP", value_parser = step, allow_hyphen_values = false)]
+    /// Steps, in order: see below
+    #[arg(value_name = "STEP", value_parser = parse_step, allow_hyphen_values = false)]
     steps: Vec<Step>,
     /// The file to make; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
@@ -38,9 +38,8 @@ pub(crate) struct Args {
     /// Move the picture in the world as its cells are moved
     #[arg(long = "move")]
     moves: bool,
-    /// Memory to use, such as 256M or 2G
-    #[arg(long, value_name = "BYTES", default_value = "256M", value_parser = quantity::parse_bytes)]
-    memory: u64,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 const EXAMPLES: &str = "\
@@ -56,10 +55,10 @@ Steps:
   axes=+y,-x,+z            where x, y and z of the result come from: all 48 symmetries
   affine=a,b,c,d,e,f       col' = a col + b row + c, row' = d col + e row + f; or 12 numbers
   depth=N                  coarser or finer cells, so that the tree has N levels
-  room=N                   a deeper root over the same cells
-  root=/031  nest=/2       a node becomes the root; the root becomes a node: doubles or halves the picture, with --move,
-                           and no record is touched
-  like=OTHER.goblin        onto the cells of another tree, whose place in the world is told
+  tree-depth=N             a deeper root over the same cells, so that the tree has N levels
+  subtree=/031  embed=/2   a node becomes the root; the root becomes a node of a larger tree: doubles or halves the
+                           picture, with --move, and no record is touched
+  like=OTHER.goblin        onto the cells of another tree, where it lies in the world
 
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
@@ -70,7 +69,7 @@ Examples:
   spinney transform relief.goblin depth=10 -o coarse.goblin
   spinney transform old.goblin like=new.goblin -o old_on_new.goblin";
 
-pub(crate) fn run(args: Args, global: &Global) -> Result {
+pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Args { file, steps, output: path, nearest, moves, memory } = args;
     let like = steps.iter().filter_map(|step| match step {
@@ -80,17 +79,17 @@ pub(crate) fn run(args: Args, global: &Global) -> Result {
     check_output([file.as_path()].into_iter().chain(like), &path)?;
     let chain = Chain { path: file, steps, nearest, moves };
     let work = Work::start(global, "cells")?;
-    let outcome = ops::transform(&chain, Output::create(&path)?, memory, &work)?;
+    let outcome = ops::transform(&chain, Output::create(&path)?, memory.bytes, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =
         if depth > 1 { format!("{width} x {height} x {depth}") } else { format!("{width} x {height}") };
-    global.say(format_args!("{:<10} {size} cells, depth {}", "size", outcome.depth));
-    global.say(format_args!("{:<10} {} before, {} after", "cells", outcome.before[0], outcome.after));
+    global.report("size", format_args!("{size} cells, depth {}", outcome.depth));
+    global.report("cells", format_args!("{} before, {} after", outcome.before[0], outcome.after));
     if let Some(expected) = outcome.expected.filter(|expected| *expected > 0.0) {
         let error = 100.0 * (outcome.after as f64 / expected - 1.0);
-        global.say(format_args!("{:<10} {error:+.4} %", "area error"));
+        global.report("area error", format_args!("{error:+.4} %"));
     }
-    tell_output(global, Path::new(&path), start);
+    report_output(global, &path, start);
     Ok(())
 }

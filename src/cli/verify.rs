@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
-
 use spinney::Error;
 
-use super::progress::Work;
-use super::{Global, complain, print_text};
+use super::Global;
+use super::args::DEFAULT_MEMORY;
+use super::report::{Work, complain, print_text};
 
 const EXAMPLES: &str = "Examples:
   spinney verify world.goblin
@@ -31,7 +31,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     let mut good = true;
     for file in &args.files {
         let tree = spinney::dataset::open(file, &Default::default());
-        let findings = match tree.and_then(|tree| tree.verify(256 << 20, &work)) {
+        let findings = match tree.and_then(|tree| tree.verify(DEFAULT_MEMORY, &work)) {
             Ok(findings) => findings,
             Err(Error::Interrupted) => return Err(Error::Interrupted.into()),
             Err(error) => {

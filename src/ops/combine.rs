@@ -5,13 +5,13 @@ use std::mem;
 use smallvec::SmallVec;
 
 use super::affine::{View, ViewNode};
-use super::operation::{Operation, Prefer, merge_tables};
+use super::operation::Operation;
 use super::tree_file::check_form;
 use crate::io::Output;
 use crate::space::Code;
 use crate::store::BuildOptions;
-use crate::store::builder::{MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentNode};
-use crate::tree::{CellBlock, Child, Children, Form, NodeState, Source, no_children};
+use crate::store::builder::{Join, MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentNode};
+use crate::tree::{CellBlock, Child, Children, Form, Source, no_children};
 use crate::value::{SampleType, Tally, Value};
 use crate::{Error, Progress, Result};
 
@@ -34,7 +34,7 @@ pub struct Combined {
     views: Vec<View>,
     form: Form,
     operation: Operation,
-    /// Of a set operation, or one that comes to the same: see [`merge_tables`].
+    /// Of two trees: see [`Operation::merge_tables`].
     tables: [MergeTable; 3],
     /// The value of cells that are present in neither tree.
     fill: Value,
@@ -50,8 +50,16 @@ type Nodes = SmallVec<[(usize, Child<ViewNode>); 2]>;
 pub enum CombinedNode {
     /// A node of one of the trees as it is.
     Same(usize, ViewNode),
-    /// Nodes of several trees that are still to be merged, with the numbers of their trees.
-    Open(Code, Nodes),
+    /// Nodes of several trees that are still to be merged. (In a box, so that other nodes stay small: they are moved a lot.)
+    Open(Box<OpenNode>),
+}
+
+/// Nodes of several trees that are still to be merged.
+#[derive(Clone, Debug)]
+pub struct OpenNode {
+    /// The node of the result.
+    code: Code,
+    nodes: Nodes,
 }
 
 impl Combined {
@@ -80,11 +88,7 @@ impl Combined {
         }
         let full = if form.value.sample == SampleType::U8 { 255.0 } else { 1.0 };
         let fill = form.value.nearest(|_| full);
-        let tables = match operation {
-            Operation::Set { number, prefer } => merge_tables(number, prefer),
-            _ => merge_tables(7, Prefer::First),
-        };
-        Ok(Combined { views, form, operation, tables, fill, extent })
+        Ok(Combined { views, form, operation, tables: operation.merge_tables(), fill, extent })
     }
 
     /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for bytes, which
@@ -133,62 +137,66 @@ impl Combined {
         {
             return resolution;
         }
-        let value_type = self.form.value;
-        match self.operation {
-            Operation::Set { number, .. } => self.resolve_set(code, number, nodes),
-            Operation::Over => match nodes {
-                [] => Resolution::Void,
-                [(_, Child::Leaf(value)), ..] => Resolution::Leaf(*value),
-                [(_, Child::Inner { .. })] => Resolution::Take(0),
-                _ => Resolution::Split,
-            },
-            Operation::Min => where_all_are(nodes, &|a, b| value_type.min(a, b)),
-            Operation::Max => where_all_are(nodes, &|a, b| value_type.max(a, b)),
-            Operation::Add => where_all_are(nodes, &|a, b| self.by_channel(a, b, |a, b| a + b)),
-            Operation::Subtract => where_all_are(nodes, &|a, b| self.by_channel(a, b, |a, b| a - b)),
-            Operation::Equal => match nodes {
-                [(_, Child::Leaf(a)), (_, Child::Leaf(b))] if a == b => Resolution::Leaf(*a),
-                [(_, Child::Leaf(_)), (_, Child::Leaf(_))] => Resolution::Void,
-                [(_, Child::Void), _] | [_, (_, Child::Void)] => Resolution::Void,
-                _ => Resolution::Split,
-            },
-            Operation::Changed => match nodes {
-                [(_, Child::Void), (_, Child::Void)] => Resolution::Void,
-                [(_, Child::Leaf(a)), (_, Child::Leaf(b))] if a == b => Resolution::Void,
-                [(_, Child::Leaf(_)), (_, Child::Leaf(b))] => Resolution::Leaf(*b),
-                [_, (_, Child::Void)] => Resolution::Take(0),
-                [(_, Child::Void), _] => Resolution::Take(1),
-                _ => Resolution::Split,
-            },
+        match (self.operation, nodes) {
+            (Operation::Over, []) => Resolution::Void,
+            (Operation::Over, [(_, Child::Leaf(value)), ..]) => Resolution::Leaf(*value),
+            (Operation::Over, [(_, Child::Inner { .. })]) => Resolution::Take(0),
+            (Operation::Over, _) => Resolution::Split,
+            // A complement may have no second tree.
+            (Operation::Set { .. }, [first]) => self.resolve_two(code, &first.1, &Child::Void),
+            (_, [first, second]) => self.resolve_two(code, &first.1, &second.1),
+            (operation, nodes) => {
+                operation.join().map_or(Resolution::Split, |join| self.resolve_many(join, nodes))
+            }
         }
     }
 
-    fn resolve_set(&self, code: Code, number: u8, nodes: &[(usize, Child<ViewNode>)]) -> Resolution {
+    /// What becomes of a node of two trees.
+    fn resolve_two(&self, code: Code, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
         // Only complements reach beyond what the trees have.
-        let table = if number & 8 == 0 {
-            0
-        } else {
-            match self.inside_and_outside(code) {
+        let table = match self.operation {
+            Operation::Set { number, .. } if number & 8 != 0 => match self.inside_and_outside(code) {
                 (true, false) => 0,
                 (false, _) => 1,
                 (true, true) => 2,
-            }
+            },
+            _ => 0,
         };
-        // A complement may have no second tree.
-        let state = |tree: usize| nodes.get(tree).map_or(NodeState::Void, |(_, child)| child.state());
-        match self.tables[table].get([state(0), state(1)]) {
+        match self.tables[table].get([first.state(), second.state()]) {
             MergeAction::Void => Resolution::Void,
             MergeAction::Take(tree) => Resolution::Take(tree),
             MergeAction::Fill => Resolution::Leaf(self.fill),
+            MergeAction::Join => {
+                let values = first.value().zip(second.value());
+                let joined = self.operation.join().zip(values);
+                let joined = joined.and_then(|(join, (a, b))| join.values(self.form.value, a, b));
+                joined.map_or(Resolution::Void, Resolution::Leaf)
+            }
             MergeAction::Split => Resolution::Split,
         }
     }
 
-    /// Joins values sample by sample, in f64, and keeps the results within what the type can hold.
-    fn by_channel(&self, a: Value, b: Value, join: fn(f64, f64) -> f64) -> Value {
-        let value_type = self.form.value;
-        let (a, b) = (value_type.samples(a), value_type.samples(b));
-        value_type.nearest(|channel| join(a[channel], b[channel]))
+    /// What becomes of a node of one tree, or of more than two, where values are joined: VOID where one of them is.
+    fn resolve_many(&self, join: Join, nodes: &[(usize, Child<ViewNode>)]) -> Resolution {
+        let mut result: Option<Value> = None;
+        let mut inner = false;
+        for (_, child) in nodes {
+            match child {
+                Child::Void => return Resolution::Void,
+                Child::Inner { .. } => inner = true,
+                Child::Leaf(value) => {
+                    result = match result {
+                        None => Some(*value),
+                        Some(before) => join.values(self.form.value, before, *value),
+                    };
+                }
+            }
+        }
+        match result {
+            Some(value) if !inner => Resolution::Leaf(value),
+            _ if nodes.len() == 1 => Resolution::Take(0),
+            _ => Resolution::Split,
+        }
     }
 
     /// Whether some of a node's cells lie inside the extent, and outside.
@@ -220,27 +228,9 @@ impl Combined {
             }
             Resolution::Split => {
                 let representative = nodes.iter().find_map(|(_, child)| child.value()).unwrap_or_default();
-                Child::Inner { representative, node: CombinedNode::Open(code, nodes) }
+                Child::Inner { representative, node: CombinedNode::Open(Box::new(OpenNode { code, nodes })) }
             }
         }
-    }
-}
-
-/// What becomes of a node of a result that has values where all trees have some.
-fn where_all_are(nodes: &[(usize, Child<ViewNode>)], join: &dyn Fn(Value, Value) -> Value) -> Resolution {
-    let mut result: Option<Value> = None;
-    let mut inner = false;
-    for (_, child) in nodes {
-        match child {
-            Child::Void => return Resolution::Void,
-            Child::Inner { .. } => inner = true,
-            Child::Leaf(value) => result = Some(result.map_or(*value, |before| join(before, *value))),
-        }
-    }
-    match result {
-        Some(value) if !inner => Resolution::Leaf(value),
-        _ if nodes.len() == 1 => Resolution::Take(0),
-        _ => Resolution::Split,
     }
 }
 
@@ -266,7 +256,7 @@ impl Source for Combined {
                 let node_of = |node| CombinedNode::Same(*tree, node);
                 return self.views[*tree].children_as(node, children, node_of);
             }
-            CombinedNode::Open(code, nodes) => (code, nodes),
+            CombinedNode::Open(open) => (open.code, &open.nodes),
         };
         // Only INNER nodes have children that must be asked for; those of the others are all alike.
         let mut below: SmallVec<[Children<ViewNode>; 2]> = SmallVec::new();
@@ -326,13 +316,10 @@ impl ReusableSource for Combined {
     }
 
     fn overlay(&self, node: &CombinedNode) -> Option<Overlay<'_>> {
-        // Complements are no matter of the two nodes alone, and other operations have no such table.
-        let has_table = match self.operation {
-            Operation::Set { number, .. } => number < 8,
-            operation => operation == Operation::Over,
-        };
-        let CombinedNode::Open(_, nodes) = node else { return None };
-        let [first, second] = &nodes[..] else { return None };
+        // Complements are no matter of the two nodes alone.
+        let has_table = !matches!(self.operation, Operation::Set { number: 8.., .. });
+        let CombinedNode::Open(open) = node else { return None };
+        let [first, second] = &open.nodes[..] else { return None };
         let stored = |(tree, child): &(usize, Child<ViewNode>)| {
             Some(match child {
                 Child::Void => Child::Void,
@@ -344,7 +331,9 @@ impl ReusableSource for Combined {
             })
         };
         let nodes = has_table.then(|| Some([stored(first)?, stored(second)?]))??;
-        Some(Overlay { nodes, actions: self.tables[0] })
+        // (Without values to be joined, nobody asks how.)
+        let join = self.operation.join().unwrap_or(Join::Equal);
+        Some(Overlay { nodes, actions: self.tables[0], join })
     }
 }
 

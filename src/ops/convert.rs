@@ -1,15 +1,11 @@
 //! The same trees in other files: the other format, or less history.
 
 use std::path::Path;
-use std::sync::Arc;
 
-use super::affine::View;
-use super::combine::{Combined, build};
-use super::operation::Operation;
 use super::tree_file::TreeFile;
 use crate::io::Output;
 use crate::store::autumnal::{Commit, Keep, compact};
-use crate::store::{BuildOptions, OpenOptions};
+use crate::store::{BuildOptions, OpenOptions, build};
 use crate::{Progress, Result};
 
 /// Writes some commits of a file to a new one: see [`compact`].
@@ -33,10 +29,8 @@ pub fn compact_file(
 /// # Errors
 /// If the file cannot be read, the output not be written, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-    let file = Arc::new(TreeFile::open(path, &OpenOptions::default())?);
+    let file = TreeFile::open(path, &OpenOptions::default())?;
     let (header, metadata) = (file.header().clone(), file.metadata().clone());
     let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
-    let view = View::new(file, header.extent)?;
-    let source = Combined::new(vec![view], Operation::Over, header.extent)?;
-    build(&source, &options, output, progress).map(|_| ())
+    build(&file, header.extent, &options, output, progress).map(|_| ())
 }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::store::builder::{MergeAction, MergeTable};
+use crate::store::builder::{Join, MergeAction, MergeTable};
 use crate::tree::NodeState;
 
 /// Whose value counts where both have one.
@@ -96,6 +96,30 @@ impl Operation {
         }
     }
 
+    /// How values are joined where both trees have one, if that is what it does.
+    pub(super) fn join(self) -> Option<Join> {
+        match self {
+            Operation::Min => Some(Join::Min),
+            Operation::Max => Some(Join::Max),
+            Operation::Add => Some(Join::Add),
+            Operation::Subtract => Some(Join::Subtract),
+            Operation::Equal => Some(Join::Equal),
+            Operation::Changed => Some(Join::Changed),
+            Operation::Set { .. } | Operation::Over => None,
+        }
+    }
+
+    /// The actions for nodes of two trees inside the extent, outside, and across its border, where they depend on the nodes'
+    /// states alone.
+    pub(super) fn merge_tables(self) -> [MergeTable; 3] {
+        match self {
+            Operation::Set { number, prefer } => merge_tables(number, prefer),
+            // Of two trees the first that is present is the union.
+            Operation::Over => merge_tables(7, Prefer::First),
+            _ => [MergeTable::new(|states| join_action(self == Operation::Changed, states)); 3],
+        }
+    }
+
     /// Numbers of trees that it takes.
     pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
         match self {
@@ -122,6 +146,18 @@ impl fmt::Display for Operation {
     }
 }
 
+/// What becomes of a node where values are joined: VOID where one of the trees is; with `or_one`, what the other tree has.
+fn join_action(or_one: bool, states: [NodeState; 2]) -> MergeAction {
+    match states {
+        [NodeState::Void, NodeState::Void] => MergeAction::Void,
+        [NodeState::Void, _] if or_one => MergeAction::Take(1),
+        [_, NodeState::Void] if or_one => MergeAction::Take(0),
+        [NodeState::Void, _] | [_, NodeState::Void] => MergeAction::Void,
+        [NodeState::Leaf, NodeState::Leaf] => MergeAction::Join,
+        _ => MergeAction::Split,
+    }
+}
+
 /// What cells below a node may be, as far as is known without looking.
 #[derive(Clone, Copy)]
 struct Possible {
@@ -136,7 +172,7 @@ impl Possible {
 }
 
 /// A set operation's actions for nodes inside the extent, outside, and across its border.
-pub(super) fn merge_tables(number: u8, prefer: Prefer) -> [MergeTable; 3] {
+fn merge_tables(number: u8, prefer: Prefer) -> [MergeTable; 3] {
     let parts = [(true, false), (false, true), (true, true)];
     parts.map(|part| MergeTable::new(|states| merge_action(number, prefer, states, part)))
 }

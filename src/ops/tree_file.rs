@@ -16,7 +16,7 @@ use crate::store::container::{HEAVY_THRESHOLD, STRIDE, reach};
 use crate::store::goblin::{self, Goblin};
 use crate::store::{Codec, Finding, Header, Metadata, OpenOptions, Shape, TreeFormat, split_commit};
 use crate::tree::{Child, Children, Form, MemTree, Source, no_children};
-use crate::value::{Kind, Rule, Tally};
+use crate::value::{Kind, Rule, Tally, Value};
 use crate::{Error, Progress, Result};
 
 /// A tree file of either format, open for reading, or something that stands for one.
@@ -230,28 +230,25 @@ impl TreeFile {
     ) -> Result<()> {
         match (self, node) {
             (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => {
-                let mut found = no_children();
-                file.children(node, &mut found)?;
-                hand_on(&found, children, file.form(), |node| node_of(TreeFileNode::Goblin(node)));
+                file.children_with(node, children, |node| node_of(TreeFileNode::Goblin(node)))
             }
             (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => {
-                let mut found = no_children();
-                file.children(node, &mut found)?;
-                hand_on(&found, children, file.form(), |node| node_of(TreeFileNode::Autumnal(node)));
+                file.children_with(node, children, |node| node_of(TreeFileNode::Autumnal(node)))
             }
             (TreeFile::Patched(file), TreeFileNode::Patched(node)) => {
                 let mut found = no_children();
                 file.children(node, &mut found)?;
                 hand_on(&found, children, file.form(), |node| node_of(TreeFileNode::Patched(node)));
+                Ok(())
             }
             (TreeFile::Memory(file), TreeFileNode::Memory(node)) => {
                 let mut found = no_children();
                 file.tree.children(node, &mut found)?;
                 hand_on(&found, children, file.tree.form(), |node| node_of(TreeFileNode::Memory(node)));
+                Ok(())
             }
             _ => unreachable!("{OTHER}"),
         }
-        Ok(())
     }
 }
 
@@ -343,7 +340,10 @@ impl Source for TreeFile {
 
     fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
         match self {
-            TreeFile::Goblin(file) => file.draw(bounds, values, valid),
+            TreeFile::Goblin(file) => {
+                file.window(file.depth(), bounds, Value::ZERO, values, Some(valid))?;
+                Ok(true)
+            }
             TreeFile::Autumnal(_) | TreeFile::Patched(_) | TreeFile::Memory(_) => Ok(false),
         }
     }

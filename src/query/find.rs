@@ -4,10 +4,10 @@ use crate::space::{Bounds, Code};
 use crate::store::goblin::Goblin;
 use crate::tree::{Form, Source};
 use crate::value::{Tally, Value};
-use crate::{Error, Result};
+use crate::Result;
 
 use super::count::number_of;
-use super::walk::{Visitor, Zone, walk, walk_source};
+use super::walk::{Halt, Visitor, Walked, Zone, ended, walk, walk_source};
 
 /// A condition on the first channel of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,7 +99,6 @@ struct Search<'a> {
     /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a larger
     /// one.
     pending: Vec<(Code, Option<f64>)>,
-    stopped: bool,
 }
 
 impl<'a> Search<'a> {
@@ -110,37 +109,34 @@ impl<'a> Search<'a> {
         found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Search<'a> {
         let number = number_of(form.value);
-        Search { form, depth, condition, number, found, pending: Vec::new(), stopped: false }
+        Search { form, depth, condition, number, found, pending: Vec::new() }
     }
 
-    fn finish(mut self, walked: Result<()>) -> Result<()> {
-        let walked = walked.and_then(|()| self.miss());
-        // Stopping early looks like an interruption to the walk.
-        if self.stopped { Ok(()) } else { walked }
+    fn finish(mut self, walked: Walked) -> Result<()> {
+        ended(walked.and_then(|()| self.miss()))
     }
 
     /// Something does not meet the condition: what is pending cannot grow any more.
     #[inline]
-    fn miss(&mut self) -> Result<()> {
+    fn miss(&mut self) -> Walked {
         if self.pending.is_empty() { Ok(()) } else { self.hand_out() }
     }
 
     /// Hands out all that is pending.
     #[inline(never)]
-    fn hand_out(&mut self) -> Result<()> {
+    fn hand_out(&mut self) -> Walked {
         let depth = self.depth;
         for (code, value) in self.pending.drain(..) {
             let bounds = code.bounds(depth);
             if !(self.found)(FoundBlock { code: code.to_string(), level: code.level(), bounds, value })? {
-                self.stopped = true;
-                return Err(Error::Interrupted);
+                return Err(Halt::Stopped);
             }
         }
         Ok(())
     }
 
     /// A uniform block that meets the condition but sticks out of the box: its largest parts inside.
-    fn split(&mut self, code: Code, value: f64, part: &Bounds) -> Result<()> {
+    fn split(&mut self, code: Code, value: f64, part: &Bounds) -> Walked {
         let whole = code.bounds(self.depth);
         if part.contains(&whole) {
             self.pending.push((code, Some(value)));
@@ -154,7 +150,7 @@ impl<'a> Search<'a> {
 }
 
 impl Visitor for Search<'_> {
-    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Result<bool> {
+    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool> {
         let Tally { cells, min, max, .. } = zone.tally()?;
         let full = cells == self.form.dimension.cells(self.depth - code.level());
         match self.condition.of_zone((self.number)(min), (self.number)(max)) {
@@ -165,7 +161,7 @@ impl Visitor for Search<'_> {
         Ok(true)
     }
 
-    fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Result<()> {
+    fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Walked {
         let number = value.map(self.number).filter(|number| self.condition.met_by(*number));
         match (number, part) {
             (None, _) => self.miss(),
@@ -177,7 +173,7 @@ impl Visitor for Search<'_> {
         }
     }
 
-    fn leave(&mut self, code: Code) -> Result<()> {
+    fn leave(&mut self, code: Code) -> Walked {
         // All children pending, and nothing else since: the parent stands for them. (Mostly the last is not there.)
         let count = self.form.children();
         if self.pending.last().is_none_or(|(last, _)| *last != code.child(count - 1)) {
@@ -195,7 +191,7 @@ impl Visitor for Search<'_> {
         Ok(())
     }
 
-    fn outside(&mut self) -> Result<()> {
+    fn outside(&mut self) -> Walked {
         self.miss()
     }
 }

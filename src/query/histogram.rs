@@ -3,7 +3,7 @@
 use zerocopy::IntoBytes;
 
 use super::count::{Subtree, number_of};
-use super::walk::{Visitor, Zone, walk, walk_source};
+use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::container::subtree::{BadSkip, each_leaf};
@@ -19,7 +19,7 @@ impl Goblin {
     /// If the file is damaged there.
     pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
         let mut histogram = Histogram::new(self.header().form, (low, high), bins);
-        walk(self, bounds, &mut histogram)?;
+        ended(walk(self, bounds, &mut histogram))?;
         Ok(histogram.bins.cells)
     }
 }
@@ -32,7 +32,7 @@ pub(crate) fn source_histogram<S: Source>(
     bins: usize,
 ) -> Result<Vec<u64>> {
     let mut histogram = Histogram::new(source.form(), range, bins);
-    walk_source(source, bounds, &mut histogram)?;
+    ended(walk_source(source, bounds, &mut histogram))?;
     Ok(histogram.bins.cells)
 }
 
@@ -79,7 +79,7 @@ impl Histogram {
 }
 
 impl Visitor for Histogram {
-    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Result<bool> {
+    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
         let zone = zone.tally()?;
         let [first, last] = [zone.min, zone.max].map(|value| self.bins.bin((self.number)(value)));
         if first == last {
@@ -89,7 +89,7 @@ impl Visitor for Histogram {
     }
 
     #[inline]
-    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Result<()> {
+    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Walked {
         if let Some(value) = value {
             self.bins.add((self.number)(value), cells);
         }

@@ -9,7 +9,7 @@ use crate::value::{Sums, Tally, Value};
 
 use super::classes::{Classes, tally_of_classes};
 use super::count::{Count, counter_of};
-use super::walk::{Visitor, Zone, walk, walk_source};
+use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 
 /// Statistics of the cells of a box that are not VOID.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,7 +49,7 @@ impl Goblin {
         // A box that has the whole picture has the whole tree: the rest is VOID.
         let space = Bounds::space(header.form.dimension, header.depth());
         let mut gather = Gather::new(header.form, header.counts_classes());
-        walk(self, if bounds == picture { &space } else { &bounds }, &mut gather)?;
+        ended(walk(self, if bounds == picture { &space } else { &bounds }, &mut gather))?;
         Ok(gather.finish(bounds.volume()))
     }
 }
@@ -61,7 +61,7 @@ pub(crate) fn source_statistics<S: Source>(
     count_classes: bool,
 ) -> Result<Statistics> {
     let mut gather = Gather::new(source.form(), count_classes);
-    walk_source(source, bounds, &mut gather)?;
+    ended(walk_source(source, bounds, &mut gather))?;
     Ok(gather.finish(bounds.volume()))
 }
 
@@ -110,12 +110,13 @@ impl Gather {
 }
 
 impl Visitor for Gather {
-    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Result<bool> {
-        self.count.zone(zone).map(|()| true)
+    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
+        self.count.zone(zone)?;
+        Ok(true)
     }
 
     #[inline]
-    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Result<()> {
+    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Walked {
         if let Some(value) = value {
             self.count.block(value, cells);
         }

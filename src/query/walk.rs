@@ -1,12 +1,12 @@
 //! Walks the part of a tree that lies in a box, asking at every zone whether its statistics will do.
 
-use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::container::subtree::BadSkip;
 use crate::store::container::{CUT, INNER, LEAF, Shape, VOID};
 use crate::store::goblin::{Goblin, Segment};
 use crate::tree::{Child, Source, no_children};
 use crate::value::{Tally, Value};
+use crate::{Error, Result};
 
 /// Statistics of all the cells below a node, read when somebody asks.
 pub(super) trait Zone {
@@ -45,23 +45,48 @@ impl Zone for Known {
     }
 }
 
+/// Why a walk has not come to its end.
+pub(super) enum Halt {
+    /// The visitor has seen enough.
+    Stopped,
+    /// The tree cannot be read, or the visitor has failed.
+    Failed(Error),
+}
+
+impl From<Error> for Halt {
+    fn from(error: Error) -> Halt {
+        Halt::Failed(error)
+    }
+}
+
+/// Result of a walk, and of what a visitor does on it.
+pub(super) type Walked<T = ()> = std::result::Result<T, Halt>;
+
+/// What has become of a whole walk: stopping early is no failure.
+pub(super) fn ended(walked: Walked) -> Result<()> {
+    match walked {
+        Ok(()) | Err(Halt::Stopped) => Ok(()),
+        Err(Halt::Failed(error)) => Err(error),
+    }
+}
+
 /// A question about a box of cells.
 pub(super) trait Visitor {
     /// Whether the statistics of a zone that lies wholly in the box will do; otherwise the walk goes into it.
-    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Result<bool>;
+    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool>;
     /// A uniform block (`None` is VOID) of which so many cells lie in the box; if not all do, `part` has those that do.
-    fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Result<()>;
+    fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked;
     /// The records of a whole subtree that lies in the box, none of it in another segment, and its levels: whether the
     /// visitor has taken all of it at once. Otherwise the walk goes through them.
     fn subtree(&mut self, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
         None
     }
     /// The walk has gone through all children of a node.
-    fn leave(&mut self, _: Code) -> Result<()> {
+    fn leave(&mut self, _: Code) -> Walked {
         Ok(())
     }
     /// A block that lies outside the box.
-    fn outside(&mut self) -> Result<()> {
+    fn outside(&mut self) -> Walked {
         Ok(())
     }
     /// The walk goes into a segment's records.
@@ -69,7 +94,7 @@ pub(super) trait Visitor {
 }
 
 /// Walks all of `bounds` (cells of the deepest level), in FD order.
-pub(super) fn walk(tree: &Goblin, bounds: &Bounds, visitor: &mut impl Visitor) -> Result<()> {
+pub(super) fn walk(tree: &Goblin, bounds: &Bounds, visitor: &mut impl Visitor) -> Walked {
     let (shape, root) = (tree.header().shape, Code::root(tree.header().form.dimension));
     let whole = root.bounds(shape.depth);
     let space = (!bounds.contains(&whole)).then_some(whole);
@@ -88,7 +113,7 @@ fn show(
     value: Option<Value>,
     (space, bounds): (Option<&Bounds>, &Bounds),
     visitor: &mut impl Visitor,
-) -> Result<()> {
+) -> Walked {
     let Some(space) = space else {
         let cells = code.dimension().cells(depth.saturating_sub(code.level()));
         return visitor.block(code, value, cells, None);
@@ -98,7 +123,7 @@ fn show(
 }
 
 /// Walks all of `bounds` (cells of the deepest level) of any source, in FD order. Zones are where the source knows tallies.
-pub(super) fn walk_source<S: Source>(source: &S, bounds: &Bounds, visitor: &mut impl Visitor) -> Result<()> {
+pub(super) fn walk_source<S: Source>(source: &S, bounds: &Bounds, visitor: &mut impl Visitor) -> Walked {
     let root = Code::root(source.form().dimension);
     let whole = root.bounds(source.depth());
     let space = (!bounds.contains(&whole)).then_some(whole);
@@ -113,7 +138,7 @@ fn source_node<S: Source>(
     space: Option<Bounds>,
     bounds: &Bounds,
     visitor: &mut impl Visitor,
-) -> Result<()> {
+) -> Walked {
     let inner = match node {
         Child::Inner { node, .. } if code.level() < source.depth() => node,
         uniform => return show(code, source.depth(), uniform.value(), (space.as_ref(), bounds), visitor),
@@ -164,7 +189,7 @@ impl Walk<'_> {
         index: Option<usize>,
         space: Option<Bounds>,
         visitor: &mut impl Visitor,
-    ) -> Result<()> {
+    ) -> Walked {
         let index = index.ok_or_else(|| self.tree.bad_cut(code))?;
         if space.is_none() && visitor.zone(code, &SegmentZone { tree: self.tree, index })? {
             return Ok(());
@@ -182,7 +207,7 @@ impl Walk<'_> {
         records: &[u8],
         node: Node,
         visitor: &mut impl Visitor,
-    ) -> Result<()> {
+    ) -> Walked {
         let Node { at, code, space, inline } = node;
         let (layout, shape) = (self.tree.layout(), &self.shape);
         let bad_skip = || self.tree.bad_skip(segment, at);
@@ -191,12 +216,12 @@ impl Walk<'_> {
             let subtree = layout.subtree(records, at, head.skip).unwrap_or(&[]);
             let levels = shape.depth.saturating_sub(code.level());
             if let Some(taken) = visitor.subtree(subtree, levels) {
-                return taken.map_err(|_| bad_skip());
+                return taken.map_err(|_| bad_skip().into());
             }
         }
         let (head, under) = layout.child_records(records, at).ok_or_else(bad_skip)?;
         if code.level() >= shape.depth {
-            return Err(bad_skip());
+            return Err(bad_skip().into());
         }
         let dimension = code.dimension();
         let candidates = !inline && shape.is_candidate(code.level() + 1);
@@ -228,7 +253,7 @@ impl Walk<'_> {
                             let node = Node { at: *record as usize, code: child, space, inline };
                             self.node(segment, records, node, visitor)?;
                         }
-                        _ => return Err(self.tree.bad_cut(child)),
+                        _ => return Err(self.tree.bad_cut(child).into()),
                     }
                 }
             }

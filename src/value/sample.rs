@@ -337,6 +337,10 @@ pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     fn min(self, other: Self) -> Self;
     /// The larger sample of each channel.
     fn max(self, other: Self) -> Self;
+    /// Whether both are equal in every bit.
+    fn same(self, other: Self) -> bool;
+    /// Joins channel by channel, in f64, and keeps the results within what the type can hold.
+    fn by_channel(self, other: Self, join: fn(f64, f64) -> f64) -> Self;
     /// Whether any sample is not a number; such a value is VOID.
     fn is_nan(self) -> bool;
 }
@@ -421,6 +425,14 @@ macro_rules! native_values {
             #[inline]
             fn max(self, other: Self) -> Self {
                 std::array::from_fn(|c| if other[c].order(self[c]).is_gt() { other[c] } else { self[c] })
+            }
+            #[inline]
+            fn same(self, other: Self) -> bool {
+                self.to_wire().as_bytes() == other.to_wire().as_bytes()
+            }
+            #[inline]
+            fn by_channel(self, other: Self, join: fn(f64, f64) -> f64) -> Self {
+                std::array::from_fn(|c| S::from_f64_lossy(join(self[c].to_f64(), other[c].to_f64())))
             }
             #[inline]
             fn is_nan(self) -> bool {

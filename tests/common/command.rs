@@ -55,7 +55,9 @@ pub fn interruptible(program: &str) -> Option<std::process::Command> {
     };
     let launcher = launchers.iter().find(works);
     if launcher.is_none() {
-        println!("skipped: whoever started these tests wants signals ignored, and nothing here can change that");
+        println!(
+            "skipped: whoever started these tests wants signals ignored, and nothing here can change that"
+        );
     }
     launcher.map(|launcher| launch(launcher, program))
 }

@@ -15,9 +15,7 @@ use spinney::io::Output;
 use spinney::ops::{self, Combined, Operation, TreeFile, View};
 use spinney::space::{Cell, Code, Dimension, Frame};
 use spinney::store::goblin::Goblin;
-use spinney::store::{
-    BuildOptions, Metadata, OpenOptions, Slab, Slabs, build_slabs, build_tree, depth_for,
-};
+use spinney::store::{BuildOptions, Metadata, OpenOptions, Slab, Slabs, build_slabs, build_tree, depth_for};
 use spinney::tree::{Child, Form, MemTree, Source, no_children};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
@@ -392,8 +390,7 @@ pub fn oct_size(random: &mut Random) -> [u64; 3] {
 /// Compares every node of a source with those of a tree.
 pub fn same_trees<S: Source>(source: &S, tree: &MemTree) {
     assert_eq!((source.form(), source.depth()), (tree.form(), tree.depth()));
-    let mut pending =
-        vec![(Code::root(tree.form().dimension), source.root().unwrap(), tree.root().unwrap())];
+    let mut pending = vec![(Code::root(tree.form().dimension), source.root().unwrap(), tree.root().unwrap())];
     while let Some((code, found, expected)) = pending.pop() {
         assert_eq!(found.state(), expected.state(), "{code}");
         assert_eq!(found.value(), expected.value(), "{code}");

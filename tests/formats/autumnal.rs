@@ -13,8 +13,8 @@ use spinney::tree::{Child, Form, MemTree, Source};
 use spinney::value::{Kind, Rule, SampleType};
 
 use crate::common::{
-    self, CLASSIC, Cells, OCT, QUAD, Random, byte, children, goblin_bytes, made, oct, options, quad, same_trees,
-    value_types,
+    self, CLASSIC, Cells, OCT, QUAD, Random, byte, children, goblin_bytes, made, oct, options, quad,
+    same_trees, value_types,
 };
 
 /// Makes a file of cells, by way of slabs.

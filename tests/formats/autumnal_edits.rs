@@ -6,8 +6,8 @@ use spinney::Error;
 use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{
-    Chain, Edit, FillRegion, Operation, Polygon, Prefer, TreeFile, apply_edits, compact_file, convert, diff_files,
-    edit,
+    Chain, Edit, FillRegion, Operation, Polygon, Prefer, TreeFile, apply_edits, compact_file, convert,
+    diff_files, edit,
 };
 use spinney::space::{Bounds, Dimension};
 use spinney::store::OpenOptions;
@@ -261,12 +261,7 @@ fn an_edit_writes_what_changes_and_the_path_to_it() {
 fn there_is_one_editor_and_it_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    write(
-        &path,
-        &Cells::random(QUAD, 1, [9, 9, 1], 5, true),
-        (Rule::Mean, Kind::Continuous),
-        false,
-    );
+    write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, true), (Rule::Mean, Kind::Continuous), false);
     let editor = Editor::open(&path, MEMORY).unwrap();
     let refused = Editor::open(&path, MEMORY).err().unwrap();
     assert!(matches!(refused, Error::Locked { .. }), "{refused}");
@@ -308,12 +303,7 @@ fn what_is_not_committed_never_was() {
 fn commits_are_found_among_many() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
-    write(
-        &path,
-        &Cells::random(QUAD, 1, [9, 9, 1], 5, false),
-        (Rule::Mean, Kind::Continuous),
-        false,
-    );
+    write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, false), (Rule::Mean, Kind::Continuous), false);
     let mut editor = Editor::open(&path, MEMORY).unwrap();
     // A reader that was there before stays where it is while thousands of commits come.
     let mut reader = open(&path);

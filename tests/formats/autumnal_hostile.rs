@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use spinney::dataset::Dataset;
 use spinney::io::Output;
-use spinney::ops::{Edit, FillRegion, TreeFile, convert, edit};
+use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::query::Condition;
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::autumnal::{Autumnal, Note};
@@ -35,7 +35,7 @@ fn two_commits() -> (Vec<u8>, [Cells; 2]) {
 
 /// A file, open for all questions.
 fn dataset(file: &Arc<Autumnal>) -> Dataset {
-    Dataset::from(TreeFile::from(file.clone()))
+    Dataset::of(file.clone().into()).unwrap()
 }
 
 /// Asks everything that can be asked; whatever the answers are, there is no panic and no end to wait for.
@@ -313,7 +313,10 @@ fn subtrees_shared_beyond_all_bounds_take_no_time() {
     for cell in [[0, 0, 0], [1 << 28, 12_345_679, 0], [(1 << 29) - 1; 3].map(|cell| cell)] {
         let cell = [cell[0], cell[1], 0];
         let expected = [1, 2, 2, 3][((cell[0] & 1) + 2 * (cell[1] & 1)) as usize];
-        assert_eq!(file.value_at(Code::from_cell(Dimension::Quad, 29, cell).unwrap()).unwrap(), Some(byte(expected)));
+        assert_eq!(
+            file.value_at(Code::from_cell(Dimension::Quad, 29, cell).unwrap()).unwrap(),
+            Some(byte(expected))
+        );
     }
     let statistics = dataset(&file).statistics(None).unwrap();
     assert_eq!(statistics.cells, 1 << 58);

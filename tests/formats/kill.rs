@@ -87,16 +87,7 @@ fn start(mut program: Command, input: &Path, output: &Path) -> Child {
 fn build_within(blocks: u32, place: &Place) -> Run {
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
     let mut command = Command::new("sh");
-    command.args([
-        "-c",
-        &script,
-        "sh",
-        PROGRAM,
-        "build",
-        "--quiet",
-        "--kind",
-        "continuous",
-    ]);
+    command.args(["-c", &script, "sh", PROGRAM, "build", "--quiet", "--kind", "continuous"]);
     command.args(["--memory", "64M", "-o"]).args([&place.output, &place.picture]);
     command.output().unwrap()
 }
@@ -188,10 +179,8 @@ fn devices_are_written_to_and_stay_what_they_are() {
         let pipe = pipe.clone();
         move || std::fs::read(pipe).unwrap()
     });
-    let program = std::process::Command::new(PROGRAM)
-        .args(["-q", "build", fixture, "-o"])
-        .arg(&pipe)
-        .status();
+    let program =
+        std::process::Command::new(PROGRAM).args(["-q", "build", fixture, "-o"]).arg(&pipe).status();
     assert!(program.unwrap().success());
     assert!(reader.join().unwrap().starts_with(b"\x93Goblin\n"));
     assert!(std::fs::metadata(&pipe).unwrap().file_type().is_fifo());

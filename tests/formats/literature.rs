@@ -135,7 +135,9 @@ fn representative_of_the_worked_example() {
     // Leaves A and B, inner nodes that stand for B and C: A has 3, B has 3 + 2, C has 2.
     let representative = |text: &str| {
         let tree = df::from_text(QUAD, text, 2, byte(1), Rule::Dominant).unwrap();
-        let Child::Inner { representative, node } = tree.root().unwrap() else { panic!("{text} is one leaf") };
+        let Child::Inner { representative, node } = tree.root().unwrap() else {
+            panic!("{text} is one leaf")
+        };
         let children = children(&tree, &node);
         let kinds = children.iter().map(|child| (child.value().map(as_byte), child.is_inner()));
         (as_byte(representative), kinds.collect::<Vec<_>>())

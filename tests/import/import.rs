@@ -85,14 +85,14 @@ const LARGEST: u64 = 10_000_000;
 /// Builds a tree of a file and compares all pixels; `false` if the file cannot be read in the first place, or is
 /// too large.
 fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
-    let raster = |bands: &Option<Vec<usize>>| {
+    let opened = |bands: &Option<Vec<usize>>| {
         let raster = raster::open(path, &OpenOptions::default())?;
         match bands {
             Some(bands) => raster::select(raster, bands),
             None => Ok(raster),
         }
     };
-    let Ok(first) = raster(&None) else { return false };
+    let Ok(first) = opened(&None) else { return false };
     if first.info().width.saturating_mul(first.info().height) > LARGEST {
         return false;
     }
@@ -107,7 +107,7 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let import = plan(&[path.to_path_buf()], &options).unwrap();
     let (value, metadata) = (import.value_type(), import.options().metadata.clone());
     let built = import.build(Output::create(&target).unwrap(), &());
-    let Ok((mut bytes, valid)) = raster(&bands).and_then(|mut raster| pixels_of(&mut *raster)) else {
+    let Ok((mut bytes, valid)) = opened(&bands).and_then(|mut raster| pixels_of(&mut *raster)) else {
         assert!(built.is_err() && std::fs::read_dir(folder).unwrap().next().is_none(), "{}", path.display());
         return false;
     };

@@ -344,7 +344,8 @@ fn random_solids() {
 fn levels_and_coverage() {
     let cells = Cells::random(OCT, 5, [60, 41, 50], 3, true);
     let coverage = [40, 128, 255];
-    let cells = made(OCT, cells.size, |cell| cells.get(cell).map(|value| byte(coverage[as_byte(value) as usize])));
+    let cells =
+        made(OCT, cells.size, |cell| cells.get(cell).map(|value| byte(coverage[as_byte(value) as usize])));
     for rule in [Rule::Occupancy, Rule::Max] {
         let tree = tree_of(6, &cells, rule);
         for level in 0..=6u8 {
@@ -574,13 +575,16 @@ fn trees_say_what_ply_tells() {
     };
     let header = |bytes: &[u8]| String::from_utf8_lossy(&bytes[..400.min(bytes.len())]).into_owned();
     let size = [9, 9, 9];
-    let tree = dataset(&Cells::random(oct(SampleType::U8, 3), 2, size, 4, true), Rule::Mean, Kind::Continuous);
+    let tree =
+        dataset(&Cells::random(oct(SampleType::U8, 3), 2, size, 4, true), Rule::Mean, Kind::Continuous);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("uchar red\nproperty uchar green\n"));
     read_obj(&export(&tree, MeshFormat::Obj)).check_closed("obj");
     let tree = dataset(&Cells::random(OCT, 2, size, 4, true), Rule::Majority, Kind::Categorical);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("property uchar value\nend_header"));
-    let tree = dataset(&Cells::random(oct(SampleType::U16, 1), 2, size, 4, true), Rule::Majority, Kind::Categorical);
+    let tree =
+        dataset(&Cells::random(oct(SampleType::U16, 1), 2, size, 4, true), Rule::Majority, Kind::Categorical);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("property ushort value\nend_header"));
-    let tree = dataset(&Cells::random(oct(SampleType::F32, 1), 2, size, 4, true), Rule::Mean, Kind::Continuous);
+    let tree =
+        dataset(&Cells::random(oct(SampleType::F32, 1), 2, size, 4, true), Rule::Mean, Kind::Continuous);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("vertex_indices\nend_header"));
 }

@@ -82,8 +82,7 @@ fn broken_models_are_filled_as_whole_ones() {
         let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };
         let (whole, _) = build(&[mesh.join(whole)], &options);
         let like = Resolution::Like(whole.metadata().frame.clone(), 7);
-        let (other, report) =
-            build(&[mesh.join(broken)], &SolidOptions { resolution: like, ..options });
+        let (other, report) = build(&[mesh.join(broken)], &SolidOptions { resolution: like, ..options });
         assert_eq!(report.inside, decided, "{broken}");
         // Which of 128 x 128 x 128 cells there are.
         let there = |tree: &Dataset| {

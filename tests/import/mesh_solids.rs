@@ -16,8 +16,7 @@ use crate::common::{Random, as_byte, byte, combined, view_of_file};
 fn boxes_on_the_grid_become_their_cells() {
     for boundary in [Boundary::Full, Boundary::Centre, Boundary::Coverage] {
         let options = SolidOptions { boundary, ..unit_cells(7) };
-        let (tree, report) =
-            build(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
+        let (tree, report) = build(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
         assert_eq!((report.inside, report.triangles, report.displacement), (Decided::Closed, 12, 0.0));
         let found = cells(&tree);
         for (i, cell) in found.iter().enumerate() {
@@ -174,7 +173,8 @@ fn coverage_of_foam_adds_up() {
         }
         let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(3) };
         let (tree, _) = build(plain(&triangles), &options);
-        let found = cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
+        let found =
+            cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
         assert!((found / expected - 1.0).abs() < tolerance, "{found}, expected {expected}");
     }
 }
@@ -193,7 +193,8 @@ fn coverage_adds_up_to_the_volume() {
         let expected = triangles.iter().map(volume).sum::<f64>().abs();
         let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
         let (tree, _) = build(plain(&triangles), &options);
-        let found = cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
+        let found =
+            cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
         assert!((found - expected).abs() < 1.0, "{found}, expected {expected}");
     }
 }
@@ -205,8 +206,7 @@ fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
     let triangles = cuboid(low, high);
     let options = SolidOptions { boundary: Boundary::Full, ..unit_cells(5) };
     let (full, _) = build(plain(&triangles), &options);
-    let (shell, report) =
-        build(plain(&triangles), &SolidOptions { surface: true, ..unit_cells(5) });
+    let (shell, report) = build(plain(&triangles), &SolidOptions { surface: true, ..unit_cells(5) });
     assert_eq!(report.inside, Decided::Surface);
     for (i, (full, shell)) in cells(&full).into_iter().zip(cells(&shell)).enumerate() {
         let cell = [i % 32, i / 32 % 32, i / 32 / 32].map(|x| x as f64);

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use spinney::export::image::{Format, ImageSpec, create};
 use spinney::import::raster::{OpenOptions, Order, Pixels, RasterInfo, open};
-use spinney::space::{Frame, Region};
 use spinney::io::Output;
+use spinney::space::{Frame, Region};
 use spinney::value::{Kind, Palette, SampleType, ValueType};
 use spinney::{Error, Result};
 

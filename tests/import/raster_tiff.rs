@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use sha2::{Digest, Sha256};
 use spinney::import::raster::{self, OpenOptions, Order, Pixels, Raster, RasterInfo};
 use spinney::space::Region;
 use spinney::value::{Kind, SampleType};
 use spinney::{Error, Result};
-use crate::common::tiff_file::{Ifd, Values, file};
 
 /// Files that GDAL reads and we refuse, and why.
 const REFUSED: [(&str, &str); 16] = [
@@ -224,7 +224,7 @@ fn files_read_as_gdal_reads_them() {
 
 /// Opens a file made by hand and reads it all.
 fn whole(bytes: &[u8], memory: u64) -> Result<(RasterInfo, Pixels)> {
-    let file = tiff_file::on_disk(bytes);
+    let file = on_disk(bytes);
     let mut raster = raster::open(file.path(), &OpenOptions { memory, ..OpenOptions::default() })?;
     let info = raster.info().clone();
     let mut pixels = Pixels::default();
@@ -355,7 +355,7 @@ fn missing_data_are_an_error_that_names_the_place() {
     let mut bytes = file(&[image.chunks(&[vec![1; 8], vec![2; 8]])]);
     // The second strip's place in the table, which is the first value out of line.
     bytes[8 + 16 + 4..8 + 16 + 8].copy_from_slice(&1000u32.to_le_bytes());
-    let file = tiff_file::on_disk(&bytes);
+    let file = on_disk(&bytes);
     let mut raster = raster::open(file.path(), &OpenOptions::default()).unwrap();
     let mut pixels = Pixels::default();
     raster.read(Region::new(0, 0, 4, 2), &mut pixels).unwrap();

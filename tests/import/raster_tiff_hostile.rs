@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
+use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use spinney::Result;
 use spinney::import::raster::{self, OpenOptions, Pixels};
 use spinney::space::Region;
-use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 
 /// Opens and reads what may be anything.
 fn read(bytes: &[u8]) -> Result<Pixels> {

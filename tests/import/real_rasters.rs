@@ -119,7 +119,9 @@ impl Bench {
         assert_eq!(found.size, expected.size, "{name}");
         for (index, (found, expected)) in found.cells.iter().zip(&expected.cells).enumerate() {
             let close = match (found, expected) {
-                (Some(found), Some(expected)) => (number(*found) - number(*expected)).abs() <= like.tolerance(),
+                (Some(found), Some(expected)) => {
+                    (number(*found) - number(*expected)).abs() <= like.tolerance()
+                }
                 (found, expected) => found.is_none() && expected.is_none(),
             };
             let show = |value: &Option<Value>| value.map(number);

@@ -7,9 +7,9 @@ use spinney::tree::{Child, Form, MemTree, Source};
 use spinney::value::{Kind, Rule, SampleType, Value};
 
 use crate::common::{
-    Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, children, combined, goblin, goblin_from_combined,
-    goblin_from_tree, goblin_from_view, made, oct, oct_size, quad, quad_size, seen, value_types, view_in, view_of,
-    view_of_cells, view_of_file,
+    Cells, OCT, QUAD, Random, as_byte, assert_same, byte, children, combined, goblin, goblin_from_combined,
+    goblin_from_tree, goblin_from_view, made, oct, oct_size, quad, quad_size, seen, value_types, view_in,
+    view_of, view_of_cells, view_of_file,
 };
 
 /// A quadtree or octree with something of everything, and its cells.
@@ -212,7 +212,8 @@ fn covered(cells: &Cells, rule: Rule, from: [f64; 3], to: [f64; 3]) -> Option<Va
         }
         _ if shares.is_empty() => None,
         _ => Some(value_type.nearest(|channel| {
-            let sum: f64 = shares.iter().map(|(value, share)| value_type.samples(*value)[channel] * share).sum();
+            let sum: f64 =
+                shares.iter().map(|(value, share)| value_type.samples(*value)[channel] * share).sum();
             (sum / all + 0.5).floor()
         })),
     }
@@ -449,7 +450,8 @@ fn what_cannot_be_done_is_refused() {
     for (form, name) in [(quad(SampleType::U8, 2), "quadtree of u8x2"), (OCT, "octree of u8")] {
         let size = [40, 30, form.axes() as u64 - 1];
         let other = view_of_cells(&made(form, size, |_| None)).deepened(view.depth()).unwrap();
-        let error = Combined::new(vec![view.clone(), other], Operation::Over, [40, 30, 1]).err().unwrap().to_string();
+        let error =
+            Combined::new(vec![view.clone(), other], Operation::Over, [40, 30, 1]).err().unwrap().to_string();
         assert!(error.contains(name) && error.contains("quadtree of u8"), "{error}");
     }
 }

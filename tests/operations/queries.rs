@@ -209,7 +209,19 @@ fn searches_find_all_and_the_largest() {
     for (seed, value) in (10..).zip(value_types()) {
         // The first numbers of signed types are below zero.
         let bound = value.first_sample(common::value(value, 2));
-        search(Form::new(Dimension::Quad, value), seed, [130, 90, 1], Kind::Continuous, Condition::Above(bound));
-        search(Form::new(Dimension::Oct, value), seed, [20, 30, 17], Kind::Categorical, Condition::Below(bound));
+        search(
+            Form::new(Dimension::Quad, value),
+            seed,
+            [130, 90, 1],
+            Kind::Continuous,
+            Condition::Above(bound),
+        );
+        search(
+            Form::new(Dimension::Oct, value),
+            seed,
+            [20, 30, 17],
+            Kind::Categorical,
+            Condition::Below(bound),
+        );
     }
 }

@@ -6,8 +6,8 @@ use spinney::tree::{Form, MemTree, Source};
 use spinney::value::{Rule, SampleType, Value, ValueType};
 
 use crate::common::{
-    self, Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, oct, oct_size, quad, quad_size,
-    value_types, view_of, view_of_cells,
+    self, Cells, OCT, QUAD, Random, as_byte, assert_same, byte, cells_of, combined, made, oct, oct_size,
+    quad, quad_size, value_types, view_of, view_of_cells,
 };
 
 /// The cells of two trees over one space.
@@ -41,7 +41,8 @@ fn set_operations(form: Form, seed: u64, size: [u64; 3]) {
             );
             // Nothing outside the picture.
             let side = 1u64 << combined.depth();
-            let all = cells_of(&combined, [side, side, if form.dimension == Dimension::Oct { side } else { 1 }]);
+            let all =
+                cells_of(&combined, [side, side, if form.dimension == Dimension::Oct { side } else { 1 }]);
             assert_eq!(all.count(), expected.count(), "{form}, operation {number}");
         }
     }

@@ -55,7 +55,12 @@ fn every_cell(size: [u64; 3]) -> impl Iterator<Item = [u64; 3]> {
     (0..depth).flat_map(move |z| (0..height).flat_map(move |y| (0..width).map(move |x| [x, y, z])))
 }
 
-fn all_points(cells: &Cells, (rule, kind): (Rule, Kind), count: usize, expected: &dyn Fn(u8, [u64; 3]) -> Option<Value>) {
+fn all_points(
+    cells: &Cells,
+    (rule, kind): (Rule, Kind),
+    count: usize,
+    expected: &dyn Fn(u8, [u64; 3]) -> Option<Value>,
+) {
     let value_type = cells.form.value;
     let (file, tree) = (goblin(cells, rule, kind), dataset(cells, rule, kind));
     let depth = tree.depth();
@@ -106,7 +111,8 @@ fn many_points_at_every_level() {
 fn many_points_in_several_segments_below_each_other() {
     let mut random = Random(8);
     let cells = made(OCT, [260, 40, 40], |_| None);
-    let noise = cells.cells.iter().map(|_| Some(byte(random.below(90) as u8)).filter(|value| as_byte(*value) < 80));
+    let noise =
+        cells.cells.iter().map(|_| Some(byte(random.below(90) as u8)).filter(|value| as_byte(*value) < 80));
     let cells = Cells { cells: noise.collect(), ..cells };
     let of_classes = (Rule::Majority, Kind::Categorical);
     let file = goblin(&cells, of_classes.0, of_classes.1);
@@ -120,13 +126,7 @@ fn many_points_in_several_segments_below_each_other() {
     }
 }
 
-fn array(
-    tree: &Dataset,
-    level: u8,
-    bounds: Bounds,
-    format: Format,
-    memory: u64,
-) -> spinney::Result<Vec<u8>> {
+fn array(tree: &Dataset, level: u8, bounds: Bounds, format: Format, memory: u64) -> spinney::Result<Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
     let request = ArrayRequest { bounds, level, nodata: None, memory };
@@ -364,14 +364,14 @@ fn rays_meet_the_first_cell() {
     for (seed, size) in [(1, [16, 16, 16]), (2, [7, 12, 10]), (3, [3, 20, 31])] {
         let cells = blocks(seed, size);
         // Few enough to see through.
-        let cells =
-            made(OCT, size, |cell| cells.get(cell).filter(|_| (cell[0] + 2 * cell[1] + 3 * cell[2]) % 5 == 0));
+        let cells = made(OCT, size, |cell| {
+            cells.get(cell).filter(|_| (cell[0] + 2 * cell[1] + 3 * cell[2]) % 5 == 0)
+        });
         let (file, model) = (solid(&cells), cells.tree(Rule::Occupancy));
         for level in 0..=cells.depth() {
             let side = 1u64 << level;
-            let full: Vec<[u64; 3]> = every_cell([side; 3])
-                .filter(|cell| byte_at(&model, level, *cell) >= 128)
-                .collect();
+            let full: Vec<[u64; 3]> =
+                every_cell([side; 3]).filter(|cell| byte_at(&model, level, *cell) >= 128).collect();
             let mut rays = file.rays(level).unwrap();
             let mut random = Random(seed + u64::from(level));
             for round in 0..250 {
@@ -528,7 +528,8 @@ fn pictures_depend_on_what_is_asked_only() {
 #[test]
 fn colours_and_classes_are_seen() {
     let form = oct(SampleType::U8, 3);
-    let red = made(form, [8, 8, 8], |[x, y, z]| (x > 1 && y > 1 && z > 1).then(|| Value::from([200u8, 20, 20])));
+    let red =
+        made(form, [8, 8, 8], |[x, y, z]| (x > 1 && y > 1 && z > 1).then(|| Value::from([200u8, 20, 20])));
     let file = dataset(&red, Rule::Mean, Kind::Continuous);
     let request = RenderRequest { width: 30, height: 30, ..RenderRequest::default() };
     let (_, _, pixels) = picture(&file, &request);

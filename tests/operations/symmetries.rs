@@ -5,7 +5,8 @@ use spinney::space::Frame;
 use spinney::value::{Kind, Rule};
 
 use crate::common::{
-    Cells, OCT, QUAD, assert_same, goblin, goblin_bytes, goblin_from_view, seen, view_in, view_of_cells, view_of_file,
+    Cells, OCT, QUAD, assert_same, goblin, goblin_bytes, goblin_from_view, seen, view_in, view_of_cells,
+    view_of_file,
 };
 
 /// Which axis each axis of the result comes from, and whether it is mirrored.

@@ -128,7 +128,11 @@ const OPERATIONS: [(&str, &[&str], Join); 26] = [
     ("nor", &[], |a, b| a.or(b).map_or(Some(byte(255)), |_| None)),
     ("nor", &["--fill", "7"], |a, b| a.or(b).map_or(Some(byte(7)), |_| None)),
     ("xnor", &["--fill", "7"], |a, b| if a.is_some() == b.is_some() { a.or(Some(byte(7))) } else { None }),
-    ("nand", &["--fill", "7"], |a, b| if a.is_some() && b.is_some() { None } else { a.or(b).or(Some(byte(7))) }),
+    (
+        "nand",
+        &["--fill", "7"],
+        |a, b| if a.is_some() && b.is_some() { None } else { a.or(b).or(Some(byte(7))) },
+    ),
     ("all", &["--fill", "7"], |a, b| a.or(b).or(Some(byte(7)))),
     ("mask", &[], |a, b| a.filter(|_| b.is_some())),
     ("over", &[], |a, b| a.or(b)),
@@ -201,7 +205,8 @@ fn cut_in_pieces_and_put_together() {
     // What is nowhere is nowhere; what one of them has not is in no minimum.
     let parts: Vec<Placed> = [([5, 3, 4], [8, 6, 7]), ([6, 0, 5], [7, 4, 6])]
         .map(|(at, size): ([i64; 3], [u64; 3])| {
-            let cells = made(OCT, size, |cell| setting.a.get(std::array::from_fn(|i| cell[i] as i64 + at[i])));
+            let cells =
+                made(OCT, size, |cell| setting.a.get(std::array::from_fn(|i| cell[i] as i64 + at[i])));
             Placed { cells, at }
         })
         .into();
@@ -213,7 +218,8 @@ fn cut_in_pieces_and_put_together() {
 #[test]
 fn the_complement_of_one_octree() {
     let setting = Setting::new();
-    let expected = made(OCT, setting.a.cells.size, |cell| setting.a.cells.get(cell).map_or(Some(byte(255)), |_| None));
+    let expected =
+        made(OCT, setting.a.cells.size, |cell| setting.a.cells.get(cell).map_or(Some(byte(255)), |_| None));
     assert_same(&setting.combine("not", &["a.goblin"], &[]), &expected, "not");
     // The ball of the fixtures has all symmetries of the cube about its middle.
     let ball = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");

@@ -20,7 +20,8 @@ type Model = fn(&Cells) -> Cells;
 fn inputs(folder: &TempDir) -> Vec<(String, Cells)> {
     let patches = Cells::random(OCT, 5, SIZE, 200, true);
     let inside = |cell: u64, axis: usize| cell > axis as u64 && cell + 3 < SIZE[axis];
-    let island = made(OCT, SIZE, |cell| patches.get(cell).filter(|_| (0..3).all(|axis| inside(cell[axis], axis))));
+    let island =
+        made(OCT, SIZE, |cell| patches.get(cell).filter(|_| (0..3).all(|axis| inside(cell[axis], axis))));
     [("noise", Cells::noise(OCT, 6, SIZE, 200)), ("patches", patches), ("island", island)]
         .map(|(name, cells)| {
             let path = folder.path().join(format!("{name}.goblin"));
@@ -175,7 +176,8 @@ fn transformed_octrees() {
         }
     }
     let depth = |name: &str| open(&folder.path().join(name)).depth();
-    spinney(&["-q", "transform", &inputs(&folder)[0].0, "tree-depth=6", "-o", out.to_str().unwrap()]).success();
+    spinney(&["-q", "transform", &inputs(&folder)[0].0, "tree-depth=6", "-o", out.to_str().unwrap()])
+        .success();
     assert_eq!((depth("noise.goblin"), depth("out.goblin")), (4, 6));
 }
 
@@ -282,7 +284,8 @@ fn octrees_and_steps_that_do_not_fit() {
         assert!(words.iter().all(|word| text.contains(word)), "{arguments:?}: {text}");
         assert!(!Path::new(&out).exists(), "{arguments:?}");
     };
-    for step in ["rotate=90,w", "rotate=90,1,1", "axes=+x,+x,+z", "axes=+x,-y,+w", "scale=1,2,3,4", "embed=/8"]
+    for step in
+        ["rotate=90,w", "rotate=90,1,1", "axes=+x,+x,+z", "axes=+x,-y,+w", "scale=1,2,3,4", "embed=/8"]
     {
         says(&["transform", &file, step, "-o", &out], 2, &["invalid value", step]);
     }

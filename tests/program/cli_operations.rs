@@ -120,10 +120,12 @@ fn refusals() {
     says(&["combine", "and", &a, "-o", &out], 1, &["two"]);
     says(&["combine", "cross", &a, &a, "-o", &out], 1, &["table"]);
     says(&["combine", "union", &a, &a], 1, &["--output"]);
-    for step in ["spin=3", "window=1,2,3", "window=0,0,0,5", "scale=0", "rotate=x", "embed=/9", "affine=1,2"] {
+    for step in ["spin=3", "window=1,2,3", "window=0,0,0,5", "scale=0", "rotate=x", "embed=/9", "affine=1,2"]
+    {
         says(&["transform", &a, step, "-o", &out], 2, &["step", step]);
     }
-    for step in ["window=400,0,5,5", "translate=-300,0", "affine=1,1,0,1,1,0", "subtree=/0123012301", "depth=40"]
+    for step in
+        ["window=400,0,5,5", "translate=-300,0", "affine=1,1,0,1,1,0", "subtree=/0123012301", "depth=40"]
     {
         says(&["transform", &a, step, "-o", &out], 1, &["got", "expected"]);
     }

@@ -381,14 +381,14 @@ impl Autumnal {
         claimed.ok_or_else(|| self.bad_zone(node))
     }
 
-    /// Checks that the zone of a node, which has these children, adds up with theirs: else a small file could claim few
+    /// Checks that the zone of a node, which has this record, adds up with those of its children: else a small file could claim few
     /// records and have any number.
     #[inline(never)]
     fn check_zone<'a, A: ByteAccess<'a>>(
         &self,
         access: A,
         node: Node,
-        children: &Children<Node>,
+        record: &Record<A::Bytes>,
     ) -> Result<()> {
         let claimed = self.records_below(access, node)?;
         let dimension = self.layout().form.dimension;
@@ -397,9 +397,10 @@ impl Autumnal {
             1..=(dimension.cells(node.height) - 1) / (dimension.children() as u64 - 1)
         } else {
             let mut sum = 1u64;
-            for child in &children[..dimension.children()] {
-                if let Child::Inner { node, .. } = child {
-                    sum = sum.saturating_add(self.records_below(access, *node)?);
+            for step in 0..dimension.children() {
+                if !matches!(record.state(step), VOID | LEAF) {
+                    let child = self.inner(record, node.height, step)?;
+                    sum = sum.saturating_add(self.records_below(access, child)?);
                 }
             }
             sum..=sum
@@ -411,13 +412,28 @@ impl Autumnal {
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
-    /// Writes the children of a node to the room's beginning, for [`Source::children`]: what walks spend their time on.
+    /// Writes the children of an inner node as nodes of something that stands on this file: what [`Source::children`]
+    /// does, without a second array for those who have nodes of their own.
+    pub(crate) fn children_with<N>(
+        &self,
+        node: &Node,
+        children: &mut Children<N>,
+        node_of: impl Fn(Node) -> N,
+    ) -> Result<()> {
+        match self.extents().mapped() {
+            Some(mapped) => self.children_in(mapped, *node, children, node_of),
+            None => self.children_in(self.extents(), *node, children, node_of),
+        }
+    }
+
+    /// Writes the children of a node to the room's beginning: what walks spend their time on.
     #[inline(never)]
-    fn children_in<'a, A: ByteAccess<'a>>(
+    fn children_in<'a, A: ByteAccess<'a>, N>(
         &self,
         access: A,
         node: Node,
-        children: &mut Children<Node>,
+        children: &mut Children<N>,
+        node_of: impl Fn(Node) -> N,
     ) -> Result<()> {
         let record = self.record_in(access, node)?;
         let layout = self.layout();
@@ -434,11 +450,12 @@ impl Autumnal {
                 state => {
                     let node = self.follow(&record, at, state, node.height)?;
                     at += layout.pointer_size(state);
-                    Child::Inner { representative: self.representative_in(access, node.address)?, node }
+                    let representative = self.representative_in(access, node.address)?;
+                    Child::Inner { representative, node: node_of(node) }
                 }
             };
         }
-        if node.height >= self.zone_height() { self.check_zone(access, node, children) } else { Ok(()) }
+        if node.height >= self.zone_height() { self.check_zone(access, node, &record) } else { Ok(()) }
     }
 
     /// INNER nodes of the tree, those of shared subtrees as often as they occur.
@@ -478,10 +495,7 @@ impl Source for Autumnal {
     }
 
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
-        match self.extents().mapped() {
-            Some(mapped) => self.children_in(mapped, *node, children),
-            None => self.children_in(self.extents(), *node, children),
-        }
+        self.children_with(node, children, |node| node)
     }
 
     fn tally(&self, node: &Node) -> Result<Option<Tally>> {

@@ -33,7 +33,7 @@ pub(super) fn decode<R: Record, V: Native>(bytes: R::Bytes) -> V {
 
 /// A value's bytes.
 #[inline]
-fn encode<R: Record, V: Native>(value: V) -> R::Bytes {
+pub(super) fn encode<R: Record, V: Native>(value: V) -> R::Bytes {
     R::Bytes::read_from_bytes(value.to_wire().as_bytes()).expect("records are as wide as values")
 }
 
@@ -159,20 +159,13 @@ impl<V: Native, R: Record> Majorities<V, R> {
 
     /// Sorts the arena's last list, which begins at `start`, and makes one entry of equal values.
     fn sum_from(&mut self, start: usize) {
-        let list = &mut self.arena[start..];
-        list.sort_unstable_by(|a, b| Self::order(&a.0, &b.0));
-        let mut len = 0;
-        let mut next = 0;
-        while let Some(&(value, mut sum)) = list.get(next) {
-            next += 1;
-            while let Some((_, count)) = list.get(next).filter(|(other, _)| *other == value) {
-                sum += *count;
-                next += 1;
-            }
-            list[len] = (value, sum);
-            len += 1;
-        }
-        self.arena.truncate(start + len);
+        // Sorted as plain numbers, so that sorting is compiled once for all types.
+        let value = |bytes: &R::Bytes| Value::from_bytes(bytes.as_bytes());
+        let list = self.arena.drain(start..);
+        let mut list: Vec<(u128, Value, u64)> =
+            list.map(|(bytes, cells)| (V::TYPE.order_key(value(&bytes)), value(&bytes), cells)).collect();
+        sum_by_key(&mut list);
+        self.arena.extend(list.into_iter().map(|(_, value, cells)| (from_value::<R>(value), cells)));
     }
 }
 
@@ -248,8 +241,7 @@ impl<V: Native, R: Record> Averaging<R> for Local<V> {
             Rule::Max => numbers().reduce(V::max).map(encode::<R, V>),
             Rule::Dominant => {
                 let children = some().map(|(state, value)| (Value::from_bytes(value.as_bytes()), *state == INNER));
-                let value = dominant(children).to_bytes();
-                Some(R::Bytes::read_from_prefix(&value).expect("16 bytes hold any value").0)
+                Some(from_value::<R>(dominant(children)))
             }
             Rule::Nearest | Rule::Mean | Rule::Majority | Rule::Occupancy => some().map(|(_, value)| *value).next(),
         };
@@ -271,13 +263,28 @@ pub(super) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> 
     }
 }
 
+/// The bytes of a value whose type is known at run time.
+#[inline]
+pub(super) fn from_value<R: Record>(value: Value) -> R::Bytes {
+    R::Bytes::read_from_prefix(&value.to_bytes()).expect("16 bytes hold any value").0
+}
+
 /// Sorts a list of counts by value and makes one entry of equal values.
 pub(super) fn sum_by_value(value_type: ValueType, counts: &mut Vec<(Value, u64)>) {
-    counts.sort_unstable_by_key(|(value, _)| value_type.order_key(*value));
+    let keyed = counts.drain(..).map(|(value, cells)| (value_type.order_key(value), value, cells));
+    let mut keyed: Vec<(u128, Value, u64)> = keyed.collect();
+    sum_by_key(&mut keyed);
+    counts.extend(keyed.into_iter().map(|(_, value, cells)| (value, cells)));
+}
+
+/// Sorts counts by their values' keys (equal keys are equal values) and makes one entry of those that are equal.
+#[inline(never)]
+fn sum_by_key(counts: &mut Vec<(u128, Value, u64)>) {
+    counts.sort_unstable_by_key(|(key, _, _)| *key);
     counts.dedup_by(|next, sum| {
         let same = next.0 == sum.0;
         if same {
-            sum.1 += next.1;
+            sum.2 += next.2;
         }
         same
     });

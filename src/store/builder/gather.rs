@@ -5,14 +5,15 @@ use std::ops::Range;
 
 use zerocopy::IntoBytes;
 
+use super::averaging::{decode, encode, from_value};
 use super::block::{Block, Level};
-use super::reuse::{MergeAction, Overlay, ReusableSource, SegmentNode, Subtree};
+use super::reuse::{Join, MergeAction, Overlay, ReusableSource, SegmentNode, Subtree};
 use super::reused::ReusedRecords;
 use crate::Result;
 use crate::space::Code;
-use crate::store::container::{INNER, LEAF, Record, RecordLayout, VOID, with_record_type};
+use crate::store::container::{INNER, LEAF, Record, RecordLayout, VOID, with_form_type};
 use crate::tree::{CellBlock, Child, Form, NodeState, no_children};
-use crate::value::Value;
+use crate::value::{Native, Value};
 
 /// Cells of a block that is drawn, as a power of two: a quadtree's block of 32 x 32 cells, an octree's of 8 x 8 x 8. Larger
 /// ones are drawn in vain where there is little detail.
@@ -117,7 +118,10 @@ impl Block {
         let records = [&first, &second].map(|subtree| subtree.as_ref().map_or(&[][..], Subtree::records));
         let layout = RecordLayout::new(form);
         let mut reused = ReusedRecords::new(layout, height);
-        let levels = with_record_type!(layout, R => merge::<R>(form, overlay, records, height, &mut reused));
+        let levels = with_form_type!(form, V, R => {
+            // (A pointer, so that merging is compiled for widths and not for types.)
+            merge::<R>(form, overlay, records, height, (&mut reused, join_values::<V, R>))
+        });
         Ok(levels.map(|levels| Block::new(form, code, height, levels, reused)))
     }
 }
@@ -194,23 +198,32 @@ struct MergeNode<B> {
     record: u32,
 }
 
+/// What joins the values of two LEAFs; `None` is VOID.
+type JoinValues<B> = fn(Join, B, B) -> Option<B>;
+
+/// [`Join::native`] of values' bytes; what is not a number is VOID.
+fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Option<R::Bytes> {
+    let value = join.native::<V>(decode::<R, V>(a), decode::<R, V>(b))?;
+    (!value.is_nan()).then(|| encode::<R, V>(value))
+}
+
 /// The levels of two subtrees of records, merged; `None` if records contradict each other.
 fn merge<R: Record>(
     form: Form,
     overlay: &Overlay<'_>,
     records: [&[u8]; 2],
     height: u8,
-    reused: &mut ReusedRecords,
+    (reused, join_values): (&mut ReusedRecords, JoinValues<R::Bytes>),
 ) -> Option<Vec<Level>> {
     let records = records.map(R::of);
+    let width = size_of::<R::Bytes>();
     let is_float = form.value.sample.is_float();
     let root = |node: &Child<SegmentNode<'_>>| {
-        let value = node.value().unwrap_or_default().to_bytes();
-        let (value, _) = <R::Bytes as zerocopy::FromBytes>::read_from_prefix(&value).ok()?;
-        Some(MergeNode { state: node.state(), value, record: 0 })
+        let value = from_value::<R>(node.value().unwrap_or_default());
+        MergeNode { state: node.state(), value, record: 0 }
     };
     let mut levels = vec![Level::root(form)];
-    let mut open = vec![[root(&overlay.nodes[0])?, root(&overlay.nodes[1])?]];
+    let mut open = vec![[root(&overlay.nodes[0]), root(&overlay.nodes[1])]];
     for below in (0..height).rev() {
         let mut level = Level::new(form, open.len() * R::CHILDREN);
         let mut expanded = Vec::new();
@@ -231,7 +244,6 @@ fn merge<R: Record>(
                             }
                             NodeState::Leaf => {
                                 level.states[index] = LEAF;
-                                let width = size_of::<R::Bytes>();
                                 level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                             }
                             NodeState::Inner => {
@@ -240,6 +252,12 @@ fn merge<R: Record>(
                                 let node = reused.take(index, subtree.as_bytes(), below)?;
                                 level.put_reused(form, Value::from_bytes(value.as_bytes()), node);
                             }
+                        }
+                    }
+                    MergeAction::Join => {
+                        if let Some(value) = join_values(overlay.join, pair[0].value, pair[1].value) {
+                            level.states[index] = LEAF;
+                            level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                         }
                     }
                     MergeAction::Split if below > 0 => {

@@ -18,7 +18,7 @@ mod walk;
 pub use options::{BuildOptions, depth_for};
 pub(in crate::store) use part::{ENOUGH, Part, SealedSegment, representative_of, trim, uniform_children};
 pub use reuse::{
-    MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree,
+    Join, MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree,
 };
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};

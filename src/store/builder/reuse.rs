@@ -8,6 +8,7 @@ use crate::io::{FileBytes, FileId};
 use crate::space::Code;
 use crate::store::container::Header;
 use crate::tree::{Child, MemTree, NodeState, Source};
+use crate::value::{Native, Value, ValueType, erase, native, with_native_type};
 
 /// A source that may tell which of its nodes are stored in files.
 pub trait ReusableSource: Source {
@@ -104,8 +105,47 @@ pub enum MergeAction {
     Take(usize),
     /// Something that neither tree has.
     Fill,
+    /// What the values of two LEAFs are joined to: see [`Join`].
+    Join,
     /// What becomes of its children.
     Split,
+}
+
+/// How the values of two LEAFs are joined to one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Join {
+    /// The smaller sample of each channel.
+    Min,
+    /// The larger sample of each channel.
+    Max,
+    /// The sum per channel, kept within what the type can hold.
+    Add,
+    /// The difference per channel, kept within what the type can hold.
+    Subtract,
+    /// The value, if both are the same; else VOID.
+    Equal,
+    /// The second value, if it is not the same as the first; else VOID.
+    Changed,
+}
+
+impl Join {
+    /// What two values are joined to; `None` is VOID.
+    pub(crate) fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
+        with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))
+    }
+
+    /// What two values of known type are joined to; `None` is VOID.
+    #[inline]
+    pub(super) fn native<V: Native>(self, a: V, b: V) -> Option<V> {
+        match self {
+            Join::Min => Some(a.min(b)),
+            Join::Max => Some(a.max(b)),
+            Join::Add => Some(a.by_channel(b, |a, b| a + b)),
+            Join::Subtract => Some(a.by_channel(b, |a, b| a - b)),
+            Join::Equal => a.same(b).then_some(a),
+            Join::Changed => (!a.same(b)).then_some(b),
+        }
+    }
 }
 
 /// Merge actions by what each of two trees has at a node.
@@ -133,4 +173,6 @@ pub struct Overlay<'a> {
     pub nodes: [Child<SegmentNode<'a>>; 2],
     /// How they are merged.
     pub actions: MergeTable,
+    /// How values are joined where the actions say so.
+    pub join: Join,
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use zerocopy::FromBytes;
 
-use super::averaging::decode;
+use super::averaging::{decode, from_value};
 use super::block::Block;
 use crate::Result;
 use crate::space::{Code, morton_encode};
@@ -102,9 +102,7 @@ impl Slab {
         nodata: Option<Value>,
     ) -> (Vec<u8>, Vec<u8>) {
         let cells = <[R::Bytes]>::ref_from_bytes(&self.bytes).expect("whole values");
-        let nodata: Option<R::Bytes> = nodata.map(|nodata| {
-            R::Bytes::read_from_prefix(&nodata.to_bytes()).expect("16 bytes hold any value").0
-        });
+        let nodata = nodata.map(from_value::<R>);
         let is_void = |bytes: R::Bytes| decode::<R, V>(bytes).is_nan() || nodata == Some(bytes);
         let never_void = self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float();
         let cells_in_block = 1 << (R::AXES * height as usize);

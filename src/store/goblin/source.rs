@@ -2,11 +2,10 @@
 
 use super::reader::Goblin;
 use crate::Result;
-use crate::space::{Bounds, Code};
+use crate::space::Code;
 use crate::store::builder::{ReusableSource, SegmentFile, SegmentNode, Subtree};
 use crate::store::container::{CUT, Header, INNER, LEAF, VOID};
 use crate::tree::{Child, Children, Form, Source};
-use crate::value::Value;
 
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +43,19 @@ impl Source for Goblin {
     }
 
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
+        self.children_with(node, children, |node| node)
+    }
+}
+
+impl Goblin {
+    /// Writes the children of an inner node as nodes of something that stands on this file: what [`Source::children`]
+    /// does, without a second array for those who have nodes of their own.
+    pub(crate) fn children_with<N>(
+        &self,
+        node: &Node,
+        children: &mut Children<N>,
+        node_of: impl Fn(Node) -> N,
+    ) -> Result<()> {
         let segment = self.segment(node.segment as usize)?;
         let (layout, shape) = (&self.layout, &self.header.shape);
         let records = segment.records();
@@ -88,16 +100,11 @@ impl Source for Goblin {
                         _ if state == CUT => return Err(self.bad_cut(code)),
                         _ => here,
                     };
-                    Child::Inner { representative: layout.value(records, at, step), node }
+                    Child::Inner { representative: layout.value(records, at, step), node: node_of(node) }
                 }
             };
         }
         Ok(())
-    }
-
-    fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
-        self.window(self.header.depth(), bounds, Value::ZERO, values, Some(valid))?;
-        Ok(true)
     }
 }
 

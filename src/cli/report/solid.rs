@@ -1,21 +1,23 @@
-//! What `spinney stats` tells of solids.
+//! Volume, surface, centre and bounds of solids.
 
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::SolidStatistics;
 
-/// What lengths are counted in, for people.
+/// The unit of lengths, for people.
 fn unit(tree: &Dataset) -> &'static str {
     if tree.metadata().frame.is_identity() { "cells" } else { "units of the world" }
 }
 
+/// Coordinates for people, with commas between them.
 fn list(numbers: &[f64; 3]) -> String {
     // Digits that rounding cannot have made.
     numbers.map(|number| ((number * 1e6).round() / 1e6).to_string()).join(", ")
 }
 
-pub(super) fn as_json(tree: &Dataset, solid: &SolidStatistics) -> serde_json::Value {
+/// A solid as JSON.
+pub(crate) fn as_json(tree: &Dataset, solid: &SolidStatistics) -> serde_json::Value {
     json!({
         "level": solid.level,
         "unit": unit(tree),
@@ -32,7 +34,8 @@ pub(super) fn as_json(tree: &Dataset, solid: &SolidStatistics) -> serde_json::Va
     })
 }
 
-pub(super) fn as_text(tree: &Dataset, solid: &SolidStatistics) -> Result<String> {
+/// A solid as text.
+pub(crate) fn as_text(tree: &Dataset, solid: &SolidStatistics) -> Result<String> {
     use std::fmt::Write;
     let mut text = String::new();
     writeln!(text, "solid      at level {} of {}; lengths in {}", solid.level, tree.depth(), unit(tree))?;

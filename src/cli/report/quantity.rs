@@ -1,22 +1,4 @@
-//! Amounts, as people write and read them.
-
-/// Parses a number of bytes: `256M`, `1G`, `1GiB`, `1000000`. Units are powers of 1024.
-pub(crate) fn parse_bytes(text: &str) -> Result<u64, String> {
-    let text = text.trim();
-    let digits = text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.').len();
-    let (number, unit) = text.split_at(digits);
-    let power = match unit.trim().to_ascii_lowercase().as_str() {
-        "" | "b" => 0,
-        "k" | "kb" | "kib" => 1,
-        "m" | "mb" | "mib" => 2,
-        "g" | "gb" | "gib" => 3,
-        "t" | "tb" | "tib" => 4,
-        _ => return Err("the unit should be K, M, G or T".into()),
-    };
-    let number: f64 = number.parse().map_err(|_| "expected a number such as 256M or 1G")?;
-    let bytes = number * 1024f64.powi(power);
-    if !(1.0..=1e18).contains(&bytes) { Err("out of range".into()) } else { Ok(bytes as u64) }
-}
+//! Amounts, as people read them.
 
 /// Bytes with three digits or so: `14.8 MiB`.
 pub(crate) fn bytes(bytes: u64) -> String {
@@ -45,6 +27,7 @@ pub(crate) fn time(seconds: i64) -> String {
     format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}")
 }
 
+/// A number in the largest unit in which it is not below 1, or nearly so.
 fn scaled(mut number: f64, base: f64, units: &[&str]) -> String {
     let mut unit = 0;
     // 999.5 would be written as 1000.
@@ -65,26 +48,6 @@ fn scaled(mut number: f64, base: f64, units: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn bytes_are_read() {
-        for (text, expected) in [
-            ("1", 1),
-            ("1000000", 1_000_000),
-            ("256M", 256 << 20),
-            ("1G", 1 << 30),
-            ("1GiB", 1 << 30),
-            ("1gb", 1 << 30),
-            ("1.5 k", 1536),
-            ("2T", 2 << 40),
-            ("7B", 7),
-        ] {
-            assert_eq!(parse_bytes(text), Ok(expected), "{text}");
-        }
-        for text in ["", "M", "0", "-1", "1X", "1iB", "1e9", "1.2.3", "9999999T", "1 0"] {
-            assert!(parse_bytes(text).is_err(), "{text}");
-        }
-    }
 
     #[test]
     fn moments_are_written() {

@@ -7,23 +7,28 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
-use super::{Global, Result, quantity};
+use super::super::Global;
+use super::exit::INTERRUPTED;
+use super::quantity;
 
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+/// Whether the user wants the program to stop. (A signal reaches the process, not a piece of work.)
+static STOP: AtomicBool = AtomicBool::new(false);
 
-/// Long work: a bar if somebody looks, and an ear for Ctrl-C.
+/// Long work: a bar if standard error is a terminal, and a stop at the next good moment after Ctrl-C.
 pub(crate) struct Work {
     bar: ProgressBar,
 }
 
 impl Work {
-    /// From here on Ctrl-C and termination end the work in good order; a second one ends it at once.
+    /// Starts work: from here on Ctrl-C and termination end it in good order; a second one ends it at once.
+    ///
+    /// To be called before anything is created that an interrupted program would leave behind.
     ///
     /// `unit` is what is counted, in the plural.
-    pub(crate) fn start(global: &Global, unit: &'static str) -> Result<Work> {
+    pub(crate) fn start(global: &Global, unit: &'static str) -> anyhow::Result<Work> {
         let handler = || {
-            if INTERRUPTED.swap(true, Ordering::Relaxed) {
-                process::exit(130);
+            if STOP.swap(true, Ordering::Relaxed) {
+                process::exit(INTERRUPTED.into());
             }
         };
         match ctrlc::try_set_handler(handler) {
@@ -39,7 +44,7 @@ impl Work {
         Ok(Work { bar })
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
     }
@@ -51,6 +56,7 @@ impl Drop for Work {
     }
 }
 
+/// A bar with the share that is done, so many units per second, and the time left.
 fn style(unit: &'static str) -> ProgressStyle {
     let rate = move |state: &ProgressState, out: &mut dyn Write| {
         let _ = write!(out, "{} {unit}/s", quantity::count(state.per_sec()));
@@ -67,6 +73,6 @@ impl spinney::Progress for Work {
     }
 
     fn interrupted(&self) -> bool {
-        INTERRUPTED.load(Ordering::Relaxed)
+        STOP.load(Ordering::Relaxed)
     }
 }

@@ -1,0 +1,46 @@
+//! Boxes of octrees as people give them, in cells or in the world.
+
+use anyhow::{Context as _, Result, ensure};
+use spinney::dataset::Dataset;
+use spinney::space::Bounds;
+
+use super::{NO_INVERSE, numbers};
+
+/// A box: the corner with the least coordinates, and the lengths of the edges.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Cuboid {
+    corner: [f64; 3],
+    size: [f64; 3],
+}
+
+/// Reads six numbers: a corner, and the lengths of the edges.
+pub(crate) fn parse_cuboid(text: &str) -> Result<Cuboid, String> {
+    let numbers = numbers(text).filter(|numbers: &[f64; 6]| numbers.iter().all(|number| number.is_finite()));
+    let [x, y, z, width, height, depth] = numbers.ok_or("expected six numbers: x,y,z,width,height,depth")?;
+    Ok(Cuboid { corner: [x, y, z], size: [width, height, depth] })
+}
+
+impl Cuboid {
+    /// The cells of a level that it has; of one in the world those that are in the tree.
+    pub(crate) fn cells(&self, tree: &Dataset, level: u8, world: bool) -> Result<Bounds> {
+        let Cuboid { corner, size } = *self;
+        ensure!(
+            size.iter().all(|length| *length > 0.0),
+            "--box: width, height and depth must be more than 0"
+        );
+        if world {
+            let end = std::array::from_fn(|axis| corner[axis] + size[axis]);
+            let frame = tree.metadata().frame.coarser(tree.depth() - level);
+            let bounds = frame.cells_in_box(corner, end, tree.extent_at(level).max).context(NO_INVERSE)?;
+            ensure!(!bounds.is_empty(), "--box: outside the solid");
+            return Ok(bounds);
+        }
+        let whole = |number: &f64| number.fract() == 0.0 && (0.0..9e15).contains(number);
+        ensure!(
+            corner.iter().chain(&size).all(whole),
+            "--box: cells are whole numbers; with --world it is a box in the world"
+        );
+        let min = corner.map(|number| number as u64);
+        Ok(Bounds { min, max: std::array::from_fn(|axis| min[axis] + size[axis] as u64) })
+    }
+}

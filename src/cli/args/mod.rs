@@ -1,0 +1,48 @@
+//! Options that several subcommands share, and how what people write is read.
+
+mod commit;
+mod cuboid;
+mod global;
+mod memory;
+mod operation;
+mod output;
+mod part;
+mod slice;
+mod viewed;
+
+use std::str::FromStr;
+
+use anyhow::{Context as _, Result, ensure};
+use spinney::dataset::Dataset;
+
+pub(crate) use commit::CommitOptions;
+pub(crate) use cuboid::{Cuboid, parse_cuboid};
+pub(crate) use global::Global;
+pub(crate) use memory::{DEFAULT_MEMORY, Memory};
+pub(crate) use operation::{OperationName, parse_operation};
+pub(crate) use output::{check_output, parse_size, picture_format, same_file};
+pub(crate) use part::Part;
+pub(crate) use slice::{Slice, parse_slice};
+pub(crate) use viewed::{Viewed, parse_step};
+
+/// Reads exactly `N` numbers with commas between them.
+pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    numbers?.try_into().ok()
+}
+
+/// The level that `--level` asks for; the deepest if it was not given.
+pub(crate) fn level_of(tree: &Dataset, asked: Option<u8>) -> Result<u8> {
+    let depth = tree.depth();
+    let level = asked.unwrap_or(depth);
+    ensure!(level <= depth, "--level: {level}, the tree's levels are 0 to {depth}");
+    Ok(level)
+}
+
+/// Answer of a file of which nobody can tell which cells lie where in the world.
+const NO_INVERSE: &str = "the file's transform has no inverse";
+
+/// Cell coordinates of a point of the world.
+pub(crate) fn to_cells(tree: &Dataset, point: [f64; 3]) -> Result<[f64; 3]> {
+    tree.metadata().frame.to_cells(point).context(NO_INVERSE)
+}

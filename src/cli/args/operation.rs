@@ -1,0 +1,26 @@
+//! Names of operations on several trees.
+
+use spinney::ops::{Operation, Prefer};
+
+/// The name of an operation, as it was written.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct OperationName(pub(crate) String);
+
+impl OperationName {
+    /// Whether it is the one that makes no tree, but a table.
+    pub(crate) fn is_table(&self) -> bool {
+        self.0 == "cross"
+    }
+
+    /// The operation of that name; `None` if it makes no tree.
+    pub(crate) fn operation(&self, prefer: Prefer) -> Option<Operation> {
+        Operation::named(&self.0, prefer)
+    }
+}
+
+/// Reads a name that means something.
+pub(crate) fn parse_operation(text: &str) -> Result<OperationName, String> {
+    let name = OperationName(text.into());
+    let is_known = name.is_table() || name.operation(Prefer::First).is_some();
+    is_known.then_some(name).ok_or_else(|| "no such operation; see the list in --help".into())
+}

@@ -1,0 +1,37 @@
+//! Outputs: that they are no inputs, the formats and sizes of pictures.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use spinney::export::image::{Format, format_of};
+use spinney::store::split_commit;
+
+/// Fails if one of the inputs is the output.
+pub(crate) fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result<()> {
+    // (A commit of a file is the file.)
+    match inputs.into_iter().find(|input| same_file(&split_commit(input).0, output)) {
+        Some(input) => bail!("{}: is an input and the output; choose another output", input.display()),
+        None => Ok(()),
+    }
+}
+
+/// Whether two names are names of one file.
+pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// The format of a picture or array by what was asked for, or else by the output's name; `known` is said where neither tells.
+pub(crate) fn picture_format(output: &Path, asked: Option<&str>, known: &str) -> Result<Format> {
+    let name = asked.map(|format| Path::new("x").with_extension(format));
+    let format = format_of(name.as_deref().unwrap_or(output));
+    format.with_context(|| format!("{}: unknown format; use {known}, or --format", output.display()))
+}
+
+/// Reads columns and rows of a picture: `1024x512`.
+pub(crate) fn parse_size(text: &str) -> Result<(u64, u64), String> {
+    let parts = text.split_once(['x', 'X', ',']);
+    let parts = parts.and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+    parts
+        .filter(|(width, height)| *width > 0 && *height > 0)
+        .ok_or_else(|| "expected WxH, as in 1024x512".into())
+}

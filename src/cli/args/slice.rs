@@ -1,0 +1,58 @@
+//! Slices of octrees as people give them, by cells or in the world.
+
+use anyhow::{Result, bail, ensure};
+use spinney::dataset::Dataset;
+
+/// A slice: the axis that it lies across, and its coordinate on that axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Slice {
+    pub(crate) axis: usize,
+    coordinate: f64,
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Reads `12` or `z=12`.
+pub(crate) fn parse_slice(text: &str) -> Result<Slice, String> {
+    let (axis, coordinate) = text.split_once('=').unwrap_or(("z", text));
+    let axis = AXES.iter().position(|name| *name == axis.trim().to_lowercase());
+    let coordinate = coordinate.trim().parse().ok().filter(|coordinate: &f64| coordinate.is_finite());
+    axis.zip(coordinate)
+        .map(|(axis, coordinate)| Slice { axis, coordinate })
+        .ok_or_else(|| "expected z=12, x=3 or y=5".into())
+}
+
+impl Slice {
+    /// The first slice along z, which is all that quadtrees have.
+    pub(crate) const FLOOR: Slice = Slice { axis: 2, coordinate: 0.0 };
+
+    /// The cell of the deepest level in which it lies.
+    pub(crate) fn cell(&self, tree: &Dataset, world: bool) -> Result<u64> {
+        let Slice { axis, coordinate } = *self;
+        let name = AXES[axis];
+        let cells = tree.header().extent[axis];
+        let cell = if world {
+            let row = tree.metadata().frame.matrix[axis];
+            let others = (0..3).filter(|other| *other != axis).any(|other| row[other] != 0.0);
+            ensure!(
+                !others && row[axis] != 0.0,
+                "--slice: the tree's {name} is not along the world's: give a cell"
+            );
+            ((coordinate - row[3]) / row[axis]).floor()
+        } else {
+            ensure!(
+                coordinate.fract() == 0.0,
+                "--slice: {coordinate} is no cell; with --world it is a place in the world"
+            );
+            coordinate
+        };
+        if !(0.0..cells as f64).contains(&cell) {
+            let last = cells - 1;
+            if world {
+                bail!("--slice: {name}={coordinate} is outside the tree, in cell {cell} of 0 to {last}");
+            }
+            bail!("--slice: {coordinate} is outside the tree, which has slices 0 to {last}");
+        }
+        Ok(cell as u64)
+    }
+}

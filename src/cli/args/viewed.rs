@@ -1,0 +1,34 @@
+//! Files as they are, or seen through steps.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use spinney::dataset::Dataset;
+use spinney::ops::Step;
+
+use super::super::open;
+
+/// A tree file, and the steps that it is seen through.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct Viewed {
+    /// Tree file
+    pub(crate) file: PathBuf,
+    /// Look at the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is made
+    /// beforehand
+    #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
+    steps: Vec<Step>,
+}
+
+impl Viewed {
+    /// Opens the file, once, whether it is seen through steps or not.
+    pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
+        let tree = open(&self.file)?;
+        // (A file as it is answers faster than a view of it.)
+        if self.steps.is_empty() { Ok(tree) } else { Ok(tree.view(&self.steps)?) }
+    }
+}
+
+/// Reads a step.
+pub(crate) fn parse_step(text: &str) -> Result<Step, String> {
+    text.parse().map_err(|error: spinney::Error| error.to_string())
+}

@@ -1,0 +1,161 @@
+//! `spinney build`: trees of pictures and of solids.
+
+mod pictures;
+mod solids;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use spinney::Progress;
+use spinney::import::mesh::{self, SolidImport};
+use spinney::import::raster;
+use spinney::io::Output;
+use spinney::store::file_is_tree;
+
+use self::pictures::PictureOptions;
+use self::solids::SolidArgs;
+use super::Global;
+use super::args::{Memory, check_output};
+use super::report::{Work, report_built};
+
+/// Make a tree of a picture, or of several on one grid, or of models of solids.
+///
+/// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that holds them at
+/// every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can be edited. What the files say about their pixels (coordinates, nodata, palette, names)
+/// is kept; options overrule it.
+///
+/// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses becomes an
+/// octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by its winding field where
+/// it is not. Several models become one solid.
+///
+/// What does not fit into --memory goes to a temporary file beside the output.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Raster files (of several, the last lies on top), or models
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<PathBuf>,
+    /// The file to make; - is standard output
+    #[arg(short, long, value_name = "OUT.goblin")]
+    output: PathBuf,
+    #[command(flatten)]
+    pictures: PictureOptions,
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    solids: SolidArgs,
+}
+
+/// Options for pictures and solids.
+#[derive(clap::Args)]
+struct Common {
+    /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the picture]
+    #[arg(long, value_name = "N")]
+    depth: Option<u8>,
+    /// Coordinate system of the pixels, by its EPSG number [default: from the file]
+    #[arg(long, value_name = "NUMBER")]
+    epsg: Option<u32>,
+    #[command(flatten)]
+    memory: Memory,
+    /// Store equal subtrees once; for .autumn files
+    #[arg(long)]
+    share: bool,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  spinney build world.tif -o world.goblin
+  spinney build landcover.tif -o landcover.goblin --kind categorical --nodata 0
+  spinney build scene.tif -o colour.goblin --band 4,3,2
+  spinney build N46E007.hgt N46E008.hgt -o alps.goblin --memory 1G
+  spinney build scan.png -o scan.goblin --epsg 3857 --transform 0.5,0,1000,0,-0.5,2000
+  spinney build bunny.ply -o bunny.goblin --cells 1024
+  spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --boundary coverage
+  spinney build city.json -o city.goblin --cell 0.5 --attribute part
+  spinney build landcover.tif -o landcover.autumn --share
+  spinney build world.tif -o - | ssh host 'cat > world.goblin'
+
+The output appears under its name only when it is complete; until then, an older file of that name stays.";
+
+/// Inputs that are open and understood, ready to be built.
+enum Import {
+    Pictures(Box<raster::Import>),
+    Solid(Box<SolidImport>),
+}
+
+/// Lines about what was built, each with its heading.
+type Lines = Vec<(&'static str, String)>;
+
+impl Import {
+    fn description(&self) -> &[(&'static str, String)] {
+        match self {
+            Import::Pictures(import) => import.description(),
+            Import::Solid(import) => import.description(),
+        }
+    }
+
+    /// Bytes that the cells would need as plain samples; unknown of solids, whose cells are no input.
+    fn raw_bytes(&self) -> Option<u64> {
+        match self {
+            Import::Pictures(import) => Some(import.raw_bytes()),
+            Import::Solid(_) => None,
+        }
+    }
+
+    /// Builds the tree, and gives what is to be said about it.
+    fn build(self, output: Output, solids: &SolidArgs, progress: &dyn Progress) -> Result<Lines> {
+        match self {
+            Import::Pictures(import) => {
+                import.build(output, progress)?;
+                Ok(Lines::new())
+            }
+            Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
+        }
+    }
+}
+
+impl Args {
+    /// Opens the inputs, and plans what is made of them.
+    fn plan(&self) -> Result<Import> {
+        let Args { inputs, output, pictures, common, solids } = self;
+        check_output(inputs.iter().map(PathBuf::as_path), output)?;
+        if let Some(tree) = inputs.iter().find(|input| file_is_tree(input)) {
+            let tree = tree.display();
+            bail!("{tree}: is a tree already; `spinney publish {tree} OUT` writes it in either format");
+        }
+        if inputs.iter().any(|input| mesh::is_model(input)) {
+            if pictures.are_given() {
+                bail!(
+                    "--kind, --rule, --band, --nodata, --transform and --layer are for pictures, not for models"
+                );
+            }
+            return Ok(Import::Solid(Box::new(solids.plan(inputs, output, common)?)));
+        }
+        if solids.are_given() {
+            let input = inputs[0].display();
+            bail!(
+                "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files"
+            );
+        }
+        Ok(Import::Pictures(Box::new(raster::plan(inputs, &pictures.import_options(common))?)))
+    }
+}
+
+pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let import = args.plan()?;
+    for (heading, text) in import.description() {
+        global.report(heading, text);
+    }
+    let raw = import.raw_bytes();
+    let work = Work::start(global, "cells")?;
+    let output = Output::create(&args.output)?;
+    let lines = import.build(output, &args.solids, &work)?;
+    work.finish();
+    for (heading, text) in lines {
+        global.report(heading, text);
+    }
+    report_built(global, &args.output, start, raw);
+    Ok(())
+}

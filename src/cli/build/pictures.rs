@@ -1,0 +1,59 @@
+//! Options of `spinney build` for pictures.
+
+use spinney::import::raster::ImportOptions;
+use spinney::value::{Kind, Rule};
+
+use super::super::args::numbers;
+use super::Common;
+
+/// Options for pictures only.
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT)")]
+pub(super) struct PictureOptions {
+    /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from the
+    /// file]
+    #[arg(long)]
+    kind: Option<Kind>,
+    /// The value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest [default:
+    /// mean of amounts, majority of classes]
+    #[arg(long)]
+    rule: Option<Rule>,
+    /// Channels to take, counted from 1, in this order [default: all]
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    band: Option<Vec<usize>>,
+    /// The number that means nothing is there [default: from the file]
+    #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
+    nodata: Option<f64>,
+    /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]
+    #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform, allow_hyphen_values = true)]
+    transform: Option<[f64; 6]>,
+    /// Layer of an OpenEXR file, by name [default: the first]
+    #[arg(long, value_name = "NAME")]
+    layer: Option<String>,
+}
+
+impl PictureOptions {
+    /// Whether any of them was given, which makes no sense for models.
+    pub(super) fn are_given(&self) -> bool {
+        let PictureOptions { kind, rule, band, nodata, transform, layer } = self;
+        kind.is_some()
+            || rule.is_some()
+            || band.is_some()
+            || nodata.is_some()
+            || transform.is_some()
+            || layer.is_some()
+    }
+
+    /// All that is asked of an import.
+    pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
+        let PictureOptions { kind, rule, band, nodata, transform, layer } = self.clone();
+        let Common { depth, epsg, memory, share } = *common;
+        let memory = Some(memory.bytes);
+        ImportOptions { kind, rule, bands: band, nodata, depth, epsg, transform, layer, memory, share }
+    }
+}
+
+/// Reads the six numbers of a transform.
+fn parse_transform(text: &str) -> Result<[f64; 6], String> {
+    numbers(text).ok_or_else(|| "expected six numbers: a,b,c,d,e,f".into())
+}

@@ -1,0 +1,171 @@
+//! Options of `spinney build` for models of solids, and lines about a solid that was built.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail, ensure};
+use spinney::import::mesh::{self, Attribute, Boundary, Resolution, SolidImport, SolidOptions, SolidReport};
+use spinney::space::Up;
+
+use super::super::{args::check_output, open};
+use super::{Common, Lines};
+
+/// Options for models only.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON)")]
+pub(super) struct SolidArgs {
+    /// Cells along the model's longest side [default: 256]
+    #[arg(long, value_name = "N", conflicts_with_all = ["depth", "like"])]
+    cells: Option<u64>,
+    /// Width of a cell, such as 0.5 or 0.5mm; models built with the same width fit together
+    #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "like"], value_parser = parse_width)]
+    cell: Option<Width>,
+    /// The cells of another tree, so that both can be combined
+    #[arg(long, value_name = "OTHER.goblin", conflicts_with = "depth")]
+    like: Option<PathBuf>,
+    /// All that the surface encloses; this is the default
+    #[arg(long, conflicts_with = "surface")]
+    solid: bool,
+    /// No more than the cells that the surface cuts
+    #[arg(long)]
+    surface: bool,
+    /// Cells that the surface cuts: full (all belong to it), centre (those whose centre is inside) or coverage (as far
+    /// as they are inside) [default: centre]
+    #[arg(long, value_name = "RULE")]
+    boundary: Option<Boundary>,
+    /// Content of cells: occupancy (255 is full), colour, or part (the number of an object, group or material)
+    /// [default: occupancy]
+    #[arg(long)]
+    attribute: Option<Attribute>,
+    /// The axis of the model that points up; y is turned to z [default: z]
+    #[arg(long, value_name = "AXIS")]
+    up: Option<Up>,
+    /// Unit of the model's coordinates, where the file does not tell: mm, cm, m, km, in or ft
+    #[arg(long, value_parser = ["mm", "cm", "m", "km", "in", "ft"])]
+    unit: Option<String>,
+    /// Tell how the surface was read and what is inside
+    #[arg(long)]
+    stats: bool,
+}
+
+/// A width, with its unit if one was given.
+#[derive(Clone, Debug, PartialEq)]
+struct Width(f64, Option<String>);
+
+/// Reads a width.
+fn parse_width(text: &str) -> Result<Width, String> {
+    let end = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
+    let (number, unit) = text.split_at(end);
+    let number: f64 = number.trim().parse().map_err(|_| "expected a width such as 0.5 or 0.5mm")?;
+    if !unit.is_empty() && metres(unit).is_none() {
+        return Err("the unit should be mm, cm, m, km, in or ft".into());
+    }
+    Ok(Width(number, (!unit.is_empty()).then(|| unit.to_string())))
+}
+
+/// Metres of a unit of length.
+fn metres(unit: &str) -> Option<f64> {
+    let units = [("mm", 0.001), ("cm", 0.01), ("m", 1.0), ("km", 1000.0), ("in", 0.0254), ("ft", 0.3048)];
+    units.into_iter().find(|(name, _)| *name == unit).map(|(_, metres)| metres)
+}
+
+impl SolidArgs {
+    /// Whether any of them was given, which makes no sense for pictures.
+    pub(super) fn are_given(&self) -> bool {
+        let SolidArgs { cells, cell, like, solid, surface, boundary, attribute, up, unit, stats } = self;
+        cells.is_some()
+            || cell.is_some()
+            || like.is_some()
+            || *solid
+            || *surface
+            || boundary.is_some()
+            || attribute.is_some()
+            || up.is_some()
+            || unit.is_some()
+            || *stats
+    }
+
+    /// Opens models, and plans how they become one solid.
+    pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
+        let Common { depth, epsg, memory, share } = *common;
+        check_output(self.like.as_deref(), output)?;
+        let models = mesh::open_all(inputs, memory.bytes)?;
+        let unit = models.iter().find_map(|model| model.info().unit.clone());
+        let options = SolidOptions {
+            resolution: self.resolution(depth, unit.as_deref())?,
+            boundary: self.boundary.unwrap_or_default(),
+            attribute: self.attribute.unwrap_or_default(),
+            surface: self.surface,
+            up: self.up.unwrap_or_default(),
+            unit: self.unit.clone().or(unit),
+            epsg,
+            memory: memory.bytes,
+            share,
+        };
+        if self.surface && self.boundary.is_some() {
+            bail!(
+                "--boundary: says which cells belong to a solid; with --surface all that the surface cuts do"
+            );
+        }
+        Ok(mesh::plan_models(models, &options)?)
+    }
+
+    /// The resolution that is asked for; `depth` is that of the tree, and `unit` the models' own unit.
+    fn resolution(&self, depth: Option<u8>, unit: Option<&str>) -> Result<Resolution> {
+        if let Some(Width(width, given)) = &self.cell {
+            let Some(given) = given else { return Ok(Resolution::Cell(*width)) };
+            let unit = self.unit.as_deref().or(unit);
+            let unit = unit.context("--cell: the model's unit is not known; tell it with --unit")?;
+            let of = |unit: &str| metres(unit).with_context(|| format!("unknown unit {unit}; use --unit"));
+            return Ok(Resolution::Cell(width * of(given)? / of(unit)?));
+        }
+        if let Some(path) = &self.like {
+            let tree = open(path)?;
+            ensure!(
+                tree.header().form.axes() == 3,
+                "{}: is a quadtree, --like needs an octree",
+                path.display()
+            );
+            return Ok(Resolution::Like(tree.metadata().frame.clone(), tree.depth()));
+        }
+        Ok(depth.map_or(Resolution::Cells(self.cells.unwrap_or(256)), Resolution::Depth))
+    }
+
+    /// Lines about what was built.
+    pub(super) fn lines(&self, report: &SolidReport) -> Lines {
+        let mut lines = vec![("surface", report.inside.text().to_string())];
+        if report.undecided > 0 {
+            lines.push(("undecided", format!("{} cells in its holes, by a guess", report.undecided)));
+        }
+        if report.doubled > 0 {
+            lines.push(("doubled", format!("{} triangles, which count once", report.doubled)));
+        }
+        if self.stats {
+            let (faces, degenerate, triangles) = (report.faces, report.degenerate, report.triangles);
+            let text =
+                format!("{faces} read, {triangles} triangles; {degenerate} left out that cover nothing");
+            lines.push(("faces", text));
+            lines.push(("moved", format!("vertices by at most {:e}", report.displacement)));
+            for (name, apart, cutting) in report.stages.named() {
+                let text =
+                    format!("decided {apart} times that an octant is not cut, {cutting} times that it is");
+                lines.push((name, text));
+            }
+        }
+        lines
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn widths_are_read() {
+        assert_eq!(parse_width("0.5"), Ok(Width(0.5, None)));
+        assert_eq!(parse_width("0.5mm"), Ok(Width(0.5, Some("mm".into()))));
+        assert_eq!(parse_width("1e-3m"), Ok(Width(0.001, Some("m".into()))));
+        for text in ["", "mm", "5 yards", "1,5"] {
+            assert!(parse_width(text).is_err(), "{text}");
+        }
+    }
+}

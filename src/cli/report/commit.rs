@@ -1,0 +1,61 @@
+//! Commits, for people and for programs.
+
+use serde_json::json;
+use spinney::store::autumnal::Commit;
+
+use super::super::Global;
+use super::quantity;
+
+/// Time, author and first line of the message of a commit, as far as it has them, with a comma before each.
+pub(crate) fn about(commit: &Commit) -> String {
+    let note = &commit.note;
+    let mut text = String::new();
+    if let Some(time) = note.time {
+        text += &format!(", {}", quantity::time(time));
+    }
+    if !note.author.is_empty() {
+        text += &format!(", {}", note.author);
+    }
+    if let Some(line) = note.message.lines().next() {
+        text += &format!(": {line}");
+    }
+    text
+}
+
+/// Records and bytes that a commit wrote, and those that it did not need to.
+pub(crate) fn written(commit: &Commit) -> String {
+    let written = &commit.written;
+    let mut text = format!("{} written, {}", written.records, quantity::bytes(written.bytes));
+    if written.shared > 0 {
+        text += &format!(", {} shared, {} spared", written.shared, quantity::bytes(written.spared));
+    }
+    text
+}
+
+/// A commit as JSON.
+pub(crate) fn as_json(commit: &Commit) -> serde_json::Value {
+    let (note, written) = (&commit.note, &commit.written);
+    json!({
+        "number": commit.number,
+        "time": note.time,
+        "author": note.author,
+        "message": note.message,
+        "cells": commit.cells,
+        "records": commit.records,
+        "written_records": written.records,
+        "written_bytes": written.bytes,
+        "shared_records": written.shared,
+        "spared_bytes": written.spared,
+    })
+}
+
+/// Writes lines about a commit that was made, or that there was nothing to commit.
+pub(crate) fn report_commit(global: &Global, commit: Option<&Commit>) {
+    match commit {
+        Some(commit) => {
+            global.report("commit", format_args!("{}{}", commit.number, about(commit)));
+            global.report("records", written(commit));
+        }
+        None => global.report("commit", "nothing has changed"),
+    }
+}

@@ -1,0 +1,44 @@
+//! Output of subcommands: text and JSON of what they found, and lines about what they did.
+
+pub(crate) mod commit;
+pub(crate) mod exit;
+mod output;
+mod progress;
+pub(crate) mod quantity;
+pub(crate) mod solid;
+pub(crate) mod statistics;
+
+use std::fmt::Display;
+use std::io::{self, Write};
+
+use anyhow::Result;
+
+pub(crate) use output::{report_built, report_output};
+pub(crate) use progress::Work;
+
+use super::Global;
+
+impl Global {
+    /// Writes a line for people, with a heading; it is no part of the result.
+    pub(crate) fn report(&self, heading: &str, text: impl Display) {
+        if !self.quiet {
+            // Nobody may be listening, which is no reason to fail.
+            let _ = writeln!(io::stderr(), "{heading:<10} {text}");
+        }
+    }
+}
+
+/// Writes a line about a failure.
+pub(crate) fn complain(error: &anyhow::Error) {
+    let _ = writeln!(io::stderr(), "spinney: {error:#}");
+}
+
+/// Writes a part of the result.
+pub(crate) fn print_text(text: &str) -> Result<()> {
+    Ok(io::stdout().write_all(text.as_bytes())?)
+}
+
+/// Writes the result as JSON.
+pub(crate) fn print_json(value: &serde_json::Value) -> Result<()> {
+    print_text(&format!("{value:#}\n"))
+}
