@@ -8,8 +8,8 @@ use std::path::Path;
 use spinney::Result;
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};
-use spinney::store::{BuildOptions, Metadata, build_tree};
-use spinney::tree::{Child, Children, Form, MemTree, Source};
+use spinney::store::{BuildOptions, Metadata, build_source};
+use spinney::tree::{Child, Children, Form, Source};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 /// Octrees of bytes.
@@ -69,10 +69,9 @@ fn store(folder: &Path, name: &str, depth: u8, distance: impl Fn([f64; 3]) -> f6
         row[axis] = side;
         row[3] = -1.0;
     }
-    // The representatives of a source need not be right: those of the tree made of it are.
-    let tree = MemTree::from_source(&Formula { depth, distance }, Rule::Occupancy)?;
     let options = BuildOptions::new(Kind::Continuous, depth).rule(Rule::Occupancy).metadata(metadata);
-    build_tree(&tree, [1 << depth; 3], &options, Output::create(&path)?, &())?;
+    // The representatives of a source need not be right: those of the tree made of it are.
+    build_source(&Formula { depth, distance }, [1 << depth; 3], &options, Output::create(&path)?, &())?;
     println!("{}", path.display());
     Ok(())
 }

@@ -14,8 +14,8 @@ use super::report::{Work, print_json, print_text, report_output};
 
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
 ///
-/// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and what it has
-/// stored is copied as it is. Files that lie at other places or have coarser cells (2, 4, 8, ... times as large) are put
+/// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and what it
+/// has stored is copied as it is. Files that lie elsewhere or have coarser cells (2, 4, 8, ... times as large) are put
 /// where they belong. Names, colours and rule are those of the first file.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -43,11 +43,12 @@ pub(crate) struct Args {
 }
 
 const EXAMPLES: &str = "\
-Set operations; a cell is present if it is not VOID. By number (1: both, 2: A only, 4: B only, 8: neither, added up)
-or by name:
-   0 none     1 and (intersection)   2 a-b (difference)   3 a     4 b-a        5 b       6 xor   7 or (union)
-   8 nor      9 xnor                10 not-b             11 a|!b 12 not (of one file, too)
-  13 b|!a    14 nand                15 all
+Set operations; a cell is present if it is not VOID. By number (1: both, 2: A only, 4: B only,
+8: neither, added up) or by name:
+   0 none     1 and (intersection)   2 a-b (difference)   3 a
+   4 b-a      5 b                    6 xor                7 or (union)
+   8 nor      9 xnor                10 not-b             11 a|!b
+  12 not     13 b|!a                14 nand              15 all     (not: of one file, too)
 Operations on values:
   over       the first file that has something; any number of files, so has union
   mask       A where B has something

@@ -38,7 +38,7 @@ pub(crate) struct Args {
 
 const EXAMPLES: &str = "\
 Examples:
-  spinney compact map.autumn -o small.autumn
+  spinney compact map.autumn -o newest.autumn
   spinney compact map.autumn -o small.autumn --keep 10 --share
   spinney compact map.autumn -o releases.autumn --commits 1,12,40";
 

@@ -14,9 +14,9 @@ use super::Global;
 use super::args::{Memory, check_output};
 use super::report::{Work, print_json, print_text, report_output};
 
-/// Tell where two trees differ, most often two commits of one file.
+/// Show where two trees differ, most often two commits of one file.
 ///
-/// Prints how many cells have come, gone, and got another value. What the commits have in common is not looked at.
+/// Prints how many cells have come, gone, and got another value. What the commits have in common is not read.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

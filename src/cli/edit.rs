@@ -62,7 +62,7 @@ struct Paste {
     /// The cell that its first one goes to [default: where it lies in the world]
     #[arg(long, value_name = "COL,ROW[,Z]", value_parser = parse_cell, allow_hyphen_values = true)]
     at: Option<[i64; 3]>,
-    /// Look at it through a step of `transform`, such as rotate=30; may be given several times
+    /// See it through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
     /// Leave the tree as it is where the patch is VOID

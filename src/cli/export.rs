@@ -17,7 +17,7 @@ use super::report::{Work, report_output};
 /// default it has the outer faces of the cells, merged to rectangles; where rectangles of different sizes meet, a face
 /// has the corners of its neighbours as points of its own. Memory does not grow with the mesh.
 ///
-/// PLY is binary and tells colours and classes as properties of faces; OBJ is text; STL is binary, in single precision.
+/// PLY is binary and has colours and classes as properties of faces; OBJ is text; STL is binary, in single precision.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -35,7 +35,7 @@ pub(crate) struct Args {
     /// Triangles only, in PLY and OBJ too
     #[arg(long)]
     triangles: bool,
-    /// Format where the output's name does not tell: ply, obj or stl
+    /// Format where the output's name does not say: ply, obj or stl
     #[arg(long)]
     format: Option<MeshFormat>,
 }
@@ -44,7 +44,7 @@ const EXAMPLES: &str = "Examples:
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
   spinney export bunny.goblin print.stl --smooth
-  spinney export city.goblin quarter.ply --view window=4096,4096,0,512,512,256
+  spinney export city.goblin quarter.ply --view window=0,256,0,512,512,64
   spinney export bunny.goblin - --format stl > bunny.stl";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {

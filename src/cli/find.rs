@@ -12,7 +12,8 @@ const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
   spinney find landcover.goblin --class 11 --bbox 5,44,17,48 --json | head
 
-A line has the block's FD code, level, first column and row, columns and rows, and its value if it has only one.";
+A line has the block's FD code, level, first column and row, columns and rows, and its value if it
+has only one.";
 
 /// Find the largest blocks whose cells all meet a condition
 #[derive(clap::Args)]

@@ -26,9 +26,9 @@ const EXAMPLES: &str = "Examples:
   spinney get house.goblin solid.npy --level 7
   spinney get house.goblin door.npy --box 100,40,0,64,64,32
 
-A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the top, arrays the lowest
-first. Its --window counts so, too. An octree without --slice is an array of three dimensions, z, y, x, in .npy and .raw
-files.";
+A slice across x or y has columns along y or x, and rows along z: pictures have the highest at the
+top, arrays the lowest first. Its --window counts so, too. An octree without --slice is an array of
+three dimensions, z, y, x, in .npy and .raw files.";
 
 /// Write any part at any level of detail as a picture or array
 #[derive(clap::Args)]
@@ -56,7 +56,7 @@ pub(crate) struct Args {
     /// The slice or box is given in world coordinates
     #[arg(long)]
     world: bool,
-    /// Format where the output's name does not tell
+    /// Format where the output's name does not say
     #[arg(long, value_parser = ["png", "tif", "exr", "npy", "raw"])]
     format: Option<String>,
     /// Number for VOID cells

@@ -14,7 +14,7 @@ const EXAMPLES: &str = "Examples:
   spinney info world.goblin
   spinney info world.goblin --json > world.json";
 
-/// Tell what is in a file
+/// Show what is in a file
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

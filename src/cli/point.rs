@@ -18,8 +18,8 @@ const EXAMPLES: &str = "Examples:
   spinney point house.goblin 3.5,2.25,1.1
   spinney point --cells --level 6 house.goblin < voxels.csv
 
-A line of the answer has a point's samples, or `void`. Lines of standard input are `X,Y` or `X Y`; octrees need
-X,Y,Z.";
+A line of the answer has a point's samples, or `void`. Lines of standard input are `X,Y` or `X Y`;
+octrees need X,Y,Z.";
 
 /// Ask for the values of single cells
 #[derive(clap::Args)]

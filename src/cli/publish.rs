@@ -33,7 +33,7 @@ const EXAMPLES: &str = "\
 Examples:
   spinney publish map.autumn map.goblin
   spinney publish map.autumn@12 release.goblin
-  spinney publish map.goblin map.autumn --share";
+  spinney publish release.goblin next.autumn --share";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();

@@ -19,8 +19,9 @@ const EXAMPLES: &str = "Examples:
   spinney render bunny.goblin half.png --view window=0,0,0,256,512,512
   spinney render city.goblin small.png --size 200x150
 
-The viewer stands at a point of the compass: 0 is north (along y), 90 east (along x); 0 degrees high looks along the
-horizon, 90 straight down. Without --level the coarsest level is read whose cells are no larger than a pixel.";
+The viewer stands at a point of the compass: 0 is north (along y), 90 east (along x); 0 degrees high
+looks along the horizon, 90 straight down. Without --level the coarsest level is read whose cells
+are no larger than a pixel.";
 
 /// Draw a shaded picture of a solid
 #[derive(clap::Args)]
@@ -58,7 +59,7 @@ pub(crate) struct Args {
     /// Samples of a pixel along each axis
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: u32,
-    /// Format where the output's name does not tell
+    /// Format where the output's name does not say
     #[arg(long, value_parser = ["png", "tif", "npy", "raw"])]
     format: Option<String>,
 }

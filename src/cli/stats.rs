@@ -18,10 +18,11 @@ const EXAMPLES: &str = "Examples:
   spinney stats house.goblin
   spinney stats house.goblin --solid --level 7
 
-Of solids (octrees of occupancy, or others with --solid) volume, surface, centre of gravity and bounds are printed, in
-units of the world. The volume is exact; coarser levels keep it. The surface is that of the cells which are at least half full:
-once of the cells as blocks, and once of the smooth surface they stand for, each face weighted by the surface's normal there.
-In other octrees cells that are not VOID are full.
+Of solids (octrees of occupancy, or others with --solid) volume, surface, centre of gravity and
+bounds are printed, in units of the world. The volume is exact; coarser levels keep it. The surface
+is that of the cells which are at least half full: once of the cells as blocks, and once of the
+smooth surface they stand for, each face weighted by the surface's normal there. In other octrees
+cells that are not VOID are full.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";

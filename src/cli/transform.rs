@@ -14,8 +14,8 @@ use super::report::{Work, report_output};
 /// Make a tree of a part of another, moved, scaled, mirrored or turned.
 ///
 /// Steps are done in the order given; a chain of any length looks every cell up once, in the file as it is on disk, and
-/// memory does not grow with the picture (pages of the mapped file come and go). What lies in the file as it will lie in the result is copied as it is.
-/// Without steps the result is a condensed copy.
+/// memory does not grow with the picture (pages of the mapped file come and go). What lies in the file as it will lie in
+/// the result is copied as it is. Without steps the result is a condensed copy.
 ///
 /// New cells that are no old ones get their value by the file's rule: the mean, or the class with the largest area, of
 /// what they cover; where axes do not stay axes, the value at their centre.
@@ -44,7 +44,8 @@ pub(crate) struct Args {
 
 const EXAMPLES: &str = "\
 Steps:
-  window=COL,ROW,W,H       a box of cells, aligned or not; what sticks out is VOID; octrees: X,Y,Z,W,H,D
+  window=COL,ROW,W,H       a box of cells, aligned or not; what sticks out is VOID
+  window=X,Y,Z,W,H,D       the same of octrees
   bbox=W,S,E,N             the cells in a box of the world
   crop                     the smallest box around all data
   translate=DX,DY[,DZ]     by cells or parts of cells; room is made on the far sides
@@ -56,8 +57,8 @@ Steps:
   affine=a,b,c,d,e,f       col' = a col + b row + c, row' = d col + e row + f; or 12 numbers
   depth=N                  coarser or finer cells, so that the tree has N levels
   tree-depth=N             a deeper root over the same cells, so that the tree has N levels
-  subtree=/031  embed=/2   a node becomes the root; the root becomes a node of a larger tree: doubles or halves the
-                           picture, with --move, and no record is touched
+  subtree=/031             a node becomes the root
+  embed=/2                 the root becomes a node of a larger tree
   like=OTHER.goblin        onto the cells of another tree, where it lies in the world
 
 Examples:

@@ -5,8 +5,8 @@ use std::io::Write;
 use super::image::{Format, array_header};
 use super::window::fill_for;
 use crate::dataset::Dataset;
-use crate::space::Bounds;
 use crate::io::Output;
+use crate::space::Bounds;
 use crate::value::Rule;
 use crate::{Error, Progress, Result};
 

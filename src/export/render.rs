@@ -5,11 +5,11 @@ use glam::{DMat3, DVec3};
 use super::camera::{Camera, Pose, Projection};
 use super::image::{Format, ImageSpec, create};
 use super::paint::{Paint, to_linear, to_screen};
-use crate::parallel::{self, Pool};
 use crate::dataset::Dataset;
+use crate::io::Output;
+use crate::parallel::{self, Pool};
 use crate::query::{Ray, Rays, SurfaceHit};
 use crate::space::{Bounds, Frame, Up};
-use crate::io::Output;
 use crate::value::{SampleType, ValueType};
 use crate::{Error, Progress, Result};
 
@@ -174,13 +174,7 @@ const HIGHLIGHT: f64 = 0.06;
 const HOLLOWS: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
 
 impl Scene {
-    fn new(
-        tree: &Dataset,
-        camera: Camera,
-        level: u8,
-        radius: f64,
-        request: &RenderRequest,
-    ) -> Result<Scene> {
+    fn new(tree: &Dataset, camera: Camera, level: u8, radius: f64, request: &RenderRequest) -> Result<Scene> {
         let frame = tree.metadata().frame.coarser(tree.depth() - level);
         let linear = frame.linear();
         let [a, b, c] = frame.face_areas();

@@ -2,8 +2,8 @@
 
 use super::image::{Format, ImageSpec, create};
 use crate::dataset::Dataset;
-use crate::space::{Bounds, Frame};
 use crate::io::Output;
+use crate::space::{Bounds, Frame};
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Progress, Result};
 

@@ -71,7 +71,8 @@ impl Output {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
             Sink::File(file) => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
-                set_output_permissions(file.as_file(), &path).map_err(Error::io(&path, "set the permissions"))?;
+                set_output_permissions(file.as_file(), &path)
+                    .map_err(Error::io(&path, "set the permissions"))?;
                 file.as_file().sync_all().map_err(Error::io(&path, "sync"))?;
                 // Following a symbolic link keeps the link and replaces what it points to.
                 let target = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());

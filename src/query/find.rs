@@ -1,10 +1,10 @@
 //! Searches for blocks by value: zone statistics rule out, or take whole, what they can.
 
+use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::goblin::Goblin;
 use crate::tree::{Form, Source};
 use crate::value::{Tally, Value};
-use crate::Result;
 
 use super::count::number_of;
 use super::walk::{Halt, Visitor, Walked, Zone, ended, walk, walk_source};

@@ -201,13 +201,7 @@ impl Walk<'_> {
         self.node(&segment, segment.records(), Node { at: 0, code, space, inline }, visitor)
     }
 
-    fn node(
-        &self,
-        segment: &Segment<'_>,
-        records: &[u8],
-        node: Node,
-        visitor: &mut impl Visitor,
-    ) -> Walked {
+    fn node(&self, segment: &Segment<'_>, records: &[u8], node: Node, visitor: &mut impl Visitor) -> Walked {
         let Node { at, code, space, inline } = node;
         let (layout, shape) = (self.tree.layout(), &self.shape);
         let bad_skip = || self.tree.bad_skip(segment, at);

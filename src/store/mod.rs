@@ -11,4 +11,4 @@ pub use container::{
     Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, Shape, TreeFormat, file_is_tree, split_commit,
 };
 pub(crate) use write::{build, build_with};
-pub use write::{build_slabs, build_tree};
+pub use write::{build_slabs, build_source, build_tree};

@@ -7,7 +7,8 @@ use super::container::{Metadata, TreeFormat};
 use super::{autumnal, goblin};
 use crate::io::Output;
 use crate::parallel;
-use crate::tree::{Form, MemTree};
+use crate::space::Code;
+use crate::tree::{CellBlock, Child, Children, Form, MemTree, Source};
 use crate::value::{Tally, Value};
 use crate::{Error, Progress, Result};
 
@@ -62,6 +63,103 @@ pub(crate) fn build<S: ReusableSource>(
 ) -> Result<Tally> {
     build_with(source, extent, options, output, progress, &mut |_| {})
 }
+
+/// Builds a file from any source whose nodes are known by their codes: procedural solids, indexes of other kinds. Memory is
+/// bounded as in [`build_slabs`], whatever the source's size.
+///
+/// ```
+/// use spinney::io::Output;
+/// use spinney::space::{Code, Dimension};
+/// use spinney::store::{BuildOptions, build_source};
+/// use spinney::tree::{Child, Children, Form, Source};
+/// use spinney::value::{Kind, SampleType, Value, ValueType};
+///
+/// /// A triangle: all cells whose column is less than their row.
+/// struct Triangle;
+///
+/// impl Triangle {
+///     fn node(&self, code: Code) -> Child<Code> {
+///         let cells = code.bounds(self.depth());
+///         if cells.max[0] <= cells.min[1] {
+///             Child::Leaf(Value::from([255u8]))
+///         } else if cells.min[0] + 1 >= cells.max[1] {
+///             Child::Void
+///         } else {
+///             Child::Inner { representative: Value::from([255u8]), node: code }
+///         }
+///     }
+/// }
+///
+/// impl Source for Triangle {
+///     type Node = Code;
+///
+///     fn form(&self) -> Form {
+///         Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
+///     }
+///     fn depth(&self) -> u8 {
+///         10
+///     }
+///     fn root(&self) -> spinney::Result<Child<Code>> {
+///         Ok(self.node(Code::root(Dimension::Quad)))
+///     }
+///     fn children(&self, node: &Code, children: &mut Children<Code>) -> spinney::Result<()> {
+///         for (step, child) in children.iter_mut().take(4).enumerate() {
+///             *child = self.node(node.child(step));
+///         }
+///         Ok(())
+///     }
+/// }
+///
+/// # fn main() -> spinney::Result<()> {
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("triangle.goblin");
+/// let options = BuildOptions::new(Kind::Continuous, 10);
+/// let tally = build_source(&Triangle, [1024, 1024, 1], &options, Output::create(&path)?, &())?;
+/// assert_eq!(tally.cells, 1024 * 1023 / 2);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// As [`build_slabs`]; also if the source fails.
+pub fn build_source(
+    source: &dyn Source<Node = Code>,
+    extent: [u64; 3],
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<Tally> {
+    build(&CodedSource(source), extent, options, output, progress)
+}
+
+/// A source of users of the library: an object, so that they do not compile the builder.
+struct CodedSource<'a>(&'a dyn Source<Node = Code>);
+
+impl Source for CodedSource<'_> {
+    type Node = Code;
+
+    fn form(&self) -> Form {
+        self.0.form()
+    }
+
+    fn depth(&self) -> u8 {
+        self.0.depth()
+    }
+
+    fn root(&self) -> Result<Child<Code>> {
+        self.0.root()
+    }
+
+    fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
+        self.0.children(node, children)
+    }
+
+    fn cells(&self, node: &Code, levels: u8) -> Result<Option<CellBlock>> {
+        self.0.cells(node, levels)
+    }
+}
+
+impl ReusableSource for CodedSource<'_> {}
 
 /// Builds a file from a tree in memory: see [`build_slabs`] for what is too large for that.
 ///

@@ -243,7 +243,9 @@ impl ValueType {
         // (What is behind the last channel is zero, which is a number.)
         match self.sample {
             SampleType::F32 => {
-                let is_nan = |word: u64| f32::from_bits(word as u32).is_nan() || f32::from_bits((word >> 32) as u32).is_nan();
+                let is_nan = |word: u64| {
+                    f32::from_bits(word as u32).is_nan() || f32::from_bits((word >> 32) as u32).is_nan()
+                };
                 is_nan(low) || is_nan(high)
             }
             SampleType::F64 => f64::from_bits(low).is_nan() || f64::from_bits(high).is_nan(),

@@ -11,7 +11,9 @@ use super::sums::Sums;
 use super::value_type::{SampleType, ValueType};
 
 /// Sums of any number of samples: exact (i128) for integers, f64 for floating samples.
-pub(crate) trait TotalSum: Copy + Debug + Default + Add<Output = Self> + Send + Sync + 'static {
+pub(crate) trait TotalSum:
+    Copy + Debug + Default + Add<Output = Self> + Send + Sync + 'static
+{
     /// One sum per channel, at most four.
     fn to_sums(sums: &[Self]) -> Sums;
     /// The inverse; sums of the other kind are zeros.

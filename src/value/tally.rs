@@ -107,7 +107,8 @@ fn leaf_sums<V: Native>(value: Value, cells: u64) -> (Sums, Sums) {
 #[inline]
 pub(crate) fn native<V: Native>(value: Value) -> V {
     let bytes = value.to_bytes();
-    let (wire, _) = <V::Wire as zerocopy::FromBytes>::read_from_prefix(&bytes).expect("16 bytes hold any value");
+    let (wire, _) =
+        <V::Wire as zerocopy::FromBytes>::read_from_prefix(&bytes).expect("16 bytes hold any value");
     V::from_wire(wire)
 }
 
@@ -119,7 +120,12 @@ pub(crate) fn erase<V: Native>(value: V) -> Value {
 
 /// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says INNER) and
 /// from the tally of what is below it.
-pub(crate) fn representative(rule: Rule, children: &[Option<(Value, bool)>], tally: &Tally, cells: u64) -> Value {
+pub(crate) fn representative(
+    rule: Rule,
+    children: &[Option<(Value, bool)>],
+    tally: &Tally,
+    cells: u64,
+) -> Value {
     let value_type = tally.value_type;
     let values = || children.iter().flatten().map(|(value, _)| *value);
     let value = match rule {
@@ -135,7 +141,9 @@ pub(crate) fn representative(rule: Rule, children: &[Option<(Value, bool)>], tal
 }
 
 /// The survey's rule: leaves weigh 3, inner nodes 2, the first of the heaviest wins.
-pub(crate) fn dominant<T: Copy + Default + PartialEq>(children: impl Iterator<Item = (T, bool)> + Clone) -> T {
+pub(crate) fn dominant<T: Copy + Default + PartialEq>(
+    children: impl Iterator<Item = (T, bool)> + Clone,
+) -> T {
     let mut best = (T::default(), 0);
     for (value, _) in children.clone() {
         let same = children.clone().filter(|(other, _)| *other == value);

@@ -77,3 +77,17 @@ pub fn peak_memory(child: &mut Child) -> u64 {
     assert!(child.wait().unwrap().success());
     peak
 }
+
+/// Runs a test, given with the path of its module, in a process of its own, so that its memory is nobody else's; tells whether this is that process.
+pub fn is_alone(test: &str) -> bool {
+    const ALONE: &str = "SPINNEY_TEST_ALONE";
+    if std::env::var_os(ALONE).is_some() {
+        return true;
+    }
+    let mut command = std::process::Command::new(std::env::current_exe().unwrap());
+    let run = command.args([test, "--exact", "--nocapture"]).env(ALONE, "").output().unwrap();
+    let say = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let said = say(&run.stdout);
+    assert!(run.status.success() && said.contains("1 passed"), "{said}{}", say(&run.stderr));
+    false
+}

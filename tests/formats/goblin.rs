@@ -65,7 +65,7 @@ fn every_type_comes_back_by_every_rule_in_both_dimensions() {
     for (i, value) in value_types().into_iter().enumerate() {
         for (j, rule) in Rule::ALL.into_iter().enumerate() {
             let seed = (7 * i + j) as u64;
-            let kind = if seed % 2 == 0 { Kind::Continuous } else { Kind::Categorical };
+            let kind = if seed.is_multiple_of(2) { Kind::Continuous } else { Kind::Categorical };
             round_trip(Form::new(Dimension::Quad, value), seed, [70, 41, 1], rule, kind);
             round_trip(Form::new(Dimension::Oct, value), seed, [13, 18, 9], rule, kind);
         }

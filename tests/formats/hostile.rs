@@ -1,7 +1,6 @@
 //! Damaged and crafted Goblin files: an error or the right answer, never a panic, a hang, or memory without bound.
 
 use std::io::Write;
-use std::process::Command;
 use std::sync::{Arc, LazyLock};
 use std::time::{Duration, Instant};
 
@@ -16,6 +15,7 @@ use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Result};
 
+use crate::common::command::is_alone;
 use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
 
 /// What a file says to every question, in a form that can be compared.
@@ -373,7 +373,7 @@ fn states_that_lead_astray() {
 
 #[test]
 fn directories_that_lead_astray() {
-    if !is_alone("directories_that_lead_astray") {
+    if !is_alone("hostile::directories_that_lead_astray") {
         return;
     }
     for at in [8, 16] {
@@ -419,7 +419,7 @@ fn directories_that_lead_astray() {
 /// Thousands of entries that all have the same bytes: work must be as for the file's size.
 #[test]
 fn many_segments_of_the_same_bytes_cost_little() {
-    if !is_alone("many_segments_of_the_same_bytes_cost_little") {
+    if !is_alone("hostile::many_segments_of_the_same_bytes_cost_little") {
         return;
     }
     let mut craft = good();
@@ -441,7 +441,7 @@ fn many_segments_of_the_same_bytes_cost_little() {
 
 #[test]
 fn headers_that_lie() {
-    if !is_alone("headers_that_lie") {
+    if !is_alone("hostile::headers_that_lie") {
         return;
     }
     // Axes, sample type, channels, rule, kind, codec, depth, reach, stride.
@@ -467,7 +467,7 @@ fn headers_that_lie() {
 
 #[test]
 fn metadata_that_ask_for_much() {
-    if !is_alone("metadata_that_ask_for_much") {
+    if !is_alone("hostile::metadata_that_ask_for_much") {
         return;
     }
     // bincode's 64-bit lengths start with 253.
@@ -515,24 +515,6 @@ fn versions() {
     let error = Goblin::from_bytes(craft.bytes()).err().unwrap();
     assert!(matches!(error, Error::Unsupported { .. }), "{error}");
     assert!(error.to_string().contains("version 2") && error.to_string().contains("as new as"), "{error}");
-}
-
-/// Runs a test in a process of its own, so that its memory is nobody else's; tells whether this is that process.
-fn is_alone(test: &str) -> bool {
-    const ALONE: &str = "SPINNEY_TEST_ALONE";
-    if std::env::var_os(ALONE).is_some() {
-        return true;
-    }
-    let mut command = Command::new(std::env::current_exe().unwrap());
-    let run = command
-        .args([&format!("hostile::{test}"), "--exact", "--nocapture"])
-        .env(ALONE, "")
-        .output()
-        .unwrap();
-    let say = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let said = say(&run.stdout);
-    assert!(run.status.success() && said.contains("1 passed"), "{said}{}", say(&run.stderr));
-    false
 }
 
 /// Peak memory of this process.

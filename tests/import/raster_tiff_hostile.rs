@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::common::command::is_alone;
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use spinney::Result;
 use spinney::import::raster::{self, OpenOptions, Pixels};
@@ -107,6 +108,9 @@ fn peak_memory() -> u64 {
 
 #[test]
 fn files_with_turned_bits() {
+    if !is_alone("raster_tiff_hostile::files_with_turned_bits") {
+        return;
+    }
     for seed in seeds() {
         flip(&seed, 3000);
     }
@@ -114,6 +118,9 @@ fn files_with_turned_bits() {
 
 #[test]
 fn other_codecs_with_turned_bits() {
+    if !is_alone("raster_tiff_hostile::other_codecs_with_turned_bits") {
+        return;
+    }
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     let data = std::env::var_os("SPINNEY_DATA").map_or(data, Into::into);
     for name in [

@@ -39,7 +39,7 @@ pub(crate) fn level_of(tree: &Dataset, asked: Option<u8>) -> Result<u8> {
     Ok(level)
 }
 
-/// Answer of a file of which nobody can tell which cells lie where in the world.
+/// Message about a file whose cells lie on top of each other in the world.
 const NO_INVERSE: &str = "the file's transform has no inverse";
 
 /// Cell coordinates of a point of the world.

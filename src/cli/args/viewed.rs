@@ -13,7 +13,7 @@ use super::super::open;
 pub(crate) struct Viewed {
     /// Tree file
     pub(crate) file: PathBuf,
-    /// Look at the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is made
+    /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is made
     /// beforehand
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,

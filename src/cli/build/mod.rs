@@ -22,8 +22,8 @@ use super::report::{Work, report_built};
 /// Make a tree of a picture, or of several on one grid, or of models of solids.
 ///
 /// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that holds them at
-/// every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can be edited. What the files say about their pixels (coordinates, nodata, palette, names)
-/// is kept; options overrule it.
+/// every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can be edited. What the files
+/// say about their pixels (coordinates, nodata, palette, names) is kept; options overrule it.
 ///
 /// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses becomes an
 /// octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by its winding field where
@@ -76,7 +76,8 @@ Examples:
   spinney build landcover.tif -o landcover.autumn --share
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
 
-The output appears under its name only when it is complete; until then, an older file of that name stays.";
+The output appears under its name only when it is complete; until then, an older file of that name
+stays.";
 
 /// Inputs that are open and understood, ready to be built.
 enum Import {

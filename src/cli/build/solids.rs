@@ -39,10 +39,10 @@ pub(super) struct SolidArgs {
     /// The axis of the model that points up; y is turned to z [default: z]
     #[arg(long, value_name = "AXIS")]
     up: Option<Up>,
-    /// Unit of the model's coordinates, where the file does not tell: mm, cm, m, km, in or ft
+    /// Unit of the model's coordinates, where the file does not say: mm, cm, m, km, in or ft
     #[arg(long, value_parser = ["mm", "cm", "m", "km", "in", "ft"])]
     unit: Option<String>,
-    /// Tell how the surface was read and what is inside
+    /// Print how the surface was read and what is inside
     #[arg(long)]
     stats: bool,
 }

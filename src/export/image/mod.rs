@@ -12,8 +12,8 @@ use std::path::Path;
 
 pub(super) use npy::array_header;
 
-use crate::space::Frame;
 use crate::io::Output;
+use crate::space::Frame;
 use crate::value::{Palette, ValueType};
 use crate::{Error, Result};
 

@@ -29,9 +29,9 @@ use std::path::Path;
 use std::str::FromStr;
 
 use crate::dataset::Dataset;
+use crate::io::Output;
 use crate::query::cell_blocks::{Carry, CellBlocks, can_carry_value};
 use crate::space::Frame;
-use crate::io::Output;
 use crate::value::{Kind, Rule, SampleType};
 use crate::{Error, Progress, Result};
 

@@ -7,7 +7,10 @@ use crate::space::{Dimension, morton_encode};
 
 /// The place of a block in Z order.
 pub(super) fn z_order(block: [u32; 3]) -> u64 {
-    block.into_iter().enumerate().fold(0, |order, (axis, cell)| order | morton_encode(Dimension::Oct, cell) << axis)
+    block
+        .into_iter()
+        .enumerate()
+        .fold(0, |order, (axis, cell)| order | morton_encode(Dimension::Oct, cell) << axis)
 }
 
 /// Vertices on the borders of blocks, kept until the last block that may ask for them is done.

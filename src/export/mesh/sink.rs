@@ -5,8 +5,8 @@ use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use super::MeshSummary;
-use crate::space::Frame;
 use crate::io::Output;
+use crate::space::Frame;
 use crate::{Error, Result};
 
 /// A vertex that has been written.

@@ -19,7 +19,13 @@ pub(super) trait Averaging<R: Record> {
 
     /// What is carried up for the parent of these children, and its representative. `known` is empty if no child is INNER;
     /// a child has `cells` cells.
-    fn merge(&mut self, states: &[u8], values: &[R::Bytes], known: &[Self::Of], cells: u32) -> (Self::Of, R::Bytes);
+    fn merge(
+        &mut self,
+        states: &[u8],
+        values: &[R::Bytes],
+        known: &[Self::Of],
+        cells: u32,
+    ) -> (Self::Of, R::Bytes);
 
     /// What is carried up for a subtree of records, checked, of so many levels.
     fn reused(&mut self, records: &[R], levels: u8) -> Self::Of;
@@ -54,7 +60,13 @@ impl<V: Native, R: Record> Averaging<R> for Means<V> {
     type Of = (V::BlockSums, u32);
 
     #[inline]
-    fn merge(&mut self, states: &[u8], values: &[R::Bytes], known: &[Self::Of], cells: u32) -> (Self::Of, R::Bytes) {
+    fn merge(
+        &mut self,
+        states: &[u8],
+        values: &[R::Bytes],
+        known: &[Self::Of],
+        cells: u32,
+    ) -> (Self::Of, R::Bytes) {
         let mut sums = [V::BlockSums::default(); 8];
         let mut count = 0;
         for (i, state) in states.iter().enumerate() {
@@ -122,7 +134,12 @@ impl<V: Native, R: Record> Majorities<V, R> {
     }
 
     /// The counts of a node, by ascending value.
-    pub(super) fn list(&mut self, (start, len): (u32, u32), node: Child<()>, cells: u32) -> Vec<(Value, u64)> {
+    pub(super) fn list(
+        &mut self,
+        (start, len): (u32, u32),
+        node: Child<()>,
+        cells: u32,
+    ) -> Vec<(Value, u64)> {
         match node {
             Child::Void => Vec::new(),
             Child::Leaf(value) => vec![(value, cells as u64)],
@@ -153,7 +170,8 @@ impl<V: Native, R: Record> Majorities<V, R> {
     /// The value with the highest count in the arena's last list, which begins at `start`; the least of several.
     #[inline]
     fn most_frequent(&self, start: usize) -> Option<R::Bytes> {
-        let rank = |a: &&(R::Bytes, u64), b: &&(R::Bytes, u64)| a.1.cmp(&b.1).then_with(|| Self::order(&b.0, &a.0));
+        let rank =
+            |a: &&(R::Bytes, u64), b: &&(R::Bytes, u64)| a.1.cmp(&b.1).then_with(|| Self::order(&b.0, &a.0));
         self.arena[start..].iter().max_by(rank).map(|(value, _)| *value)
     }
 
@@ -172,7 +190,13 @@ impl<V: Native, R: Record> Majorities<V, R> {
 impl<V: Native, R: Record> Averaging<R> for Majorities<V, R> {
     type Of = (u32, u32);
 
-    fn merge(&mut self, states: &[u8], values: &[R::Bytes], known: &[Self::Of], cells: u32) -> (Self::Of, R::Bytes) {
+    fn merge(
+        &mut self,
+        states: &[u8],
+        values: &[R::Bytes],
+        known: &[Self::Of],
+        cells: u32,
+    ) -> (Self::Of, R::Bytes) {
         let start = self.arena.len();
         let few = known.iter().map(|(_, len)| len).sum::<u32>() <= FEW;
         for (i, state) in states.iter().enumerate() {
@@ -240,10 +264,13 @@ impl<V: Native, R: Record> Averaging<R> for Local<V> {
             Rule::Min => numbers().reduce(V::min).map(encode::<R, V>),
             Rule::Max => numbers().reduce(V::max).map(encode::<R, V>),
             Rule::Dominant => {
-                let children = some().map(|(state, value)| (Value::from_bytes(value.as_bytes()), *state == INNER));
+                let children =
+                    some().map(|(state, value)| (Value::from_bytes(value.as_bytes()), *state == INNER));
                 Some(from_value::<R>(dominant(children)))
             }
-            Rule::Nearest | Rule::Mean | Rule::Majority | Rule::Occupancy => some().map(|(_, value)| *value).next(),
+            Rule::Nearest | Rule::Mean | Rule::Majority | Rule::Occupancy => {
+                some().map(|(_, value)| *value).next()
+            }
         };
         ((), representative.unwrap_or(R::ZERO))
     }

@@ -194,8 +194,7 @@ fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A
     let add_reused = |level: &Level, index: usize, known: &mut Vec<A::Of>, averaging: &mut A| {
         for node in &level.reused {
             known.resize(level.states.len(), A::Of::default());
-            known[node.index as usize] =
-                averaging.reused(R::of(reused.records(node)), height - index as u8);
+            known[node.index as usize] = averaging.reused(R::of(reused.records(node)), height - index as u8);
         }
     };
     if let Some(last) = levels.last() {
@@ -224,8 +223,7 @@ fn reduce_level<R: Record, A: Averaging<R>>(
 ) {
     let expanded = parents.expanded.take();
     let (states, counts) = (&mut parents.states, &mut parents.records);
-    let representatives =
-        <[R::Bytes]>::mut_from_bytes(&mut parents.values).expect("whole values");
+    let representatives = <[R::Bytes]>::mut_from_bytes(&mut parents.values).expect("whole values");
     let values = children.values_of::<R>();
     let groups = children.states.chunks_exact(R::CHILDREN).zip(values.chunks_exact(R::CHILDREN));
     for (group, (child_states, child_values)) in groups.enumerate() {

@@ -68,7 +68,15 @@ impl Block {
                     Open::Node(node) => node,
                     Open::Cells(block, start) => {
                         let cells = (*block, &gathered.drawn[*block as usize]);
-                        cell_children(form, cells, *start, below, first, &mut level, (&mut expanded, &mut deeper));
+                        cell_children(
+                            form,
+                            cells,
+                            *start,
+                            below,
+                            first,
+                            &mut level,
+                            (&mut expanded, &mut deeper),
+                        );
                         continue;
                     }
                 };
@@ -79,7 +87,9 @@ impl Block {
                         Child::Inner { representative, node } if below > 0 => {
                             let stored = source.stored(&node).filter(|stored| may_reuse(stored, below));
                             let reused = match stored {
-                                Some(stored) => gathered.reused.take(index, stored.subtree()?.records(), below),
+                                Some(stored) => {
+                                    gathered.reused.take(index, stored.subtree()?.records(), below)
+                                }
                                 None => None,
                             };
                             if let Some(reused) = reused {

@@ -30,7 +30,14 @@ impl BuildOptions {
     /// A tree of so many levels; the rule is the usual one for values of this kind, nothing is told about the data.
     pub fn new(kind: Kind, depth: u8) -> BuildOptions {
         let metadata = Metadata::default();
-        BuildOptions { rule: kind.default_rule(), kind, depth, memory: DEFAULT_MEMORY, metadata, share: false }
+        BuildOptions {
+            rule: kind.default_rule(),
+            kind,
+            depth,
+            memory: DEFAULT_MEMORY,
+            metadata,
+            share: false,
+        }
     }
 
     /// For a tree of the same kind as one that is there, with nothing told about its data.

@@ -1,9 +1,7 @@
 //! Parts of a tree on their way up: merged four (or eight) by four, sealed into segments.
 
 use crate::space::Code;
-use crate::store::container::{
-    CUT, INNER, LevelCounts, RecordHead, RecordLayout, Shape,
-};
+use crate::store::container::{CUT, INNER, LevelCounts, RecordHead, RecordLayout, Shape};
 use crate::tree::{Child, Form};
 use crate::value::{Rule, Tally, Value, ValueType, representative};
 
@@ -29,7 +27,9 @@ pub(in crate::store) struct SealedSegment {
 }
 
 /// What children are, if they are all VOID or all one value.
-pub(in crate::store) fn uniform_children<N>(mut children: impl Iterator<Item = Child<N>>) -> Option<Child<()>> {
+pub(in crate::store) fn uniform_children<N>(
+    mut children: impl Iterator<Item = Child<N>>,
+) -> Option<Child<()>> {
     let first = children.next()?.map_node(|_| ());
     let alike = children.all(|child| match (first, child) {
         (Child::Void, Child::Void) => true,

@@ -79,13 +79,15 @@ impl Slab {
                 return Found::Uniform(valid.then_some(value));
             }
         }
-        let (states, values) =
-            with_form_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
+        let (states, values) = with_form_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
         Found::Mixed(Block::from_cells(form, code, height, states, values))
     }
 
     /// Rows of a block: y and z in the block, and the range of the slab's cells.
-    fn rows<'a>(&self, part: &'a Part) -> impl Iterator<Item = (usize, usize, Range<usize>)> + Clone + use<'a> {
+    fn rows<'a>(
+        &self,
+        part: &'a Part,
+    ) -> impl Iterator<Item = (usize, usize, Range<usize>)> + Clone + use<'a> {
         let [width, height, _] = self.size;
         let Part { first, size } = part;
         (0..size[2]).flat_map(move |z| (0..size[1]).map(move |y| (y, z))).map(move |(y, z)| {
@@ -111,8 +113,7 @@ impl Slab {
         let mut bytes = vec![0; cells_in_block * size_of::<R::Bytes>()];
         let values = <[R::Bytes]>::mut_from_bytes(&mut bytes).expect("whole values");
         // Indices of pairs along x, which stay together in Z order.
-        let encoded: Vec<u32> =
-            (0..1 << height).map(|x| morton_encode(R::DIMENSION, x) as u32).collect();
+        let encoded: Vec<u32> = (0..1 << height).map(|x| morton_encode(R::DIMENSION, x) as u32).collect();
         for (y, z, row) in self.rows(part) {
             let row_index = encoded[y] << 1 | if R::AXES > 2 { encoded[z] << 2 } else { 0 };
             let pairs = encoded.iter().step_by(2).map(|x| (row_index | x) as usize);

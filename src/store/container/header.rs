@@ -156,8 +156,7 @@ impl Header {
         let number = |name: &str, number: u8, expected: &str| corrupt(format!("{name} {number}"), expected);
         let sample = SampleType::ALL.get(raw.sample as usize);
         let rule = Rule::ALL.get(raw.rule as usize);
-        let dimension =
-            Dimension::from_axes(raw.axes).ok_or_else(|| number("axes", raw.axes, "2 or 3"))?;
+        let dimension = Dimension::from_axes(raw.axes).ok_or_else(|| number("axes", raw.axes, "2 or 3"))?;
         let most = dimension.max_depth();
         let heavy_threshold = raw.heavy_threshold.get();
         let shape = Shape { depth: raw.depth, reach: raw.reach, stride: raw.stride, heavy_threshold };
@@ -186,7 +185,10 @@ impl Header {
         let sample = *sample.ok_or_else(|| number("sample type", raw.sample, "0 to 6"))?;
         let value = ValueType::new(sample, raw.channels);
         if !value.is_supported() {
-            return Err(corrupt(format!("values {value}"), "1 to 4 channels of u8, u16 or f32, or 1 channel"));
+            return Err(corrupt(
+                format!("values {value}"),
+                "1 to 4 channels of u8, u16 or f32, or 1 channel",
+            ));
         }
         let header = Header {
             form: Form::new(dimension, value),

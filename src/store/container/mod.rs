@@ -10,8 +10,8 @@ pub(crate) mod record;
 mod shape;
 pub(crate) mod subtree;
 
-pub(in crate::store) use finding::MAX_FINDINGS;
 pub use finding::Finding;
+pub(in crate::store) use finding::MAX_FINDINGS;
 pub use format::{TreeFormat, file_is_tree, split_commit};
 pub(in crate::store) use header::HEADER_SIZE;
 pub use header::{Codec, Header};

@@ -313,12 +313,7 @@ impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
     #[inline]
     fn new(states: u32, values: &[[u8; WIDTH]], skip: u32) -> Self {
         let values = values.try_into().expect("eight values");
-        OctRecord {
-            values,
-            states: (states as u16).to_le_bytes(),
-            zero: [0; 2],
-            skip: skip.to_le_bytes(),
-        }
+        OctRecord { values, states: (states as u16).to_le_bytes(), zero: [0; 2], skip: skip.to_le_bytes() }
     }
     #[inline]
     fn values(&self) -> &[[u8; WIDTH]] {

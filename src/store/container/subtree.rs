@@ -58,8 +58,7 @@ pub(crate) fn each_record<R: Record>(
         // The last level has most of the records, and no account to be kept.
         if level + 1 == levels {
             let last = &records[i..end];
-            let is_last =
-                |record: &R| record.skip() == 1 && states(record) & ALIKE << 1 == 0;
+            let is_last = |record: &R| record.skip() == 1 && states(record) & ALIKE << 1 == 0;
             if last.len() != children || !last.iter().all(is_last) {
                 return Err(BadSkip);
             }
@@ -175,9 +174,9 @@ mod tests {
 
     use super::*;
     use crate::space::Dimension;
+    use crate::store::container::record::QuadRecord;
     use crate::tree::Form;
     use crate::value::{SampleType, ValueType};
-    use crate::store::container::record::QuadRecord;
 
     type Byte = QuadRecord<1>;
 
@@ -208,8 +207,8 @@ mod tests {
     #[test]
     fn nodes_are_counted_by_level() {
         let states = [0b1001_1010, 0b01_01_01_00, 0b01, 0];
-        let records: [Byte; 4] = [(0, 4), (1, 1), (2, 1), (3, 1)]
-            .map(|(i, skip)| Record::new(states[i], &[[0]; 4], skip));
+        let records: [Byte; 4] =
+            [(0, 4), (1, 1), (2, 1), (3, 1)].map(|(i, skip)| Record::new(states[i], &[[0]; 4], skip));
         let mut counts = LevelCounts::default();
         let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         count_nodes(RecordLayout::new(form), records.as_bytes(), 2, 5, &mut counts).unwrap();

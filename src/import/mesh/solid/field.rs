@@ -66,7 +66,8 @@ impl Field {
                 };
                 // Coordinates run from -2^29 to 2^30.
                 let place = |axis: usize| ((middle(axis) + (1 << 29)) >> 10) as u32;
-                let key = (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, place(axis)) << axis);
+                let key =
+                    (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, place(axis)) << axis);
                 (key, triangle.corners.map(|corner| DVec3::from_array(corner.map(f64::from))))
             })
             .collect();
