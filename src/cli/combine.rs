@@ -1,4 +1,4 @@
-//! `spinney combine`
+//! `spinney combine`: one tree of several.
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! `spinney completions`
+//! `spinney completions`: what shells need to complete the command line.
 
 use std::io::{self, Write};
 

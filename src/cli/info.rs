@@ -1,10 +1,13 @@
 //! `spinney info`: what is in a file.
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
+use spinney::query::ChannelStatistics;
+use spinney::store::Metadata;
 
 use super::open;
 use super::report::statistics::channels_as_json;
@@ -43,7 +46,7 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
     let header = tree.header();
     let metadata = tree.metadata();
     let stats = tree.statistics(None)?;
-    let axes = header.form.axes() as usize;
+    let axes = header.form.axes();
     let levels: Vec<_> = metadata
         .counts
         .levels()
@@ -96,23 +99,31 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
 }
 
 fn as_text(tree: &Dataset) -> Result<String> {
-    use std::fmt::Write;
-    let header = tree.header();
-    let metadata = tree.metadata();
-    let stats = tree.statistics(None)?;
     let mut text = String::new();
-    let size: Vec<String> = header.extent[..header.form.axes() as usize].iter().map(u64::to_string).collect();
+    write_picture(&mut text, tree)?;
+    write_storage(&mut text, tree)?;
+    write_values(&mut text, tree)?;
+    write_levels(&mut text, tree.metadata())?;
+    for line in &tree.metadata().provenance {
+        writeln!(text, "from        {line}")?;
+    }
+    for (name, value) in &tree.metadata().tags {
+        let value: String = value.chars().take(200).collect();
+        writeln!(text, "tag         {name} = {value}")?;
+    }
+    Ok(text)
+}
+
+/// Writes the tree's form and size, and where it lies in the world.
+fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
+    let (header, metadata) = (tree.header(), tree.metadata());
     writeln!(text, "{}: {} {}", tree.path().display(), tree.format().name(), tree_name(tree))?;
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
     }
-    writeln!(
-        text,
-        "size        {} cells of {}, depth {}",
-        size.join(" x "),
-        header.form.value,
-        header.shape.depth
-    )?;
+    let size: Vec<String> = header.extent[..header.form.axes()].iter().map(u64::to_string).collect();
+    let (size, depth) = (size.join(" x "), header.depth());
+    writeln!(text, "size        {size} cells of {}, depth {depth}", header.form.value)?;
     writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;
     let [a, b, c, d, e, f] = metadata.frame.affine();
     writeln!(text, "transform   {a}, {b}, {c}, {d}, {e}, {f}")?;
@@ -126,62 +137,66 @@ fn as_text(tree: &Dataset) -> Result<String> {
     if let Some(nodata) = metadata.nodata {
         writeln!(text, "nodata      {nodata}")?;
     }
-    let raw = raw_bytes(tree);
-    let ratio = raw as f64 / tree.file_size().max(1) as f64;
-    writeln!(
-        text,
-        "bytes       {}; plain samples would be {raw}, {ratio:.1} times as many",
-        tree.file_size()
-    )?;
+    Ok(())
+}
+
+/// Writes bytes and records.
+fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
+    let (bytes, raw) = (tree.file_size(), raw_bytes(tree));
+    let ratio = raw as f64 / bytes.max(1) as f64;
+    writeln!(text, "bytes       {bytes}; plain samples would be {raw}, {ratio:.1} times as many")?;
     let sections: Vec<String> =
         tree.sections().iter().map(|(name, bytes)| format!("{name} {bytes}")).collect();
     writeln!(text, "            {}", sections.join(", "))?;
     match tree.commit() {
-        None => writeln!(
-            text,
-            "records     {} in {} segments, {} of the tree",
-            tree.stored_records(),
-            tree.segments(),
-            metadata.counts.records()
-        )?,
         Some(commit) => writeln!(text, "records     {}; {}", commit.records, commit::written(commit))?,
+        None => {
+            let (stored, segments) = (tree.stored_records(), tree.segments());
+            let records = tree.metadata().counts.records();
+            writeln!(text, "records     {stored} in {segments} segments, {records} of the tree")?;
+        }
     }
+    Ok(())
+}
+
+/// Writes how many cells there are, and their classes, or else what their channels hold.
+fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
+    /// Classes that are listed.
+    const MOST: usize = 32;
+    let stats = tree.statistics(None)?;
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
-    for (i, channel) in stats.channels.iter().enumerate().filter(|_| stats.classes.is_empty()) {
-        writeln!(
-            text,
-            "channel {}   min {}, max {}, mean {:.6}, deviation {:.6}",
-            i + 1,
-            channel.min,
-            channel.max,
-            channel.mean,
-            channel.deviation
-        )?;
-    }
-    if !stats.classes.is_empty() {
-        writeln!(text, "classes     {}", stats.classes.len())?;
-        for (value, cells) in stats.classes.iter().take(32) {
-            let colour = metadata.palette.as_ref().and_then(|palette| palette.colours.get(*value as usize));
-            let colour = colour.map(|[r, g, b, _]| format!("  #{r:02x}{g:02x}{b:02x}")).unwrap_or_default();
-            let name = metadata.class_names.get(&(*value as i64)).map(String::as_str).unwrap_or_default();
-            writeln!(text, "{value:>8} {cells:>14} cells{colour}  {name}")?;
+    if stats.classes.is_empty() {
+        for (number, channel) in (1..).zip(&stats.channels) {
+            let ChannelStatistics { min, max, mean, deviation } = channel;
+            writeln!(
+                text,
+                "channel {number}   min {min}, max {max}, mean {mean:.6}, deviation {deviation:.6}"
+            )?;
         }
-        if stats.classes.len() > 32 {
-            writeln!(text, "         and {} more", stats.classes.len() - 32)?;
-        }
+        return Ok(());
     }
-    if !metadata.counts.levels().is_empty() {
+    writeln!(text, "classes     {}", stats.classes.len())?;
+    let metadata = tree.metadata();
+    for (value, cells) in stats.classes.iter().take(MOST) {
+        let colour = metadata.palette.as_ref().and_then(|palette| palette.colours.get(*value as usize));
+        let colour = colour.map(|[r, g, b, _]| format!("  #{r:02x}{g:02x}{b:02x}")).unwrap_or_default();
+        let name = metadata.class_names.get(&(*value as i64)).map(String::as_str).unwrap_or_default();
+        writeln!(text, "{value:>8} {cells:>14} cells{colour}  {name}")?;
+    }
+    if stats.classes.len() > MOST {
+        writeln!(text, "         and {} more", stats.classes.len() - MOST)?;
+    }
+    Ok(())
+}
+
+/// Writes the number of nodes in each state, level by level, where the file knows them.
+fn write_levels(text: &mut String, metadata: &Metadata) -> Result<()> {
+    let levels = metadata.counts.levels();
+    if !levels.is_empty() {
         writeln!(text, "level           VOID           LEAF          INNER")?;
     }
-    for (level, [void, leaf, inner]) in metadata.counts.levels().iter().enumerate() {
+    for (level, [void, leaf, inner]) in levels.iter().enumerate() {
         writeln!(text, "{level:>5} {void:>14} {leaf:>14} {inner:>14}")?;
     }
-    for line in &metadata.provenance {
-        writeln!(text, "from        {line}")?;
-    }
-    for (name, value) in &metadata.tags {
-        let value: String = value.chars().take(200).collect();
-        writeln!(text, "tag         {name} = {value}")?;
-    }
-    Ok(text)
+    Ok(())
 }

@@ -4,7 +4,7 @@ use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::Statistics;
-use spinney::space::is_geographic;
+use spinney::space::{Bounds, is_geographic};
 use spinney::value::Rule;
 
 use super::Global;
@@ -52,9 +52,10 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
     let bounds = args.part.bounds(&tree)?;
+    let is_octree = tree.header().form.axes() == 3;
     let is_asked = args.solid || args.level.is_some();
     ensure!(
-        !is_asked || tree.header().form.axes() == 3,
+        !is_asked || is_octree,
         "{}: is a quadtree; --solid and --level are for octrees",
         args.tree.file.display()
     );
@@ -62,8 +63,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         !is_asked || bounds.is_none(),
         "--solid and --level are for the whole octree; see --view window=..."
     );
-    let is_solid =
-        tree.header().form.axes() == 3 && tree.header().rule == Rule::Occupancy && bounds.is_none();
+    let is_solid = is_octree && tree.header().rule == Rule::Occupancy && bounds.is_none();
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
         Some(tree.solid(level_of(&tree, args.level)?, &work)?)
@@ -73,14 +73,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let stats = tree.statistics(bounds)?;
     let picture = tree.header().picture();
     let bounds = bounds.unwrap_or(picture).intersect(&picture);
-    let histogram = match stats.channels.first() {
-        Some(first) if stats.classes.is_empty() && first.min < first.max && args.bins > 0 => {
-            let bins = tree.histogram(&bounds, first.min, first.max, args.bins as usize)?;
-            let width = (first.max - first.min) / f64::from(args.bins);
-            bins.into_iter().enumerate().map(|(i, cells)| (first.min + i as f64 * width, cells)).collect()
-        }
-        _ => Vec::new(),
-    };
+    let histogram = histogram(&tree, &bounds, &stats, args.bins)?;
     if args.json {
         let mut json = as_json(&tree, &stats, &histogram);
         if let Some(measured) = &measured {
@@ -90,6 +83,18 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     } else {
         print(&tree, &stats, &histogram)?;
         measured.map_or(Ok(()), |measured| print_text(&solid::as_text(&tree, &measured)?))
+    }
+}
+
+/// Bins of the first channel, each with its least value and its cells; none of classes, or where all values are alike.
+fn histogram(tree: &Dataset, bounds: &Bounds, stats: &Statistics, bins: u32) -> Result<Vec<(f64, u64)>> {
+    match stats.channels.first() {
+        Some(first) if stats.classes.is_empty() && first.min < first.max && bins > 0 => {
+            let cells = tree.histogram(bounds, first.min, first.max, bins as usize)?;
+            let width = (first.max - first.min) / f64::from(bins);
+            Ok((0..).map(|bin| first.min + f64::from(bin) * width).zip(cells).collect())
+        }
+        _ => Ok(Vec::new()),
     }
 }
 
@@ -113,6 +118,7 @@ fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
     if feet { Err("the coordinate system counts in feet") } else { Ok((a * e - b * d).abs()) }
 }
 
+/// The name of a class; nothing if it has none.
 fn class_name(tree: &Dataset, value: f64) -> Option<&str> {
     tree.metadata().class_names.get(&(value as i64)).map(String::as_str)
 }
@@ -139,6 +145,7 @@ fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serd
     })
 }
 
+/// Prints statistics as text.
 fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result<()> {
     use std::fmt::Write;
     let mut text = String::new();
@@ -149,12 +156,12 @@ fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result
         Err(reason) => writeln!(text, "area       unknown: {reason}")?,
     }
     if stats.classes.is_empty() {
-        for (i, channel) in stats.channels.iter().enumerate() {
-            let name = tree.metadata().band_names.get(i).filter(|name| !name.is_empty());
+        for (index, channel) in stats.channels.iter().enumerate() {
+            let name = tree.metadata().band_names.get(index).filter(|name| !name.is_empty());
             writeln!(
                 text,
                 "channel {}  min {}  max {}  mean {:.6}  deviation {:.6}{}",
-                i + 1,
+                index + 1,
                 channel.min,
                 channel.max,
                 channel.mean,

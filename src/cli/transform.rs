@@ -1,4 +1,4 @@
-//! `spinney transform`
+//! `spinney transform`: a part of a tree, moved, scaled or turned.
 
 use std::path::PathBuf;
 use std::time::Instant;

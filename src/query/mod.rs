@@ -22,7 +22,7 @@ pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};
 pub(crate) use histogram::source_histogram;
 pub(crate) use occupancy::{Filling, Level};
-pub use points::{PointSamples, Points};
+pub use points::PointSamples;
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;
 pub(crate) use solid::measure;

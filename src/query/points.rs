@@ -4,9 +4,11 @@
 //! levels are looked through once: a table has an entry per node of some level, which has the value of a uniform
 //! block or the number of the node's record. Random cells of solids lie in large uniform blocks nearly always.
 
+use zerocopy::IntoBytes;
+
 use super::check_level;
 use crate::space::{Cell, Code};
-use crate::store::container::{CUT, INNER, LEAF, RecordLayout, VOID};
+use crate::store::container::{CUT, INNER, Record, RecordLayout, VOID, child_record, with_record_type};
 use crate::store::goblin::{Goblin, Node, Segment};
 use crate::tree::{Child, Source, no_children};
 use crate::value::{Native, Sample, Value, ValueType, with_native_type};
@@ -55,8 +57,8 @@ fn add_samples<V: Native>(samples: &mut Vec<f64>, values: &[Option<Value>]) {
     }
 }
 
-/// Answers for single cells of one level of a file, with a table of the upper levels; may be shared by threads.
-pub struct Points<'a> {
+/// Answers for single cells of one level of a file, with a table of the upper levels.
+struct Points<'a> {
     tree: &'a Goblin,
     layout: RecordLayout,
     level: u8,
@@ -97,10 +99,7 @@ impl Goblin {
             return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
         }
         let points = self.points_of(level, cells.len() as u64)?;
-        for (cell, value) in cells.iter().zip(values) {
-            *value = points.value(*cell)?;
-        }
-        Ok(())
+        with_record_type!(points.layout, R => points.values::<R>(cells, values))
     }
 
     /// Gets ready to answer for about `count` cells of a level, anywhere in the tree. The more there are the more of the
@@ -108,7 +107,7 @@ impl Goblin {
     ///
     /// # Errors
     /// If the level is deeper than the tree, or the file is damaged.
-    pub fn points_of(&self, level: u8, count: u64) -> Result<Points<'_>> {
+    fn points_of(&self, level: u8, count: u64) -> Result<Points<'_>> {
         check_level(level, self.header().depth())?;
         let dimension = self.header().form.dimension;
         let worth = (count / WORTH).min(MAX_NODES);
@@ -134,54 +133,52 @@ impl Goblin {
 }
 
 impl Points<'_> {
-    /// The value of a cell of the level; `None` is VOID, as is everything outside the tree.
-    ///
-    /// # Errors
-    /// If the file is damaged there.
-    #[inline]
-    pub fn value(&self, cell: Cell) -> Result<Option<Value>> {
+    /// Writes the values of cells of the level.
+    fn values<R: Record>(&self, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
+        let segments: Vec<&[R]> = self.segments.iter().map(|segment| R::of(segment.records())).collect();
         let side = 1u32 << self.level;
-        let axes = self.layout.dimension.axes();
-        if (0..3).any(|axis| cell[axis] >= if axis < axes { side } else { 1 }) {
-            return Ok(None);
+        for (cell, value) in cells.iter().zip(values) {
+            let inside = (0..3).all(|axis| cell[axis] < if axis < R::AXES { side } else { 1 });
+            *value = match inside {
+                false => None,
+                true if self.top == 0 => self.value_from_root(*cell)?,
+                true => match self.table[self.entry_index(*cell, self.level - self.top)] {
+                    Entry { segment: UNIFORM, record } => self.values[record as usize],
+                    entry => self.value_below(&segments, entry, *cell)?,
+                },
+            };
         }
-        if self.top == 0 {
-            return self.value_from_root(cell);
-        }
-        let Entry { segment, record } = self.table[self.entry_index(cell, self.level - self.top)];
-        if segment == UNIFORM {
-            return Ok(self.values[record as usize]);
-        }
-        self.value_below(&self.segments[segment as usize], record as usize, cell)
+        Ok(())
     }
 
-    /// The value of a cell below a node of the table, given the node's segment and record.
-    fn value_below(&self, segment: &Segment<'_>, record: usize, cell: Cell) -> Result<Option<Value>> {
-        let layout = self.layout;
-        let records = segment.records();
+    /// The value of a cell below a node of the table.
+    #[inline]
+    fn value_below<R: Record>(&self, segments: &[&[R]], entry: Entry, cell: Cell) -> Result<Option<Value>> {
+        let records = segments[entry.segment as usize];
         let [x, y, z] = cell.map(|cell| cell as usize);
-        let mut at = record;
+        let mut at = entry.record as usize;
         for bit in (0..self.level - self.top).rev() {
             // (In quadtrees z is 0.)
             let step = x >> bit & 1 | (y >> bit & 1) << 1 | (z >> bit & 1) << 2;
-            let bad_skip = || self.tree.bad_skip(segment, at);
-            let head = layout.head(records, at).ok_or_else(bad_skip)?;
-            match head.state(step) {
+            let record = records.get(at).ok_or_else(|| self.bad_skip(entry, at))?;
+            match record.state(step) {
                 VOID => return Ok(None),
-                LEAF => return Ok(Some(layout.value(records, at, step))),
-                _ if bit == 0 => return Ok(Some(layout.value(records, at, step))),
-                INNER => at = layout.child_record(records, at, head, step).ok_or_else(bad_skip)?,
-                state => {
-                    debug_assert!(state == CUT);
-                    return self.value_from_root(cell);
+                CUT if bit > 0 => return self.value_from_root(cell),
+                INNER if bit > 0 => {
+                    at = child_record(records, at, step).ok_or_else(|| self.bad_skip(entry, at))?
                 }
+                _ => return Ok(Some(Value::from_bytes(record.values()[step].as_bytes()))),
             }
         }
         Ok(None)
     }
 
-    /// The value of a cell that no entry of the table leads to.
     #[cold]
+    fn bad_skip(&self, entry: Entry, record: usize) -> Error {
+        self.tree.bad_skip(&self.segments[entry.segment as usize], record)
+    }
+
+    /// The value of a cell that no entry of the table leads to.
     fn value_from_root(&self, cell: Cell) -> Result<Option<Value>> {
         let code = Code::from_cell(self.layout.dimension, self.level, cell);
         code.map_or(Ok(None), |code| self.tree.value_at(code))

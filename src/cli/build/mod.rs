@@ -13,7 +13,7 @@ use spinney::import::raster;
 use spinney::io::Output;
 use spinney::store::file_is_tree;
 
-use self::pictures::PictureOptions;
+use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use super::Global;
 use super::args::{Memory, check_output};
@@ -40,9 +40,10 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
     #[command(flatten)]
-    pictures: PictureOptions,
-    #[command(flatten)]
     common: Common,
+    // (Headings hold for all options that follow.)
+    #[command(flatten)]
+    pictures: PictureArgs,
     #[command(flatten)]
     solids: SolidArgs,
 }

@@ -9,7 +9,7 @@ use super::Common;
 /// Options for pictures only.
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT)")]
-pub(super) struct PictureOptions {
+pub(super) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from the
     /// file]
     #[arg(long)]
@@ -32,10 +32,10 @@ pub(super) struct PictureOptions {
     layer: Option<String>,
 }
 
-impl PictureOptions {
+impl PictureArgs {
     /// Whether any of them was given, which makes no sense for models.
     pub(super) fn are_given(&self) -> bool {
-        let PictureOptions { kind, rule, band, nodata, transform, layer } = self;
+        let PictureArgs { kind, rule, band, nodata, transform, layer } = self;
         kind.is_some()
             || rule.is_some()
             || band.is_some()
@@ -46,7 +46,7 @@ impl PictureOptions {
 
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
-        let PictureOptions { kind, rule, band, nodata, transform, layer } = self.clone();
+        let PictureArgs { kind, rule, band, nodata, transform, layer } = self.clone();
         let Common { depth, epsg, memory, share } = *common;
         let memory = Some(memory.bytes);
         ImportOptions { kind, rule, bands: band, nodata, depth, epsg, transform, layer, memory, share }

@@ -19,5 +19,7 @@ pub use level_counts::LevelCounts;
 pub use metadata::Metadata;
 pub use options::OpenOptions;
 pub use record::{CUT, INNER, LEAF, RecordHead, RecordLayout, VOID};
-pub(crate) use record::{HEAVY_THRESHOLD, Record, STRIDE, reach, with_form_type, with_record_type};
+pub(crate) use record::{
+    HEAVY_THRESHOLD, Record, STRIDE, child_record, reach, with_form_type, with_record_type,
+};
 pub use shape::Shape;

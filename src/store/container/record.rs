@@ -156,26 +156,6 @@ impl RecordLayout {
         }
     }
 
-    /// Where the record of one INNER child is, whose parent's head this is; `None` if a skip leads out of the node.
-    ///
-    /// The parent's own extent (`at .. at + skip`) must have been checked. Looks at no sibling behind the child.
-    #[inline]
-    pub fn child_record(&self, records: &[u8], at: usize, head: RecordHead, child: usize) -> Option<usize> {
-        let end = at + head.skip as usize;
-        let mut next = at + 1;
-        for before in 0..child {
-            if head.state(before) == INNER {
-                let skip = self.head(records, next)?.skip as usize;
-                next = next.checked_add(skip.max(1))?;
-            }
-        }
-        if next >= end {
-            return None;
-        }
-        let skip = self.head(records, next)?.skip as usize;
-        (skip > 0 && next + skip <= end).then_some(next)
-    }
-
     /// Where the children's records of the record with a number are, and its head; 0 for children without a record
     /// here. `None` if skips do not add up.
     ///
@@ -249,6 +229,24 @@ pub(crate) trait Record:
     fn of(bytes: &[u8]) -> &[Self] {
         <[Self]>::ref_from_bytes(bytes).unwrap_or(&[])
     }
+}
+
+/// Where the record of an INNER child is; `None` if a skip leads out of the node.
+///
+/// The parent's own extent must have been checked. Looks at no sibling behind the child.
+#[inline]
+pub(crate) fn child_record<R: Record>(records: &[R], parent: usize, child: usize) -> Option<usize> {
+    let record = records.get(parent)?;
+    let end = parent + record.skip() as usize;
+    // Those of the children before it stand first, one after the other.
+    let mut at = parent + 1;
+    for before in 0..child {
+        if record.state(before) == INNER {
+            at += records.get(at)?.skip().max(1) as usize;
+        }
+    }
+    let skip = records.get(at)?.skip() as usize;
+    (skip > 0 && at + skip <= end).then_some(at)
 }
 
 /// A record of a quadtree.

@@ -3,8 +3,10 @@
 use super::directory::code_bits;
 use super::reader::Goblin;
 use super::segment::Segment;
+use zerocopy::IntoBytes;
+
 use crate::space::Code;
-use crate::store::container::{INNER, LEAF, VOID};
+use crate::store::container::{CUT, LEAF, Record, RecordLayout, VOID, child_record, with_record_type};
 use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
@@ -15,6 +17,48 @@ pub(crate) struct Located<'a> {
     pub(crate) segment: Segment<'a>,
     /// The record's number there.
     pub(crate) record: usize,
+}
+
+/// Where the way down through the records of one segment ends.
+pub(crate) enum Descent {
+    /// In a VOID block.
+    Void,
+    /// In a block of one value.
+    Leaf(Value),
+    /// At the node itself, whose record has this number.
+    Inner(usize),
+    /// At a level whose node has its record in another segment.
+    Cut(u8),
+    /// At the record with this number, whose skip leads out of the node.
+    BadSkip(usize),
+}
+
+/// A way down, from the record of a node's ancestor at a level to the node.
+pub(crate) type Descend = fn(records: &[u8], at: usize, level: u8, code: Code) -> Descent;
+
+/// The way down through records of a layout, which is half of what the answer for a point costs.
+pub(super) fn descend_in(layout: RecordLayout) -> Descend {
+    with_record_type!(layout, R => descend::<R>)
+}
+
+/// Goes down from the record of a node's ancestor at `level` to the node's own.
+fn descend<R: Record>(records: &[u8], mut at: usize, level: u8, code: Code) -> Descent {
+    let records = R::of(records);
+    for level in level..code.level() {
+        let Some(record) = records.get(at) else { return Descent::BadSkip(at) };
+        let step = code.step(level);
+        match record.state(step) {
+            VOID => return Descent::Void,
+            LEAF => return Descent::Leaf(Value::from_bytes(record.values()[step].as_bytes())),
+            CUT => return Descent::Cut(level + 1),
+            _ => {}
+        }
+        match child_record(records, at, step) {
+            Some(child) => at = child,
+            None => return Descent::BadSkip(at),
+        }
+    }
+    Descent::Inner(at)
 }
 
 impl Goblin {
@@ -64,23 +108,16 @@ impl Goblin {
             Child::Inner { .. } => {}
         }
         let segment = self.segment_above(code)?;
-        let (layout, records) = (&self.layout, segment.records());
-        let mut record = 0;
-        for level in segment.code.level()..code.level() {
-            let step = code.step(level);
-            let head = layout.head(records, record).ok_or_else(|| self.bad_skip(&segment, record))?;
-            match head.state(step) {
-                VOID => return Ok(Child::Void),
-                LEAF => return Ok(Child::Leaf(layout.value(records, record, step))),
-                INNER => {
-                    let child = layout.child_record(records, record, head, step);
-                    record = child.ok_or_else(|| self.bad_skip(&segment, record))?;
-                }
-                // The record is in a deeper segment, and this is the deepest one.
-                _ => return Err(self.bad_cut(code.ancestor(level + 1))),
+        match (self.descend)(segment.records(), 0, segment.code.level(), code) {
+            Descent::Void => Ok(Child::Void),
+            Descent::Leaf(value) => Ok(Child::Leaf(value)),
+            Descent::Inner(record) => {
+                Ok(Child::Inner { representative: Value::ZERO, node: Located { segment, record } })
             }
+            // The record is in a deeper segment, and this is the deepest one.
+            Descent::Cut(level) => Err(self.bad_cut(code.ancestor(level))),
+            Descent::BadSkip(record) => Err(self.bad_skip(&segment, record)),
         }
-        Ok(Child::Inner { representative: Value::ZERO, node: Located { segment, record } })
     }
 
     /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;

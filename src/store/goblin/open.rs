@@ -7,6 +7,7 @@ use std::sync::atomic::AtomicU64;
 
 use super::cache::Cache;
 use super::directory::entry_size;
+use super::locate::descend_in;
 use super::reader::Goblin;
 use super::trailer::{Section, TAIL, Trailer};
 use crate::io::ReadBackend;
@@ -64,6 +65,7 @@ impl Goblin {
             path: path.to_path_buf(),
             backend,
             layout: header.record_layout(),
+            descend: descend_in(header.record_layout()),
             header,
             trailer,
             metadata,

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicU64;
 
 use super::cache::Cache;
 use super::directory::{Entry, show_sums};
+use super::locate::Descend;
 use super::trailer::{Section, Trailer};
 use crate::io::ReadBackend;
 use crate::store::container::{HEADER_SIZE, Header, LEAF, Metadata, RecordLayout, VOID};
@@ -24,6 +25,8 @@ pub struct Goblin {
     pub(super) header: Header,
     /// How its records are laid out.
     pub(super) layout: RecordLayout,
+    /// The way down through them.
+    pub(super) descend: Descend,
     pub(super) trailer: Trailer,
     pub(super) metadata: Metadata,
     /// The directory, if the backend cannot show it.
