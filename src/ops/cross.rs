@@ -1,6 +1,7 @@
 //! Which values of one tree meet which of another: change matrices.
 
 use std::cmp::Ordering;
+use std::collections::HashMap;
 
 use super::affine::{View, ViewNode};
 use super::tree_file::check_form;
@@ -34,12 +35,12 @@ pub fn cross(first: &View, second: &View) -> Result<Vec<Pair>> {
         let expected = format!("{}, as the first tree has", first.depth());
         return Err(Error::invalid("depth of a tree", second.depth().to_string(), expected));
     }
-    let mut pairs = Pairs { value_type: form.value, pairs: Vec::new(), last: 0 };
+    let mut pairs = Pairs::default();
     let (mut below_first, mut below_second) = (no_children(), no_children());
     let mut pending = vec![(first.depth(), first.root()?, second.root()?)];
     while let Some((height, a, b)) = pending.pop() {
         if height == 0 || !(a.is_inner() || b.is_inner()) {
-            pairs.add(a.value(), b.value(), form.dimension.cells(height))?;
+            pairs.add((a.value(), b.value()), form.dimension.cells(height))?;
             continue;
         }
         children_of(first, &a, &mut below_first)?;
@@ -47,7 +48,7 @@ pub fn cross(first: &View, second: &View) -> Result<Vec<Pair>> {
         let below = below_first.iter_mut().zip(&mut below_second).take(form.children());
         pending.extend(below.map(|(a, b)| (height - 1, std::mem::take(a), std::mem::take(b))));
     }
-    Ok(pairs.pairs)
+    pairs.sorted(form.value)
 }
 
 /// The children of a node; those of a uniform one are like it.
@@ -62,37 +63,46 @@ fn children_of(view: &View, child: &Child<ViewNode>, children: &mut Children<Vie
     }
 }
 
-/// Pairs in their order; remembers the last one because neighbours are alike.
+/// Cells of each pair; remembers the last one because neighbours are alike.
+#[derive(Default)]
 struct Pairs {
-    value_type: ValueType,
-    pairs: Vec<Pair>,
-    last: usize,
+    cells: HashMap<(Option<Value>, Option<Value>), u64>,
+    last: (Option<Value>, Option<Value>),
+    /// Cells of the last pair that are not in the table yet.
+    run: u64,
 }
 
 impl Pairs {
-    fn add(&mut self, a: Option<Value>, b: Option<Value>, cells: u64) -> Result<()> {
-        if a.is_none() && b.is_none() {
+    fn add(&mut self, pair: (Option<Value>, Option<Value>), cells: u64) -> Result<()> {
+        if pair != self.last {
+            self.end_run()?;
+            self.last = pair;
+        }
+        self.run += cells;
+        Ok(())
+    }
+
+    fn end_run(&mut self) -> Result<()> {
+        let run = std::mem::take(&mut self.run);
+        if self.last == (None, None) {
             return Ok(());
         }
-        let value_type = self.value_type;
-        let order =
-            |pair: &Pair| by_value(value_type, pair.first, a).then(by_value(value_type, pair.second, b));
-        if !self.pairs.get(self.last).is_some_and(|pair| pair.first == a && pair.second == b) {
-            self.last = match self.pairs.binary_search_by(order) {
-                Ok(index) => index,
-                Err(_) if self.pairs.len() == MOST => {
-                    let found = format!("more than {MOST}");
-                    let expected = "classes, of which there are few";
-                    return Err(Error::invalid("pairs of values", found, expected));
-                }
-                Err(index) => {
-                    self.pairs.insert(index, Pair { first: a, second: b, cells: 0 });
-                    index
-                }
-            };
+        *self.cells.entry(self.last).or_default() += run;
+        if self.cells.len() > MOST {
+            let found = format!("more than {MOST}");
+            return Err(Error::invalid("pairs of values", found, "classes, of which there are few"));
         }
-        self.pairs[self.last].cells += cells;
         Ok(())
+    }
+
+    fn sorted(mut self, value_type: ValueType) -> Result<Vec<Pair>> {
+        self.end_run()?;
+        let pairs = self.cells.into_iter().map(|((first, second), cells)| Pair { first, second, cells });
+        let mut pairs: Vec<Pair> = pairs.collect();
+        pairs.sort_unstable_by(|a, b| {
+            by_value(value_type, a.first, b.first).then(by_value(value_type, a.second, b.second))
+        });
+        Ok(pairs)
     }
 }
 

@@ -38,7 +38,7 @@ pub fn diff(
     }
     let children = first.form().children();
     let root = Code::root(first.form().dimension);
-    Comparison { first, second, children, found }.node(root, first.root()?, second.root()?)
+    Comparison { first, second, children, found }.node(root, &first.root()?, &second.root()?)
 }
 
 /// Two trees that are walked side by side.
@@ -51,37 +51,40 @@ struct Comparison<'a> {
 }
 
 impl Comparison<'_> {
-    fn node(&mut self, code: Code, a: Child<TreeFileNode>, b: Child<TreeFileNode>) -> Result<()> {
+    fn node(&mut self, code: Code, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<()> {
         match (a, b) {
             (Child::Void, Child::Void) => return Ok(()),
             (Child::Leaf(a), Child::Leaf(b)) if a == b => return Ok(()),
             (Child::Inner { node: a, .. }, Child::Inner { node: b, .. }) => {
-                let record = self.first.kept(&a);
-                if record.is_some() && record == self.second.kept(&b) {
+                let record = self.first.kept(a);
+                if record.is_some() && record == self.second.kept(b) {
                     return Ok(());
                 }
             }
             (Child::Inner { .. }, _) | (_, Child::Inner { .. }) => {}
             (a, b) => return (self.found)(Difference { code, before: a.value(), after: b.value() }),
         }
-        let (below_a, below_b) = (children_of(self.first, a)?, children_of(self.second, b)?);
-        for (step, (a, b)) in below_a.into_iter().zip(below_b).take(self.children).enumerate() {
+        let (mut below_a, mut below_b) = (no_children(), no_children());
+        let from_a = children_of(self.first, a, &mut below_a)?;
+        let from_b = children_of(self.second, b, &mut below_b)?;
+        for step in 0..self.children {
+            let a = from_a.map_or(a, |below| &below[step]);
+            let b = from_b.map_or(b, |below| &below[step]);
             self.node(code.child(step), a, b)?;
         }
         Ok(())
     }
 }
 
-/// The children of a node; those of a uniform one are like it.
-fn children_of(file: &TreeFile, child: Child<TreeFileNode>) -> Result<Children<TreeFileNode>> {
-    match child {
-        Child::Inner { node, .. } => {
-            let mut children = no_children();
-            file.children(&node, &mut children)?;
-            Ok(children)
-        }
-        uniform => Ok([uniform; 8]),
-    }
+/// The children of a node; `None` if it is uniform, and they are all like it.
+fn children_of<'c>(
+    file: &TreeFile,
+    child: &Child<TreeFileNode>,
+    children: &'c mut Children<TreeFileNode>,
+) -> Result<Option<&'c Children<TreeFileNode>>> {
+    let Child::Inner { node, .. } = child else { return Ok(None) };
+    file.children(node, children)?;
+    Ok(Some(children))
 }
 
 /// What differs between two trees.

@@ -16,7 +16,7 @@ mod tally;
 mod walk;
 
 pub use options::{BuildOptions, depth_for};
-pub(in crate::store) use part::{ENOUGH, Part, SealedSegment, representative_of, trim, uniform_children};
+pub(in crate::store) use part::{ENOUGH, Part, SealedSegment, representative_of, uniform_children};
 pub use reuse::{
     Join, MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree,
 };

@@ -1,7 +1,8 @@
 //! Parts of a tree on their way up: merged four (or eight) by four, sealed into segments.
 
 use crate::space::Code;
-use crate::store::container::{CUT, INNER, LevelCounts, RecordHead, RecordLayout, Shape};
+use crate::store::container::subtree::upper_levels;
+use crate::store::container::{LevelCounts, RecordHead, RecordLayout, Shape};
 use crate::tree::{Child, Form};
 use crate::value::{Rule, Tally, Value, ValueType, representative};
 
@@ -124,40 +125,14 @@ impl Part {
         if !self.child.is_inner() || !(is_root || is_heavy) {
             return None;
         }
-        let mut above = Vec::new();
-        if !is_root {
+        let above = if is_root {
+            Vec::new()
+        } else {
             let cut = shape.cut_level(shape.parent_segment_level(level));
-            trim(&self.layout(), &self.records, 0, cut.saturating_sub(level), &mut above);
-        }
+            upper_levels(self.layout(), &self.records, cut.saturating_sub(level))
+                .expect("records that add up")
+        };
         let records = std::mem::replace(&mut self.records, above);
         Some(SealedSegment { code: self.code, records, tally: self.tally.clone() })
     }
-}
-
-/// Copies the records of `levels` levels of the subtree whose record has a number; what lies deeper is CUT.
-pub(in crate::store) fn trim(
-    layout: &RecordLayout,
-    records: &[u8],
-    at: usize,
-    levels: u8,
-    above: &mut Vec<u8>,
-) {
-    let start = above.len();
-    let Some(head) = layout.head(records, at) else { return };
-    let mut states = head.states;
-    above.extend_from_slice(&records[at * layout.size..][..layout.size]);
-    let mut next = at + 1;
-    for i in 0..layout.children() {
-        // (Records of a file may lie.)
-        if let (INNER, Some(child)) = (head.state(i), layout.head(records, next)) {
-            if levels > 1 {
-                trim(layout, records, next, levels - 1, above);
-            } else {
-                states |= (CUT as u32) << (2 * i);
-            }
-            next += child.skip as usize;
-        }
-    }
-    let skip = ((above.len() - start) / layout.size) as u32;
-    layout.write_head(&mut above[start..start + layout.size], RecordHead { states, skip });
 }

@@ -1,7 +1,7 @@
 //! One go over the records of a subtree, all of which is in one segment: no recursion, and nothing is believed.
 
 use super::level_counts::LevelCounts;
-use super::record::{ALIKE, INNER, LEAF, Record, RecordLayout, with_record_type};
+use super::record::{ALIKE, CUT, INNER, LEAF, Record, RecordLayout, STATE_BITS, with_record_type};
 
 /// The records of a subtree contradict each other.
 #[derive(Debug)]
@@ -168,6 +168,56 @@ fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MOST_LE
     Ok(sums)
 }
 
+/// Copies the first levels (one at least) of the subtree that begins with the first of some records; what lies deeper
+/// becomes CUT.
+///
+/// # Errors
+/// If skips lead out of the node, or to the same records more than once: then they would make many of few.
+pub(in crate::store) fn upper_levels(
+    layout: RecordLayout,
+    records: &[u8],
+    levels: u8,
+) -> Result<Vec<u8>, BadSkip> {
+    let mut above = Vec::new();
+    with_record_type!(layout, R => copy_levels::<R>(R::of(records), 0, levels, &mut above))?;
+    Ok(above)
+}
+
+/// Adds the first levels of the subtree whose record has a number; tells where the subtree ends.
+fn copy_levels<R: Record>(
+    records: &[R],
+    at: usize,
+    levels: u8,
+    above: &mut Vec<u8>,
+) -> Result<usize, BadSkip> {
+    let record = records.get(at).ok_or(BadSkip)?;
+    let end = at + record.skip() as usize;
+    let records = records.get(..end).ok_or(BadSkip)?;
+    let start = above.len();
+    above.extend_from_slice(record.as_bytes());
+    let mut states = record.states();
+    let mut next = at + 1;
+    for child in 0..R::CHILDREN {
+        if record.state(child) != INNER {
+            continue;
+        }
+        let child_end = if levels > 1 {
+            copy_levels(records, next, levels - 1, above)?
+        } else {
+            states |= u32::from(CUT) << (STATE_BITS * child);
+            next + records.get(next).ok_or(BadSkip)?.skip() as usize
+        };
+        if child_end <= next || child_end > end {
+            return Err(BadSkip);
+        }
+        next = child_end;
+    }
+    let skip = (above.len() - start) / size_of::<R>();
+    let copied = R::new(states, record.values(), skip as u32);
+    above[start..start + size_of::<R>()].copy_from_slice(copied.as_bytes());
+    Ok(end)
+}
+
 #[cfg(test)]
 mod tests {
     use zerocopy::IntoBytes;
@@ -202,6 +252,33 @@ mod tests {
         assert_eq!(show(&good, 2), None);
         assert_eq!(show(&good[..5], 3), None);
         assert_eq!(show(&[(0b11, 1)], 3), None);
+    }
+
+    #[test]
+    fn upper_levels_are_cut_off_and_checked() {
+        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        let upper = |records: &[(u32, u32)], levels| {
+            let bytes: Vec<Byte> =
+                records.iter().map(|(states, skip)| Record::new(*states, &[[7]; 4], *skip)).collect();
+            let above = upper_levels(RecordLayout::new(form), bytes.as_bytes(), levels).ok()?;
+            Some(Byte::of(&above).iter().map(|record| (record.states(), record.skip())).collect::<Vec<_>>())
+        };
+        let good = [(0b1001_1000, 5), (0b10, 2), (0, 1), (0b0110, 2), (0, 1)];
+        assert_eq!(upper(&good, 1), Some(vec![(0b1101_1100, 1)]));
+        assert_eq!(upper(&good, 2), Some(vec![(0b1001_1000, 3), (0b11, 1), (0b0111, 1)]));
+        assert_eq!(upper(&good, 3), Some(good.to_vec()));
+        // Two levels are copied, so nobody looks at the third.
+        assert_eq!(upper(&[(0b10, 3), (0b10, 2), (0, 9)], 3), None);
+        for bad in [
+            &[(0b10, 2), (0, 0)][..],
+            &[(0b10, 2), (0, 2), (0, 1)],
+            &[(0b1010, 3), (0, 2), (0, 2)],
+            &[(0b10, 1)],
+            &[(0, 2)],
+            &[],
+        ] {
+            assert_eq!((upper(bad, 1), upper(bad, 2)), (None, None), "{bad:?}");
+        }
     }
 
     #[test]

@@ -61,11 +61,13 @@ impl Goblin {
             None => Some(read_section(path, &*backend, trailer.directory, "directory")?.into_owned()),
         };
         let checked = (0..trailer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let layout = header.record_layout();
         Ok(Goblin {
             path: path.to_path_buf(),
             backend,
-            layout: header.record_layout(),
-            descend: descend_in(header.record_layout()),
+            layout,
+            descend: descend_in(layout),
+            root: trailer.root(layout.width),
             header,
             trailer,
             metadata,

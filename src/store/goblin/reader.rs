@@ -9,9 +9,9 @@ use super::directory::{Entry, show_sums};
 use super::locate::Descend;
 use super::trailer::{Section, Trailer};
 use crate::io::ReadBackend;
-use crate::store::container::{HEADER_SIZE, Header, LEAF, Metadata, RecordLayout, VOID};
+use crate::store::container::{HEADER_SIZE, Header, Metadata, RecordLayout};
 use crate::tree::Child;
-use crate::value::{Tally, Value};
+use crate::value::Tally;
 use crate::{Error, Result};
 
 /// A Goblin file, open for reading; may be shared by any number of threads.
@@ -28,6 +28,8 @@ pub struct Goblin {
     /// The way down through them.
     pub(super) descend: Descend,
     pub(super) trailer: Trailer,
+    /// The whole tree seen from far away.
+    pub(super) root: Child<()>,
     pub(super) metadata: Metadata,
     /// The directory, if the backend cannot show it.
     pub(super) directory: Option<Vec<u8>>,
@@ -117,13 +119,9 @@ impl Goblin {
     }
 
     /// The whole tree seen from far away: its state, and its value or representative.
+    #[inline]
     pub fn root_place(&self) -> Child<()> {
-        let value = || Value::from_bytes(&self.trailer.root_value[..self.layout.width]);
-        match self.trailer.root_state {
-            VOID => Child::Void,
-            LEAF => Child::Leaf(value()),
-            _ => Child::Inner { representative: value(), node: () },
-        }
+        self.root
     }
 
     /// The bytes of the directory: an entry for each segment, as opening has checked.

@@ -8,8 +8,8 @@ use super::segment_builder::SegmentSink;
 use crate::Result;
 use crate::parallel;
 use crate::space::Code;
-use crate::store::builder::{ENOUGH, Part, SegmentNode, trim};
-use crate::store::container::subtree::count_nodes;
+use crate::store::builder::{ENOUGH, Part, SegmentNode};
+use crate::store::container::subtree::{BadSkip, count_nodes, upper_levels};
 use crate::store::container::{CUT, INNER, LevelCounts, Shape};
 use crate::tree::{Child, Form};
 use crate::value::Value;
@@ -94,9 +94,9 @@ impl<'a> SegmentCopy<'a> {
         let segment = self.file.segment(self.own)?;
         let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
         let levels = cut.saturating_sub(self.to.level());
-        self.check_upper_levels(&segment, levels)?;
-        let mut records = Vec::new();
-        trim(self.file.layout(), segment.records(), 0, levels, &mut records);
+        // Nobody else goes through these: counting turns to the deeper segments, where they stand again.
+        let records = upper_levels(*self.file.layout(), segment.records(), levels)
+            .map_err(|BadSkip| self.file.bad_skip(&segment, 0))?;
         Ok(Part {
             code: self.to,
             child: Child::Inner { representative, node: () },
@@ -105,23 +105,6 @@ impl<'a> SegmentCopy<'a> {
             records,
             tally: self.file.zone(self.own)?,
         })
-    }
-
-    /// Goes through so many levels of a segment's records.
-    ///
-    /// Nobody else does: counting turns to the deeper segments, where these records stand again. Skips that lead to the same
-    /// records again and again would make many of few when they are taken over.
-    fn check_upper_levels(&self, segment: &Segment<'_>, levels: u8) -> Result<()> {
-        let mut pending = vec![(0, levels)];
-        while let Some((at, levels)) = pending.pop() {
-            let children = self.file.layout().child_records(segment.records(), at);
-            let (head, children) = children.ok_or_else(|| self.file.bad_skip(segment, at))?;
-            if levels > 1 {
-                let inner = children.iter().enumerate().filter(|(child, _)| head.state(*child) == INNER);
-                pending.extend(inner.map(|(_, record)| (*record as usize, levels - 1)));
-            }
-        }
-        Ok(())
     }
 
     /// Counts the nodes below a segment's records that no deeper segment has, at the levels that they get.

@@ -5,7 +5,9 @@ use std::path::Path;
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use crate::store::container::INNER;
+use crate::store::container::{INNER, LEAF, VOID};
+use crate::tree::Child;
+use crate::value::Value;
 use crate::{Error, Result};
 
 /// Last bytes of every Goblin file.
@@ -98,6 +100,16 @@ impl Trailer {
         let end = RawEnd { length: (length as u32).into(), checksum: checksum.into(), magic: END_MAGIC };
         bytes.extend_from_slice(end.as_bytes());
         bytes
+    }
+
+    /// The root, with a value of so many bytes.
+    pub(super) fn root(&self, width: usize) -> Child<()> {
+        let value = Value::from_bytes(&self.root_value[..width]);
+        match self.root_state {
+            VOID => Child::Void,
+            LEAF => Child::Leaf(value),
+            _ => Child::Inner { representative: value, node: () },
+        }
     }
 
     /// Checks and understands the last bytes of a file of `file_length` bytes.
