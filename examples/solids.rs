@@ -5,12 +5,12 @@
 
 use std::path::Path;
 
-use spinney::Result;
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};
 use spinney::store::{BuildOptions, Metadata, build_source};
 use spinney::tree::{Child, Children, Form, Source};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney::{Error, Result};
 
 /// Octrees of bytes.
 const FORM: Form = Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
@@ -81,6 +81,7 @@ fn main() -> Result<()> {
     let folder = arguments.next().unwrap_or_else(|| ".".into());
     let depth = arguments.next().and_then(|depth| depth.parse().ok()).unwrap_or(8);
     let folder = Path::new(&folder);
+    std::fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
     store(folder, "ball", depth, |point| length(&point) - 0.8)?;
     store(folder, "torus", depth, |[x, y, z]| length(&[length(&[x, y]) - 0.62, z]) - 0.24)?;
     // A box with rounded edges, hollowed by a gyroid.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 /// Result of anything in this library that can fail.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What went wrong: which file, what was found there, what was expected, and what to do about it.
+/// A failure: which file, what was found there, what was expected, and what to do about it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -15,7 +15,7 @@ pub enum Error {
     Io {
         /// The file (or `-` for a standard stream).
         path: PathBuf,
-        /// What was being done, as a verb phrase: "open", "write the directory".
+        /// The operation that failed, as a verb phrase: "open", "write the directory".
         doing: &'static str,
         /// The operating system's answer.
         #[source]
@@ -28,9 +28,9 @@ pub enum Error {
         path: PathBuf,
         /// The part of the file: a section, record, tag or offset.
         place: String,
-        /// What stands there.
+        /// Description of what stands there.
         found: String,
-        /// What the format asks for.
+        /// Description of what the format asks for.
         expected: String,
     },
     /// The file is (or may be) fine, but uses something that is not supported.
@@ -40,7 +40,7 @@ pub enum Error {
         path: PathBuf,
         /// The feature that was found.
         found: String,
-        /// What the user can do instead.
+        /// Advice to the user: what to do instead.
         advice: String,
     },
     /// Reading the file would need more memory than was allowed.
@@ -48,13 +48,13 @@ pub enum Error {
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// What would have to be held in memory.
+        /// Name of what would have to be held in memory.
         what: String,
         /// Bytes it needs.
         needed: u64,
         /// Bytes allowed.
         limit: u64,
-        /// What the user can do.
+        /// Advice to the user.
         advice: String,
     },
     /// The file is being edited by somebody else.
@@ -65,7 +65,8 @@ pub enum Error {
         /// Who has it, as far as is known.
         holder: String,
     },
-    /// An earlier write or sync failed, so that nobody knows what is on the disk: whoever edits the file must open it again.
+    /// An earlier write or sync failed, so that nobody knows what is on the disk: whoever edits the file must
+    /// open it again.
     #[error("{}: nothing more can be written, an earlier write or sync failed; open the file again, its last commit is whole", path.display())]
     Poisoned {
         /// The file.
@@ -76,9 +77,9 @@ pub enum Error {
     Invalid {
         /// The argument, option or parameter.
         what: String,
-        /// What was given.
+        /// The argument as it was given.
         found: String,
-        /// What is possible.
+        /// Description of what is possible.
         expected: String,
     },
     /// The user interrupted the work; nothing was left behind.

@@ -111,8 +111,20 @@ pub use progress::Progress;
 /// Opens a tree file of either format and any type, or a commit of one: `map.autumn@12` is commit 12 of `map.autumn`.
 /// [`dataset::open`] takes options.
 ///
+/// ```
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let mut class = [0.0; 4];
+/// assert!(map.point([20, 20, 0], map.depth(), &mut class)?);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If it cannot be read, is no tree file, is damaged, or of a newer version.
 pub fn open(path: impl AsRef<Path>) -> Result<dataset::Dataset> {
     dataset::open(path.as_ref(), &store::OpenOptions::new())
 }
+
+/// Compiles the README's Rust blocks.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,11 +1,12 @@
-//! Work for several threads. The thread pool's own code is compiled once, for plain functions, and not anew wherever it is
-//! used for each of the many types of trees.
+//! Work for several threads. The thread pool's own code is compiled once, for plain functions, and not anew
+//! wherever it is used for each of the many types of trees.
 
 use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-/// What a function makes of each item, in the items' order, with the threads of the current rayon pool.
+/// Applies a function to each item with the threads of the current rayon pool; the results have the items'
+/// order.
 pub(crate) fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let made: Vec<Mutex<Option<R>>> = items.iter().map(|_| Mutex::new(None)).collect();
     for_each(items.len(), &|index| {
@@ -21,7 +22,7 @@ fn for_each(count: usize, visit: &(dyn Fn(usize) + Sync)) {
     (0..count).into_par_iter().for_each(visit);
 }
 
-/// What two functions give that may run at the same time.
+/// Runs two functions, at the same time where a thread is free, and returns both results.
 pub(crate) fn join<A: Send, B: Send>(
     first: impl FnOnce() -> A + Send,
     second: impl FnOnce() -> B + Send,

@@ -1,10 +1,10 @@
-//! How long work tells how far it is, and hears that it should stop.
+//! Progress of long work, and its interruption.
 
 use crate::{Error, Result};
 
 /// Receives the progress of long work. All methods may be called from any thread.
 pub trait Progress: Sync {
-    /// So much work (cells, for a build) was done since the last call, of so much in total.
+    /// Reports the work (cells, for a build) that was done since the last call, and the total.
     fn advance(&self, done: u64, total: u64) {
         let _ = (done, total);
     }

@@ -14,9 +14,9 @@ use super::report::{Work, print_json, print_text, report_output};
 
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
 ///
-/// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and what it
-/// has stored is copied as it is. Files that lie elsewhere or have coarser cells (2, 4, 8, ... times as large) are put
-/// where they belong. Names, colours and rule are those of the first file.
+/// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and
+/// what it has stored is copied as it is. Files that lie elsewhere or have coarser cells (2, 4, 8, ... times
+/// as large) are put where they belong. Names, colours and rule are those of the first file.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -71,7 +71,8 @@ Examples:
 fn operation_on(name: &OperationName, prefer: Prefer, files: usize) -> Result<Operation> {
     let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
     Ok(match operation {
-        // Two trees have a union, of which one chooses the values; that of any number is the first over the others.
+        // Two trees have a union, of which one chooses the values; that of any number is the first over the
+        // others.
         Operation::Set { number: 7, prefer: Prefer::First } if files != 2 => Operation::Over,
         operation => operation,
     })

@@ -23,9 +23,9 @@ use super::{Global, open};
 
 /// Change a tree in place: a commit more, and the old ones stay.
 ///
-/// FILE is an Autumnal file; `spinney build` and all other programs that make trees make one when the output's name ends
-/// with .autumn. Time and room are proportional to what changes. Others can read the file meanwhile: they see the last
-/// commit. One process at a time can edit it.
+/// FILE is an Autumnal file; `spinney build` and all other programs that make trees make one when the
+/// output's name ends with .autumn. Time and room are proportional to what changes. Others can read the file
+/// meanwhile: they see the last commit. One process at a time can edit it.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -81,7 +81,8 @@ struct Fill {
     /// Box of an octree's cells: corner and edges
     #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, conflicts_with_all = ["window", "bbox"])]
     cuboid: Option<Cuboid>,
-    /// Polygon, in world coordinates: corners X,Y with blanks between, rings with semicolons; a hole is a ring, too
+    /// Polygon, in world coordinates: corners X,Y with blanks between, rings with semicolons; a hole is a
+    /// ring, too
     #[arg(long, value_name = "X,Y X,Y ...", allow_hyphen_values = true, conflicts_with_all = ["window", "bbox", "cuboid"])]
     polygon: Option<String>,
     /// A node by its FD code, such as /031
@@ -106,7 +107,8 @@ struct Fill {
 /// Give many single cells new values
 #[derive(clap::Args)]
 struct Set {
-    /// Lines `X,Y,VALUE` or `X,Y,void` (octrees: X,Y,Z first), or a NumPy array with such rows; - is standard input
+    /// Lines `X,Y,VALUE` or `X,Y,void` (octrees: X,Y,Z first), or a NumPy array with such rows; - is standard
+    /// input
     cells: PathBuf,
     #[command(flatten)]
     options: CommitOptions,

@@ -13,11 +13,13 @@ use super::report::{Work, report_output};
 
 /// Write the surface of an octree as a mesh
 ///
-/// The mesh is closed, its faces are counterclockwise seen from outside, and its coordinates are those of the world. By
-/// default it has the outer faces of the cells, merged to rectangles; where rectangles of different sizes meet, a face
-/// has the corners of its neighbours as points of its own. Memory does not grow with the mesh.
+/// The mesh is closed, its faces are counterclockwise seen from outside, and its coordinates are those of the
+/// world. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different
+/// sizes meet, a face has the corners of its neighbours as points of its own. Memory does not grow with the
+/// mesh.
 ///
-/// PLY is binary and has colours and classes as properties of faces; OBJ is text; STL is binary, in single precision.
+/// PLY is binary and has colours and classes as properties of faces; OBJ is text; STL is binary, in single
+/// precision.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -25,8 +27,8 @@ pub(crate) struct Args {
     tree: Viewed,
     /// Output: .ply, .obj or .stl; `-` is standard output
     output: PathBuf,
-    /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if it is at
-    /// least half full (rule occupancy), or if anything is in it (other rules)
+    /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if
+    /// it is at least half full (rule occupancy), or if anything is in it (other rules)
     #[arg(long)]
     level: Option<u8>,
     /// The smooth surface where cells are half full (surface nets), instead of the cells' faces

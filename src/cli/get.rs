@@ -40,7 +40,8 @@ pub(crate) struct Args {
     output: PathBuf,
     #[command(flatten)]
     part: Part,
-    /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they were
+    /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they
+    /// were
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
     /// Columns and rows of the output, from the coarsest level that is fine enough

@@ -32,8 +32,8 @@ use spinney::dataset::Dataset;
 use self::args::Global;
 use self::report::exit::{BROKEN_PIPE, exit_code};
 
-/// Keeps pictures and solids that are larger than memory as quadtrees and octrees, any part at any level of detail straight
-/// from disk.
+/// Keeps pictures and solids that are larger than memory as quadtrees and octrees, any part at any level of
+/// detail straight from disk.
 #[derive(Parser)]
 #[command(name = "spinney", version, propagate_version = true, max_term_width = 100, after_help = EXAMPLES)]
 struct Cli {

@@ -13,8 +13,9 @@ use super::report::{Work, report_output};
 
 /// Write a tree as it is to a file of the other format (or of the same).
 ///
-/// Makes a compact, read-only Goblin file of an Autumnal file or of one of its commits, or an Autumnal file, to be edited,
-/// if the output's name ends with .autumn. From Goblin to Autumnal and back the bytes stay the same.
+/// Makes a compact, read-only Goblin file of an Autumnal file or of one of its commits, or an Autumnal file,
+/// to be edited, if the output's name ends with .autumn. From Goblin to Autumnal and back the bytes stay the
+/// same.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

@@ -35,7 +35,8 @@ pub(crate) struct Args {
     tree: Viewed,
     #[command(flatten)]
     part: Part,
-    /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0 for none
+    /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0
+    /// for none
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
     bins: u32,
     /// Print volume, surface, centre and bounds of an octree also where its values are not occupancy
@@ -86,7 +87,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     }
 }
 
-/// Bins of the first channel, each with its least value and its cells; none of classes, or where all values are alike.
+/// Bins of the first channel, each with its least value and its cells; none of classes, or where all values
+/// are alike.
 fn histogram(tree: &Dataset, bounds: &Bounds, stats: &Statistics, bins: u32) -> Result<Vec<(f64, u64)>> {
     match stats.channels.first() {
         Some(first) if stats.classes.is_empty() && first.min < first.max && bins > 0 => {
@@ -98,8 +100,8 @@ fn histogram(tree: &Dataset, bounds: &Bounds, stats: &Statistics, bins: u32) -> 
     }
 }
 
-/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true; otherwise the reason
-/// why they are not known.
+/// Square metres of a cell, in projected systems that count in metres and keep areas nearly true; otherwise
+/// the reason why they are not known.
 fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
     let frame = &tree.metadata().frame;
     let epsg = frame.epsg.ok_or("no EPSG number tells how large a cell is")?;

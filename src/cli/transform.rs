@@ -13,14 +13,15 @@ use super::report::{Work, report_output};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned.
 ///
-/// Steps are done in the order given; a chain of any length looks every cell up once, in the file as it is on disk, and
-/// memory does not grow with the picture (pages of the mapped file come and go). What lies in the file as it will lie in
-/// the result is copied as it is. Without steps the result is a condensed copy.
+/// Steps are done in the order given; a chain of any length looks every cell up once, in the file as it is on
+/// disk, and memory does not grow with the picture (pages of the mapped file come and go). What lies in the
+/// file as it will lie in the result is copied as it is. Without steps the result is a condensed copy.
 ///
-/// New cells that are no old ones get their value by the file's rule: the mean, or the class with the largest area, of
-/// what they cover; where axes do not stay axes, the value at their centre.
+/// New cells that are no old ones get their value by the file's rule: the mean, or the class with the largest
+/// area, of what they cover; where axes do not stay axes, the value at their centre.
 ///
-/// The picture stays where it is in the world, however its cells are arranged; with --move it moves with its cells.
+/// The picture stays where it is in the world, however its cells are arranged; with --move it moves with its
+/// cells.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

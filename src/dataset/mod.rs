@@ -1,5 +1,5 @@
-//! Datasets: tree files of either format, as they are or seen through steps, behind one interface, for the command line
-//! and for bindings.
+//! Datasets: tree files of either format, as they are or through views, behind one interface, for the command
+//! line and for bindings.
 
 mod questions;
 mod solids;
@@ -18,12 +18,12 @@ use crate::store::goblin::Goblin;
 use crate::store::{Finding, Header, Metadata, OpenOptions, TreeFormat};
 use crate::{Progress, Result};
 
-/// A tree file of any form and either format, or a view of one, open for questions; may be shared by any number of
-/// threads.
+/// A tree file of any form and either format, or a view of one, open for questions; may be shared by any
+/// number of threads.
 ///
-/// Values come as f64 (which holds every sample type exactly) or as little-endian bytes; levels count from the root
-/// (0) to the cells ([`Dataset::depth`]); coordinates are cells of the level that is asked for, x, y, z, the last 0 in
-/// quadtrees.
+/// Values come as f64 (which holds every sample type exactly) or as little-endian bytes; levels count from
+/// the root (0) to the cells ([`Dataset::depth`]); coordinates are cells of the level that is asked for, x,
+/// y, z, the last 0 in quadtrees.
 ///
 /// ```no_run
 /// use spinney::dataset;
@@ -34,7 +34,7 @@ use crate::{Progress, Result};
 /// let tile = Bounds { min: [0; 3], max: [256, 256, 1] };
 /// let mut bytes = vec![0; 256 * 256 * map.header().form.width()];
 /// map.window(8, &tile, 0.0, &mut bytes, None)?;
-/// // The same file, seen in another way, without opening it again.
+/// // A view of the file, without opening it again.
 /// let turned = map.view(&["rotate=30".parse()?, "crop".parse()?])?;
 /// println!("{:?}", turned.header().extent);
 /// # Ok::<(), spinney::Error>(())
@@ -43,14 +43,14 @@ pub struct Dataset {
     tree: Tree,
 }
 
-/// What questions are asked of.
+/// Base of a dataset.
 enum Tree {
     /// A file of one of the two formats, no other base of views.
     File(TreeFile),
     View(Box<Viewed>),
 }
 
-/// What answers questions, each in its own way.
+/// Implementation that answers questions: fast paths for the two formats, and views.
 enum Reader<'a> {
     Goblin(&'a Goblin),
     Autumnal(&'a Autumnal),
@@ -65,13 +65,13 @@ pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     Dataset::of(TreeFile::open(path, options)?)
 }
 
-/// Opens a file to be seen through a chain of steps: nothing is made beforehand. Who has opened the file already takes
-/// [`Dataset::view`].
+/// Opens a view of a file through a chain of steps: nothing is computed beforehand. For a file that is open
+/// already, there is [`Dataset::view`].
 ///
 /// # Errors
 /// If the file cannot be read, or a step cannot be done.
 pub fn open_view(chain: &Chain) -> Result<Dataset> {
-    Ok(Dataset::seen(Viewed::new(chain.open()?, chain.moves)))
+    Ok(Dataset::of_view(Viewed::new(chain.open()?, chain.moves)))
 }
 
 impl Dataset {
@@ -84,15 +84,15 @@ impl Dataset {
             return Ok(Dataset { tree: Tree::File(file) });
         }
         let extent = file.header().extent;
-        Ok(Dataset::seen(Viewed::new(View::new(Arc::new(file), extent)?, false)))
+        Ok(Dataset::of_view(Viewed::new(View::new(Arc::new(file), extent)?, false)))
     }
 
-    fn seen(viewed: Viewed) -> Dataset {
+    fn of_view(viewed: Viewed) -> Dataset {
         Dataset { tree: Tree::View(Box::new(viewed)) }
     }
 
-    /// The dataset seen through more steps, without opening the file again. New cells get their values by the file's
-    /// rule, and what is seen stays where it is in the world.
+    /// The dataset through more steps, without opening the file again. New cells get their values by the
+    /// file's rule, and cells keep their world coordinates.
     ///
     /// # Errors
     /// If a step cannot be done.
@@ -105,7 +105,7 @@ impl Dataset {
             }
             Tree::View(viewed) => viewed.through(steps)?,
         };
-        Ok(Dataset::seen(viewed))
+        Ok(Dataset::of_view(viewed))
     }
 
     fn reader(&self) -> Reader<'_> {
@@ -117,7 +117,7 @@ impl Dataset {
         }
     }
 
-    /// The file, also where it is seen through a view.
+    /// The file, also that behind a view.
     fn file(&self) -> &TreeFile {
         match &self.tree {
             Tree::File(file) => file,
@@ -130,13 +130,13 @@ impl Dataset {
         self.file().format()
     }
 
-    /// The commit that is looked at; only Autumnal files have commits.
+    /// The commit that is read; only Autumnal files have commits.
     pub fn commit(&self) -> Option<&Commit> {
         self.file().commit()
     }
 
-    /// Moves on to the newest commit, if the file has got a newer one; tells whether. What was opened at a certain commit,
-    /// or is seen through a view, stays as it is.
+    /// Moves on to the newest commit, if the file has got a newer one; returns whether it has. Datasets
+    /// opened at a certain commit, and views, stay as they are.
     ///
     /// # Errors
     /// If the file cannot be read any more; the dataset stays as it was then.
@@ -148,7 +148,7 @@ impl Dataset {
         }
     }
 
-    /// What the header says: form, rule, depth, extent. Depth and extent of views are their own.
+    /// The header: form, rule, depth, extent. Depth and extent of views are their own.
     pub fn header(&self) -> &Header {
         match &self.tree {
             Tree::File(file) => file.header(),
@@ -156,7 +156,7 @@ impl Dataset {
         }
     }
 
-    /// What is told about the data. The frame of views is their own.
+    /// The metadata: frame, nodata, palette, names, provenance. The frame of views is their own.
     pub fn metadata(&self) -> &Metadata {
         match &self.tree {
             Tree::File(file) => file.metadata(),
@@ -179,8 +179,8 @@ impl Dataset {
         self.file().segments()
     }
 
-    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's tree, the
-    /// shared ones as often as they occur.
+    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's
+    /// tree, the shared ones as often as they occur.
     pub fn stored_records(&self) -> u64 {
         self.file().stored_records()
     }
@@ -195,8 +195,8 @@ impl Dataset {
         self.header().depth()
     }
 
-    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID. Below the
-    /// cells there is nothing finer: such a level counts as [`Dataset::depth`].
+    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID. Below
+    /// the cells there is nothing finer: such a level counts as [`Dataset::depth`].
     pub fn extent_at(&self, level: u8) -> Bounds {
         let shift = self.depth().saturating_sub(level);
         Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))

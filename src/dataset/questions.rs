@@ -11,7 +11,8 @@ use crate::tree::Source;
 use crate::value::Value;
 
 impl Dataset {
-    /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the tree).
+    /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the
+    /// tree).
     ///
     /// # Errors
     /// If the file is damaged there; of a view also if it has no such level.
@@ -33,8 +34,8 @@ impl Dataset {
         Ok(found.is_some())
     }
 
-    /// The values of many cells of a level, in the order of the cells, to `samples`, whose former contents go. Much faster
-    /// than asking for them one by one where there are very many.
+    /// The values of many cells of a level, in the order of the cells, to `samples`, whose former contents
+    /// go. Much faster than asking for them one by one where there are very many.
     ///
     /// # Errors
     /// If the file is damaged there, or the level is too deep.
@@ -69,8 +70,9 @@ impl Dataset {
         Code::from_cell(self.header().form.dimension, level, cell)
     }
 
-    /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together, little-endian;
-    /// VOID cells have the sample `fill` in every channel, and `false` in `valid` if that is given.
+    /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together,
+    /// little-endian; VOID cells have the sample `fill` in every channel, and `false` in `valid` if that is
+    /// given.
     ///
     /// `bytes` must have `bounds.volume() * header().form.width()` bytes, `valid` one flag per cell.
     ///
@@ -137,7 +139,8 @@ impl Dataset {
         Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
     }
 
-    /// Cells of a box (of the deepest level) whose first channel lies in each of `bins` equal parts of `low ..= high`.
+    /// Cells of a box (of the deepest level) whose first channel lies in each of `bins` equal parts of
+    /// `low ..= high`.
     ///
     /// # Errors
     /// If the file is damaged there.
@@ -149,8 +152,8 @@ impl Dataset {
         }
     }
 
-    /// Hands out the largest blocks in a box (of cells of the deepest level; the whole picture if there is none) all of
-    /// whose cells meet a condition, in FD order, until `found` says `false`. VOID meets none.
+    /// Hands out the largest blocks in a box (of cells of the deepest level; the whole picture if there is
+    /// none) all of whose cells meet a condition, in FD order, until `found` says `false`. VOID meets none.
     ///
     /// # Errors
     /// If the file is damaged there, or `found` fails.

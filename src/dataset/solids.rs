@@ -6,13 +6,13 @@ use crate::query::{Field, Filling, Level, Rays, SolidStatistics, measure};
 use crate::{Progress, Result};
 
 impl Dataset {
-    /// What values say about how full cells are.
+    /// Meaning of values for the occupancy of cells.
     fn filling(&self) -> Filling {
         Filling::of(self.header().rule, self.header().form.value)
     }
 
-    /// Volume, surface, centre of gravity and bounds of an octree's solid at a level. Time is proportional to the nodes
-    /// around its surface, memory to depth.
+    /// Volume, surface, centre of gravity and bounds of an octree's solid at a level. Time is proportional to
+    /// the nodes around its surface, memory to depth.
     ///
     /// # Errors
     /// If the tree is a quadtree or has no such level, the file is damaged, or on interruption.
@@ -29,7 +29,7 @@ impl Dataset {
         }
     }
 
-    /// Something to cast rays with through one level of an octree; each thread needs its own.
+    /// A ray caster through one level of an octree; each thread needs its own.
     ///
     /// # Errors
     /// If the tree is a quadtree or has no such level, or the file is damaged.

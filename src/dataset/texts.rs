@@ -50,9 +50,10 @@ impl Dataset {
     }
 
     /// The classic table: a line per record with its number, the children's values (an INNER child's
-    /// representative with a minus sign, or in parentheses where values may be 0 or negative; `.` is VOID) and the
-    /// number of the record to go on with when the node's detail is skipped. Of Autumnal files: the children's values with
-    /// a minus sign (or in parentheses), or the numbers of their records, and the node's representative.
+    /// representative with a minus sign, or in parentheses where values may be 0 or negative; `.` is VOID)
+    /// and the number of the record to go on with when the node's detail is skipped. Of Autumnal files: the
+    /// children's values with a minus sign (or in parentheses), or the numbers of their records, and the
+    /// node's representative.
     ///
     /// # Errors
     /// As [`Dataset::df_text`].

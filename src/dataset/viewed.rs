@@ -1,4 +1,4 @@
-//! Files seen through views: questions are answered through the view, nothing is made beforehand.
+//! Views of files: questions are answered through the view, nothing is computed beforehand.
 
 use crate::Result;
 use crate::ops::{Step, TreeFile, View};
@@ -6,9 +6,9 @@ use crate::query::{Canvas, check_level};
 use crate::space::{Bounds, Code};
 use crate::store::{Header, Metadata};
 use crate::tree::{Child, Source, no_children};
-use crate::value::{VALUE_MOST, Value};
+use crate::value::{MAX_VALUE_SIZE, Value};
 
-/// A file seen through a view. What is told of files (size, segments, checks) is that of the file itself.
+/// A view with its own header and metadata. Size, segments and checks are those of the file itself.
 pub(super) struct Viewed {
     view: View,
     /// Whether the picture moves in the world as its cells are moved.
@@ -27,7 +27,7 @@ impl Viewed {
         Viewed { view, moves, header, metadata }
     }
 
-    /// What is seen, through more steps.
+    /// The view with more steps applied to it.
     pub(super) fn through(self, steps: &[Step]) -> Result<Viewed> {
         Ok(Viewed::new(self.view.through(steps)?, self.moves))
     }
@@ -56,7 +56,8 @@ impl Viewed {
 
     /// Whether some cells of a box may be VOID; `false` is sure.
     pub(super) fn may_have_void(&self, bounds: &Bounds) -> Result<bool> {
-        // Looking for VOID everywhere can take as long as drawing everything: a search that is not done by then says yes.
+        // A search of the whole view can take as long as drawing it: one that is not done after so many nodes
+        // says yes.
         const MAX_NODES: usize = 100_000;
         if !self.header.picture().contains(bounds) {
             return Ok(true);
@@ -109,7 +110,7 @@ pub(super) fn value_at(view: &View, cell: [u64; 3]) -> Result<Option<Value>> {
         return Ok(None);
     }
     let bounds = Bounds { min: cell, max: cell.map(|cell| cell + 1) };
-    let (mut bytes, mut valid) = ([0; VALUE_MOST], [false]);
+    let (mut bytes, mut valid) = ([0; MAX_VALUE_SIZE], [false]);
     let bytes = &mut bytes[..form.width()];
     let mut canvas = Canvas::new(form, &bounds, Value::ZERO, bytes, Some(&mut valid))?;
     canvas.draw(view, view.root()?, view.depth())?;

@@ -10,24 +10,27 @@ use crate::space::Bounds;
 use crate::value::Rule;
 use crate::{Error, Progress, Result};
 
-/// Which box of an octree, and how fine.
+/// A box of an octree, and its level of detail.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArrayRequest {
     /// Cells of `level`.
     pub bounds: Bounds,
     /// Level of the cells.
     pub level: u8,
-    /// The number for VOID cells; by default 0 in trees of [`Rule::Occupancy`], else as for pictures: see [`fill_for`].
+    /// The number for VOID cells; by default 0 in trees of [`Rule::Occupancy`], else as for pictures: see
+    /// [`fill_for`].
     pub nodata: Option<f64>,
     /// Bytes to hold at a time; what one row of cells needs must fit.
     pub memory: u64,
 }
 
-/// Writes a box of an octree as NPY (an array of shape z, y, x) or as its samples alone, x fastest, then y, then z.
+/// Writes a box of an octree as NPY (an array of shape z, y, x) or as its samples alone, x fastest, then y,
+/// then z.
 ///
 /// # Errors
-/// If the tree is a quadtree or has no such level, the box is empty or sticks out of the space of the tree, one row of it
-/// needs more memory than is allowed, the format is another one, the tree is damaged, or on interruption.
+/// If the tree is a quadtree or has no such level, the box is empty or sticks out of the space of the tree,
+/// one row of it needs more memory than is allowed, the format is another one, the tree is damaged, or on
+/// interruption.
 pub fn export_array(
     tree: &Dataset,
     request: &ArrayRequest,
@@ -62,7 +65,7 @@ pub fn export_array(
         Format::Raw => {}
         _ => return Err(Error::unsupported(output.path(), "a box in a picture file", "write .npy or .raw")),
     }
-    // A flag tells whether there is a value.
+    // One byte more than the value: whether the cell has one.
     let row = width * (header.form.value.size() as u64 + 1);
     if row > memory {
         return Err(Error::TooLarge {

@@ -1,16 +1,16 @@
-//! Where a picture of a solid is taken from.
+//! Cameras for pictures of solids: orthographic and perspective.
 
 use glam::DVec3;
 
 use crate::space::Up;
 use crate::{Error, Result};
 
-/// How distance is shown.
+/// Projection of the world onto the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
     /// Parallel lines stay parallel, and sizes can be compared.
     Orthographic,
-    /// What is farther away is smaller.
+    /// Sizes shrink with distance.
     #[default]
     Perspective,
 }
@@ -19,7 +19,7 @@ pub enum Projection {
 #[derive(Clone, Debug)]
 pub(super) struct Camera {
     projection: Projection,
-    /// The picture's right and up, and from what is seen towards the camera.
+    /// The picture's right and up, and from the solid towards the camera.
     pub(super) right: DVec3,
     pub(super) top: DVec3,
     pub(super) towards: DVec3,
@@ -35,12 +35,12 @@ pub(super) struct Camera {
     size: [f64; 2],
 }
 
-/// Share of the picture that what is seen may fill along an axis.
+/// Share of the picture that the box may fill along an axis.
 const FILLED: f64 = 0.92;
 /// Tangent of half the angle that the shorter side of a picture has in perspective.
 const HALF_ANGLE: f64 = 0.3;
 
-/// What a camera is asked for: see [`RenderRequest`](super::RenderRequest).
+/// Parameters of a camera: see [`RenderRequest`](super::RenderRequest).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pose {
     pub(super) azimuth: f64,
@@ -78,11 +78,11 @@ impl Camera {
         let top = towards.cross(right);
         let sky = direction([0.0, 0.0, 1.0]);
         let middle = corners[0].midpoint(corners[7]);
-        // The corners as the camera sees them: to the right, up, and nearer.
-        let seen = corners.map(|corner| [right, top, towards].map(|axis| axis.dot(corner - middle)));
+        // The corners in the camera's axes: right, up, and towards it.
+        let corners = corners.map(|corner| [right, top, towards].map(|axis| axis.dot(corner - middle)));
         let size = size.map(|pixels| pixels as f64);
-        let nearest = seen.iter().map(|corner| corner[2]).fold(f64::NEG_INFINITY, f64::max);
-        let most = |axis: usize| seen.iter().map(|corner| corner[axis].abs()).fold(0.0, f64::max);
+        let nearest = corners.iter().map(|corner| corner[2]).fold(f64::NEG_INFINITY, f64::max);
+        let most = |axis: usize| corners.iter().map(|corner| corner[axis].abs()).fold(0.0, f64::max);
         let radius = most(0).max(most(1)).max(most(2)).max(f64::MIN_POSITIVE);
         match projection {
             Projection::Orthographic => {
@@ -93,7 +93,10 @@ impl Camera {
             }
             Projection::Perspective => {
                 let pixel = 2.0 * HALF_ANGLE / size[0].min(size[1]);
-                let distance = seen.iter().flat_map(|corner| {
+                // With the eye at distance d from the middle, a corner is projected to
+                // `corner[axis] / (d - corner[2])`, which must not exceed `half`: the largest d that any
+                // corner asks for, and in any case outside the box.
+                let distance = corners.iter().flat_map(|corner| {
                     (0..2).map(|axis| {
                         let half = FILLED * pixel * size[axis] / 2.0;
                         corner[axis].abs() / half + corner[2]
@@ -108,7 +111,7 @@ impl Camera {
         }
     }
 
-    /// Origin and direction of the ray through a place of the picture, in pixels from its upper left corner.
+    /// Origin and direction of the ray through a point of the picture, in pixels from its upper left corner.
     pub(super) fn ray(&self, [x, y]: [f64; 2]) -> (DVec3, DVec3) {
         let across = (x - self.size[0] / 2.0) * self.pixel;
         let up = (self.size[1] / 2.0 - y) * self.pixel;

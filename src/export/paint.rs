@@ -1,15 +1,15 @@
-//! Colours of what pictures of solids show.
+//! Colours of cells in pictures of solids.
 
 use crate::Result;
 use crate::dataset::Dataset;
 use crate::value::{Kind, Palette, Rule, SampleType};
 
-/// How values become colours: red, green and blue in light, 0 to 1.
+/// Map from values to colours: linear red, green and blue, 0 to 1.
 pub(super) enum Paint {
-    /// The same everywhere.
+    /// One colour for all.
     Clay,
-    /// The first three channels, of which this is the largest number; screens' or, of floating samples, light's.
-    Channels { most: f64, is_light: bool },
+    /// The first three channels, with `most` for full intensity; in sRGB or, of floating samples, linear.
+    Channels { most: f64, is_linear: bool },
     /// Classes, by their palette.
     Palette(Palette),
     /// Classes without a palette.
@@ -19,7 +19,7 @@ pub(super) enum Paint {
 }
 
 const CLAY: [f64; 3] = [0.84, 0.76, 0.67];
-/// From dark to light, and readable without colour vision (stops of the well-known map "viridis").
+/// Stops of the colour map "viridis": from dark to light, and readable without colour vision.
 const RANGE: [[f64; 3]; 5] = [
     [0.267, 0.005, 0.329],
     [0.231, 0.322, 0.545],
@@ -38,7 +38,7 @@ impl Paint {
                 SampleType::U16 => 65535.0,
                 _ => 1.0,
             };
-            return Ok(Paint::Channels { most, is_light: value.sample.is_float() });
+            return Ok(Paint::Channels { most, is_linear: value.sample.is_float() });
         }
         if header.rule == Rule::Occupancy {
             return Ok(Paint::Clay);
@@ -59,9 +59,9 @@ impl Paint {
     pub(super) fn colour(&self, value: &[f64; 4]) -> [f64; 3] {
         match self {
             Paint::Clay => CLAY.map(to_linear),
-            Paint::Channels { most, is_light } => [0, 1, 2].map(|channel| {
+            Paint::Channels { most, is_linear } => [0, 1, 2].map(|channel| {
                 let share = (value[channel] / most).clamp(0.0, 1.0);
-                if *is_light { share } else { to_linear(share) }
+                if *is_linear { share } else { to_linear(share) }
             }),
             Paint::Palette(palette) => match palette.colours.get(value[0].max(0.0) as usize) {
                 Some([red, green, blue, _]) => {
@@ -73,14 +73,14 @@ impl Paint {
                 // Numbers that follow each other are far apart on the wheel: by the golden section of it.
                 let hue = (value[0] * 0.618_033_988_75).rem_euclid(1.0) * 6.0;
                 [5.0, 3.0, 1.0].map(|shift: f64| {
-                    let place = (shift + hue).rem_euclid(6.0);
-                    to_linear(0.85 - 0.5 * place.min(4.0 - place).clamp(0.0, 1.0))
+                    let sector = (shift + hue).rem_euclid(6.0);
+                    to_linear(0.85 - 0.5 * sector.min(4.0 - sector).clamp(0.0, 1.0))
                 })
             }
             Paint::Range { least, range } => {
-                let place = ((value[0] - least) / range).clamp(0.0, 1.0) * 4.0;
-                let stop = (place as usize).min(3);
-                let share = place - stop as f64;
+                let position = ((value[0] - least) / range).clamp(0.0, 1.0) * 4.0;
+                let stop = (position as usize).min(3);
+                let share = position - stop as f64;
                 std::array::from_fn(|channel| {
                     to_linear(RANGE[stop][channel] * (1.0 - share) + RANGE[stop + 1][channel] * share)
                 })
@@ -89,14 +89,14 @@ impl Paint {
     }
 }
 
-/// From a screen's number, 0 to 1, to light (IEC 61966-2-1, sRGB).
+/// Converts an sRGB sample, 0 to 1, to linear light (IEC 61966-2-1).
 pub(super) fn to_linear(number: f64) -> f64 {
     if number <= 0.04045 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) }
 }
 
-/// From light to a screen's number, 0 to 255.
-pub(super) fn to_screen(light: f64) -> u8 {
-    let light = light.clamp(0.0, 1.0);
-    let number = if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 };
+/// Converts linear light to an sRGB sample, 0 to 255.
+pub(super) fn to_srgb(linear: f64) -> u8 {
+    let linear = linear.clamp(0.0, 1.0);
+    let number = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
     (number * 255.0 + 0.5) as u8
 }

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use super::camera::{Camera, Pose, Projection};
 use super::image::{Format, ImageSpec, create};
-use super::paint::{Paint, to_linear, to_screen};
+use super::paint::{Paint, to_linear, to_srgb};
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::parallel::{self, Pool};
@@ -13,20 +13,20 @@ use crate::space::{Bounds, Frame, Up};
 use crate::value::{SampleType, ValueType};
 use crate::{Error, Progress, Result};
 
-/// What a picture of a solid should look like.
+/// Size, camera and background of a picture of a solid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RenderRequest {
     /// Columns.
     pub width: u64,
     /// Rows.
     pub height: u64,
-    /// Where the viewer stands, in degrees on a compass: 0 in the north, 90 in the east.
+    /// Direction from the solid to the viewer, in degrees on a compass: 0 is north, 90 is east.
     pub azimuth: f64,
-    /// How high, in degrees above the horizon: 90 looks straight down.
+    /// Angle of the viewer above the horizon, in degrees: at 90 the view is straight down.
     pub elevation: f64,
-    /// How many times as large as when all of the solid is seen.
+    /// Magnification: 1 fits all of the solid into the picture.
     pub zoom: f64,
-    /// How distance is shown.
+    /// Projection of the world onto the picture.
     pub projection: Projection,
     /// The axis of the world that points up.
     pub up: Up,
@@ -57,24 +57,25 @@ impl Default for RenderRequest {
 
 /// Rows that are made before they are written.
 const BAND: u64 = 32;
-/// Level at which the box around a solid is looked for.
+/// Deepest level at which the box around a solid is computed.
 const BOX_LEVEL: u8 = 6;
 /// Pixels that a row may have.
 const MOST: u64 = 1 << 16;
 
-/// Writes a shaded picture of an octree's solid, and returns the level that was looked at.
+/// Writes a shaded picture of an octree's solid, and returns the level that was drawn.
 ///
-/// The surface is where the occupancy between cells' centres is one half; its normals come from the gradient around. Light
-/// comes from over the viewer's left shoulder and from the sky, and less of it reaches hollows (as in Evans: Fast
-/// approximations for global illumination on dynamic scenes, SIGGRAPH 2006 courses, by looking at the densities
-/// above the surface). Colours are those of trees with three channels, of the palette where values are classes, and of the
-/// range of all values where they are amounts; solids are the colour of clay.
+/// The surface is where the occupancy between cells' centres is one half; its normals come from the gradient
+/// around. Light comes from over the viewer's left shoulder and from the sky, and less of it reaches hollows
+/// (as in Evans: Fast approximations for global illumination on dynamic scenes, SIGGRAPH 2006 courses, from
+/// the densities above the surface). Colours are those of trees with three channels, of the palette where
+/// values are classes, and of the range of all values where they are amounts; solids are the colour of clay.
 ///
-/// Only nodes that rays meet are read, and nothing below the level. The picture does not depend on the number of threads.
+/// Only nodes that rays meet are read, and nothing below the level. The picture does not depend on the number
+/// of threads.
 ///
 /// # Errors
-/// If the tree is a quadtree or has no such level, a number of the request makes no sense, the format cannot hold
-/// colours of 8 bits, the tree is damaged, or on interruption.
+/// If the tree is a quadtree or has no such level, a number of the request makes no sense, the format cannot
+/// hold colours of 8 bits, the tree is damaged, or on interruption.
 pub fn render(
     tree: &Dataset,
     request: &RenderRequest,
@@ -148,11 +149,11 @@ fn cell_size(frame: &Frame) -> f64 {
 struct Scene {
     camera: Camera,
     paint: Paint,
-    /// From cells of the level to the world.
+    /// Map from cells of the level to the world.
     frame: Frame,
-    /// From directions in the world to those in cells.
+    /// Map from directions in the world to those in cells.
     to_cells: DMat3,
-    /// From gradients in cells to directions in the world.
+    /// Map from gradients in cells to directions in the world.
     normals: DMat3,
     /// Half the longest side of the box around the solid, in cells of the level.
     radius: f64,
@@ -170,8 +171,9 @@ const GROUND: DVec3 = DVec3::new(0.50, 0.46, 0.42);
 const AMBIENT: f64 = 0.50;
 const HEAD: f64 = 0.92;
 const HIGHLIGHT: f64 = 0.06;
-/// How far above the surface hollows are looked for, in parts of the solid's radius.
-const HOLLOWS: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
+/// Distances from the surface at which densities are sampled for ambient occlusion, in parts of the solid's
+/// radius.
+const OCCLUSION: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
 
 impl Scene {
     fn new(tree: &Dataset, camera: Camera, level: u8, radius: f64, request: &RenderRequest) -> Result<Scene> {
@@ -204,9 +206,9 @@ impl Scene {
         for column in 0..self.width {
             let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
             for sample in 0..self.samples * self.samples {
-                let place = |number: u32| (f64::from(number) + 0.5) / f64::from(self.samples);
-                let (across, down) = (place(sample % self.samples), place(sample / self.samples));
-                if let Some(colour) = self.look(rays, [column as f64 + across, row as f64 + down])? {
+                let offset = |number: u32| (f64::from(number) + 0.5) / f64::from(self.samples);
+                let (across, down) = (offset(sample % self.samples), offset(sample / self.samples));
+                if let Some(colour) = self.colour(rays, [column as f64 + across, row as f64 + down])? {
                     sum += colour;
                     covered += 1.0;
                 }
@@ -214,19 +216,19 @@ impl Scene {
             let share = covered / count;
             if self.is_opaque {
                 let colour = sum / count + self.background * (1.0 - share);
-                pixels.extend(colour.to_array().map(to_screen));
+                pixels.extend(colour.to_array().map(to_srgb));
             } else {
                 let colour = if covered > 0.0 { sum / covered } else { DVec3::ZERO };
-                pixels.extend(colour.to_array().map(to_screen));
+                pixels.extend(colour.to_array().map(to_srgb));
                 pixels.push((share * 255.0 + 0.5) as u8);
             }
         }
         Ok(pixels)
     }
 
-    /// What is seen at a place of the picture; `None` is nothing.
-    fn look(&self, rays: &mut dyn Rays, place: [f64; 2]) -> Result<Option<DVec3>> {
-        let (origin, direction) = self.camera.ray(place);
+    /// Linear colour at a point of the picture, in pixels; `None` where no surface is hit.
+    fn colour(&self, rays: &mut dyn Rays, point: [f64; 2]) -> Result<Option<DVec3>> {
+        let (origin, direction) = self.camera.ray(point);
         let no_inverse = || Error::invalid("the file's transform", "one without an inverse", "one with");
         let ray = Ray {
             origin: self.frame.to_cells(origin.to_array()).ok_or_else(no_inverse)?,
@@ -246,14 +248,14 @@ impl Scene {
         Ok(Some(albedo * light + highlight))
     }
 
-    /// How much of the sky's light reaches a place: 1 in the open.
+    /// Share of the sky's light that reaches a point of the surface: 1 in the open.
     fn openness(&self, rays: &mut dyn Rays, hit: &SurfaceHit) -> Result<f64> {
         let Some(outwards) = (-DVec3::from(hit.inwards)).try_normalize() else { return Ok(1.0) };
         let (aside, across) = outwards.any_orthonormal_pair();
         let (mut hidden, mut most) = (0.0, 0.0);
-        for distance in HOLLOWS {
+        for distance in OCCLUSION {
             let weight = 1.0 / (1.0 + 6.0 * distance);
-            // Nearer than that the surface itself is seen.
+            // At less than 1.5 cells the density is that of the surface itself.
             let distance = (distance * self.radius).max(1.5);
             for (u, v) in [(0.8, 0.0), (-0.8, 0.0), (0.0, 0.8), (0.0, -0.8)] {
                 let direction = outwards + u * aside + v * across;

@@ -1,19 +1,20 @@
 //! A window of a tree as a picture, at any level or size, streamed in bands of rows.
 
-use super::image::{Format, ImageSpec, create};
+use super::image::{Format, ImageSpec, RowWriter, create};
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::space::{Bounds, Frame};
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Progress, Result};
 
-/// Which part of a tree, and how fine.
+/// A window of a tree, and its level of detail.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowRequest {
     /// Cells of the deepest level; those beyond the picture are VOID. Along `across` the first counts.
     pub bounds: Bounds,
-    /// The axis that the picture does not have: 2 for quadtrees and level slices of octrees, 0 or 1 for upright slices.
-    /// Columns are then y or x, and rows z; pictures have the highest row at the top, arrays the lowest first.
+    /// The axis that the picture does not have: 2 for quadtrees and level slices of octrees, 0 or 1 for
+    /// upright slices. Columns are then y or x, and rows z; pictures have the highest row at the top, arrays
+    /// the lowest first.
     pub across: usize,
     /// Level or size of the output.
     pub detail: Detail,
@@ -23,7 +24,7 @@ pub struct WindowRequest {
     pub memory: u64,
 }
 
-/// How fine the output is.
+/// Resolution of the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
     /// One pixel per cell of this level.
@@ -34,12 +35,12 @@ pub enum Detail {
 
 /// Writes a window of a tree to a picture or array file. An octree gives a slice, at `bounds.min[across]`.
 ///
-/// With [`Detail::Size`], trees of means and of occupancy are averaged over the area of each pixel, others give the value
-/// at its centre. In trees of occupancy, VOID cells are 0.
+/// With [`Detail::Size`], trees of means and of occupancy are averaged over the area of each pixel, others
+/// give the value at its centre. In trees of occupancy, VOID cells are 0.
 ///
 /// # Errors
-/// If the window is empty, one row needs more memory than is allowed, the format cannot hold the values, the tree is
-/// damaged, or on interruption.
+/// If the window is empty, one row needs more memory than is allowed, the format cannot hold the values, the
+/// tree is damaged, or on interruption.
 pub fn export_window(
     tree: &Dataset,
     request: &WindowRequest,
@@ -47,140 +48,197 @@ pub fn export_window(
     format: Format,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let depth = tree.depth();
-    let across = request.across;
-    let (u, v) = match across {
-        0 => (1, 2),
-        1 => (0, 2),
-        _ => (0, 1),
-    };
-    let size = request.bounds.size();
-    let size = [size[u], size[v]];
-    if request.bounds.is_empty() {
-        return Err(Error::invalid(
-            "window",
-            format!("{} x {} cells", size[0], size[1]),
-            "at least one cell",
-        ));
-    }
-    let level = match request.detail {
-        Detail::Level(level) if level <= depth => level,
-        Detail::Level(level) => {
-            return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
-        }
-        Detail::Size(width, height) => {
-            if width == 0 || height == 0 {
-                return Err(Error::invalid("size", format!("{width}x{height}"), "at least 1x1"));
-            }
-            let fine =
-                |level: u8| size[0] >> (depth - level) >= width && size[1] >> (depth - level) >= height;
-            (0..=depth).find(|level| fine(*level)).unwrap_or(depth)
-        }
-    };
-    let shift = depth - level;
-    let scale = (1u64 << shift) as f64;
-    let mut source = request.bounds;
-    for axis in 0..3 {
-        source.min[axis] >>= shift;
-        source.max[axis] = source.max[axis].div_ceil(1 << shift);
-    }
-    source.max[across] = source.min[across] + 1;
-    // The output's grid in cells of the level: whole cells, or any box divided evenly.
-    let (width, height, origin, step) = match request.detail {
-        Detail::Level(_) => {
-            let size = source.size();
-            (size[u], size[v], [source.min[u] as f64, source.min[v] as f64], [1.0, 1.0])
-        }
-        Detail::Size(width, height) => {
-            let origin = [request.bounds.min[u] as f64 / scale, request.bounds.min[v] as f64 / scale];
-            (
-                width,
-                height,
-                origin,
-                [size[0] as f64 / scale / width as f64, size[1] as f64 / scale / height as f64],
-            )
-        }
-    };
-    let header = tree.header();
-    let metadata = tree.metadata();
-    let row_bytes = row_bytes(header.form.value, source.size()[u], request.detail, step[1]);
+    let grid = Grid::of(tree, request)?;
+    let row_bytes = row_bytes(tree.header().form.value, &grid);
     if row_bytes > request.memory {
         return Err(Error::TooLarge {
             path: tree.path().to_path_buf(),
-            what: format!("a row of {width} pixels of the output"),
+            what: format!("a row of {} pixels of the output", grid.width),
             needed: row_bytes,
             limit: request.memory,
             advice: "ask for fewer columns or a coarser level".into(),
         });
     }
-    let is_graded = header.rule == Rule::Occupancy;
-    let may_be_void = !is_graded && tree.may_have_void(request.bounds)?;
-    let fill =
-        if is_graded { Some(request.nodata.unwrap_or(0.0)) } else { request.nodata.or(fill_for(tree)?) };
-    let mut frame = metadata.frame.coarser(shift).shifted([origin[0], origin[1], source.min[2] as f64]);
-    for row in &mut frame.matrix {
-        row[0] *= step[0];
-        row[1] *= step[1];
+    let void = VoidCells::of(tree, request)?;
+    let spec = image_spec(tree, &grid, &void);
+    let mut writer = create(output, format, &spec)?;
+    // Pictures of upright slices begin with the highest row, which is the last along the axis.
+    let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
+    let rows = (request.memory / row_bytes / 2).clamp(1, 256).min(grid.height);
+    let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or(0.0) };
+    write_bands(&sampler, rows, is_upright, void.may_be, &mut *writer, progress)?;
+    writer.finish()
+}
+
+/// The output's pixels in cells of the level that they are made of.
+struct Grid {
+    level: u8,
+    /// Cells of the level that the pixels are made of: one layer of them.
+    source: Bounds,
+    /// The tree's axis that the output does not have, and those of its columns and rows.
+    across: usize,
+    axes: [usize; 2],
+    width: u64,
+    height: u64,
+    /// First corner of the first pixel, and size of a pixel, along columns and rows.
+    origin: [f64; 2],
+    step: [f64; 2],
+    /// Whether pixels are other than whole cells.
+    is_resampled: bool,
+}
+
+impl Grid {
+    /// The grid that a request asks for.
+    ///
+    /// # Errors
+    /// If the window is empty, the tree has no such level, or the output would have no pixels.
+    fn of(tree: &Dataset, request: &WindowRequest) -> Result<Grid> {
+        let depth = tree.depth();
+        let across = request.across;
+        let axes = match across {
+            0 => [1, 2],
+            1 => [0, 2],
+            _ => [0, 1],
+        };
+        let size = axes.map(|axis| request.bounds.size()[axis]);
+        if request.bounds.is_empty() {
+            return Err(Error::invalid(
+                "window",
+                format!("{} x {} cells", size[0], size[1]),
+                "at least one cell",
+            ));
+        }
+        let level = match request.detail {
+            Detail::Level(level) if level <= depth => level,
+            Detail::Level(level) => {
+                return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
+            }
+            Detail::Size(width, height) => {
+                if width == 0 || height == 0 {
+                    return Err(Error::invalid("size", format!("{width}x{height}"), "at least 1x1"));
+                }
+                let fine =
+                    |level: u8| size[0] >> (depth - level) >= width && size[1] >> (depth - level) >= height;
+                (0..=depth).find(|level| fine(*level)).unwrap_or(depth)
+            }
+        };
+        let shift = depth - level;
+        let mut source = request.bounds;
+        for axis in 0..3 {
+            source.min[axis] >>= shift;
+            source.max[axis] = source.max[axis].div_ceil(1 << shift);
+        }
+        source.max[across] = source.min[across] + 1;
+        let (width, height, origin, step) = match request.detail {
+            Detail::Level(_) => {
+                let [width, height] = axes.map(|axis| source.size()[axis]);
+                (width, height, axes.map(|axis| source.min[axis] as f64), [1.0, 1.0])
+            }
+            // The window need not begin or end at cells of the level: its own corners count, divided evenly.
+            Detail::Size(width, height) => {
+                let scale = (1u64 << shift) as f64;
+                let origin = axes.map(|axis| request.bounds.min[axis] as f64 / scale);
+                let step = [size[0] as f64 / scale / width as f64, size[1] as f64 / scale / height as f64];
+                (width, height, origin, step)
+            }
+        };
+        let is_resampled = matches!(request.detail, Detail::Size(..));
+        Ok(Grid { level, source, across, axes, width, height, origin, step, is_resampled })
     }
-    let has_frame = across == 2 && metadata.frame != Frame::identity();
-    let spec = ImageSpec {
-        width,
-        height,
-        value: header.form.value,
-        alpha: metadata.alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(header.form.value.channels)),
-        void: may_be_void,
+}
+
+/// VOID cells of a window, and the number that stands for them.
+struct VoidCells {
+    may_be: bool,
+    /// `None` if every number is in use.
+    fill: Option<f64>,
+}
+
+impl VoidCells {
+    fn of(tree: &Dataset, request: &WindowRequest) -> Result<VoidCells> {
+        if tree.header().rule == Rule::Occupancy {
+            // VOID is a number there: an empty cell.
+            return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or(0.0)) });
+        }
+        let may_be = tree.may_have_void(request.bounds)?;
+        Ok(VoidCells { may_be, fill: request.nodata.or(fill_for(tree)?) })
+    }
+}
+
+fn image_spec(tree: &Dataset, grid: &Grid, void: &VoidCells) -> ImageSpec {
+    let (value, metadata) = (tree.header().form.value, tree.metadata());
+    let first = [grid.origin[0], grid.origin[1], grid.source.min[2] as f64];
+    let mut frame = metadata.frame.coarser(tree.depth() - grid.level).shifted(first);
+    for row in &mut frame.matrix {
+        row[0] *= grid.step[0];
+        row[1] *= grid.step[1];
+    }
+    // Upright slices have no frame: those of pictures are maps of x and y.
+    let has_frame = grid.across == 2 && metadata.frame != Frame::identity();
+    ImageSpec {
+        width: grid.width,
+        height: grid.height,
+        value,
+        alpha: metadata.alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(value.channels)),
+        void: void.may_be,
         frame: has_frame.then_some(frame),
-        nodata: fill.filter(|_| may_be_void || metadata.nodata.is_some()),
+        nodata: void.fill.filter(|_| void.may_be || metadata.nodata.is_some()),
         palette: metadata.palette.clone(),
         band_names: metadata.band_names.clone(),
-    };
-    let mut writer = create(output, format, &spec)?;
-    let is_upright = across != 2 && !matches!(format, Format::Npy | Format::Raw);
-    let sampler =
-        Sampler { tree, level, source, axes: [u, v], origin, step, fill: fill.unwrap_or(0.0), width };
-    let rows = (request.memory / row_bytes / 2).clamp(1, 256).min(height);
+    }
+}
+
+/// Writes all rows, in bands of so many.
+fn write_bands(
+    sampler: &Sampler<'_>,
+    rows: u64,
+    is_upright: bool,
+    has_void: bool,
+    writer: &mut dyn RowWriter,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let Grid { width, height, is_resampled, .. } = sampler.grid;
+    let pixel = sampler.tree.header().form.value.size();
     let mut row = 0;
     while row < height {
         progress.check()?;
         let count = rows.min(height - row);
         let first = if is_upright { height - row - count } else { row };
-        let (mut bytes, mut valid) = match request.detail {
-            Detail::Level(_) => sampler.copy(first, count)?,
-            Detail::Size(..) => sampler.resample(first, count)?,
-        };
+        let (mut bytes, mut valid) =
+            if is_resampled { sampler.resample(first, count)? } else { sampler.copy(first, count)? };
         if is_upright {
-            turn_rows(&mut bytes, width as usize * header.form.value.size());
-            turn_rows(&mut valid, width as usize);
+            flip_rows(&mut bytes, width as usize * pixel);
+            flip_rows(&mut valid, width as usize);
         }
-        writer.write_rows(&bytes, may_be_void.then_some(&valid))?;
+        writer.write_rows(&bytes, has_void.then_some(&valid))?;
         progress.advance(count * width, height.saturating_mul(width));
         row += count;
     }
-    writer.finish()
+    Ok(())
 }
 
-/// Puts the last row first.
-fn turn_rows<T>(cells: &mut [T], width: usize) {
+/// Reverses the order of rows.
+fn flip_rows<T>(cells: &mut [T], width: usize) {
+    // Reversing all cells reverses rows, too; reversing each row puts its own cells right again.
     cells.reverse();
     cells.chunks_mut(width).for_each(<[T]>::reverse);
 }
 
-/// What a row of the output needs: the cells it is made of, `step` rows of them if it is resampled, and its pixels.
-fn row_bytes(value: ValueType, cells: u64, detail: Detail, step: f64) -> u64 {
-    // A flag tells whether there is a value.
+/// Bytes of memory for a row of the output: the cells it is made of, `step` rows of them if it is resampled,
+/// and its pixels.
+fn row_bytes(value: ValueType, grid: &Grid) -> u64 {
+    // One byte more than the value: whether the cell has one.
     let pixel = value.size() as u64 + 1;
-    let row = cells.saturating_mul(pixel);
-    match detail {
-        Detail::Level(_) => row,
-        Detail::Size(width, _) => {
-            let lines = step.ceil() as u64 + 1;
-            row.saturating_mul(lines).saturating_add(width.saturating_mul(pixel + size_of::<Span>() as u64))
-        }
+    let row = grid.source.size()[grid.axes[0]].saturating_mul(pixel);
+    if !grid.is_resampled {
+        return row;
     }
+    let lines = grid.step[1].ceil() as u64 + 1;
+    row.saturating_mul(lines).saturating_add(grid.width.saturating_mul(pixel + size_of::<Span>() as u64))
 }
 
-/// A number for VOID cells: the file's own, NaN for floating samples, or one that no cell has; `None` if every number
-/// is in use.
+/// A number for VOID cells: the file's own, NaN for floating samples, or one that no cell has; `None` if
+/// every number is in use.
 ///
 /// # Errors
 /// If the tree's statistics are damaged.
@@ -205,69 +263,66 @@ pub fn fill_for(tree: &Dataset) -> Result<Option<f64>> {
 /// Rows of a window, straight or resampled.
 struct Sampler<'a> {
     tree: &'a Dataset,
-    level: u8,
-    source: Bounds,
-    /// Which of the tree's axes columns and rows are.
-    axes: [usize; 2],
-    origin: [f64; 2],
-    step: [f64; 2],
+    grid: Grid,
+    /// The number that stands for VOID.
     fill: f64,
-    width: u64,
 }
 
 impl Sampler<'_> {
+    /// The cells of some rows of the level, and whether each has a value.
     fn rows(&self, first: u64, end: u64) -> Result<(Vec<u8>, Vec<bool>)> {
-        let mut bounds = self.source;
-        let rows = self.axes[1];
+        let mut bounds = self.grid.source;
+        let rows = self.grid.axes[1];
         (bounds.min[rows], bounds.max[rows]) = (first, end);
         let cells = bounds.volume() as usize;
         let mut bytes = vec![0; cells * self.tree.header().form.value.size()];
         let mut valid = vec![true; cells];
-        self.tree.window(self.level, &bounds, self.fill, &mut bytes, Some(&mut valid))?;
+        self.tree.window(self.grid.level, &bounds, self.fill, &mut bytes, Some(&mut valid))?;
         if self.tree.header().rule == Rule::Occupancy {
-            // Nothing is a number, too: how full the cell is.
+            // VOID is a number, too: an empty cell.
             valid.fill(true);
         }
         Ok((bytes, valid))
     }
 
+    /// Rows of the output that are rows of cells.
     fn copy(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
-        let first = self.source.min[self.axes[1]] + row;
+        let first = self.grid.source.min[self.grid.axes[1]] + row;
         self.rows(first, first + count)
     }
 
+    /// Rows of the output whose pixels are means of the cells that they cover, weighted by area, or the cells
+    /// at their centres.
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
+        let Grid { source, axes: [u, v], origin, step, width, .. } = self.grid;
         let ValueType { sample, channels } = self.tree.header().form.value;
         let header = self.tree.header();
         let mean = matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == Kind::Continuous;
-        let [u, v] = self.axes;
         let spans = |axis: usize, first: u64, count: u64, min: u64, max: u64| -> Vec<Span> {
             (first..first + count)
-                .map(|i| {
-                    Span::new(self.origin[axis] + i as f64 * self.step[axis], self.step[axis], mean, min, max)
-                })
+                .map(|i| Span::new(origin[axis] + i as f64 * step[axis], step[axis], mean, min, max))
                 .collect()
         };
-        let columns = spans(0, 0, self.width, self.source.min[u], self.source.max[u]);
-        let lines = spans(1, row, count, self.source.min[v], self.source.max[v]);
+        let columns = spans(0, 0, width, source.min[u], source.max[u]);
+        let lines = spans(1, row, count, source.min[v], source.max[v]);
         let (first, end) = (lines[0].first, lines[lines.len() - 1].end);
         let (bytes, valid) = self.rows(first, end)?;
-        let source_width = self.source.size()[u];
+        let source_width = source.size()[u];
         let (size, channels) = (sample.size(), channels as usize);
-        let mut out = Vec::with_capacity(count as usize * self.width as usize * size * channels);
-        let mut out_valid = Vec::with_capacity(count as usize * self.width as usize);
+        let mut out = Vec::with_capacity(count as usize * width as usize * size * channels);
+        let mut out_valid = Vec::with_capacity(count as usize * width as usize);
         for line in &lines {
             for column in &columns {
                 let mut sums = [0.0; 4];
                 let mut weight = 0.0;
                 for y in line.first..line.end {
                     for x in column.first..column.end {
-                        let place = ((y - first) * source_width + x - self.source.min[u]) as usize;
-                        if valid[place] {
+                        let index = ((y - first) * source_width + x - source.min[u]) as usize;
+                        if valid[index] {
                             let share = line.share(y) * column.share(x);
                             weight += share;
                             for (channel, sum) in sums.iter_mut().enumerate().take(channels) {
-                                *sum += share * number(sample, &bytes[(place * channels + channel) * size..]);
+                                *sum += share * number(sample, &bytes[(index * channels + channel) * size..]);
                             }
                         }
                     }
@@ -298,11 +353,13 @@ impl Span {
         Span { from, to, first, end: (to.ceil() as u64).clamp(first + 1, max.max(first + 1)) }
     }
 
-    /// How much of a cell is covered.
+    /// Length of a cell that is covered; 1 for the one in the middle.
     fn share(&self, cell: u64) -> f64 {
         if self.from == self.to {
             return 1.0;
         }
+        // Rounding may leave a cell that is in the span by its number without any of its length: it still has
+        // to have a weight, or a pixel of such cells alone would be VOID.
         (self.to.min(cell as f64 + 1.0) - self.from.max(cell as f64)).max(1e-12)
     }
 }

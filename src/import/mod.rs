@@ -1,4 +1,4 @@
-//! Importers: what turns other programs' files into sources and blocks of samples.
+//! Importers: readers of other programs' files, as sources and blocks of samples.
 
 pub mod cells;
 #[cfg(any(feature = "mesh", feature = "raster"))]

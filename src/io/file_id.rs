@@ -1,17 +1,17 @@
-//! Which file an open file is, whatever its name.
+//! Identity of open files, whatever their names.
 
 use std::fs::File;
 use std::io;
 
 use super::platform::device_and_inode;
 
-/// Tells files apart, whatever names they have.
+/// Identity of a file, whatever names it has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FileId(u64, u64);
 
 impl FileId {
-    /// That of an open file. Where the system has no such numbers, every call gives another one: nothing is then known
-    /// to be the same file.
+    /// The identity of an open file. Where the system has no such numbers, every call gives another one:
+    /// nothing is then known to be the same file.
     ///
     /// # Errors
     /// If the system cannot tell.
@@ -19,7 +19,7 @@ impl FileId {
         Ok(device_and_inode(file)?.map_or_else(FileId::unique, |(device, inode)| FileId(device, inode)))
     }
 
-    /// One that nothing else has: for bytes in memory.
+    /// An identity that nothing else has: for bytes in memory.
     pub fn unique() -> FileId {
         use std::sync::atomic::{AtomicU64, Ordering};
         static NEXT: AtomicU64 = AtomicU64::new(0);

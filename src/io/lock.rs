@@ -9,7 +9,8 @@ use super::read::ReadBackend;
 use super::write::{FileBackend, WriteBackend};
 use crate::{Error, Result};
 
-/// Where the writer says who it is: in the header's page, behind everything else. It is no part of what is stored.
+/// Offset of the note in which the writer says who it is: in the header's page, behind everything else. It is
+/// no part of what is stored.
 const NOTE_OFFSET: u64 = 2048;
 /// Bytes of the note; what is not needed is zero.
 const NOTE_SIZE: usize = 256;
@@ -43,8 +44,9 @@ impl LockedFile {
 }
 
 impl Drop for LockedFile {
-    /// Closing the file is not enough: the system keeps the lock as long as any copy of the descriptor is open, and a process
-    /// that is being started has one until it runs its program; so has every mapping that readers still hold.
+    /// Closing the file is not enough: the system keeps the lock as long as any copy of the descriptor is
+    /// open, and a process that is being started has one until it runs its program; so has every mapping that
+    /// readers still hold.
     fn drop(&mut self) {
         // Where it fails, the lock ends with the last copy of the descriptor.
         let _ = self.0.file.unlock();

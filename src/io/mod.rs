@@ -1,4 +1,5 @@
-//! Files: read where they are mapped or at positions, written whole or not at all, locked, sorted beyond memory.
+//! Files: read where they are mapped or at positions, written whole or not at all, locked, sorted beyond
+//! memory.
 
 mod file_id;
 mod lock;

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use super::platform::set_output_permissions;
 use crate::{Error, Result};
 
-/// Where output goes: a new file that appears whole or not at all, or standard output.
+/// Destination of output: a new file that appears whole or not at all, or standard output.
 ///
 /// A file is written under a temporary name in the target's folder and takes the target's place only in
-/// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it. Dropping the
-/// output without committing removes the temporary file; if the process is killed, the next output of that name
-/// does.
+/// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it.
+/// Dropping the output without committing removes the temporary file; if the process is killed, the next
+/// output of that name does.
 pub struct Output {
     path: PathBuf,
     sink: Sink,
@@ -73,6 +73,8 @@ impl Output {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
+                // The bytes are durable before the name leads to them; the folder comes last, which makes the
+                // rename durable.
                 file.as_file().sync_all().map_err(Error::io(&path, "sync"))?;
                 // Following a symbolic link keeps the link and replaces what it points to.
                 let target = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
@@ -115,8 +117,8 @@ fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     loop {
         let file =
             tempfile::Builder::new().prefix(&prefix).suffix(SUFFIX).rand_bytes(RANDOM).tempfile_in(folder)?;
-        // Before it is locked, another process may take it for one that was left behind. Where there are no locks,
-        // nobody takes anything.
+        // Before it is locked, another process may take it for one that was left behind. Where there are no
+        // locks, nobody takes anything.
         let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
         if !taken && file.path().exists() {
             return Ok(file);
@@ -124,8 +126,8 @@ fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
     }
 }
 
-/// Removes what processes that were killed have left: temporary files for the same target that nobody holds a lock
-/// on. What cannot be removed stays, which is no reason to fail.
+/// Removes what processes that were killed have left: temporary files for the same target that nobody holds a
+/// lock on. What cannot be removed stays, which is no reason to fail.
 fn remove_left_behind(folder: &Path, prefix: &str) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();

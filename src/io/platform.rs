@@ -1,4 +1,4 @@
-//! What systems do differently, behind functions that are the same on all of them.
+//! Differences between operating systems, behind functions that are the same on all of them.
 //!
 //! Tested on Linux; macOS is Unix to this page, and Windows has what its interfaces offer for the same.
 
@@ -6,13 +6,13 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
-/// Reads bytes at a place of a file, whatever its cursor.
+/// Reads bytes at an offset of a file, whatever its cursor.
 #[cfg(unix)]
 pub(crate) fn read_exact_at(file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
 }
 
-/// Reads bytes at a place of a file, whatever its cursor.
+/// Reads bytes at an offset of a file, whatever its cursor.
 #[cfg(windows)]
 pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::Result<()> {
     while !bytes.is_empty() {
@@ -27,13 +27,13 @@ pub(crate) fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) 
     Ok(())
 }
 
-/// Writes bytes at a place of a file, which may lie behind its end.
+/// Writes bytes at an offset of a file, which may lie behind its end.
 #[cfg(unix)]
 pub(crate) fn write_all_at(file: &File, bytes: &[u8], offset: u64) -> io::Result<()> {
     std::os::unix::fs::FileExt::write_all_at(file, bytes, offset)
 }
 
-/// Writes bytes at a place of a file, which may lie behind its end.
+/// Writes bytes at an offset of a file, which may lie behind its end.
 #[cfg(windows)]
 pub(crate) fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io::Result<()> {
     while !bytes.is_empty() {

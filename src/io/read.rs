@@ -1,4 +1,4 @@
-//! Where a file's bytes are: mapped, read at positions, or in memory.
+//! Access to a file's bytes: mapped, by positioned reads, or in memory.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -76,13 +76,13 @@ impl Mapped {
         Ok(Mapped(map))
     }
 
-    /// Gives the memory behind all pages back to the system, which reads them anew when they are looked at again: who reads a
-    /// large file once from beginning to end need not hold what is behind.
+    /// Gives the memory behind all pages back to the system, which reads them anew when they are looked at
+    /// again: who reads a large file once from beginning to end need not hold what is behind.
     pub fn release_pages(&self) {
         #[cfg(unix)]
         {
-            // SAFETY: pages of a read-only mapping of a file have nothing that is not in the file; they come back as they
-            // were, or as the file is by then, which the mapping allows for anyway.
+            // SAFETY: pages of a read-only mapping of a file have nothing that is not in the file; they come
+            // back as they were, or as the file is by then, which the mapping allows for anyway.
             #[allow(unsafe_code)]
             let done = unsafe { self.0.unchecked_advise(memmap2::UncheckedAdvice::DontNeed) };
             // A system that cannot do it has to live with the pages.

@@ -77,6 +77,8 @@ impl Sorter {
             Read::read_exact(file, &mut item)?;
             Ok(Some((u64::from_le_bytes(key), item)))
         };
+        // A merge of all runs: the heap has the next item of each run on disk; what is still in memory is one
+        // run more.
         let mut heap = BinaryHeap::new();
         for (number, run) in runs.iter_mut().enumerate() {
             heap.extend(read(run).map_err(spill_error())?.map(|(key, bytes)| Reverse((key, number, bytes))));

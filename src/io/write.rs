@@ -1,4 +1,4 @@
-//! What can be written at any place: files, or what tests put in their place.
+//! Positioned, durable writing: files, or stand-ins of tests.
 
 use std::fs::File;
 use std::io;
@@ -9,11 +9,11 @@ use super::platform::write_all_at;
 use super::read::{Mapped, ReadBackend};
 use crate::Result;
 
-/// Somewhere bytes can be written at any place and made durable: a file, or what tests put in its place.
+/// Storage that is written at any offset and made durable: a file, or a stand-in of tests.
 ///
 /// Writes may become durable in any order, in part or not at all, until [`WriteBackend::sync`] returns.
 pub trait WriteBackend: Send {
-    /// Writes bytes at a place, which may lie behind the end.
+    /// Writes bytes at an offset, which may lie behind the end.
     ///
     /// # Errors
     /// If that fails; some of the bytes may be written.
@@ -31,7 +31,7 @@ pub trait WriteBackend: Send {
     /// If they cannot be read.
     fn reader(&self) -> Result<Box<dyn ReadBackend>>;
 
-    /// Which file it is.
+    /// The identity of the file.
     fn id(&self) -> FileId;
 }
 

@@ -15,20 +15,21 @@ use crate::tree::{CellBlock, Child, Children, Form, Source, no_children};
 use crate::value::{SampleType, Tally, Value};
 use crate::{Error, Progress, Result};
 
-/// What is known of a node of the result without looking below it.
+/// A node of the result, as far as the trees' nodes there determine it.
 enum Resolution {
     Void,
     Leaf(Value),
-    /// What the tree at this index has, with all that is below it.
+    /// The node of the tree at this index, with its whole subtree.
     Take(usize),
-    /// No more than that it has children.
+    /// Undetermined: its children are to be resolved.
     Split,
 }
 
 /// Several views of one form merged into one tree by an [`Operation`].
 ///
-/// Views are walked side by side; where one side decides, the others' detail is not read, and what is stored below is
-/// handed through. Time is proportional to the nodes that are looked at, at most the sum over all views.
+/// Views are walked side by side; where one side decides, the others' detail is not read, and what is stored
+/// below is handed through. Time is proportional to the nodes that are visited, at most the sum over all
+/// views.
 #[derive(Clone, Debug)]
 pub struct Combined {
     views: Vec<View>,
@@ -42,7 +43,7 @@ pub struct Combined {
     extent: [u64; 3],
 }
 
-/// What each tree has at a node, with the number of the tree.
+/// The trees' nodes at a node of the result, each with the number of its tree.
 type Nodes = SmallVec<[(usize, Child<ViewNode>); 2]>;
 
 /// An INNER node of combined trees.
@@ -50,7 +51,8 @@ type Nodes = SmallVec<[(usize, Child<ViewNode>); 2]>;
 pub enum CombinedNode {
     /// A node of one of the trees as it is.
     Same(usize, ViewNode),
-    /// Nodes of several trees that are still to be merged. (In a box, so that other nodes stay small: they are moved a lot.)
+    /// Nodes of several trees that are still to be merged. (In a box, so that other nodes stay small: they
+    /// are moved a lot.)
     Open(Box<OpenNode>),
 }
 
@@ -91,8 +93,8 @@ impl Combined {
         Ok(Combined { views, form, operation, tables: operation.merge_tables(), fill, extent })
     }
 
-    /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for bytes, which
-    /// says full in solids, and 1 for other types unless chosen.
+    /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for
+    /// bytes, which says full in solids, and 1 for other types unless chosen.
     #[must_use]
     pub fn filled_with(self, fill: Value) -> Combined {
         Combined { fill, ..self }
@@ -118,9 +120,12 @@ impl Combined {
         kept(first).is_some_and(|record| kept(second) == Some(record))
     }
 
-    /// What becomes of a node that both trees have as it is, if that is known.
+    /// Resolves a node whose subtree is the same in both trees, if the operation allows it.
     fn resolve_same(&self) -> Option<Resolution> {
         match self.operation {
+            // Cells are in both trees or in neither: bit 0 of the number says whether the former belong to
+            // the result, bit 3 whether the latter do; those cannot be taken over, because they have to be
+            // filled.
             Operation::Set { number, .. } if number & 9 == 1 => Some(Resolution::Take(0)),
             Operation::Set { number, .. } if number & 9 == 0 => Some(Resolution::Void),
             Operation::Over | Operation::Min | Operation::Max | Operation::Equal => Some(Resolution::Take(0)),
@@ -129,9 +134,10 @@ impl Combined {
         }
     }
 
-    /// What becomes of a node, given what the trees have there.
+    /// Resolves a node from the trees' nodes there.
     fn resolve(&self, code: Code, nodes: &[(usize, Child<ViewNode>)]) -> Resolution {
-        // Two commits of a file share what has not changed between them: no need to look at that.
+        // Two commits of a file share the records of all that has not changed between them: no need to read
+        // those.
         if self.is_one_node(nodes)
             && let Some(resolution) = self.resolve_same()
         {
@@ -151,7 +157,7 @@ impl Combined {
         }
     }
 
-    /// What becomes of a node of two trees.
+    /// Resolves a node of two trees.
     fn resolve_two(&self, code: Code, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
         // Only complements reach beyond what the trees have.
         let table = match self.operation {
@@ -176,7 +182,7 @@ impl Combined {
         }
     }
 
-    /// What becomes of a node of one tree, or of more than two, where values are joined: VOID where one of them is.
+    /// Resolves a node of one tree, or of more than two, where values are joined: VOID where one of them is.
     fn resolve_many(&self, join: Join, nodes: &[(usize, Child<ViewNode>)]) -> Resolution {
         let mut result: Option<Value> = None;
         let mut inner = false;
@@ -210,10 +216,10 @@ impl Combined {
         (inside, outside)
     }
 
-    /// A node of the result, given what the trees have there.
+    /// A node of the result, from the trees' nodes there.
     fn merge(&self, code: Code, mut nodes: Nodes) -> Child<CombinedNode> {
         if self.operation == Operation::Over {
-            // What is below the first present one does not count.
+            // The first LEAF hides all trees below it; INNER nodes above it may still have VOID cells.
             nodes.retain(|(_, child)| !matches!(child, Child::Void));
             if let Some(first) = nodes.iter().position(|(_, child)| matches!(child, Child::Leaf(_))) {
                 nodes.truncate(first + 1);
@@ -263,8 +269,8 @@ impl Source for Combined {
         for (tree, child) in nodes {
             if let Child::Inner { node, .. } = child {
                 below.push(no_children());
-                let room = below.last_mut().expect("just pushed");
-                self.views[*tree].children(node, room)?;
+                let buffer = below.last_mut().expect("just pushed");
+                self.views[*tree].children(node, buffer)?;
             }
         }
         for (step, child) in children[..self.form.children()].iter_mut().enumerate() {
@@ -316,7 +322,7 @@ impl ReusableSource for Combined {
     }
 
     fn overlay(&self, node: &CombinedNode) -> Option<Overlay<'_>> {
-        // Complements are no matter of the two nodes alone.
+        // Complements depend on the extent, too, not on the two nodes' states alone.
         let has_table = !matches!(self.operation, Operation::Set { number: 8.., .. });
         let CombinedNode::Open(open) = node else { return None };
         let [first, second] = &open.nodes[..] else { return None };
@@ -337,12 +343,12 @@ impl ReusableSource for Combined {
     }
 }
 
-/// Builds a file from combined views, in the format that the output's name asks for; returns what is known of all cells.
-/// What the views' files have stored, with the same rule, is copied as it is.
+/// Builds a file from combined views, in the format that the output's name asks for; returns the tally of all
+/// cells. Subtrees that the views' files have stored with the same rule are copied as they are.
 ///
 /// # Errors
-/// If a file is damaged, the output cannot be written, the depth is another one than the source's, or on interruption;
-/// nothing is left behind then.
+/// If a file is damaged, the output cannot be written, the depth is another one than the source's, or on
+/// interruption; nothing is left behind then.
 pub fn build(
     source: &Combined,
     options: &BuildOptions,

@@ -1,4 +1,4 @@
-//! The same trees in other files: the other format, or less history.
+//! Conversions of tree files: to the other format, or to less history.
 
 use std::path::Path;
 
@@ -23,8 +23,9 @@ pub fn compact_file(
     compact(path, keep, share, output, memory, progress)
 }
 
-/// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its commits) to be
-/// published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay the same.
+/// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its
+/// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
+/// the same.
 ///
 /// # Errors
 /// If the file cannot be read, the output not be written, or on interruption.

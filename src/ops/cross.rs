@@ -1,4 +1,4 @@
-//! Which values of one tree meet which of another: change matrices.
+//! Cross tabulation of the values of two trees: change matrices.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -23,8 +23,8 @@ pub struct Pair {
 /// Pairs that a table may have: elevations have no sensible table.
 const MOST: usize = 1 << 16;
 
-/// Counts all pairs of values but that of VOID with VOID, by ascending first, then second value; VOID comes first. Time is
-/// proportional to the nodes of both trees.
+/// Counts all pairs of values but that of VOID with VOID, by ascending first, then second value; VOID comes
+/// first. Time is proportional to the nodes of both trees.
 ///
 /// # Errors
 /// If forms or depths differ, there are more than 2^16 pairs, or a file is damaged.

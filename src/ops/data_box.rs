@@ -1,12 +1,12 @@
-//! Where a tree's data are: the smallest box around all that is not VOID.
+//! Bounding box of a tree's data: the smallest box around all that is not VOID.
 
 use super::affine::View;
 use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::tree::{Child, Source, no_children};
 
-/// The smallest box of cells around all that is not VOID; `None` if all is. Goes only into nodes that may enlarge what was
-/// found, so it reads little more than the border.
+/// The smallest box of cells around all that is not VOID; `None` if all is. Goes only into nodes that may
+/// enlarge what was found, so it reads little more than the border.
 ///
 /// # Errors
 /// If the file is damaged.

@@ -1,4 +1,4 @@
-//! Where two trees differ.
+//! Differences between two trees.
 
 use std::path::Path;
 
@@ -21,8 +21,8 @@ pub struct Difference {
     pub after: Option<Value>,
 }
 
-/// Hands out all blocks in which two trees differ, in FD order. What two commits of one file have in common is not
-/// looked at: time is proportional to what differs, plus depth for each place where something does.
+/// Hands out all blocks in which two trees differ, in FD order. Records that two commits of one file
+/// share are not read: time is proportional to the nodes that differ, plus depth for each of them.
 ///
 /// # Errors
 /// If forms or depths differ, a file is damaged, or `found` fails.
@@ -87,7 +87,7 @@ fn children_of<'c>(
     Ok(Some(children))
 }
 
-/// What differs between two trees.
+/// Totals of the differences between two trees.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
     /// Cells that were VOID and are not any more.

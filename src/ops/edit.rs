@@ -24,7 +24,7 @@ use crate::{Error, Progress, Result};
 pub enum Edit {
     /// Puts another tree over a part of it.
     Paste {
-        /// The other tree, perhaps seen through steps.
+        /// The other tree: a file and the steps done to it.
         patch: Chain,
         /// The cell that its first one goes to; where it lies in the world if none is given.
         at: Option<[i64; 3]>,
@@ -46,9 +46,22 @@ pub type CellValue = ([u64; 3], Option<Vec<f64>>);
 
 /// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed.
 ///
+/// ```
+/// use spinney::ops::{self, Edit};
+/// use spinney::store::autumnal::Note;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("history.autumn");
+/// # std::fs::copy("fixtures/v1/history.autumn", &path).unwrap();
+/// let edits = [Edit::Set(vec![([0, 0, 0], Some(vec![7.0]))])];
+/// let commit = ops::edit(&path, edits.map(Ok), Note::default(), 64 << 20, &())?;
+/// assert!(commit.is_some());
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
-/// If another process edits the file, an edit cannot be done, the file not be written, or on interruption. The file's last
-/// commit is then what it was.
+/// If another process edits the file, an edit cannot be done, the file not be written, or on interruption.
+/// The file's last commit is then what it was.
 pub fn edit(
     path: &Path,
     edits: impl IntoIterator<Item = Result<Edit>>,
@@ -61,7 +74,8 @@ pub fn edit(
     editor.commit(note)
 }
 
-/// Does some edits, one after the other, in a file that is open for editing; nobody sees them before they are committed.
+/// Does some edits, one after the other, in a file that is open for editing; nobody sees them before they are
+/// committed.
 ///
 /// # Errors
 /// If an edit cannot be done, the file not be written, or on interruption.
@@ -83,7 +97,7 @@ pub fn apply_edits(
     Ok(())
 }
 
-/// What an edit makes of a tree, as a source in which all that stays is the tree's own.
+/// The tree after an edit, as a source; nodes that stay are the tree's own, with their stored records.
 fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
     let (form, depth, extent) = (tree.header().form, tree.header().depth(), tree.header().extent);
     let value_type = form.value;
@@ -103,7 +117,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             let file = TreeFile::open(&path, &OpenOptions::default())?;
             check_form((&path, file.form()), (tree.path(), form))?;
             let extent = file.header().extent;
-            let (view, _) = placed(View::new(Arc::new(file), extent)?, &tree, &path)?;
+            let (view, _) = aligned(View::new(Arc::new(file), extent)?, &tree, &path)?;
             (operation, vec![whole(tree.into())?, view.deepened(depth)?])
         }
     };
@@ -121,7 +135,7 @@ fn patched(tree: &Arc<Autumnal>, patch: Arc<dyn Patch>) -> Result<View> {
     whole(Patched::new(tree.clone(), patch).into())
 }
 
-/// What is pasted, and the tree that it goes over.
+/// Views for a paste: the pasted tree first, then the tree that it goes over.
 fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid: bool) -> Result<Vec<View>> {
     let (depth, extent) = (tree.header().depth(), tree.header().extent);
     let view = patch.open()?;
@@ -134,7 +148,7 @@ fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid
             let min = at.map(|cell| cell.max(0) as u64);
             (view.onto(&moved, extent)?, Bounds { min, max: std::array::from_fn(end) })
         }
-        None => placed(view, tree, &patch.path)?,
+        None => aligned(view, tree, &patch.path)?,
     };
     let bounds = bounds.intersect(&Bounds::picture(extent));
     if bounds.is_empty() {
@@ -151,12 +165,13 @@ fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid
     Ok(vec![view.deepened(depth)?, below])
 }
 
-/// A view of a file on the cells of a tree, where it lies in the world, and its box there.
-fn placed(view: View, tree: &Autumnal, path: &Path) -> Result<(View, Bounds)> {
+/// A view resampled to the cell grid of a tree by both frames, and its box of cells there.
+fn aligned(view: View, tree: &Autumnal, path: &Path) -> Result<(View, Bounds)> {
     let (frame, extent) = (view.frame(false), tree.header().extent);
     let (own, name) = (tree.path().display().to_string(), path.display().to_string());
     let alignments = align(&[(&own, &tree.metadata().frame, extent), (&name, &frame, view.extent())])?;
-    // The grid has room for both, and the finer cells of both.
+    // `align` maps both to a common grid that has room for both and the finer of their cells: from the view's
+    // cells to that grid and back to the tree's cells.
     let back = alignments[0].map.inverse()?;
     let map = alignments[1].map.then(&back);
     let end = DVec3::from(view.extent().map(|cells| cells as f64));

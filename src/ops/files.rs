@@ -15,12 +15,12 @@ use crate::tree::Source;
 use crate::value::Value;
 use crate::{Error, Progress, Result};
 
-/// A file and the steps of what is done to it.
+/// A file and the steps to apply to it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Chain {
     /// The file.
     pub path: PathBuf,
-    /// What is done, in order.
+    /// Steps, first to last.
     pub steps: Vec<Step>,
     /// Takes the value at the centre of each new cell, also where the file's rule would average.
     pub nearest: bool,
@@ -28,7 +28,7 @@ pub struct Chain {
     pub moves: bool,
 }
 
-/// What came of it.
+/// Measures of a tree made from others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Cells along each axis.
@@ -39,11 +39,13 @@ pub struct Outcome {
     pub before: Vec<u64>,
     /// Cells of the result that are not VOID.
     pub after: u64,
-    /// Cells that the first input's would be after scaling, if none were cut off or decided at cells' centres.
+    /// Cells that the first input's would be after scaling, if none were cut off or decided at cells'
+    /// centres.
     pub expected: Option<f64>,
 }
 
-/// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by channel.
+/// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by
+/// channel.
 pub type PairOfSamples = (Option<Vec<f64>>, Option<Vec<f64>>, u64);
 
 impl Chain {
@@ -71,8 +73,20 @@ impl Chain {
     }
 }
 
-/// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy. `memory` is as in
-/// [`BuildOptions`].
+/// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy. `memory` is as
+/// in [`BuildOptions`].
+///
+/// ```
+/// use spinney::{io::Output, ops};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("turned.goblin");
+/// let mut chain = ops::Chain::of("fixtures/v1/classes.goblin".as_ref());
+/// chain.steps = vec!["rotate=90".parse()?, "crop".parse()?];
+/// let outcome = ops::transform(&chain, Output::create(&path)?, 64 << 20, &())?;
+/// assert_eq!(outcome.before, [outcome.after]);
+/// # Ok::<(), spinney::Error>(())
+/// ```
 ///
 /// # Errors
 /// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
@@ -80,20 +94,33 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
     let view = chain.open()?;
     // How many cells there are to be, unless some were left out.
     let shrinks = (!view.has_windows()).then(|| view.to_source().determinant().abs());
-    let made = Made {
+    let derivation = Derivation {
         views: vec![view],
         operation: Operation::Over,
         fill: None,
         moves: chain.moves,
         provenance: chain.provenance(),
     };
-    let outcome = made.store(output, memory, progress)?;
+    let outcome = derivation.store(output, memory, progress)?;
     let expected = shrinks.map(|volume| outcome.before[0] as f64 / volume);
     Ok(Outcome { expected, ..outcome })
 }
 
-/// Merges files into one; those over other places or with coarser cells are aligned with the finest. `fill` is the number
-/// for [`Combined::filled_with`].
+/// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
+/// the number for [`Combined::filled_with`].
+///
+/// ```
+/// use spinney::{io::Output, ops};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("nothing.goblin");
+/// let map = "fixtures/v1/classes.goblin".into();
+/// let trees = [map, "fixtures/v1/classes.goblin".into()];
+/// let output = Output::create(&path)?;
+/// let changes = ops::combine(ops::Operation::Changed, None, &trees, output, 64 << 20, &())?;
+/// assert_eq!(changes.after, 0);
+/// # Ok::<(), spinney::Error>(())
+/// ```
 ///
 /// # Errors
 /// As [`transform`]; also if types differ or grids cannot be matched.
@@ -106,14 +133,14 @@ pub fn combine(
     progress: &dyn Progress,
 ) -> Result<Outcome> {
     let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-    let made = Made {
+    let derivation = Derivation {
         views: aligned(open_alike(paths)?)?,
         operation,
         fill,
         moves: false,
         provenance: format!("{operation} of {}", names.join(" ")),
     };
-    made.store(output, memory, progress)
+    derivation.store(output, memory, progress)
 }
 
 /// Counts which values of one file meet which of another: see [`cross`].
@@ -164,19 +191,19 @@ fn aligned(files: Vec<Arc<TreeFile>>) -> Result<Vec<View>> {
         .collect()
 }
 
-/// A tree to be made of views, like the first one's file.
-struct Made {
+/// A tree to derive from views, with the header and metadata of the first one's file.
+struct Derivation {
     views: Vec<View>,
     operation: Operation,
     /// Value of cells that the operation makes of nothing.
     fill: Option<f64>,
     /// See [`Chain::moves`].
     moves: bool,
-    /// A line to add to what the first file tells.
+    /// A line to add to the first file's provenance.
     provenance: String,
 }
 
-impl Made {
+impl Derivation {
     fn store(self, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
         let first = &self.views[0];
         let (header, extent) = (first.source().header().clone(), first.extent());

@@ -1,9 +1,9 @@
 //! Operations on trees: sources made of sources.
 //!
 //! A [`View`] shows a file through any chain of windows, translations, scalings, mirrorings and rotations; a
-//! [`Combined`] merges several views into one tree, by presence or by value. Both read only what somebody asks for, and
-//! can be asked, walked and stored like any other source. Edits of Autumnal files are such sources, too, stored where
-//! they came from ([`edit()`]).
+//! [`Combined`] merges several views into one tree, by presence or by value. Both read only what somebody
+//! asks for, and can be asked, walked and stored like any other source. Edits of Autumnal files are such
+//! sources, too, stored where they came from ([`edit()`]).
 
 mod affine;
 mod combine;

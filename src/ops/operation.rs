@@ -1,11 +1,11 @@
-//! How trees are merged into one, cell by cell, and what that means for their nodes.
+//! Operations that merge trees into one, cell by cell, and the actions on nodes that follow from them.
 
 use std::fmt;
 
 use crate::store::builder::{Join, MergeAction, MergeTable};
 use crate::tree::NodeState;
 
-/// Whose value counts where both have one.
+/// Choice of the value where both trees have one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Prefer {
     /// The first tree's.
@@ -14,7 +14,7 @@ pub enum Prefer {
     Second,
 }
 
-/// How trees are merged into one, cell by cell; a cell is present if it is not VOID.
+/// An operation that merges trees into one, cell by cell; a cell is present if it is not VOID.
 ///
 /// ```
 /// use spinney::ops::{Operation, Prefer};
@@ -24,14 +24,14 @@ pub enum Prefer {
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operation {
-    /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both belong
-    /// to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of neither. So 1 is
-    /// the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union, 12 the complement of
-    /// the first, which needs no second.
+    /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both
+    /// belong to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of
+    /// neither. So 1 is the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union,
+    /// 12 the complement of the first, which needs no second.
     Set {
         /// The number, 0 to 15.
         number: u8,
-        /// Whose value stands where both are present.
+        /// Choice of the value where both are present.
         prefer: Prefer,
     },
     /// The first of any number of trees that is present.
@@ -82,8 +82,9 @@ const OTHERS: [(&str, Operation); 7] = [
 ];
 
 impl Operation {
-    /// The operation with a name (or with a number, 0 to 15), as people write it: `union`, `a-b`, `min`; `prefer` is for
-    /// set operations. `mask` is the intersection with the first tree's values. `None` if there is none of that name.
+    /// The operation with a name (or with a number, 0 to 15), as people write it: `union`, `a-b`, `min`;
+    /// `prefer` is for set operations. `mask` is the intersection with the first tree's values. `None` if
+    /// there is none of that name.
     pub fn named(name: &str, prefer: Prefer) -> Option<Operation> {
         if name == "mask" {
             return Some(Operation::Set { number: 1, prefer: Prefer::First });
@@ -96,7 +97,7 @@ impl Operation {
         }
     }
 
-    /// How values are joined where both trees have one, if that is what it does.
+    /// The join of values where both trees have one, if the operation computes with values.
     pub(super) fn join(self) -> Option<Join> {
         match self {
             Operation::Min => Some(Join::Min),
@@ -109,8 +110,8 @@ impl Operation {
         }
     }
 
-    /// The actions for nodes of two trees inside the extent, outside, and across its border, where they depend on the nodes'
-    /// states alone.
+    /// The actions for nodes of two trees inside the extent, outside, and across its border, where they
+    /// depend on the nodes' states alone.
     pub(super) fn merge_tables(self) -> [MergeTable; 3] {
         match self {
             Operation::Set { number, prefer } => merge_tables(number, prefer),
@@ -130,7 +131,8 @@ impl Operation {
     }
 }
 
-/// The name that people write, as [`Operation::named`] takes it, and whose values are taken if not the first tree's.
+/// The name that people write, as [`Operation::named`] takes it, and whose values are taken if not the first
+/// tree's.
 impl fmt::Display for Operation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Operation::Set { number, prefer } = *self else {
@@ -146,7 +148,8 @@ impl fmt::Display for Operation {
     }
 }
 
-/// What becomes of a node where values are joined: VOID where one of the trees is; with `or_one`, what the other tree has.
+/// The action for a node where values are joined: VOID where one of the trees is; with `or_one`, the other
+/// tree's node.
 fn join_action(or_one: bool, states: [NodeState; 2]) -> MergeAction {
     match states {
         [NodeState::Void, NodeState::Void] => MergeAction::Void,
@@ -158,7 +161,7 @@ fn join_action(or_one: bool, states: [NodeState; 2]) -> MergeAction {
     }
 }
 
-/// What cells below a node may be, as far as is known without looking.
+/// States that cells below a node can have, as far as the node's own state says.
 #[derive(Clone, Copy)]
 struct Possible {
     present: bool,
@@ -177,18 +180,20 @@ fn merge_tables(number: u8, prefer: Prefer) -> [MergeTable; 3] {
     parts.map(|part| MergeTable::new(|states| merge_action(number, prefer, states, part)))
 }
 
-/// What becomes of a node, some of whose cells are inside the extent, or outside: goes through all combinations of presence
-/// that are possible below it.
+/// The action for a node, some of whose cells are inside the extent, or outside: tries all combinations of
+/// presence that are possible below it.
 fn merge_action(
     number: u8,
     prefer: Prefer,
     states: [NodeState; 2],
     (inside, outside): (bool, bool),
 ) -> MergeAction {
+    // Below an INNER node cells may be present or VOID. Each combination that can occur adds an outcome; if
+    // there is only one outcome for all cells, the node needs no split.
     let [first, second] = states.map(Possible::of);
     // Whether a cell of the result may be VOID, or of the first, the second, or of neither.
     let (mut void, mut of) = (false, [false; 3]);
-    // Whether the result is just one of the trees as it is.
+    // Whether the result is just one of the trees as it is: then its whole subtree can be taken over.
     let mut is = [true; 2];
     for (a, b) in [(true, true), (true, false), (false, true), (false, false)] {
         let possible =

@@ -6,7 +6,7 @@ use crate::tree::Form;
 use crate::value::Value;
 use crate::{Error, Result};
 
-/// What a patch does to a node.
+/// Effect of a patch on a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     /// Nothing.
@@ -19,7 +19,7 @@ pub enum Change {
 
 /// Changes to a tree.
 pub trait Patch: Send + Sync {
-    /// What becomes of a node, whose cells are `bounds`.
+    /// The effect on a node, whose cells are `bounds`.
     fn change(&self, code: Code, bounds: &Bounds) -> Change;
 }
 
@@ -35,8 +35,8 @@ pub struct CellPatch {
 }
 
 impl CellPatch {
-    /// Cells of a tree of some form, depth and extent and their new values (`None` is VOID), in any order; of several
-    /// values for one cell the last counts.
+    /// Cells of a tree of some form, depth and extent and their new values (`None` is VOID), in any order; of
+    /// several values for one cell the last counts.
     ///
     /// # Errors
     /// If a cell is outside the extent.
@@ -71,7 +71,8 @@ impl CellPatch {
 
 impl Patch for CellPatch {
     fn change(&self, code: Code, _: &Bounds) -> Change {
-        // In FD order the first cell that does not come before a node is in it, or none is.
+        // Preorder: a node's code sorts before those of all cells below it and after those of all cells
+        // before it. So the first cell that does not come before a node is in it, or none is.
         let first = self.cells.partition_point(|(cell, _)| cell.bits() < code.bits());
         match self.cells.get(first) {
             Some((cell, value)) if code.contains(*cell) => {
@@ -95,12 +96,12 @@ pub struct FillPatch {
     value: Option<Value>,
 }
 
-/// What is filled.
+/// Region of cells to fill.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FillRegion {
     /// A box of cells.
     Box(Bounds),
-    /// All cells whose centre, seen along z, is inside a polygon.
+    /// All cells whose centre, projected along z, is inside a polygon.
     Polygon(Polygon),
 }
 

@@ -34,12 +34,12 @@ impl Patched {
         Patched { file, patch }
     }
 
-    /// What is patched.
+    /// The file below the patch.
     pub fn file(&self) -> &Arc<Autumnal> {
         &self.file
     }
 
-    /// What becomes of a node, of which the file has this.
+    /// Applies the patch to a node that is `child` in the file.
     fn changed(&self, code: Code, child: Child<Node>) -> Child<PatchedNode> {
         match self.patch.change(code, &code.bounds(self.file.depth())) {
             Change::Keep => child.map_node(PatchedNode::Same),

@@ -12,7 +12,7 @@ pub struct Polygon {
     high: f64,
 }
 
-/// Bands of rows: edges are looked for among those of a node's bands only.
+/// Number of bands of rows: only the edges in the bands of a node are tested against it.
 const BANDS: usize = 1024;
 
 impl Polygon {
@@ -48,7 +48,8 @@ impl Polygon {
         band(from)..band(to) + 1
     }
 
-    /// Whether cells' centres are inside: all of them, none, or (`None`) that is not known. It is always known of one cell.
+    /// Whether cells' centres are inside: all of them, none, or (`None`) that is not known. It is always
+    /// known of one cell.
     pub(super) fn contains(&self, bounds: &Bounds) -> Option<bool> {
         let centre = |cell: u64| cell as f64 + 0.5;
         let low = [centre(bounds.min[0]), centre(bounds.min[1])];
@@ -61,7 +62,9 @@ impl Polygon {
         if self.bands[self.bands(low[1], high[1])].iter().flatten().any(near) {
             return None;
         }
-        // No edge passes between the centres: one speaks for all.
+        // No edge passes between the centres, so that the first one's parity is that of all. Ends on the row
+        // count as below it: a ray through a corner then crosses both of its edges, or none, or the one that
+        // goes on, and parity is right.
         let [x, y] = low;
         let crosses = |[a, b]: &&[[f64; 2]; 2]| {
             (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])

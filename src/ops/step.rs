@@ -1,4 +1,4 @@
-//! Steps of a chain: what people do to a tree before they look at it or store it.
+//! Steps of a chain: windows, affine maps and resamplings of a tree before it is read or stored.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::store::OpenOptions;
 use crate::tree::Source;
 use crate::{Error, Result};
 
-/// One step of what is done to a tree. As text it is what people write: `window=0,0,512,512`, `rotate=30`.
+/// One step of a chain. Its text is that of the command line: `window=0,0,512,512`, `rotate=30`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     /// `window=COL,ROW,W,H` or `window=X,Y,Z,W,H,D`: a box of cells, which may stick out.
@@ -23,9 +23,9 @@ pub enum Step {
     Translate([f64; 3]),
     /// `scale=F`, `scale=FX,FY[,FZ]`: so many times as many cells; one number is for all axes.
     Scale(Vec<f64>),
-    /// `rotate=DEGREES`, `rotate=DEGREES@COL,ROW`, `rotate=DEGREES,AXIS@X,Y,Z`, where AXIS is `x`, `y`, `z` or a direction
-    /// `VX,VY,VZ`: turns about a centre; if there is none, about the middle, where quarter turns take whole cells to whole
-    /// cells.
+    /// `rotate=DEGREES`, `rotate=DEGREES@COL,ROW`, `rotate=DEGREES,AXIS@X,Y,Z`, where AXIS is `x`, `y`, `z`
+    /// or a direction `VX,VY,VZ`: turns about a centre; if there is none, about the middle, where quarter
+    /// turns take whole cells to whole cells.
     Rotate(f64, Turn, Option<[f64; 3]>),
     /// `mirror=x|y|z`, `transpose`, `axes=+y,-x,+z`, `affine=a,b,c,d,e,f` or the 12 numbers of a 3x4 matrix.
     Map(Map),
@@ -37,11 +37,11 @@ pub enum Step {
     Subtree(String),
     /// `embed=/2`: the root becomes that node of a larger tree.
     Embed(String),
-    /// `like=FILE`: onto the cells of another tree, whose place in the world is told.
+    /// `like=FILE`: onto the cells of another tree, by the frames of both.
     Like(PathBuf),
 }
 
-/// What a rotation turns about.
+/// Axis of a rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Turn {
     /// An axis of the tree.
@@ -61,10 +61,11 @@ impl View {
 }
 
 impl Step {
-    /// Does it to a view.
+    /// Applies the step to a view.
     ///
     /// # Errors
-    /// If it cannot be done: see the methods of [`View`]; if the file that the view is to be like cannot be read.
+    /// If it cannot be done: see the methods of [`View`]; if the file that the view is to be like cannot be
+    /// read.
     pub fn apply(&self, view: View) -> Result<View> {
         match self {
             Step::Window(min, size) => window(view, *min, *size),

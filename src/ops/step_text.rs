@@ -1,4 +1,4 @@
-//! Steps as people write them.
+//! Text form of steps: parsing and printing.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,7 +7,7 @@ use super::affine::{Axis, Map};
 use super::step::{Step, Turn};
 use crate::{Error, Result};
 
-/// All steps, for those who wrote none of them.
+/// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, bbox=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
                      tree-depth=, subtree=, embed= or like=";
 
@@ -15,7 +15,7 @@ impl FromStr for Step {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Step> {
-        let step = Written::new(text)?;
+        let step = StepText::new(text)?;
         match step.name {
             "window" => step.window(),
             "bbox" => step.world_box(),
@@ -37,21 +37,21 @@ impl FromStr for Step {
     }
 }
 
-/// A step as it was written, taken apart.
-struct Written<'a> {
+/// The text of a step, split into name and arguments.
+struct StepText<'a> {
     whole: &'a str,
     name: &'a str,
     /// All behind the `=`.
     arguments: &'a str,
-    /// What of it stands before the `@`, and behind.
+    /// The arguments before the `@`, and behind.
     list: &'a str,
     centre: Option<&'a str>,
     /// The list, if it is one of finite numbers.
     numbers: Option<Vec<f64>>,
 }
 
-impl<'a> Written<'a> {
-    fn new(whole: &'a str) -> Result<Written<'a>> {
+impl<'a> StepText<'a> {
+    fn new(whole: &'a str) -> Result<StepText<'a>> {
         let (name, arguments) = whole.split_once('=').unwrap_or((whole, ""));
         let (list, centre) = match arguments.split_once('@') {
             Some((list, centre)) => (list, Some(centre)),
@@ -59,7 +59,7 @@ impl<'a> Written<'a> {
         };
         let finite = |number: &f64| number.is_finite();
         let numbers = numbers(list).filter(|numbers| numbers.iter().all(finite));
-        let step = Written { whole, name, arguments, list, centre, numbers };
+        let step = StepText { whole, name, arguments, list, centre, numbers };
         if step.centre.is_some() && name != "rotate" {
             return Err(step.wrong("no `@` but in rotate=DEGREES@COL,ROW"));
         }
@@ -206,7 +206,7 @@ fn symmetry(from: [Axis; 3], mirror: [bool; 3]) -> Result<Step> {
     Map::symmetry(from, mirror).map(Step::Map)
 }
 
-/// What people write, so that reading it gives the same step.
+/// The notation that [`FromStr`] reads; reading it gives the same step.
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,5 +1,5 @@
-//! What views and edits stand on: a tree file of either format, one with changes that are not written yet, or a tree in
-//! memory.
+//! The base of views and edits: a tree file of either format, one with changes that are not written yet, or a
+//! tree in memory.
 
 use std::fmt;
 use std::fs::File;
@@ -25,7 +25,7 @@ pub enum TreeFile {
     Goblin(Box<Goblin>),
     /// Edited: one of its commits.
     Autumnal(Arc<Autumnal>),
-    /// The same with changes on it that are not written yet.
+    /// One of its commits with changes on it that are not written yet.
     Patched(Patched),
     /// A small tree in memory.
     Memory(Box<MemoryTree>),
@@ -44,7 +44,7 @@ pub enum TreeFileNode {
     Memory(<MemTree as Source>::Node),
 }
 
-/// A tree in memory with what a file would tell about it.
+/// A tree in memory with the header and metadata that a file of it would have.
 pub struct MemoryTree {
     tree: MemTree,
     header: Header,
@@ -52,7 +52,7 @@ pub struct MemoryTree {
 }
 
 impl MemoryTree {
-    /// A tree whose picture is the whole space, of values that are averaged, with nothing told about its data.
+    /// A tree whose picture is the whole space, of values that are averaged, with empty metadata.
     fn new(tree: MemTree) -> MemoryTree {
         let (form, depth) = (tree.form(), tree.depth());
         let header = Header {
@@ -112,7 +112,7 @@ impl TreeFile {
         }
     }
 
-    /// What the header says.
+    /// The header: form, rule, shape, extent.
     pub fn header(&self) -> &Header {
         match self {
             TreeFile::Goblin(file) => file.header(),
@@ -122,7 +122,7 @@ impl TreeFile {
         }
     }
 
-    /// What is told about the data.
+    /// The metadata: frame, nodata, palette, names, provenance.
     pub fn metadata(&self) -> &Metadata {
         match self {
             TreeFile::Goblin(file) => file.metadata(),
@@ -149,7 +149,7 @@ impl TreeFile {
         }
     }
 
-    /// The commit that is looked at; only Autumnal files have commits.
+    /// The commit that is read; only Autumnal files have commits.
     pub fn commit(&self) -> Option<&Commit> {
         self.autumnal().map(Autumnal::commit)
     }
@@ -167,8 +167,8 @@ impl TreeFile {
         if let TreeFile::Goblin(file) = self { file.segments() } else { 0 }
     }
 
-    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's tree, the
-    /// shared ones as often as they occur.
+    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's
+    /// tree, the shared ones as often as they occur.
     pub fn stored_records(&self) -> u64 {
         match self {
             TreeFile::Goblin(file) => file.stored_records(),
@@ -209,7 +209,7 @@ impl TreeFile {
             TreeFile::Autumnal(file) => {
                 // All of the picture is all of the tree, however many nodes that has.
                 if bounds == picture
-                    && let Child::Inner { node, .. } = file.root_place()
+                    && let Child::Inner { node, .. } = file.root_child()
                     && let Some(tally) = file.tally(&node)?
                 {
                     return Ok(tally_statistics(tally, bounds.volume(), counts_classes));
@@ -220,8 +220,8 @@ impl TreeFile {
         }
     }
 
-    /// Writes the children of an inner node as nodes of something that stands on this file: what [`Source::children`]
-    /// does, without a second array for those who have nodes of their own.
+    /// Writes the children of an inner node as nodes of something that stands on this file: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
     pub(super) fn children_as<N>(
         &self,
         node: &TreeFileNode,
@@ -301,7 +301,7 @@ impl From<Patched> for TreeFile {
     }
 }
 
-/// The tree's picture is its whole space, and nothing is told about it.
+/// The tree's picture is its whole space; the metadata are empty.
 impl From<MemTree> for TreeFile {
     fn from(tree: MemTree) -> TreeFile {
         TreeFile::Memory(Box::new(MemoryTree::new(tree)))

@@ -1,4 +1,5 @@
-//! The cells of a level in blocks of bits, whatever the tree and its values: for work on the shape of a solid.
+//! The cells of a level in blocks of bits, whatever the tree and its values: for work on the shape of a
+//! solid.
 
 use std::collections::HashMap;
 use std::ops::Deref;
@@ -47,7 +48,7 @@ pub enum BlockState {
 /// The cells of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Block {
-    /// Which cells are solid: bit x of row `z * SIDE + y`.
+    /// Solid cells: bit x of row `z * SIDE + y`.
     pub solid: Box<[u32]>,
     /// The cells' attribute.
     pub carried: Carried,
@@ -125,21 +126,23 @@ pub struct SourceBlocks<P: Deref<Target: Source>> {
     level: u8,
     /// Children of nodes above the blocks.
     nodes: HashMap<Code, Children<Node<P>>>,
-    /// Blocks used lately, and those before them.
+    /// Cache of blocks in two generations: those used since the last change of generation, and those before
+    /// them.
     blocks: [HashMap<[i64; 3], Arc<Block>>; 2],
-    /// Bytes of the former.
+    /// Bytes of the younger generation.
     held: usize,
     empty: Arc<Block>,
 }
 
-/// Nodes above the blocks that are remembered.
+/// Most nodes above the blocks whose children are cached.
 const MAX_NODES: usize = 1 << 13;
-/// Bytes of blocks that are remembered, twice.
+/// Most bytes of blocks in each of the two generations of the cache.
 const MAX_HELD: usize = 32 << 20;
 
 impl<P: Deref<Target: Source>> SourceBlocks<P> {
-    /// The cells of a level of a source. By [`Rule::Occupancy`] a cell is solid if it is at least half full (128 of
-    /// 255); by other rules if it is not VOID. INNER nodes of the level are as their representatives say.
+    /// The cells of a level of a source. By [`Rule::Occupancy`] a cell is solid if it is at least half full
+    /// (128 of 255); by other rules if it is not VOID. INNER nodes of the level are as their representatives
+    /// say.
     ///
     /// # Errors
     /// If the source is a quadtree or has no such level, or if values cannot be carried.
@@ -252,6 +255,8 @@ impl<P: Deref<Target: Source>> CellBlocks for SourceBlocks<P> {
         if let Some(found) = self.blocks[0].get(&block) {
             return Ok(found.clone());
         }
+        // Blocks that are used again move to the younger generation. When that is full, the older one is
+        // dropped as a whole: nearly least recently used first, without a list to keep in order.
         let found = match self.blocks[1].remove(&block) {
             Some(found) => found,
             None => self.read(code)?,

@@ -39,7 +39,7 @@ struct Class {
 }
 
 impl Classes {
-    /// Nothing counted, for trees of a form.
+    /// An empty count, for trees of a form.
     pub(super) fn new(form: Form) -> Classes {
         Classes {
             value_type: form.value,

@@ -1,7 +1,8 @@
 //! Counting, summing and extremes of the values in a box.
 //!
-//! A question chooses how it counts once, by the type of the values and the tree's fan-out, and from then on calls that by
-//! pointers: single blocks one by one, and whole subtrees at once, whose leaves are gone through by kernels.
+//! A question chooses how it counts once, by the type of the values and the tree's fan-out, and from then on
+//! calls that by pointers: single blocks one by one, and whole subtrees at once, whose leaves are gone
+//! through by kernels.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -12,7 +13,8 @@ use crate::store::container::{Record, with_form_type};
 use crate::tree::Form;
 use crate::value::{Native, Sample, Tally, Value, ValueType, erase, native, with_native_type};
 
-/// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to a `T`.
+/// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to
+/// a `T`.
 pub(super) type Subtree<T> = fn(&mut T, &[u8], u8) -> Result<(), BadSkip>;
 
 /// Statistics in the making.
@@ -70,8 +72,8 @@ impl<V: Native> Counter<V> {
 
     /// Counts cells of a value.
     ///
-    /// Sums of floating samples depend on the order, which is therefore part of the definition: leaf after leaf, each
-    /// multiplied by its cells first.
+    /// Sums of floating samples depend on the order, which is therefore part of the definition: leaf after
+    /// leaf, each multiplied by its cells first.
     #[inline]
     fn add(&mut self, value: V, cells: u64) {
         self.widen(value, value, cells);

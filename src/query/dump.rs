@@ -7,8 +7,8 @@ use crate::space::Code;
 use crate::tree::{Child, MemTree, Source, no_children};
 use crate::value::{Value, ValueType};
 
-/// The literature's table of a Goblin tree: a line per record with its number (from 1, in preorder), the children's
-/// values, and the number of the record to go on with when this one's detail is skipped.
+/// The literature's table of a Goblin tree: a line per record with its number (from 1, in preorder), the
+/// children's values, and the number of the record to go on with when this one's detail is skipped.
 ///
 /// A representative has a minus sign as in the literature if all values are greater than zero, and stands in
 /// parentheses otherwise; `.` is VOID.
@@ -36,11 +36,11 @@ pub(crate) fn classic_table(tree: &MemTree) -> Result<String> {
     Ok(text)
 }
 
-/// The literature's table of an Autumnal tree: a line per record with its number (from 1, in preorder), the children's values
-/// or the numbers of their records, and the node's representative.
+/// The literature's table of an Autumnal tree: a line per record with its number (from 1, in preorder), the
+/// children's values or the numbers of their records, and the node's representative.
 ///
-/// A value has a minus sign as in the literature if all are greater than zero, and stands in parentheses otherwise; `.` is
-/// VOID.
+/// A value has a minus sign as in the literature if all are greater than zero, and stands in parentheses
+/// otherwise; `.` is VOID.
 ///
 /// # Errors
 /// None for a tree in memory.

@@ -1,5 +1,5 @@
-//! One level of an octree as a field of occupancy: cells, densities between them, and gradients, looked up at random but
-//! cheaply where one is near the last.
+//! One level of an octree as a field of occupancy: cells, densities between them, and gradients, looked up at
+//! random but cheaply where one is near the last.
 
 use super::occupancy::{BRICK, BRICK_CELLS, Block, Occupancy, SIDE};
 use crate::Result;
@@ -9,7 +9,8 @@ const SLOTS: usize = 1 << 12;
 
 /// One level of an octree. Coordinates are cells of that level; all that is outside is empty.
 ///
-/// It keeps the occupancy of blocks of 8 x 8 x 8 cells that were looked at lately. Memory does not depend on the tree.
+/// It caches the occupancy of bricks of 8 x 8 x 8 cells, one per hash value. Memory does not depend on the
+/// tree.
 pub(crate) struct Field<'a> {
     cells: Box<dyn Occupancy + 'a>,
     level: u8,
@@ -43,6 +44,9 @@ impl<'a> Field<'a> {
     #[inline]
     fn brick(&mut self, brick: [u32; 3]) -> Result<usize> {
         let [x, y, z] = brick.map(u64::from);
+        // At most 16 bits per axis: a brick is 8 cells wide, and an octree has up to 19 levels. One is added
+        // to keep 0 free. Multiplication by 2^64 over the golden ratio spreads neighbours; the product's top
+        // 12 bits are the slot (Knuth).
         let key = (x | y << 20 | z << 40) + 1;
         let slot = (key.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 52) as usize;
         if self.keys[slot] != key {
@@ -76,6 +80,7 @@ impl<'a> Field<'a> {
         let share: [f64; 3] = std::array::from_fn(|axis| point[axis] - 0.5 - low[axis]);
         let low = low.map(|number| number as i64);
         let mut fills = [0.0; 8];
+        // All eight cells in one brick, which is one look-up instead of eight.
         let inside =
             low.iter().all(|cell| *cell >= 0 && *cell & (SIDE - 1) < SIDE - 1 && *cell >> self.level == 0);
         if inside {
@@ -91,6 +96,8 @@ impl<'a> Field<'a> {
                 *fill = f64::from(self.fill_at(cell)?);
             }
         }
+        // Interpolates along z, then y, then x, which are bits 2, 1 and 0 of a corner's number: each turn
+        // leaves half of the corners.
         for axis in (0..3).rev() {
             let half = 1 << axis;
             for corner in 0..half {
@@ -102,8 +109,9 @@ impl<'a> Field<'a> {
 
     /// The direction in which occupancy grows at a point, of any length; zeros where it does not.
     ///
-    /// The first moment of the occupancy in a ball of radius `reach` around the point, weighted less towards its rim: the better known
-    /// central differences see single cells, of which a digitized surface shows the steps; over a ball they average out.
+    /// The first moment of the occupancy in a ball of radius `reach` around the point, with weights that fall
+    /// to 0 at the sphere. Central differences depend on single cells, and so show the steps of a digitized
+    /// surface; over a ball these average out.
     pub(super) fn gradient(&mut self, point: [f64; 3], reach: f64) -> Result<[f64; 3]> {
         let side = i64::from(self.side());
         let range = |axis: usize, reach: f64| {

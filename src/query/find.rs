@@ -30,7 +30,7 @@ impl Condition {
         }
     }
 
-    /// Whether all or none of a zone's values meet the condition; `None` if the extremes do not tell.
+    /// Whether all or none of a zone's values meet the condition; `None` if the extremes do not determine it.
     fn of_zone(self, min: f64, max: f64) -> Option<bool> {
         match self {
             Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => {
@@ -57,8 +57,8 @@ pub struct FoundBlock {
 }
 
 impl Goblin {
-    /// Hands out the largest blocks in a box all of whose cells meet a condition, in FD order, until `found` says
-    /// `false`. VOID meets none.
+    /// Hands out the largest blocks in a box all of whose cells meet a condition, in FD order, until `found`
+    /// says `false`. VOID meets none.
     ///
     /// # Errors
     /// If the file is damaged there, or `found` fails.
@@ -96,8 +96,8 @@ struct Search<'a> {
     /// The first sample of a value.
     number: fn(Value) -> f64,
     found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
-    /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a larger
-    /// one.
+    /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a
+    /// larger one. Complete siblings are replaced by their parent, so that it stays short.
     pending: Vec<(Code, Option<f64>)>,
 }
 
@@ -174,7 +174,8 @@ impl Visitor for Search<'_> {
     }
 
     fn leave(&mut self, code: Code) -> Walked {
-        // All children pending, and nothing else since: the parent stands for them. (Mostly the last is not there.)
+        // All children pending, and nothing else since: the parent stands for them. (Mostly the last is not
+        // there.)
         let count = self.form.children();
         if self.pending.last().is_none_or(|(last, _)| *last != code.child(count - 1)) {
             return Ok(());

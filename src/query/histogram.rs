@@ -36,7 +36,8 @@ pub(crate) fn source_histogram<S: Source>(
     Ok(histogram.bins.cells)
 }
 
-/// Cells by equal parts of a range of numbers; those with numbers outside it count for the first or the last part.
+/// Cells by equal parts of a range of numbers; those with numbers outside it count for the first or the last
+/// part.
 struct Bins {
     low: f64,
     /// Bins per unit.

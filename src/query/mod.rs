@@ -1,6 +1,8 @@
-//! Questions to trees on disk: cells, windows at any level, statistics, searches; of solids measures and rays.
+//! Questions to trees on disk: cells, windows at any level, statistics, searches; of solids measures and
+//! rays.
 //!
-//! Each is answered from any [`Source`](crate::tree::Source), and faster from a file where its format allows that.
+//! Each is answered from any [`Source`](crate::tree::Source), and faster from a file where its format allows
+//! that.
 
 pub mod cell_blocks;
 mod classes;

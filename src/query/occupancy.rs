@@ -1,4 +1,5 @@
-//! Occupancy of the cells of one level of an octree, found by their coordinates: the part that depends on the source.
+//! Occupancy of the cells of one level of an octree, found by their coordinates: the part that depends on the
+//! source.
 
 use std::ops::Deref;
 
@@ -91,8 +92,8 @@ type Node<P> = <<P as Deref>::Target as Source>::Node;
 
 /// A level of a source, given by any kind of pointer.
 ///
-/// It keeps the way to the node that was looked at last, so that a neighbour costs no more than the levels up to the
-/// common ancestor and down again.
+/// It caches the path to the node that was found last, so that a neighbour costs no more than the levels from
+/// the common ancestor down.
 pub(crate) struct Level<P: Deref<Target: Source>> {
     source: P,
     value_type: ValueType,
@@ -100,7 +101,8 @@ pub(crate) struct Level<P: Deref<Target: Source>> {
     filling: Filling,
     is_finest: bool,
     root: Child<Node<P>>,
-    /// Children of the nodes on the way to the last cell, from the root; as long as the level has levels above it.
+    /// Children of the nodes on the way to the last cell, from the root; as long as the level has levels
+    /// above it.
     path: Vec<Children<Node<P>>>,
     /// Number of those that are known.
     known: usize,
@@ -120,10 +122,12 @@ impl<P: Deref<Target: Source>> Level<P> {
         Ok(Level { source, value_type, level, filling, is_finest, root, path, known: 0, last: [0; 3] })
     }
 
-    /// The node of level `deepest` that a cell lies in, or the uniform block of a higher level, and its level.
+    /// The node of level `deepest` that a cell lies in, or the uniform block of a higher level, and its
+    /// level.
     fn find(&mut self, cell: [u32; 3], deepest: u8) -> Result<(&Child<Node<P>>, u8)> {
         let deepest = usize::from(deepest);
-        // The children of the last common ancestor are known, and all above.
+        // The highest bit in which coordinates differ gives the lowest common ancestor of this cell and the
+        // last; the children of that ancestor are known, and those of all above.
         let differ = (0..3).fold(0, |bits, axis| bits | cell[axis] ^ self.last[axis]);
         let common = usize::from(self.level) - (32 - differ.leading_zeros() as usize);
         self.known = self.known.min(common + 1);
@@ -203,7 +207,8 @@ struct Brick<'a, S: ?Sized> {
 }
 
 impl<S: Source + ?Sized> Brick<'_, S> {
-    /// Writes the occupancy of a node with `2^height` cells along each axis, the first of which is `min` of the brick.
+    /// Writes the occupancy of a node with `2^height` cells along each axis, the first of which is `min` of
+    /// the brick.
     fn read(&mut self, node: &Child<S::Node>, min: [usize; 3], height: u8) -> Result<()> {
         let side = SIDE as usize;
         match node {

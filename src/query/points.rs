@@ -1,8 +1,9 @@
-//! Very many single cells at once.
+//! Batches of single cells.
 //!
-//! A cell alone costs two searches in the directory and a way down from its segment's root. For many cells the upper
-//! levels are looked through once: a table has an entry per node of some level, which has the value of a uniform
-//! block or the number of the node's record. Random cells of solids lie in large uniform blocks nearly always.
+//! A cell alone costs two searches in the directory and a way down from its segment's root. For many cells
+//! the upper levels are walked once: a table has an entry per node of some level, which has the value of a
+//! uniform block or the number of the node's record. Random cells of solids lie in large uniform blocks
+//! nearly always.
 
 use zerocopy::IntoBytes;
 
@@ -89,10 +90,12 @@ const MAX_NODES: u64 = 1 << 18;
 const WORTH: u64 = 8;
 
 impl Goblin {
-    /// Writes the values of many cells of a level to `values`; `None` is VOID, as is everything outside the tree.
+    /// Writes the values of many cells of a level to `values`; `None` is VOID, as is everything outside the
+    /// tree.
     ///
     /// # Errors
-    /// If the level is deeper than the tree, there is not room for one value per cell, or the file is damaged there.
+    /// If the level is deeper than the tree, there is not room for one value per cell, or the file is damaged
+    /// there.
     pub fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
         if cells.len() != values.len() {
             let found = format!("{} places for values", values.len());
@@ -102,8 +105,8 @@ impl Goblin {
         with_record_type!(points.layout, R => points.values::<R>(cells, values))
     }
 
-    /// Gets ready to answer for about `count` cells of a level, anywhere in the tree. The more there are the more of the
-    /// upper levels is looked through first.
+    /// Gets ready to answer for about `count` cells of a level, anywhere in the tree. The more there are the
+    /// more of the upper levels goes into the table.
     ///
     /// # Errors
     /// If the level is deeper than the tree, or the file is damaged.

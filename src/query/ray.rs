@@ -1,9 +1,9 @@
 //! Rays through octrees: the first full cell, and the smooth surface that the cells stand for.
 //!
-//! A ray goes from uniform block to uniform block, as large as the tree has them, finding each by its coordinates: the scheme of
-//! Glassner (Space subdivision for fast ray tracing, IEEE Computer Graphics and Applications 4(10), 1984), with the way
-//! down remembered from block to block instead of a hash table, and whole numbers for the cells so that rounding
-//! can neither skip a block nor stay in one.
+//! A ray goes from uniform block to uniform block, as large as the tree has them, finding each by its
+//! coordinates: the scheme of Glassner (Space subdivision for fast ray tracing, IEEE Computer Graphics and
+//! Applications 4(10), 1984), with the way down remembered from block to block instead of a hash table, and
+//! whole numbers for the cells so that rounding can neither skip a block nor stay in one.
 
 use super::field::Field;
 use super::occupancy::{Block, HALF};
@@ -11,8 +11,8 @@ use crate::Result;
 
 /// The surface is where the density between cells is this; at levels above the finest it is where it is this.
 ///
-/// Walls that are thinner than a cell would be gone with one half. With a quarter, walls of a quarter of a cell stay, and
-/// solids are fatter by about half a cell, which is less than a pixel.
+/// Walls that are thinner than a cell would be gone with one half. With a quarter, walls of a quarter of a
+/// cell stay, and solids are fatter by about half a cell, which is less than a pixel.
 const SURFACE: f64 = 0.5;
 const COARSE_SURFACE: f64 = 0.25;
 /// Steps along a ray in search of the surface, in cells.
@@ -22,7 +22,7 @@ const REACH: f64 = 3.5;
 /// Halvings of the last step.
 const HALVINGS: usize = 7;
 
-/// A half-line, in cells of the level that is looked at.
+/// A half-line, in cells of the level that it is cast through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
     /// The first point; may be outside the tree's space.
@@ -65,8 +65,8 @@ pub struct SurfaceHit {
     pub value: [f64; 4],
 }
 
-/// Casts rays through one level of an octree. One thread at a time, because it remembers where it was; the answers
-/// do not depend on that.
+/// Casts rays through one level of an octree. One thread at a time, because it remembers where it was; the
+/// answers do not depend on that.
 pub trait Rays: Send {
     /// The first cell along a ray that is at least half full; for trees other than of
     /// [`Rule::Occupancy`](crate::value::Rule::Occupancy) the first that is not VOID.
@@ -75,9 +75,10 @@ pub trait Rays: Send {
     /// If the file is damaged there.
     fn cell(&mut self, ray: &Ray) -> Result<Option<CellHit>>;
 
-    /// The first point along a ray where the occupancy, taken as linear between the cells' centres, is one half, with
-    /// its gradient from all cells in a ball of 3.5 cells: no steps are seen where cells are small. At levels above the finest
-    /// it is one quarter, so that walls which are thinner than a cell there do not vanish.
+    /// The first point along a ray where the occupancy, taken as linear between the cells' centres, is one
+    /// half, with its gradient from all cells in a ball of 3.5 cells: shading shows no steps where cells are
+    /// small. At levels above the finest it is one quarter, so that walls which are thinner than a cell there
+    /// do not vanish.
     ///
     /// # Errors
     /// If the file is damaged there.
@@ -158,7 +159,8 @@ struct Step {
 }
 
 impl Field<'_> {
-    /// Shows the blocks along a ray that are not VOID, with their samples, from near to far, until `visit` has found something.
+    /// Shows the blocks along a ray that are not VOID, with their samples, from near to far, until `visit`
+    /// has found something.
     fn along<T>(
         &mut self,
         ray: &Ray,
@@ -191,6 +193,9 @@ impl Field<'_> {
             {
                 return Ok(Some(found));
             }
+            // Rounding may put the exit outside of the block: it is clamped to the block along the other
+            // axes, and the axis that the ray leaves across gets the neighbour's cell as a whole number. So
+            // each turn goes to an adjacent block.
             let exit = ray.at(to);
             for axis in 0..3 {
                 let last = block.min[axis] + block.side - 1;

@@ -1,9 +1,9 @@
 //! Measures of solids: volume, surface, centre of gravity, bounds.
 //!
-//! Faces are found by walking neighbours side by side, as in the dual traversals of Ju, Losasso, Schaefer and Warren (Dual
-//! contouring of hermite data, SIGGRAPH 2002): a node asks its children and the faces between them, a face the faces
-//! between the children on its two sides. Pairs of blocks that are alike end the walk, so memory is proportional to
-//! depth and time to the surface.
+//! Faces are found by walking neighbours side by side, as in the dual traversals of Ju, Losasso, Schaefer and
+//! Warren (Dual contouring of hermite data, SIGGRAPH 2002): a node asks its children and the faces between
+//! them, a face the faces between the children on its two sides. Pairs of blocks that are alike end the walk,
+//! so memory is proportional to depth and time to the surface.
 
 use glam::{DMat3, DVec3};
 
@@ -17,8 +17,9 @@ use crate::{Progress, Result};
 
 /// Measures of a solid at one level of its octree, in cells of that level.
 ///
-/// Of trees of [`Rule::Occupancy`](crate::value::Rule::Occupancy), cells count for the volume as far as they are full;
-/// of all others, cells that are not VOID are full. The surface is that of the cells that are at least half full.
+/// Of trees of [`Rule::Occupancy`](crate::value::Rule::Occupancy), cells count for the volume as far as they
+/// are full; of all others, cells that are not VOID are full. The surface is that of the cells that are at
+/// least half full.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidStatistics {
     /// The level.
@@ -31,11 +32,12 @@ pub struct SolidStatistics {
     pub centre: Option<[f64; 3]>,
     /// Smallest box around all cells that are not empty; `None` if there are none.
     pub bounds: Option<Bounds>,
-    /// Faces between cells in the solid and cells outside, across x, y and z: the surface of the cells as blocks.
+    /// Faces between cells in the solid and cells outside, across x, y and z: the surface of the cells as
+    /// blocks.
     pub faces: [u64; 3],
     /// See [`SolidStatistics::smooth_area`].
     area: f64,
-    /// From cells of the level to the world.
+    /// Map from cells of the level to the world.
     frame: Frame,
 }
 
@@ -50,19 +52,20 @@ impl SolidStatistics {
         self.volume * self.frame.linear().determinant().abs()
     }
 
-    /// Area of all faces, as they are, in the square of the world's units: up to half as much again as the area of the
-    /// surface they stand for.
+    /// Area of all faces, as they are, in the square of the world's units: up to half as much again as the
+    /// area of the surface they stand for.
     pub fn block_area(&self) -> f64 {
         let areas = self.frame.face_areas().map(DVec3::length);
         areas.iter().zip(self.faces).map(|(area, faces)| area * faces as f64).sum()
     }
 
-    /// Area of the smooth surface that the faces stand for, in the square of the world's units: each face as large as it
-    /// looks along the surface's normal there, which is estimated from the occupancy within 4 cells.
+    /// Area of the smooth surface that the faces stand for, in the square of the world's units: each face
+    /// counts by its projection along the surface's normal there, which is estimated from the occupancy
+    /// within 4 cells.
     ///
-    /// A digital surface integration (Lenoir, Malgouyres, Revenu: Fast computation of the normal vector field of the surface
-    /// of a 3-D discrete object, DGCI 1996). Flat faces along the axes are exact but for 4 cells around edges, where
-    /// normals turn; balls of more than 20 cells are one or two percent too large.
+    /// A digital surface integration (Lenoir, Malgouyres, Revenu: Fast computation of the normal vector field
+    /// of the surface of a 3-D discrete object, DGCI 1996). Flat faces along the axes are exact but for 4
+    /// cells around edges, where normals turn; balls of more than 20 cells are one or two percent too large.
     pub fn smooth_area(&self) -> f64 {
         self.area
     }
@@ -89,8 +92,8 @@ impl SolidStatistics {
     }
 }
 
-/// Radius of the ball of cells that a face's normal comes from: wider than for pictures, because a face draws the normal
-/// at its own centre a little towards its axis.
+/// Radius of the ball of cells that a face's normal comes from: wider than for pictures, because a face draws
+/// the normal at its own centre a little towards its axis.
 const REACH: f64 = 4.0;
 /// Levels above those nodes that threads take one by one.
 const SHARED: u8 = 2;
@@ -158,7 +161,8 @@ impl<N> At<Child<N>> {
 }
 
 impl<'a, N> At<&'a Child<N>> {
-    /// A child of an INNER node with these children, or the part of a uniform block (`None`) where it would be.
+    /// A child of an INNER node with these children, or the part of a uniform block (`None`) where it would
+    /// be.
     #[inline]
     fn child(self, children: Option<&'a Children<N>>, step: usize) -> At<&'a Child<N>> {
         let half = 1i64 << (self.height - 1);
@@ -185,7 +189,8 @@ impl<N: Clone> At<&Child<N>> {
     }
 }
 
-/// Numbers of a node's children on its low side along an axis; one bit more is the neighbour on the high side.
+/// Numbers of a node's children on its low side along an axis; one bit more is the neighbour on the high
+/// side.
 fn low_steps(axis: usize) -> impl Iterator<Item = usize> {
     STEPS.filter(move |step| step >> axis & 1 == 0)
 }
@@ -239,6 +244,9 @@ impl Sums {
         let cells = 1u64 << (3 * height);
         let side = 1u64 << height;
         self.cells += cells;
+        // Whole numbers, so that sums are exact and do not depend on their order: up to 2^57 cells of 255,
+        // times twice a coordinate of 19 bits, stay below 2^86. A block's moment is that of its centre, at
+        // `min + side / 2`.
         let fills = u128::from(fill) * u128::from(cells);
         self.fills += fills;
         let min = min.map(|min| min as u64);
@@ -263,7 +271,8 @@ impl<S: Source> Walk<'_, S> {
         let side = 1i64 << self.level;
         let root = At { min: [0; 3], height: self.level, node: &self.source.root()? };
         self.node(root)?;
-        // The space has nothing around it.
+        // The space is surrounded by VOID: a VOID node on each side makes the faces of cells at the border
+        // count.
         for axis in 0..3 {
             for (is_before, shift) in [(true, -side), (false, side)] {
                 let mut min = [0; 3];
@@ -364,23 +373,25 @@ impl<S: Source> Gather<'_, '_, S> {
     /// Adds the area that the faces at the low side of a block stand for.
     fn surface(&mut self, high: At<&Child<S::Node>>, axis: usize) -> Result<()> {
         let side = 1i64 << high.height;
-        let rim = REACH.ceil() as i64;
+        let margin = REACH.ceil() as i64;
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let whole = self.areas[axis].length();
         for row in 0..side {
             let mut column = 0;
             while column < side {
-                let is_inner = |cell: i64| (rim..side - rim).contains(&cell);
+                let is_inner = |cell: i64| (margin..side - margin).contains(&cell);
                 if is_inner(row) && is_inner(column) {
-                    // As far as the normal looks there is only this plane.
-                    self.sums.area += whole * (side - rim - column) as f64;
-                    column = side - rim;
+                    // The ball that the normal comes from meets only this plane: the face counts as it is,
+                    // and so do all up to the margin.
+                    self.sums.area += whole * (side - margin - column) as f64;
+                    column = side - margin;
                     continue;
                 }
                 let mut point = high.min.map(|min| min as f64);
                 point[u] += column as f64 + 0.5;
                 point[v] += row as f64 + 0.5;
-                // Normals of surfaces go by the inverse transpose, which the area vectors are but for a factor.
+                // Normals of surfaces go by the inverse transpose, which the area vectors are but for a
+                // factor.
                 let [a, b, c] = self.areas;
                 let normal = DMat3::from_cols(a, b, c) * DVec3::from(self.field.gradient(point, REACH)?);
                 self.sums.area +=

@@ -1,4 +1,5 @@
-//! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is cut.
+//! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is
+//! cut.
 
 use crate::Result;
 use crate::space::{Bounds, Code};
@@ -37,8 +38,8 @@ pub struct ChannelStatistics {
 }
 
 impl Goblin {
-    /// Exact statistics of a box of cells of the deepest level; of the whole picture if there is none. Time is
-    /// proportional to the records on the box's border, not to its cells.
+    /// Exact statistics of a box of cells of the deepest level; of the whole picture if there is none. Time
+    /// is proportional to the records on the box's border, not to its cells.
     ///
     /// # Errors
     /// If the file is damaged there.

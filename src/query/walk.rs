@@ -33,9 +33,9 @@ impl Zone for SegmentZone<'_> {
 }
 
 /// A tally that a source knows.
-struct Known(Tally);
+struct KnownTally(Tally);
 
-impl Zone for Known {
+impl Zone for KnownTally {
     fn tally(&self) -> Result<Tally> {
         Ok(self.0.clone())
     }
@@ -45,9 +45,9 @@ impl Zone for Known {
     }
 }
 
-/// Why a walk has not come to its end.
+/// Reason why a walk has not come to its end.
 pub(super) enum Halt {
-    /// The visitor has seen enough.
+    /// The visitor needs no more.
     Stopped,
     /// The tree cannot be read, or the visitor has failed.
     Failed(Error),
@@ -62,7 +62,7 @@ impl From<Error> for Halt {
 /// Result of a walk, and of what a visitor does on it.
 pub(super) type Walked<T = ()> = std::result::Result<T, Halt>;
 
-/// What has become of a whole walk: stopping early is no failure.
+/// The result of a whole walk: stopping early is no failure.
 pub(super) fn ended(walked: Walked) -> Result<()> {
     match walked {
         Ok(()) | Err(Halt::Stopped) => Ok(()),
@@ -74,10 +74,11 @@ pub(super) fn ended(walked: Walked) -> Result<()> {
 pub(super) trait Visitor {
     /// Whether the statistics of a zone that lies wholly in the box will do; otherwise the walk goes into it.
     fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool>;
-    /// A uniform block (`None` is VOID) of which so many cells lie in the box; if not all do, `part` has those that do.
+    /// A uniform block (`None` is VOID) of which so many cells lie in the box; if not all do, `part` has
+    /// those that do.
     fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked;
-    /// The records of a whole subtree that lies in the box, none of it in another segment, and its levels: whether the
-    /// visitor has taken all of it at once. Otherwise the walk goes through them.
+    /// The records of a whole subtree that lies in the box, none of it in another segment, and its levels:
+    /// whether the visitor has taken all of it at once. Otherwise the walk goes through them.
     fn subtree(&mut self, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
         None
     }
@@ -97,17 +98,18 @@ pub(super) trait Visitor {
 pub(super) fn walk(tree: &Goblin, bounds: &Bounds, visitor: &mut impl Visitor) -> Walked {
     let (shape, root) = (tree.header().shape, Code::root(tree.header().form.dimension));
     let whole = root.bounds(shape.depth);
+    // `None` from here on means wholly inside: nodes below need no bounds, and no tests against the box.
     let space = (!bounds.contains(&whole)).then_some(whole);
     let walk = Walk { tree, shape, bounds };
-    match tree.root_place() {
+    match tree.root_child() {
         Child::Inner { .. } => walk.segment(root, tree.find_segment(root), space, visitor),
-        uniform => show(root, shape.depth, uniform.value(), (space.as_ref(), bounds), visitor),
+        uniform => uniform_block(root, shape.depth, uniform.value(), (space.as_ref(), bounds), visitor),
     }
 }
 
-/// Shows a uniform block; `space` has its cells unless all of them lie in the box.
+/// Hands a uniform block to the visitor; `space` has its cells unless all of them lie in the box.
 #[inline]
-fn show(
+fn uniform_block(
     code: Code,
     depth: u8,
     value: Option<Value>,
@@ -122,7 +124,8 @@ fn show(
     if part.is_empty() { visitor.outside() } else { visitor.block(code, value, part.volume(), Some(&part)) }
 }
 
-/// Walks all of `bounds` (cells of the deepest level) of any source, in FD order. Zones are where the source knows tallies.
+/// Walks all of `bounds` (cells of the deepest level) of any source, in FD order. Zones are where the source
+/// knows tallies.
 pub(super) fn walk_source<S: Source>(source: &S, bounds: &Bounds, visitor: &mut impl Visitor) -> Walked {
     let root = Code::root(source.form().dimension);
     let whole = root.bounds(source.depth());
@@ -141,14 +144,16 @@ fn source_node<S: Source>(
 ) -> Walked {
     let inner = match node {
         Child::Inner { node, .. } if code.level() < source.depth() => node,
-        uniform => return show(code, source.depth(), uniform.value(), (space.as_ref(), bounds), visitor),
+        uniform => {
+            return uniform_block(code, source.depth(), uniform.value(), (space.as_ref(), bounds), visitor);
+        }
     };
     if space.is_some_and(|space| space.intersect(bounds).is_empty()) {
         return visitor.outside();
     }
     if space.is_none()
         && let Some(tally) = source.tally(inner)?
-        && visitor.zone(code, &Known(tally))?
+        && visitor.zone(code, &KnownTally(tally))?
     {
         return Ok(());
     }
@@ -224,10 +229,10 @@ impl Walk<'_> {
             let space = space.map(|space| space.child(dimension, step));
             let space = space.filter(|space| !self.bounds.contains(space));
             match head.state(step) {
-                VOID => show(child, shape.depth, None, (space.as_ref(), self.bounds), visitor)?,
+                VOID => uniform_block(child, shape.depth, None, (space.as_ref(), self.bounds), visitor)?,
                 LEAF => {
                     let value = Some(layout.value(records, at, step));
-                    show(child, shape.depth, value, (space.as_ref(), self.bounds), visitor)?;
+                    uniform_block(child, shape.depth, value, (space.as_ref(), self.bounds), visitor)?;
                 }
                 state => {
                     debug_assert!(state == INNER || state == CUT);
@@ -235,14 +240,16 @@ impl Walk<'_> {
                         visitor.outside()?;
                         continue;
                     }
-                    // A child that owns a segment has a zone there, and records that reach deeper than those here.
+                    // A child that owns a segment has a zone there, and records that reach deeper than those
+                    // here.
                     let deepest = candidates.then(|| self.tree.find_segment(child)).flatten();
                     match deepest {
                         Some(own) if own != segment.index() && self.tree.segment(own)?.code() == child => {
                             self.segment(child, Some(own), space, visitor)?;
                         }
                         deepest if state == INNER => {
-                            // A node that might own a segment and does not is inline.
+                            // A node that might own a segment and does not is too small to be cut: all below
+                            // it has its records here.
                             let inline = inline || deepest == Some(segment.index());
                             let node = Node { at: *record as usize, code: child, space, inline };
                             self.node(segment, records, node, visitor)?;

@@ -59,7 +59,7 @@ impl Bounds {
         self.size().contains(&0)
     }
 
-    /// What is in both.
+    /// The intersection of both boxes; empty if they do not meet.
     #[inline]
     pub fn intersect(&self, other: &Bounds) -> Bounds {
         let min: [u64; 3] = std::array::from_fn(|axis| self.min[axis].max(other.min[axis]));

@@ -69,7 +69,7 @@ impl Code {
         (self.tagged & LEVEL_MASK) as u8
     }
 
-    /// Where the path bits of the step from `level` to `level + 1` start.
+    /// Lowest bit of the path's step from `level` to `level + 1`.
     #[inline]
     const fn shift(self, level: u8) -> u32 {
         63 - self.axes() * (level as u32 + 1)
@@ -95,6 +95,7 @@ impl Code {
     pub fn child(self, child: usize) -> Code {
         let dimension = self.dimension();
         assert!(self.level() < dimension.max_depth() && child < dimension.children());
+        // The level is below 31 here, so adding 1 to it carries into no other bit.
         Code { tagged: (self.tagged | (child as u64) << self.shift(self.level())) + 1 }
     }
 
@@ -113,7 +114,7 @@ impl Code {
         Code { tagged: self.tagged & !self.below(level) | level as u64 }
     }
 
-    /// Which child of its ancestor at `level` the way to this node goes through.
+    /// Number of the child of its ancestor at `level` that the way to this node goes through.
     ///
     /// # Panics
     /// If this node is not deeper than `level`.
@@ -138,6 +139,9 @@ impl Code {
     /// The deepest node that contains both, which must be of one dimension.
     #[inline]
     pub fn common_ancestor(self, other: Code) -> Code {
+        // Bit 63 tells the dimension and never differs; behind it the equal leading bits are common steps, in
+        // full or in part. Zeros behind the shorter path may be equal to steps of the longer one: hence the
+        // minimum of the levels.
         let most = self.level().min(other.level());
         let differ = (self.tagged ^ other.tagged) & !LEVEL_MASK;
         let same = (differ.leading_zeros().saturating_sub(1) / self.axes()) as u8;
@@ -279,7 +283,8 @@ impl Code {
     }
 }
 
-/// Moves bit `i` of a coordinate to bit `i * axes` (Morton's interleaving, for one coordinate): what Z order is made of.
+/// Moves bit `i` of a coordinate to bit `i * axes` (Morton's interleaving, for one coordinate): what Z order
+/// is made of.
 pub(crate) fn morton_encode(dimension: Dimension, x: u32) -> u64 {
     match dimension {
         Dimension::Quad => morton_encode_2(x),
@@ -288,6 +293,8 @@ pub(crate) fn morton_encode(dimension: Dimension, x: u32) -> u64 {
 }
 
 fn morton_encode_2(x: u32) -> u64 {
+    // Each step moves the upper half of every group of bits away and leaves a gap as wide as the half: five
+    // steps take groups of 32 bits down to single ones.
     let mut x = x as u64;
     for (shift, mask) in [
         (16, 0x0000_FFFF_0000_FFFF),
@@ -302,6 +309,7 @@ fn morton_encode_2(x: u32) -> u64 {
 }
 
 fn morton_encode_3(x: u32) -> u64 {
+    // As for two axes, with gaps twice as wide. Three times 21 bits are all that 64 have room for.
     let mut x = x as u64 & 0x1F_FFFF;
     for (shift, mask) in [
         (32, 0x001F_0000_0000_FFFF),

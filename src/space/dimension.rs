@@ -2,9 +2,9 @@
 
 /// The number of axes of a tree: two for a quadtree, three for an octree.
 ///
-/// Children are numbered in Z order: bit 0 of the number is x, bit 1 is y, bit 2 is z. A quadtree's children are
-/// therefore NW, NE, SW, SE (row 0 is north), and the first four children of an octree's node are the quadtree
-/// children of its slice z = 0.
+/// Children are numbered in Z order: bit 0 of the number is x, bit 1 is y, bit 2 is z. A quadtree's children
+/// are therefore NW, NE, SW, SE (row 0 is north), and the first four children of an octree's node are the
+/// quadtree children of its slice z = 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Dimension {
     /// Two axes: a quadtree.
@@ -50,7 +50,7 @@ impl Dimension {
         1 << (self.axes() * levels as usize)
     }
 
-    /// What a tree is called when talking to people: "quadtree" or "octree".
+    /// The tree's name in messages: "quadtree" or "octree".
     pub const fn tree_name(self) -> &'static str {
         match self {
             Dimension::Quad => "quadtree",

@@ -1,4 +1,4 @@
-//! What kind of coordinate system an EPSG number stands for.
+//! Kinds of coordinate systems, by EPSG number.
 
 /// Whether an EPSG number is a geographic coordinate system (degrees of longitude and latitude); all others
 /// that rasters have are projected. The GeoTIFF keys differ for the two.

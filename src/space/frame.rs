@@ -1,4 +1,4 @@
-//! Where the cells of a tree lie in the world.
+//! Georeference: where the cells of a tree lie in the world.
 
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -49,14 +49,14 @@ impl Frame {
         self.matrix == Frame::identity().matrix
     }
 
-    /// The map without its shift: the columns are the edges of a cell, the determinant is a cell's volume, negative if
-    /// the map turns left into right.
+    /// The map without its translation: the columns are the edges of a cell, the determinant is a cell's
+    /// volume, negative if the map mirrors.
     pub fn linear(&self) -> DMat3 {
         DMat3::from_cols_array_2d(&self.matrix.map(|[x, y, z, _]| [x, y, z])).transpose()
     }
 
-    /// Area vectors in the world of a cell's faces across x, y and z, out of the cell at its upper ends; a mirrored
-    /// cell's point inwards.
+    /// Area vectors in the world of a cell's faces across x, y and z, out of the cell at its upper ends; a
+    /// mirrored cell's point inwards.
     pub fn face_areas(&self) -> [DVec3; 3] {
         let DMat3 { x_axis: a, y_axis: b, z_axis: c } = self.linear();
         [b.cross(c), c.cross(a), a.cross(b)]
@@ -70,6 +70,7 @@ impl Frame {
     /// Cell coordinates of a world point; `None` if the map cannot be inverted.
     pub fn to_cells(&self, world: [f64; 3]) -> Option<[f64; 3]> {
         let m = &self.matrix;
+        // (Adjugate by determinant. With indices that go round the minors have the signs of cofactors.)
         let minor = |r: usize, c: usize| {
             let (r1, r2) = ((r + 1) % 3, (r + 2) % 3);
             let (c1, c2) = ((c + 1) % 3, (c + 2) % 3);
@@ -83,11 +84,11 @@ impl Frame {
         Some(std::array::from_fn(|c| (0..3).map(|r| minor(r, c) * d[r]).sum::<f64>() / det))
     }
 
-    /// The cells of a picture of this size that a box of the world means, which is given by its least and its greatest
-    /// coordinates: all that it covers, if only in part. `None` if the map cannot be inverted.
+    /// The cells of a picture of this size that a box of the world means, which is given by its least and its
+    /// greatest coordinates: all that it covers, if only in part. `None` if the map cannot be inverted.
     ///
-    /// A turned box has the smallest box of cells around it. Of what lies outside the picture nothing is left: the result
-    /// may be empty.
+    /// A turned box has the smallest box of cells around it. Of what lies outside the picture nothing is
+    /// left: the result may be empty.
     pub fn cells_in_box(&self, low: [f64; 3], high: [f64; 3], extent: [u64; 3]) -> Option<Bounds> {
         // Edges that are a rounding error beside a cell's edge mean that edge.
         const ROUNDING: f64 = 1e-6;
@@ -107,8 +108,8 @@ impl Frame {
         })
     }
 
-    /// The cells of a picture of this size that a rectangle of the world (west, south, east, north) means, in all
-    /// slices: see [`Frame::cells_in_box`].
+    /// The cells of a picture of this size that a rectangle of the world (west, south, east, north) means, in
+    /// all slices: see [`Frame::cells_in_box`].
     pub fn cells_in_rectangle(
         &self,
         [west, south, east, north]: [f64; 4],

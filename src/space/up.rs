@@ -1,4 +1,4 @@
-//! Which way is up.
+//! The axis that points up.
 
 use std::fmt;
 use std::str::FromStr;

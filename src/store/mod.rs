@@ -10,5 +10,7 @@ pub use builder::{BuildOptions, Slab, Slabs, depth_for};
 pub use container::{
     Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, Shape, TreeFormat, file_is_tree, split_commit,
 };
-pub(crate) use write::{build, build_with};
+pub(crate) use write::build;
+#[cfg(feature = "mesh")]
+pub(crate) use write::build_with;
 pub use write::{build_slabs, build_source, build_tree};

@@ -14,12 +14,12 @@ use crate::{Error, Progress, Result};
 
 /// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
 ///
-/// Work is spread over the threads of the current rayon pool; the bytes written do not depend on their number.
-/// Progress counts cells.
+/// Work is spread over the threads of the current rayon pool; the bytes written do not depend on their
+/// number. Progress counts cells.
 ///
 /// # Errors
-/// If the input cannot be read, the output not be written, the depth does not hold the extent, or on interruption;
-/// nothing is left behind then.
+/// If the input cannot be read, the output not be written, the depth does not hold the extent, or on
+/// interruption; nothing is left behind then.
 pub fn build_slabs(
     form: Form,
     slabs: &mut dyn Slabs,
@@ -49,8 +49,8 @@ pub fn build_slabs(
 
 /// Builds a file from any source.
 ///
-/// `extent` is what the header tells as the picture's size; cells outside must be VOID. Returns what is known of all
-/// cells. What the source has stored in a file of the same rule is copied as it is.
+/// `extent` is what the header tells as the picture's size; cells outside must be VOID. Returns what is known
+/// of all cells. What the source has stored in a file of the same rule is copied as it is.
 ///
 /// # Errors
 /// As [`build_slabs`].
@@ -64,8 +64,8 @@ pub(crate) fn build<S: ReusableSource>(
     build_with(source, extent, options, output, progress, &mut |_| {})
 }
 
-/// Builds a file from any source whose nodes are known by their codes: procedural solids, indexes of other kinds. Memory is
-/// bounded as in [`build_slabs`], whatever the source's size.
+/// Builds a file from any source whose nodes are known by their codes: procedural solids, indexes of other
+/// kinds. Memory is bounded as in [`build_slabs`], whatever the source's size.
 ///
 /// ```
 /// use spinney::io::Output;
@@ -175,7 +175,7 @@ pub fn build_tree(
     build(tree, extent, options, output, progress)
 }
 
-/// As [`build`]; the metadata can be completed when the source has been walked.
+/// Builds a file as [`build`] does; the metadata can be completed when the source has been walked.
 ///
 /// # Errors
 /// As [`build_slabs`].
@@ -191,8 +191,8 @@ pub(crate) fn build_with<S: ReusableSource>(
     write_file(source.form(), options, (extent, [u64::MAX; 3]), output, &mut fill, complete)
 }
 
-/// Starts a file, has it filled, and finishes it. Beside the picture's extent stands that of the parts that come; what is
-/// outside is VOID.
+/// Starts a file, has it filled, and finishes it. Beside the picture's extent stands that of the parts that
+/// come; what is outside is VOID.
 fn write_file(
     form: Form,
     options: &BuildOptions,

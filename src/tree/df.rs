@@ -1,8 +1,9 @@
 //! DF-expressions: a tree in depth-first order, one symbol per node.
 //!
-//! The literature writes quadtrees with `G` (grey), `B` (black) and `W` (white), octrees with `M` (MIXED), `F`
-//! (FULL) and `V` (VOID). Leaves with other values are written as a digit, or in brackets where one digit does not
-//! do: `7`, `[12]`, `[255,0,0]`. Round parentheses and white space only group. The packed form has 2 bits per node.
+//! The literature writes quadtrees with `G` (grey), `B` (black) and `W` (white), octrees with `M` (MIXED),
+//! `F` (FULL) and `V` (VOID). Leaves with other values are written as a digit, or in brackets where one digit
+//! does not do: `7`, `[12]`, `[255,0,0]`. Round parentheses and white space only group. The packed form has 2
+//! bits per node.
 
 use std::fmt::Write;
 
@@ -12,7 +13,12 @@ use crate::{Error, Result};
 
 use super::form::Form;
 use super::memory::MemTree;
-use super::source::{Child, Source, no_children};
+use super::source::{Child, NodeState, Source, no_children};
+
+/// The numbers of states in packed expressions.
+const VOID: u8 = NodeState::Void as u8;
+const LEAF: u8 = NodeState::Leaf as u8;
+const INNER: u8 = NodeState::Inner as u8;
 
 /// One node of an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,7 +114,8 @@ fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
 /// The packed expression of a tree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packed {
-    /// Two bits per symbol, first symbol in the lowest bits of the first byte: 0 VOID, 1 LEAF, 2 INNER.
+    /// Two bits per symbol, the number of its [`NodeState`], first symbol in the lowest bits of the first
+    /// byte.
     pub bits: Vec<u8>,
     /// Number of symbols.
     pub symbols: usize,
@@ -124,14 +131,14 @@ pub fn to_packed(source: &MemTree) -> Result<Packed> {
     let mut packed = Packed { bits: Vec::new(), symbols: 0, values: Vec::new() };
     walk(source, &mut |symbol| {
         let number = match symbol {
-            Symbol::Void => 0,
+            Symbol::Void => VOID,
             Symbol::Leaf(value) => {
                 packed.values.push(value);
-                1
+                LEAF
             }
-            Symbol::Inner => 2,
+            Symbol::Inner => INNER,
         };
-        if packed.symbols % 4 == 0 {
+        if packed.symbols.is_multiple_of(4) {
             packed.bits.push(0);
         }
         packed.bits[packed.symbols / 4] |= number << (packed.symbols % 4 * 2);
@@ -153,12 +160,12 @@ pub fn from_packed(form: Form, packed: &Packed, depth: u8, rule: Rule) -> Result
     let mut values = packed.values.iter();
     let symbols: Result<Vec<_>> = (0..packed.symbols)
         .map(|i| match packed.bits[i / 4] >> (i % 4 * 2) & 3 {
-            0 => Ok(Symbol::Void),
-            1 => values
+            VOID => Ok(Symbol::Void),
+            LEAF => values
                 .next()
                 .map(|value| Symbol::Leaf(*value))
                 .ok_or_else(|| bad(format!("{} values", packed.values.len()), "a value for every leaf")),
-            2 => Ok(Symbol::Inner),
+            INNER => Ok(Symbol::Inner),
             _ => Err(bad(format!("symbol 3 at {i}"), "0, 1 or 2")),
         })
         .collect();

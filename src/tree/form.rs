@@ -5,7 +5,7 @@ use std::fmt;
 use crate::space::Dimension;
 use crate::value::ValueType;
 
-/// What a tree divides and what its cells hold.
+/// The dimension of a tree and the type of its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Form {
     /// Quadtree or octree.
@@ -39,7 +39,7 @@ impl Form {
     }
 }
 
-/// As people say it: "a quadtree of u8x3".
+/// For messages, with an article: "a quadtree of u8x3".
 impl fmt::Display for Form {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let article = if self.dimension == Dimension::Quad { "a" } else { "an" };

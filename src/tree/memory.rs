@@ -6,7 +6,8 @@ use crate::Result;
 use crate::space::{Cell, Code};
 use crate::value::{Rule, Tally, Value, representative};
 
-/// A tree whose nodes all lie in memory; always condensed (no INNER node has equal LEAF or only VOID children).
+/// A tree whose nodes all lie in memory; always condensed (no INNER node has equal LEAF or only VOID
+/// children).
 #[derive(Clone, Debug)]
 pub struct MemTree {
     pub(super) form: Form,

@@ -5,7 +5,7 @@ use crate::Result;
 use crate::space::Bounds;
 use crate::value::{Tally, Value};
 
-/// What stands at one place of a tree.
+/// A node without its descendants: VOID, LEAF, or INNER with a representative and a handle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Child<N> {
     /// Nothing: outside the data, no data, empty space.
@@ -17,7 +17,7 @@ pub enum Child<N> {
     Inner {
         /// The one value that stands for the node at coarse detail.
         representative: Value,
-        /// What to ask the source with for the children.
+        /// The handle by which the source finds the children.
         node: N,
     },
 }
@@ -29,7 +29,7 @@ impl<N> Child<N> {
         value.map_or(Child::Void, Child::Leaf)
     }
 
-    /// The value at this place when nobody looks closer; `None` is VOID.
+    /// The value (LEAF) or representative (INNER); `None` is VOID.
     #[inline]
     pub fn value(&self) -> Option<Value> {
         match self {
@@ -39,7 +39,7 @@ impl<N> Child<N> {
         }
     }
 
-    /// The same place of a source that has other handles for its nodes.
+    /// Replaces the handle of an INNER node, for a source that has handles of another type.
     #[inline]
     pub fn map_node<M>(self, node_of: impl FnOnce(N) -> M) -> Child<M> {
         match self {
@@ -49,7 +49,7 @@ impl<N> Child<N> {
         }
     }
 
-    /// What it is, without values and nodes.
+    /// The state alone, without value and handle.
     #[inline]
     pub fn state(&self) -> NodeState {
         match self {
@@ -66,7 +66,7 @@ impl<N> Child<N> {
     }
 }
 
-/// What a node is; the numbers are those of both formats.
+/// State of a node; the numbers are those of both formats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeState {
     /// Nothing there.
@@ -77,11 +77,11 @@ pub enum NodeState {
     Inner = 2,
 }
 
-/// The children of a node in child order; a quadtree's last four places are not used. The caller of
-/// [`Source::children`] has them, so that walks reuse their room.
+/// The children of a node in child order; a quadtree's last four entries are not used. The caller of
+/// [`Source::children`] owns the array, so that walks reuse its memory.
 pub type Children<N> = [Child<N>; 8];
 
-/// Room for the children of a node, all VOID.
+/// An array for the children of a node, all VOID.
 #[inline]
 pub fn no_children<N>() -> Children<N> {
     [const { Child::Void }; 8]
@@ -97,7 +97,7 @@ pub struct CellBlock {
 }
 
 impl CellBlock {
-    /// So many cells that are VOID, with values of so many bytes.
+    /// A block of so many VOID cells, with values of so many bytes.
     pub fn void(cells: usize, width: usize) -> CellBlock {
         CellBlock { present: vec![0; cells], values: vec![0; cells * width] }
     }
@@ -105,9 +105,10 @@ impl CellBlock {
 
 /// Everything that can be walked from the root down: a mapped file, a tree in memory, a view of either.
 ///
-/// This is the `classify` and `subdivide` scheme of the octree literature: a source says VOID, LEAF or INNER for a
-/// block and hands out its children on demand. A source need not be condensed (an INNER node may turn out to be
-/// uniform), and its representatives need not be exact: what stores a tree condenses and averages it anew.
+/// This is the `classify` and `subdivide` scheme of the octree literature: a source says VOID, LEAF or INNER
+/// for a block and hands out its children on demand. A source need not be condensed (an INNER node may turn
+/// out to be uniform), and its representatives need not be exact: what stores a tree condenses and averages
+/// it anew.
 pub trait Source: Sync {
     /// Handle of an inner node.
     type Node: Clone + Send + Sync;
@@ -124,13 +125,14 @@ pub trait Source: Sync {
     /// If the source fails.
     fn root(&self) -> Result<Child<Self::Node>>;
 
-    /// Writes the children of an inner node to the first places, in child order.
+    /// Writes the children of an inner node to the first entries, in child order.
     ///
     /// # Errors
     /// If the source fails.
     fn children(&self, node: &Self::Node, children: &mut Children<Self::Node>) -> Result<()>;
 
-    /// All cells below an INNER node with so many levels below it, where a source has them faster than by its children.
+    /// All cells below an INNER node with so many levels below it, where a source has them faster than by its
+    /// children.
     ///
     /// # Errors
     /// If the source fails.
@@ -138,8 +140,8 @@ pub trait Source: Sync {
         Ok(None)
     }
 
-    /// Draws a box of cells inside the tree's space, x fastest, then y, then z: values, and which of them are not VOID.
-    /// Returns whether the source can do that.
+    /// Draws a box of cells inside the tree's space, x fastest, then y, then z: values, and which of them are
+    /// not VOID. Returns whether the source can do that.
     ///
     /// # Errors
     /// If the source fails.
@@ -147,7 +149,7 @@ pub trait Source: Sync {
         Ok(false)
     }
 
-    /// What is known of all the cells below an INNER node, where the source knows without looking.
+    /// Zone statistics of an INNER node, where the source has them without walking below it.
     ///
     /// # Errors
     /// If the source fails.

@@ -1,6 +1,7 @@
 //! From types known at run time to types known at compile time: the way into kernels.
 
-/// Evaluates an expression with a name bound to the Rust type of a [`ValueType`](crate::value::ValueType), for kernels.
+/// Evaluates an expression with a name bound to the Rust type of a [`ValueType`](crate::value::ValueType),
+/// for kernels.
 ///
 /// Trees have no other types than these: a type that comes from outside is checked by
 /// [`ValueType::is_supported`](crate::value::ValueType::is_supported) before it gets here.

@@ -1,8 +1,8 @@
 //! Values whose type is known at run time, and what can be done with one of them.
 //!
-//! Everything above kernels handles values as their bytes: two values are the same if all bytes are. What needs the
-//! numbers asks a [`ValueType`], which looks at one sample after the other; work on many values at once belongs into
-//! kernels, which know the type at compile time.
+//! Everything above kernels handles values as their bytes: two values are the same if all bytes are. What
+//! needs the numbers asks a [`ValueType`], which looks at one sample after the other; work on many values at
+//! once belongs into kernels, which know the type at compile time.
 
 use std::cmp::Ordering;
 use std::ops::Deref;
@@ -25,7 +25,7 @@ pub struct Value {
 }
 
 /// Bytes of the largest values.
-pub(crate) const VALUE_MOST: usize = size_of::<Value>();
+pub(crate) const MAX_VALUE_SIZE: usize = size_of::<Value>();
 
 impl Value {
     /// All bytes zero.
@@ -37,7 +37,7 @@ impl Value {
     /// If there are more.
     #[inline]
     pub fn from_bytes(bytes: &[u8]) -> Value {
-        let mut all = [0; VALUE_MOST];
+        let mut all = [0; MAX_VALUE_SIZE];
         all[..bytes.len()].copy_from_slice(bytes);
         Value::from_wide(u128::from_le_bytes(all))
     }
@@ -45,7 +45,7 @@ impl Value {
     /// The value whose bytes stand at the beginning of a slice, `width` of them; `None` if it is too short.
     #[inline]
     pub(crate) fn read(bytes: &[u8], width: usize) -> Option<Value> {
-        match bytes.first_chunk::<VALUE_MOST>() {
+        match bytes.first_chunk::<MAX_VALUE_SIZE>() {
             // One load and a mask, where there is room behind the value.
             Some(wide) => Some(Value::from_wide(u128::from_le_bytes(*wide) & mask(width))),
             None => bytes.get(..width).map(Value::from_bytes),
@@ -59,8 +59,8 @@ impl Value {
 
     /// The bytes, followed by zeros.
     #[inline]
-    pub fn to_bytes(self) -> [u8; VALUE_MOST] {
-        let mut bytes = [0; VALUE_MOST];
+    pub fn to_bytes(self) -> [u8; MAX_VALUE_SIZE] {
+        let mut bytes = [0; MAX_VALUE_SIZE];
         bytes[..8].copy_from_slice(&self.words[0].to_le_bytes());
         bytes[8..].copy_from_slice(&self.words[1].to_le_bytes());
         bytes
@@ -92,9 +92,9 @@ impl<S: Sample, const CHANNELS: usize> From<[S; CHANNELS]> for Value {
     /// If the samples have more than 16 bytes.
     #[inline]
     fn from(samples: [S; CHANNELS]) -> Value {
-        let mut bytes = [0; VALUE_MOST];
-        for (sample, place) in samples.into_iter().zip(bytes.chunks_exact_mut(size_of::<S>())) {
-            sample.write(place);
+        let mut bytes = [0; MAX_VALUE_SIZE];
+        for (sample, target) in samples.into_iter().zip(bytes.chunks_exact_mut(size_of::<S>())) {
+            sample.write(target);
         }
         Value::from_wide(u128::from_le_bytes(bytes))
     }
@@ -193,7 +193,7 @@ impl SampleType {
 impl ValueType {
     /// The bytes of each sample of a value.
     #[inline]
-    fn each_sample(self, bytes: &[u8; VALUE_MOST]) -> impl Iterator<Item = &[u8]> {
+    fn each_sample(self, bytes: &[u8; MAX_VALUE_SIZE]) -> impl Iterator<Item = &[u8]> {
         bytes.chunks_exact(self.sample.size()).take(usize::from(self.channels))
     }
 
@@ -216,7 +216,7 @@ impl ValueType {
     /// The value whose samples are nearest to the numbers that a function has for the channels.
     #[inline]
     pub fn nearest(self, number: impl Fn(usize) -> f64) -> Value {
-        let mut bytes = [0; VALUE_MOST];
+        let mut bytes = [0; MAX_VALUE_SIZE];
         let size = self.sample.size();
         for channel in 0..usize::from(self.channels) {
             self.sample.write_nearest(number(channel), &mut bytes[channel * size..][..size]);
@@ -281,7 +281,7 @@ impl ValueType {
         self.choose(a, b, Ordering::Greater)
     }
 
-    /// Of each channel the sample of `b` where that is less (or greater), else that of `a`.
+    /// Takes of each channel the sample of `b` where that is less (or greater), else that of `a`.
     fn choose(self, a: Value, b: Value, wanted: Ordering) -> Value {
         let (mut bytes, others) = (a.to_bytes(), b.to_bytes());
         let size = self.sample.size();

@@ -1,5 +1,5 @@
-//! Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get
-//! theirs.
+//! Values of cells: samples, values whose type is known at run time, what many cells add up to, and how
+//! coarse levels get theirs.
 
 mod dispatch;
 mod erased;
@@ -11,7 +11,7 @@ mod tally;
 mod value_type;
 
 pub(crate) use dispatch::with_native_type;
-pub(crate) use erased::VALUE_MOST;
+pub(crate) use erased::MAX_VALUE_SIZE;
 pub use erased::{Samples, Value};
 pub use palette::Palette;
 pub use rule::{Kind, Rule};

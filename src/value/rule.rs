@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 
-/// How the representative of an inner node comes from what is below it. VOID never counts.
+/// Rule by which the representative of an inner node comes from what is below it. VOID never counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Rule {
     /// The mean over all cells below that are not VOID, each channel by itself: from sums carried up the
@@ -25,8 +25,8 @@ pub enum Rule {
     Max,
     /// The value of the first child, in child order, that is not VOID.
     Nearest,
-    /// How full the node is: the mean over all cells below, those that are VOID counting as zero; otherwise as
-    /// [`Rule::Mean`]. Made for solids, whose full cells are 255.
+    /// The occupancy of the node: the mean over all cells below, those that are VOID counting as zero;
+    /// otherwise as [`Rule::Mean`]. Made for solids, whose full cells are 255.
     Occupancy,
 }
 
@@ -58,7 +58,7 @@ impl FromStr for Rule {
     }
 }
 
-/// What the values mean, which decides the rule that fits and what can be asked.
+/// The meaning of the values, which decides the default rule and what can be asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Kind {
     /// Names of things: land cover, parts. They are counted, never averaged.

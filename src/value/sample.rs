@@ -59,11 +59,11 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
     fn order_key(self) -> u64;
 }
 
-/// What kernels do with samples.
+/// Wire form, sums and means of samples, for kernels.
 pub(crate) trait Arithmetic: Sample {
-    /// How it stands on disk: little-endian at any address.
+    /// Form on disk: little-endian at any address.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
-    /// Sum over one block of cells (at most 2^18), without overflow, and twice it.
+    /// Sum over one block of cells (at most 2^24), without overflow.
     type BlockSum: Copy + Debug + Default + Add<Output = Self::BlockSum> + Into<Self::TotalSum> + Send + Sync;
     /// Sum of squares over one block of cells, without overflow.
     type BlockSquare: Copy
@@ -80,15 +80,15 @@ pub(crate) trait Arithmetic: Sample {
     fn from_wire(wire: Self::Wire) -> Self;
     /// To disk.
     fn to_wire(self) -> Self::Wire;
-    /// The sum of `cells` equal samples (at most 2^18).
+    /// The sum of `cells` equal samples (at most 2^24).
     fn block_sum(self, cells: u32) -> Self::BlockSum;
-    /// The sum of the squares of `cells` equal samples (at most 2^18).
+    /// The sum of the squares of `cells` equal samples (at most 2^24).
     fn block_square(self, cells: u32) -> Self::BlockSquare;
     /// The sum of any number of equal samples.
     fn total_sum(self, cells: u64) -> Self::TotalSum;
     /// The sum of the squares of any number of equal samples.
     fn total_square(self, cells: u64) -> Self::TotalSum;
-    /// Mean of at most 2^18 samples, rounded to the type.
+    /// Mean of at most 2^24 samples, rounded to the type.
     fn block_mean(sum: Self::BlockSum, cells: u32) -> Self;
     /// Mean of any number of samples, rounded to the type.
     fn mean(sum: Self::TotalSum, cells: u64) -> Self;
@@ -164,8 +164,9 @@ macro_rules! integer_sample {
             }
             #[inline]
             fn block_mean(sum: $sum, cells: u32) -> $type {
-                let twice = 2 * cells as $sum;
-                let half_up = 2 * sum + cells as $sum;
+                // Rounded half up: floor((2 sum + cells) / (2 cells)). A shift rounds down for negative
+                // numbers, too. No overflow: the sum of 2^24 samples of 32 bits has 56.
+                let (twice, half_up) = (2 * i64::from(cells), 2 * i64::from(sum) + i64::from(cells));
                 if cells.is_power_of_two() {
                     (half_up >> twice.trailing_zeros()) as $type
                 } else {
@@ -188,7 +189,7 @@ macro_rules! integer_sample {
     };
 }
 
-integer_sample!(u8, U8, u8, i32, i64, 0u64, |x| x, |x| x);
+integer_sample!(u8, U8, u8, u32, i64, 0u64, |x| x, |x| x);
 integer_sample!(u16, U16, U16, i64, i64, 0u64, U16::new, |x: U16| x.get());
 integer_sample!(i16, I16, I16, i64, i64, 1u64, I16::new, |x: I16| x.get());
 integer_sample!(u32, U32, U32, i64, i128, 0u64, U32::new, |x: U32| x.get());
@@ -284,14 +285,14 @@ macro_rules! float_sample {
 float_sample!(f32, F32, F32, u32);
 float_sample!(f64, F64, F64, u64);
 
-/// A value whose type is known at compile time: one to four samples of one type. Only kernels know such types; they are
-/// chosen once per block or file by [`with_native_type`](super::with_native_type).
+/// A value whose type is known at compile time: one to four samples of one type. Only kernels know such
+/// types; they are chosen once per block or file by [`with_native_type`](super::with_native_type).
 pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     /// Type of each sample.
     type Sample: Arithmetic;
     /// Number of samples.
     const CHANNELS: usize;
-    /// How it stands on disk.
+    /// Form on disk.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
     /// Sums of a block, one per channel.
     type BlockSums: Copy + Debug + Default + Send + Sync;
@@ -307,11 +308,11 @@ pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     fn from_wire(wire: Self::Wire) -> Self;
     /// To disk.
     fn to_wire(self) -> Self::Wire;
-    /// Sums of `cells` cells of this value (at most 2^18).
+    /// Sums of `cells` cells of this value (at most 2^24).
     fn block_sums(self, cells: u32) -> Self::BlockSums;
     /// Adds channel by channel.
     fn add_block_sums(a: Self::BlockSums, b: Self::BlockSums) -> Self::BlockSums;
-    /// Sums of the squares of `cells` cells of this value (at most 2^18).
+    /// Sums of the squares of `cells` cells of this value (at most 2^24).
     fn block_squares(self, cells: u32) -> Self::BlockSquares;
     /// Adds channel by channel.
     fn add_block_squares(a: Self::BlockSquares, b: Self::BlockSquares) -> Self::BlockSquares;
@@ -319,7 +320,7 @@ pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     fn widen(sums: Self::BlockSums) -> Self::TotalSums;
     /// Sums of squares of a block as sums of any number of cells.
     fn widen_squares(squares: Self::BlockSquares) -> Self::TotalSums;
-    /// Means of at most 2^18 cells, rounded to the type.
+    /// Means of at most 2^24 cells, rounded to the type.
     fn block_mean(sums: Self::BlockSums, cells: u32) -> Self;
     /// Sums of any number of cells of this value.
     fn total_sums(self, cells: u64) -> Self::TotalSums;
@@ -445,3 +446,24 @@ macro_rules! native_values {
 }
 
 native_values!(1 2 3 4);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sum and mean of the largest block that a header allows, all cells alike.
+    fn mean_of_largest<S: Arithmetic>(sample: S) -> S {
+        let half = 1 << 23;
+        let _ = sample.block_square(half) + sample.block_square(half);
+        S::block_mean(sample.block_sum(half) + sample.block_sum(half), 2 * half)
+    }
+
+    #[test]
+    fn sums_of_the_largest_blocks_fit() {
+        assert_eq!(mean_of_largest(u8::MAX), u8::MAX);
+        assert_eq!(mean_of_largest(u16::MAX), u16::MAX);
+        assert_eq!(mean_of_largest(i16::MIN), i16::MIN);
+        assert_eq!(mean_of_largest(u32::MAX), u32::MAX);
+        assert_eq!(mean_of_largest(i32::MIN), i32::MIN);
+    }
+}

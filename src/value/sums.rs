@@ -5,14 +5,14 @@ use super::value_type::SampleType;
 /// Sums of up to four channels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sums {
-    /// Of integers.
+    /// Sums of integers.
     Exact([i128; 4]),
-    /// Of floating samples.
+    /// Sums of floating samples.
     Float([f64; 4]),
 }
 
 impl Sums {
-    /// Of nothing.
+    /// Sums of no samples.
     pub fn zero(sample: SampleType) -> Sums {
         if sample.is_float() { Sums::Float([0.0; 4]) } else { Sums::Exact([0; 4]) }
     }
@@ -62,8 +62,8 @@ impl Sums {
         }
     }
 
-    /// Whether all sums are those of at most so many samples, or of their squares. (No square of an integer sample is larger
-    /// than 2^64; of floating samples everything is possible.)
+    /// Whether all sums are those of at most so many samples, or of their squares. (No square of an integer
+    /// sample is larger than 2^64; of floating samples everything is possible.)
     pub(crate) fn are_possible(&self, cells: u64) -> bool {
         let most = cells as f64 * 2f64.powi(64);
         match self {

@@ -1,4 +1,4 @@
-//! What is known of all the cells below a node: exact counts, extremes and sums.
+//! Tallies: exact counts, extremes and sums over all the cells below a node.
 
 use super::dispatch::with_native_type;
 use super::erased::Value;
@@ -31,22 +31,22 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Of no cells.
+    /// The tally of no cells.
     pub fn void(value_type: ValueType) -> Tally {
         let zero = Sums::zero(value_type.sample);
         let (min, max) = (Value::ZERO, Value::ZERO);
         Tally { value_type, cells: 0, min, max, sum: zero, squares: zero, classes: Vec::new() }
     }
 
-    /// Of `cells` cells of one value.
+    /// The tally of `cells` cells of one value.
     pub fn leaf(value_type: ValueType, value: Value, cells: u64, count_classes: bool) -> Tally {
         let (sum, squares) = with_native_type!(value_type, V => leaf_sums::<V>(value, cells));
         let classes = if count_classes { vec![(value, cells)] } else { Vec::new() };
         Tally { value_type, cells, min: value, max: value, sum, squares, classes }
     }
 
-    /// Of the cells of all the parts; their number must be a power of two for the sums of floating samples to be
-    /// those that are defined.
+    /// The tally of the cells of all the parts; their number must be a power of two for the sums of floating
+    /// samples to be those that are defined.
     ///
     /// # Panics
     /// If there are no parts.
@@ -55,6 +55,7 @@ impl Tally {
             [] => unreachable!("a node has children"),
             [one] => (*one).clone(),
             _ => {
+                // By halves, not one after the other: floating sums are defined as pairwise in Z order.
                 let (a, b) = parts.split_at(parts.len() / 2);
                 Tally::add(&Tally::merge(a), &Tally::merge(b))
             }
@@ -79,8 +80,8 @@ impl Tally {
         }
     }
 
-    /// Mean of each channel over so many cells, those beyond the tally's own counting as zero, rounded to the type. Not to be
-    /// called without cells.
+    /// Mean of each channel over so many cells, those beyond the tally's own counting as zero, rounded to the
+    /// type. Not to be called without cells.
     fn mean_over(&self, cells: u64) -> Value {
         with_native_type!(self.value_type, V => erase(V::mean(&self.sum, cells)))
     }
@@ -118,8 +119,8 @@ pub(crate) fn erase<V: Native>(value: V) -> Value {
     Value::from_bytes(zerocopy::IntoBytes::as_bytes(&value.to_wire()))
 }
 
-/// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says INNER) and
-/// from the tally of what is below it.
+/// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says
+/// INNER) and from the tally of what is below it.
 pub(crate) fn representative(
     rule: Rule,
     children: &[Option<(Value, bool)>],

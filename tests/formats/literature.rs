@@ -204,7 +204,7 @@ fn goblin_table_from_the_tree() {
 fn goblin_table_from_the_file() {
     let file = picture_file();
     assert_eq!((file.segments(), file.stored_records()), (1, 10));
-    assert_eq!(file.root_place().value(), Some(byte(1))); // minus the identification value -1
+    assert_eq!(file.root_child().value(), Some(byte(1))); // minus the identification value -1
     let (segment, layout) = (file.segment(0).unwrap(), file.layout());
     assert_eq!(layout.count(segment.records()), GOBLIN.len());
     for (i, expected) in GOBLIN.iter().enumerate() {

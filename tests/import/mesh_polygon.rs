@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use spinney::import::mesh::{Box3, Flaw, Polygon, Stage, Stages, Triangulator, Verdict};
+use spinney::import::mesh::{Box3, Flaw, Intersection, Polygon, Stage, Stages, Triangulator};
 
 use crate::common;
 
@@ -37,7 +37,7 @@ fn square(z: i64, min: i64, max: i64) -> [Point; 4] {
 #[track_caller]
 fn decides(rings: &[&[Point]], cuts: bool, stage: Stage) {
     let face = polygon(rings);
-    assert_eq!(face.cuts(&OCTANT), Verdict { cuts, stage }, "{rings:?}");
+    assert_eq!(face.cuts(&OCTANT), Intersection { cuts, stage }, "{rings:?}");
     // The same face seen from behind, its rings starting elsewhere, in each of the 48 positions of a cube.
     for turned in 0..48 {
         let turn = |p: &Point| {
@@ -54,7 +54,7 @@ fn decides(rings: &[&[Point]], cuts: bool, stage: Stage) {
             })
             .collect();
         let rings: Vec<&[Point]> = rings.iter().map(Vec::as_slice).collect();
-        assert_eq!(polygon(&rings).cuts(&OCTANT), Verdict { cuts, stage }, "{rings:?}");
+        assert_eq!(polygon(&rings).cuts(&OCTANT), Intersection { cuts, stage }, "{rings:?}");
     }
 }
 
@@ -210,7 +210,7 @@ fn a_bent_face_is_its_triangles() {
     let bent = [[-9, -9, 2], [9, -9, 2], [9, 9, 2], [-9, 9, 3]];
     let face = polygon(&[&bent]);
     assert!(!face.is_planar());
-    assert_eq!(face.cuts(&OCTANT), Verdict { cuts: true, stage: Stage::Triangles });
+    assert_eq!(face.cuts(&OCTANT), Intersection { cuts: true, stage: Stage::Triangles });
     assert!(!face.cuts(&Box3 { min: [4, -5, 2], max: [5, -4, 3] }).cuts);
     assert!(face.cuts(&Box3 { min: [-9, 8, 2], max: [-8, 9, 3] }).cuts);
     assert_eq!(face.bounds(), Box3 { min: [-9, -9, 2], max: [9, 9, 3] });

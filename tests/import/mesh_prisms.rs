@@ -1,6 +1,6 @@
 //! Solids made of polygons: boxes and concave prisms with holes, against brute force in the plane.
 
-use spinney::import::mesh::{Decided, Face, Model, SolidReport, Triangulator};
+use spinney::import::mesh::{Face, InsideTest, Model, SolidReport, Triangulator};
 
 use crate::common::Random;
 use crate::common::solid::{Point, Polygon, Polygons, build, cells, unit_cells};
@@ -52,7 +52,7 @@ fn check(rings: &[Ring], heights: [f64; 2], name: &str) {
     for axis in 0..3 {
         let (tree, SolidReport { inside, repaired, .. }) =
             build(Polygons::of_faces(prism(rings, heights, axis)), &unit_cells(5));
-        assert_eq!((inside, repaired), (Decided::Closed, 0), "{name}");
+        assert_eq!((inside, repaired), (InsideTest::Closed, 0), "{name}");
         for (i, cell) in cells(&tree).into_iter().enumerate() {
             let at = [i % 32, i / 32 % 32, i / 1024].map(|at| at as f64 + 0.5);
             let expected = (heights[0]..heights[1]).contains(&at[axis])

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use spinney::dataset::{self, Dataset};
 use spinney::import::mesh::{
-    Attribute, Boundary, Decided, Resolution, SolidOptions, SolidReport, open_all, plan_models,
+    Attribute, Boundary, InsideTest, Resolution, SolidOptions, SolidReport, open_all, plan_models,
 };
 use spinney::io::Output;
 use spinney::space::Bounds;
@@ -52,7 +52,7 @@ fn volumes_and_areas_of_closed_models_are_right() {
             let options =
                 SolidOptions { resolution: Resolution::Cells(cells), boundary, ..SolidOptions::default() };
             let (tree, report) = build(std::slice::from_ref(&path), &options);
-            assert_eq!(report.inside, Decided::Closed, "{name}");
+            assert_eq!(report.inside, InsideTest::Closed, "{name}");
             let solid = tree.solid(tree.depth(), &()).unwrap();
             assert!((solid.world_volume() / volume(&tree) - 1.0).abs() < 1e-9, "{name}");
             [volume(&tree) / expected - 1.0, solid.smooth_area() / area - 1.0]
@@ -73,10 +73,10 @@ fn broken_models_are_filled_as_whole_ones() {
     let Some(data) = shared_data() else { return };
     let mesh = data.join("mesh");
     let cases = [
-        ("bunny_hr.ply", "bad_bunny_holes1pct.ply", Decided::Open, 0.999),
-        ("bunny_hr.ply", "bad_bunny_flip10pct.ply", Decided::Flipped, 1.0),
-        ("bunny_hr.ply", "bad_bunny_soup.ply", Decided::Open, 0.99),
-        ("armadillo.ply", "bad_duplicate_faces.ply", Decided::Closed, 1.0),
+        ("bunny_hr.ply", "bad_bunny_holes1pct.ply", InsideTest::Open, 0.999),
+        ("bunny_hr.ply", "bad_bunny_flip10pct.ply", InsideTest::Flipped, 1.0),
+        ("bunny_hr.ply", "bad_bunny_soup.ply", InsideTest::Open, 0.99),
+        ("armadillo.ply", "bad_duplicate_faces.ply", InsideTest::Closed, 1.0),
     ];
     for (whole, broken, decided, share) in cases {
         let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };
@@ -102,7 +102,7 @@ fn overlapping_bodies_are_one_solid() {
     let mesh = data.join("mesh");
     let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };
     let (both, report) = build(&[mesh.join("bad_two_armadillos_overlap.ply")], &options);
-    assert_eq!(report.inside, Decided::Closed);
+    assert_eq!(report.inside, InsideTest::Closed);
     let one = 0.06861869387;
     assert!(volume(&both) > 1.05 * one && volume(&both) < 1.95 * one, "{}", volume(&both));
 }

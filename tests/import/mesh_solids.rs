@@ -1,6 +1,6 @@
 //! Solids made of meshes, against brute force: winding numbers at every cell's centre.
 
-use spinney::import::mesh::{Attribute, Boundary, Decided, SolidOptions, plan_models};
+use spinney::import::mesh::{Attribute, Boundary, InsideTest, SolidOptions, plan_models};
 use spinney::io::Output;
 use spinney::ops::{Operation, Prefer};
 use spinney::space::{Code, Dimension};
@@ -17,7 +17,7 @@ fn boxes_on_the_grid_become_their_cells() {
     for boundary in [Boundary::Full, Boundary::Centre, Boundary::Coverage] {
         let options = SolidOptions { boundary, ..unit_cells(7) };
         let (tree, report) = build(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
-        assert_eq!((report.inside, report.triangles, report.displacement), (Decided::Closed, 12, 0.0));
+        assert_eq!((report.inside, report.triangles, report.displacement), (InsideTest::Closed, 12, 0.0));
         let found = cells(&tree);
         for (i, cell) in found.iter().enumerate() {
             let [x, y, z] = [i % 128, i / 128 % 128, i / 128 / 128];
@@ -38,7 +38,7 @@ fn cells_are_inside_where_their_centre_has_a_winding_number() {
         let side = f64::from(1u32 << depth);
         let triangles = tetrahedra(&mut random, count, side, grid);
         let (tree, report) = build(plain(&triangles), &unit_cells(depth));
-        assert_eq!(report.inside, Decided::Closed);
+        assert_eq!(report.inside, InsideTest::Closed);
         let side = 1usize << depth;
         let (mut full, mut checked) = (0, 0);
         for (i, cell) in cells(&tree).into_iter().enumerate() {
@@ -141,7 +141,7 @@ fn coverage_is_what_a_solid_has_of_each_cell() {
     for (number, (triangles, expected, tolerance)) in cases.into_iter().enumerate() {
         let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
         let (tree, report) = build(plain(&triangles), &options);
-        assert_eq!(report.inside, Decided::Closed);
+        assert_eq!(report.inside, InsideTest::Closed);
         for (i, value) in cells(&tree).into_iter().enumerate() {
             let cell = [i % 64, i / 64 % 64, i / 64 / 64];
             let found = value.map_or(0.0, |value| f64::from(as_byte(value)) / 255.0);
@@ -207,7 +207,7 @@ fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
     let options = SolidOptions { boundary: Boundary::Full, ..unit_cells(5) };
     let (full, _) = build(plain(&triangles), &options);
     let (shell, report) = build(plain(&triangles), &SolidOptions { surface: true, ..unit_cells(5) });
-    assert_eq!(report.inside, Decided::Surface);
+    assert_eq!(report.inside, InsideTest::Surface);
     for (i, (full, shell)) in cells(&full).into_iter().zip(cells(&shell)).enumerate() {
         let cell = [i % 32, i / 32 % 32, i / 32 / 32].map(|x| x as f64);
         let overlaps = (0..3).all(|axis| low[axis] < cell[axis] + 1.0 && cell[axis] < high[axis]);
@@ -248,12 +248,12 @@ fn flipped_faces_are_parity_and_holes_a_field() {
     let inside = |tree: &Goblin, cell: [u32; 3]| value_at(tree, cell).is_some();
     triangles[3].swap(0, 1);
     let (tree, report) = build(plain(&triangles), &unit_cells(6));
-    assert_eq!(report.inside, Decided::Flipped);
+    assert_eq!(report.inside, InsideTest::Flipped);
     assert_eq!(cells(&tree).iter().flatten().count(), 48 * 48 * 48);
     triangles[3].swap(0, 1);
     triangles.remove(5);
     let (tree, report) = build(plain(&triangles), &unit_cells(6));
-    assert_eq!(report.inside, Decided::Open);
+    assert_eq!(report.inside, InsideTest::Open);
     assert!(report.undecided > 0);
     assert!(inside(&tree, [28, 40, 30]) && inside(&tree, [5, 6, 7]) && !inside(&tree, [60, 60, 60]));
     assert!(tree.metadata().tags["solid.surface"].starts_with("open"));
@@ -261,7 +261,7 @@ fn flipped_faces_are_parity_and_holes_a_field() {
     triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
     triangles.push(triangles[2]);
     let (turned, report) = build(plain(&triangles), &unit_cells(6));
-    assert_eq!((report.inside, report.doubled), (Decided::Open, 1));
+    assert_eq!((report.inside, report.duplicates), (InsideTest::Open, 1));
     assert!(cells(&turned) == cells(&tree));
     // As far as cells lie inside, away from the hole.
     let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };

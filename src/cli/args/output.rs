@@ -20,8 +20,8 @@ pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// The format of a picture or array by what was asked for, or else by the output's name; `known` are those that a message
-/// offers where neither is one.
+/// The format of a picture or array by what was asked for, or else by the output's name; `known` are those
+/// that a message offers where neither is one.
 pub(crate) fn picture_format(output: &Path, asked: Option<&str>, known: &str) -> Result<Format> {
     let name = asked.map(|format| Path::new("x").with_extension(format));
     let format = format_of(name.as_deref().unwrap_or(output));

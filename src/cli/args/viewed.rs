@@ -1,4 +1,4 @@
-//! Files as they are, or seen through steps.
+//! Files as they are, or views of them.
 
 use std::path::PathBuf;
 
@@ -13,14 +13,14 @@ use super::super::open;
 pub(crate) struct Viewed {
     /// Tree file
     pub(crate) file: PathBuf,
-    /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is made
-    /// beforehand
+    /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is
+    /// made beforehand
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<Step>,
 }
 
 impl Viewed {
-    /// Opens the file, once, whether it is seen through steps or not.
+    /// Opens the file, once, with or without steps.
     pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
         let tree = open(&self.file)?;
         // (A file as it is answers faster than a view of it.)

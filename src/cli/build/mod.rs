@@ -21,13 +21,14 @@ use super::report::{Work, report_built};
 
 /// Make a tree of a picture, or of several on one grid, or of models of solids.
 ///
-/// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that holds them at
-/// every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can be edited. What the files
-/// say about their pixels (coordinates, nodata, palette, names) is kept; options overrule it.
+/// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that
+/// holds them at every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can
+/// be edited. What the files say about their pixels (coordinates, nodata, palette, names) is kept; options
+/// overrule it.
 ///
-/// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses becomes an
-/// octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by its winding field where
-/// it is not. Several models become one solid.
+/// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses
+/// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
+/// its winding field where it is not. Several models become one solid.
 ///
 /// What does not fit into --memory goes to a temporary file beside the output.
 #[derive(clap::Args)]

@@ -10,12 +10,12 @@ use super::Common;
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT)")]
 pub(super) struct PictureArgs {
-    /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from the
-    /// file]
+    /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
+    /// the file]
     #[arg(long)]
     kind: Option<Kind>,
-    /// The value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest [default:
-    /// mean of amounts, majority of classes]
+    /// The value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest
+    /// [default: mean of amounts, majority of classes]
     #[arg(long)]
     rule: Option<Rule>,
     /// Channels to take, counted from 1, in this order [default: all]

@@ -28,12 +28,12 @@ pub(super) struct SolidArgs {
     /// No more than the cells that the surface cuts
     #[arg(long)]
     surface: bool,
-    /// Cells that the surface cuts: full (all belong to it), centre (those whose centre is inside) or coverage (as far
-    /// as they are inside) [default: centre]
+    /// Cells that the surface cuts: full (all belong to it), centre (those whose centre is inside) or
+    /// coverage (as far as they are inside) [default: centre]
     #[arg(long, value_name = "RULE")]
     boundary: Option<Boundary>,
-    /// Content of cells: occupancy (255 is full), colour, or part (the number of an object, group or material)
-    /// [default: occupancy]
+    /// Content of cells: occupancy (255 is full), colour, or part (the number of an object, group or
+    /// material) [default: occupancy]
     #[arg(long)]
     attribute: Option<Attribute>,
     /// The axis of the model that points up; y is turned to z [default: z]
@@ -136,8 +136,8 @@ impl SolidArgs {
         if report.undecided > 0 {
             lines.push(("undecided", format!("{} cells in its holes, by a guess", report.undecided)));
         }
-        if report.doubled > 0 {
-            lines.push(("doubled", format!("{} triangles, which count once", report.doubled)));
+        if report.duplicates > 0 {
+            lines.push(("doubled", format!("{} triangles, which count once", report.duplicates)));
         }
         if self.stats {
             let (faces, degenerate, triangles) = (report.faces, report.degenerate, report.triangles);

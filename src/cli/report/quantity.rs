@@ -11,7 +11,8 @@ pub(crate) fn count(number: f64) -> String {
     scaled(number, 1000.0, &["", "thousand", "million", "billion", "trillion"])
 }
 
-/// A moment in seconds since the beginning of 1970, in UTC: `2026-11-21 18:33:40`. (Days to dates after Hinnant.)
+/// A moment in seconds since the beginning of 1970, in UTC: `2026-11-21 18:33:40`. (Days to dates after
+/// Hinnant.)
 pub(crate) fn time(seconds: i64) -> String {
     let (days, rest) = (seconds.div_euclid(86400), seconds.rem_euclid(86400));
     // Years begin in March, so that a leap day is a year's last; 400 years have 146097 days.

@@ -20,13 +20,13 @@ struct Exr {
     output: Seekable,
     rows: Rows,
     headers: Headers,
-    /// For each channel of the file, which are sorted by name, its place in a pixel.
-    places: &'static [usize],
+    /// Index among the samples of a pixel, for each channel of the file; these are sorted by name.
+    order: &'static [usize],
     /// Rows that wait for their block to be complete, and a few complete blocks.
     waiting: Vec<u8>,
     /// The first row that waits.
     first_row: usize,
-    /// Where the table of block offsets stands in the file, and the table.
+    /// Offset of the table of block offsets in the file, and the table.
     table_at: u64,
     table: Vec<u8>,
 }
@@ -47,7 +47,7 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
             ));
         }
     };
-    let (names, places): (&[&str], &[usize]) = match spec.value.channels {
+    let (names, order): (&[&str], &[usize]) = match spec.value.channels {
         1 => (&["Y"], &[0]),
         2 => (&["A", "Y"], &[1, 0]),
         3 => (&["B", "G", "R"], &[2, 1, 0]),
@@ -80,14 +80,14 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
         output.append(&[0; 8])?;
     }
     let (rows, waiting, table) = (Rows::new(spec), Vec::new(), Vec::new());
-    Ok(Box::new(Exr { output, rows, headers, places, waiting, first_row: 0, table_at, table }))
+    Ok(Box::new(Exr { output, rows, headers, order, waiting, first_row: 0, table_at, table }))
 }
 
 impl Exr {
     /// Compresses and writes the waiting rows.
     fn write_blocks(&mut self) -> Result<()> {
         let row_bytes = self.rows.row_bytes as usize;
-        let (waiting, headers, places) = (&self.waiting, &self.headers, self.places);
+        let (waiting, headers, order) = (&self.waiting, &self.headers, self.order);
         let first_row = self.first_row;
         let compress = |(i, rows): (usize, &[u8])| {
             let index = BlockIndex {
@@ -96,7 +96,7 @@ impl Exr {
                 pixel_size: Vec2(headers[0].layer_size.0, rows.len() / row_bytes),
                 level: Vec2(0, 0),
             };
-            let data = rows.chunks_exact(row_bytes).flat_map(|row| planes(row, places)).collect();
+            let data = rows.chunks_exact(row_bytes).flat_map(|row| planes(row, order)).collect();
             let mut bytes = Vec::new();
             UncompressedBlock { index, data }.compress_to_chunk(headers)?.write(&mut bytes, 1)?;
             Ok(bytes)
@@ -116,10 +116,10 @@ impl Exr {
 
 /// One row, channel after channel, in the machine's byte order, as the encoder wants it.
 #[allow(clippy::host_endian_bytes)] // the encoder's interface is in the machine's order
-fn planes(row: &[u8], places: &'static [usize]) -> impl Iterator<Item = u8> {
+fn planes(row: &[u8], order: &'static [usize]) -> impl Iterator<Item = u8> {
     let samples = row.as_chunks::<4>().0;
-    places.iter().flat_map(move |&place| {
-        let channel = samples.iter().skip(place).step_by(places.len());
+    order.iter().flat_map(move |&channel| {
+        let channel = samples.iter().skip(channel).step_by(order.len());
         channel.flat_map(|&sample| u32::from_le_bytes(sample).to_ne_bytes())
     })
 }

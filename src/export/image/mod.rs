@@ -17,7 +17,7 @@ use crate::space::Frame;
 use crate::value::{Palette, ValueType};
 use crate::{Error, Result};
 
-/// What a picture to be written looks like.
+/// Size, samples and metadata of a picture to be written.
 #[derive(Clone, Debug)]
 pub struct ImageSpec {
     /// Columns.
@@ -31,7 +31,7 @@ pub struct ImageSpec {
     /// Whether pixels may be VOID. PNG then gets an opacity channel if it has none (or, with a palette, uses
     /// `nodata`).
     pub void: bool,
-    /// Where the pixels lie, for formats that can tell.
+    /// Frame of the pixels in the world, for formats that can hold one.
     pub frame: Option<Frame>,
     /// The number that VOID pixels have in every channel of the rows that are written, for formats that can
     /// mark it.
@@ -58,15 +58,15 @@ pub enum Format {
 pub trait RowWriter {
     /// Writes the next rows: whole rows, pixels from the left, a pixel's samples together, little-endian.
     ///
-    /// `valid` has a flag per pixel where some may be VOID: PNG pictures announced as [`ImageSpec::void`] make
-    /// their opacity channel of it (no flags: nothing is VOID); all others rely on the nodata number being in
-    /// `bytes` already.
+    /// `valid` has a flag per pixel where some may be VOID: PNG pictures announced as [`ImageSpec::void`]
+    /// make their opacity channel of it (no flags: nothing is VOID); all others rely on the nodata number
+    /// being in `bytes` already.
     ///
     /// # Errors
     /// If the bytes are no whole rows, are more than announced, or cannot be written.
     fn write_rows(&mut self, bytes: &[u8], valid: Option<&[bool]>) -> Result<()>;
 
-    /// Completes the file and puts it in its place.
+    /// Completes the file and publishes it under its name: see [`Output::commit`].
     ///
     /// # Errors
     /// If it cannot be written. If fewer rows than announced were written, that is an error too.

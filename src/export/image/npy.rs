@@ -13,7 +13,7 @@ pub(super) fn create(mut output: Output, spec: &ImageSpec) -> Result<Box<dyn Row
     raw::create(output, spec)
 }
 
-/// What stands before the samples of an array with such a shape; values of several channels have one more dimension.
+/// The header of an array of such a shape; values of several channels have one more dimension.
 ///
 /// Version 1.0: a Python dictionary, filled up so that the samples start at a multiple of 64 bytes.
 pub(in crate::export) fn array_header(value: ValueType, shape: &[u64]) -> Vec<u8> {

@@ -23,7 +23,7 @@ struct Png {
     converted: Vec<u8>,
 }
 
-/// Where VOID goes.
+/// Representation of VOID.
 #[derive(Clone, Copy, PartialEq)]
 enum Opacity {
     /// Nothing is VOID, or a palette entry says so.

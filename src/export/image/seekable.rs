@@ -47,7 +47,7 @@ impl Seekable {
         written.map_err(Error::io(self.path(), "write"))
     }
 
-    /// Overwrites bytes at the given place.
+    /// Overwrites bytes at the given offset.
     pub(super) fn patch(&mut self, at: u64, bytes: &[u8]) -> Result<()> {
         let patched = match &mut self.spool {
             Some(spool) => spool.flush().and_then(|()| overwrite(spool.get_mut(), at, bytes)),

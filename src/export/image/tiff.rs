@@ -7,7 +7,7 @@ use flate2::write::ZlibEncoder;
 use rayon::prelude::*;
 
 use super::seekable::Seekable;
-use super::tiff_tags::{self, Field};
+use super::tiff_tags::{self, Field, tag, tag_value};
 use super::{ImageSpec, RowWriter, Rows};
 use crate::io::Output;
 use crate::value::{Palette, SampleType};
@@ -16,7 +16,7 @@ use crate::{Error, Result};
 /// Bytes of a strip before compression, if a row is not longer.
 const STRIP_BYTES: u64 = 512 << 10;
 
-/// From this size on (before compression), offsets need more than 32 bits.
+/// Size (before compression) from which on offsets may need more than 32 bits.
 const BIG_BYTES: u64 = 3_900_000_000;
 
 struct Tiff {
@@ -33,7 +33,7 @@ struct Tiff {
     tags: Vec<(u16, Field)>,
 }
 
-/// What is done to rows before compression.
+/// Transform of rows before compression.
 #[derive(Clone, Copy)]
 struct Coding {
     predictor: Predictor,
@@ -101,40 +101,40 @@ fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16
     use Field::{Long, Short};
     let channels = usize::from(spec.value.channels);
     let sample_format = match spec.value.sample {
-        SampleType::U8 | SampleType::U16 | SampleType::U32 => 1,
-        SampleType::I16 | SampleType::I32 => 2,
-        SampleType::F32 | SampleType::F64 => 3,
+        SampleType::U8 | SampleType::U16 | SampleType::U32 => tag_value::FORMAT_UNSIGNED,
+        SampleType::I16 | SampleType::I32 => tag_value::FORMAT_SIGNED,
+        SampleType::F32 | SampleType::F64 => tag_value::FORMAT_FLOAT,
     };
     let is_rgb = channels >= 3 && matches!(spec.value.sample, SampleType::U8 | SampleType::U16);
     let photometric = if palette(spec).is_some() {
-        3
+        tag_value::PHOTOMETRIC_PALETTE
     } else if is_rgb {
-        2
+        tag_value::PHOTOMETRIC_RGB
     } else {
-        1
+        tag_value::PHOTOMETRIC_BLACK_IS_ZERO
     };
     let mut tags = vec![
-        (256, Long(vec![spec.width as u32])),
-        (257, Long(vec![spec.height as u32])),
-        (258, Short(vec![spec.value.sample.size() as u16 * 8; channels])),
-        (259, Short(vec![8])), // Deflate
-        (262, Short(vec![photometric])),
-        (277, Short(vec![channels as u16])),
-        (278, Long(vec![rows_per_strip as u32])),
-        (284, Short(vec![1])), // a pixel's samples together
-        (317, Short(vec![predictor as u16])),
-        (339, Short(vec![sample_format; channels])),
+        (tag::IMAGE_WIDTH, Long(vec![spec.width as u32])),
+        (tag::IMAGE_LENGTH, Long(vec![spec.height as u32])),
+        (tag::BITS_PER_SAMPLE, Short(vec![spec.value.sample.size() as u16 * 8; channels])),
+        (tag::COMPRESSION, Short(vec![tag_value::COMPRESSION_DEFLATE])),
+        (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![photometric])),
+        (tag::SAMPLES_PER_PIXEL, Short(vec![channels as u16])),
+        (tag::ROWS_PER_STRIP, Long(vec![rows_per_strip as u32])),
+        (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
+        (tag::PREDICTOR, Short(vec![predictor as u16])),
+        (tag::SAMPLE_FORMAT, Short(vec![sample_format; channels])),
     ];
-    let mut extra = vec![0; channels - if is_rgb { 3 } else { 1 }];
+    let mut extra = vec![tag_value::SAMPLE_UNSPECIFIED; channels - if is_rgb { 3 } else { 1 }];
     if let Some(last) = extra.last_mut() {
-        *last = if spec.alpha { 2 } else { 0 }; // opacity that colours are not multiplied with
-        tags.push((338, Short(extra)));
+        *last = if spec.alpha { tag_value::SAMPLE_UNASSOCIATED_ALPHA } else { tag_value::SAMPLE_UNSPECIFIED };
+        tags.push((tag::EXTRA_SAMPLES, Short(extra)));
     }
     if let Some(palette) = palette(spec) {
         let entries = 1 << (8 * spec.value.sample.size());
         let colour = |i: usize| palette.colours.get(i).copied().unwrap_or_default();
         let channel = |c: usize| (0..entries).map(move |i| u16::from(colour(i)[c]) * 257);
-        tags.push((320, Short((0..3).flat_map(channel).collect())));
+        tags.push((tag::COLOR_MAP, Short((0..3).flat_map(channel).collect())));
     }
     tags.extend(spec.frame.iter().flat_map(tiff_tags::geo_tags));
     tags.extend(spec.nodata.map(tiff_tags::nodata_tag));
@@ -157,6 +157,8 @@ impl Coding {
         match (self.predictor, self.sample) {
             (Predictor::None, _) => {}
             (Predictor::Float, _) => {
+                // Adobe's predictor 3 (TIFF Technical Note 3): all most significant bytes of the row first,
+                // and so on, then differences of bytes at a distance of one pixel.
                 let mut planes = vec![0; row.len()];
                 for (i, sample) in row.chunks_exact(self.sample).enumerate() {
                     for (weight, byte) in sample.iter().rev().enumerate() {
@@ -185,6 +187,7 @@ impl Coding {
     }
 }
 
+/// Subtracts from each byte the one `distance` before it, from the end, so that that one is still as it was.
 fn differences(bytes: &mut [u8], distance: usize) {
     for i in (distance..bytes.len()).rev() {
         bytes[i] = bytes[i].wrapping_sub(bytes[i - distance]);
@@ -236,8 +239,8 @@ impl RowWriter for Tiff {
             true => Field::Long8(numbers),
             false => Field::Long(numbers.into_iter().map(|number| number as u32).collect()),
         };
-        tags.push((273, words(offsets)));
-        tags.push((279, words(sizes)));
+        tags.push((tag::STRIP_OFFSETS, words(offsets)));
+        tags.push((tag::STRIP_BYTE_COUNTS, words(sizes)));
         let at = output.position();
         output.append(&tiff_tags::directory(tags, at, big))?;
         output.patch(tiff_tags::header(big).1, &tiff_tags::word(at, big))?;

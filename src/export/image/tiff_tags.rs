@@ -1,6 +1,76 @@
-//! The container of TIFF: tags, directories, and the tags that place a picture in the world.
+//! The container of TIFF: tags, directories, and the tags that georeference a picture.
 
 use crate::space::Frame;
+
+/// Numbers of tags, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
+pub(super) mod tag {
+    pub(crate) const IMAGE_WIDTH: u16 = 256;
+    pub(crate) const IMAGE_LENGTH: u16 = 257;
+    pub(crate) const BITS_PER_SAMPLE: u16 = 258;
+    pub(crate) const COMPRESSION: u16 = 259;
+    pub(crate) const PHOTOMETRIC_INTERPRETATION: u16 = 262;
+    pub(crate) const STRIP_OFFSETS: u16 = 273;
+    pub(crate) const SAMPLES_PER_PIXEL: u16 = 277;
+    pub(crate) const ROWS_PER_STRIP: u16 = 278;
+    pub(crate) const STRIP_BYTE_COUNTS: u16 = 279;
+    pub(crate) const PLANAR_CONFIGURATION: u16 = 284;
+    pub(crate) const PREDICTOR: u16 = 317;
+    pub(crate) const COLOR_MAP: u16 = 320;
+    pub(crate) const EXTRA_SAMPLES: u16 = 338;
+    pub(crate) const SAMPLE_FORMAT: u16 = 339;
+    pub(crate) const MODEL_PIXEL_SCALE: u16 = 33550;
+    pub(crate) const MODEL_TIEPOINT: u16 = 33922;
+    pub(crate) const MODEL_TRANSFORMATION: u16 = 34264;
+    pub(crate) const GEO_KEY_DIRECTORY: u16 = 34735;
+    pub(crate) const GEO_ASCII_PARAMS: u16 = 34737;
+    pub(crate) const GDAL_METADATA: u16 = 42112;
+    pub(crate) const GDAL_NODATA: u16 = 42113;
+}
+
+/// Values of tags, by their names in TIFF 6.0 and its supplements.
+pub(super) mod tag_value {
+    pub(crate) const COMPRESSION_DEFLATE: u16 = 8;
+    pub(crate) const PHOTOMETRIC_BLACK_IS_ZERO: u16 = 1;
+    pub(crate) const PHOTOMETRIC_RGB: u16 = 2;
+    pub(crate) const PHOTOMETRIC_PALETTE: u16 = 3;
+    /// A pixel's samples together.
+    pub(crate) const PLANAR_CHUNKY: u16 = 1;
+    pub(crate) const SAMPLE_UNSPECIFIED: u16 = 0;
+    /// Opacity that colours are not multiplied with.
+    pub(crate) const SAMPLE_UNASSOCIATED_ALPHA: u16 = 2;
+    pub(crate) const FORMAT_UNSIGNED: u16 = 1;
+    pub(crate) const FORMAT_SIGNED: u16 = 2;
+    pub(crate) const FORMAT_FLOAT: u16 = 3;
+}
+
+/// GeoKeys and their values, by their names in GeoTIFF 1.1.
+mod geo_key {
+    /// The directory's first entry: its version and revisions, then the count of keys.
+    pub(super) const DIRECTORY_VERSION: u16 = 1;
+    pub(super) const KEY_REVISION: u16 = 1;
+    pub(super) const MINOR_REVISION: u16 = 0;
+
+    pub(super) const MODEL_TYPE: u16 = 1024;
+    pub(super) const RASTER_TYPE: u16 = 1025;
+    pub(super) const CITATION: u16 = 1026;
+    pub(super) const GEODETIC_CRS: u16 = 2048;
+    pub(super) const PROJECTED_CRS: u16 = 3072;
+
+    pub(super) const MODEL_PROJECTED: u16 = 1;
+    pub(super) const MODEL_GEOGRAPHIC: u16 = 2;
+    pub(super) const RASTER_PIXEL_IS_AREA: u16 = 1;
+    pub(super) const RASTER_PIXEL_IS_POINT: u16 = 2;
+    pub(super) const USER_DEFINED: u16 = 32767;
+}
+
+/// Types of a tag's numbers, by their names in TIFF 6.0 and BigTIFF.
+mod field_type {
+    pub(super) const ASCII: u16 = 2;
+    pub(super) const SHORT: u16 = 3;
+    pub(super) const LONG: u16 = 4;
+    pub(super) const DOUBLE: u16 = 12;
+    pub(super) const LONG8: u16 = 16;
+}
 
 /// A tag's value.
 pub(super) enum Field {
@@ -14,17 +84,18 @@ pub(super) enum Field {
 impl Field {
     /// The type's number, the count of its numbers and their bytes.
     fn encode(&self) -> (u16, u64, Vec<u8>) {
+        use field_type::{ASCII, DOUBLE, LONG, LONG8, SHORT};
         match self {
-            Field::Ascii(text) => (2, text.len() as u64 + 1, text.bytes().chain([0]).collect()),
-            Field::Short(v) => (3, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
-            Field::Long(v) => (4, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
-            Field::Double(v) => (12, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
-            Field::Long8(v) => (16, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            Field::Ascii(text) => (ASCII, text.len() as u64 + 1, text.bytes().chain([0]).collect()),
+            Field::Short(v) => (SHORT, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            Field::Long(v) => (LONG, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            Field::Double(v) => (DOUBLE, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            Field::Long8(v) => (LONG8, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
         }
     }
 }
 
-/// The file's first bytes, and where the place of the directory is to be filled in.
+/// The file's first bytes, and the position in them of the directory's offset, which is filled in at the end.
 pub(super) fn header(big: bool) -> (&'static [u8], u64) {
     if big { (b"II\x2b\0\x08\0\0\0\0\0\0\0\0\0\0\0", 8) } else { (b"II\x2a\0\0\0\0\0", 4) }
 }
@@ -65,10 +136,6 @@ pub(super) fn directory(mut tags: Vec<(u16, Field)>, at: u64, big: bool) -> Vec<
 
 /// GeoTIFF's tags.
 pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, Field)> {
-    const MODEL_PIXEL_SCALE: u16 = 33550;
-    const MODEL_TIEPOINT: u16 = 33922;
-    const MODEL_TRANSFORMATION: u16 = 34264;
-
     let mut tags = geo_keys(frame);
     if frame.is_identity() {
         return tags;
@@ -77,63 +144,61 @@ pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, Field)> {
     let origin = if frame.pixel_is_point { [0.5, 0.5, 0.0] } else { [0.0; 3] };
     let [a, b, c, d, e, f] = frame.shifted(origin).affine();
     if b == 0.0 && d == 0.0 && a > 0.0 && e < 0.0 {
-        tags.push((MODEL_PIXEL_SCALE, Field::Double(vec![a, -e, 0.0])));
-        tags.push((MODEL_TIEPOINT, Field::Double(vec![0.0, 0.0, 0.0, c, f, 0.0])));
+        tags.push((tag::MODEL_PIXEL_SCALE, Field::Double(vec![a, -e, 0.0])));
+        tags.push((tag::MODEL_TIEPOINT, Field::Double(vec![0.0, 0.0, 0.0, c, f, 0.0])));
     } else {
         let matrix = [[a, b, 0.0, c], [d, e, 0.0, f], [0.0; 4], [0.0, 0.0, 0.0, 1.0]];
-        tags.push((MODEL_TRANSFORMATION, Field::Double(matrix.concat())));
+        tags.push((tag::MODEL_TRANSFORMATION, Field::Double(matrix.concat())));
     }
     tags
 }
 
 /// The tags that name the coordinate system.
 fn geo_keys(frame: &Frame) -> Vec<(u16, Field)> {
-    const GEO_KEY_DIRECTORY: u16 = 34735;
-    const GEO_ASCII_PARAMS: u16 = 34737;
-    const MODEL_TYPE: u16 = 1024;
-    const RASTER_TYPE: u16 = 1025;
-    const CITATION: u16 = 1026;
-    const GEOGRAPHIC_TYPE: u16 = 2048;
-    const PROJECTED_TYPE: u16 = 3072;
-    const USER_DEFINED: u16 = 32767;
-
     let epsg = frame.epsg.and_then(|code| u16::try_from(code).ok());
     let mut keys: Vec<[u16; 4]> = Vec::new();
+    // An entry is a key, the tag that has its value (0: the entry itself has it), the count and the value, or
+    // its index in the tag.
     let mut key = |number, value| keys.push([number, 0, 1, value]);
     match epsg {
         Some(code) if crate::space::is_geographic(code) => {
-            key(MODEL_TYPE, 2);
-            key(GEOGRAPHIC_TYPE, code);
+            key(geo_key::MODEL_TYPE, geo_key::MODEL_GEOGRAPHIC);
+            key(geo_key::GEODETIC_CRS, code);
         }
         Some(code) => {
-            key(MODEL_TYPE, 1);
-            key(PROJECTED_TYPE, code);
+            key(geo_key::MODEL_TYPE, geo_key::MODEL_PROJECTED);
+            key(geo_key::PROJECTED_CRS, code);
         }
-        None if frame.crs_name.is_some() => key(MODEL_TYPE, USER_DEFINED),
+        None if frame.crs_name.is_some() => key(geo_key::MODEL_TYPE, geo_key::USER_DEFINED),
         None => {}
     }
     if !frame.is_identity() || epsg.is_some() {
-        key(RASTER_TYPE, if frame.pixel_is_point { 2 } else { 1 });
+        let is_point = frame.pixel_is_point;
+        key(
+            geo_key::RASTER_TYPE,
+            if is_point { geo_key::RASTER_PIXEL_IS_POINT } else { geo_key::RASTER_PIXEL_IS_AREA },
+        );
     }
     let mut tags = Vec::new();
     if let Some(name) = &frame.crs_name {
         // The tag is 7-bit ASCII, and `|` ends a text in it.
         let plain = |c: char| if c.is_ascii() && c != '|' && c != '\0' { c } else { '?' };
         let text: String = name.chars().take(1000).map(plain).chain(['|']).collect();
-        keys.push([CITATION, GEO_ASCII_PARAMS, text.len() as u16, 0]);
-        tags.push((GEO_ASCII_PARAMS, Field::Ascii(text)));
+        keys.push([geo_key::CITATION, tag::GEO_ASCII_PARAMS, text.len() as u16, 0]);
+        tags.push((tag::GEO_ASCII_PARAMS, Field::Ascii(text)));
     }
     if !keys.is_empty() {
         keys.sort();
-        keys.insert(0, [1, 1, 0, keys.len() as u16]);
-        tags.push((GEO_KEY_DIRECTORY, Field::Short(keys.concat())));
+        let count = keys.len() as u16;
+        keys.insert(0, [geo_key::DIRECTORY_VERSION, geo_key::KEY_REVISION, geo_key::MINOR_REVISION, count]);
+        tags.push((tag::GEO_KEY_DIRECTORY, Field::Short(keys.concat())));
     }
     tags
 }
 
 /// GDAL's tag for nodata.
 pub(super) fn nodata_tag(number: f64) -> (u16, Field) {
-    (42113, Field::Ascii(if number.is_nan() { "nan".into() } else { number.to_string() }))
+    (tag::GDAL_NODATA, Field::Ascii(if number.is_nan() { "nan".into() } else { number.to_string() }))
 }
 
 /// GDAL's tag for names of bands, if any has one.
@@ -147,7 +212,7 @@ pub(super) fn band_names_tag(names: &[String]) -> Option<(u16, Field)> {
             &format!("  <Item name=\"DESCRIPTION\" sample=\"{band}\" role=\"description\">{name}</Item>\n");
     }
     xml += "</GDALMetadata>\n";
-    names.iter().any(|name| !name.is_empty()).then_some((42112, Field::Ascii(xml)))
+    names.iter().any(|name| !name.is_empty()).then_some((tag::GDAL_METADATA, Field::Ascii(xml)))
 }
 
 #[cfg(test)]

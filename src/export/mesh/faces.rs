@@ -54,7 +54,7 @@ impl Points {
     }
 }
 
-/// What became of the faces of a block's solid cells.
+/// The outer faces of a block's solid cells, merged.
 struct Merged {
     rectangles: Vec<Rectangle>,
     corners: Points,
@@ -75,23 +75,23 @@ pub(super) fn write(blocks: &mut dyn CellBlocks, mesh: &mut Mesh<'_>, progress: 
     visit(blocks, Reach::Faces, progress, |blocks, block| faces.write_block(blocks, block))
 }
 
-/// Merged blocks that are remembered, twice.
+/// Merged blocks in each of the two generations of the cache.
 const MERGED: usize = 1024;
 
-/// Nothing if a block has no faces.
-type Known = HashMap<[i64; 3], Option<Rc<Merged>>>;
+/// Merged faces by block; `None` if a block has no faces.
+type MergedBlocks = HashMap<[i64; 3], Option<Rc<Merged>>>;
 
 struct Faces<'a, 'b> {
     mesh: &'a mut Mesh<'b>,
     /// The last block along each axis.
     last: u32,
-    /// Blocks merged lately, and those before them.
-    merged: [Known; 2],
+    /// Cache of merged blocks in two generations: the younger, and the one before it.
+    merged: [MergedBlocks; 2],
     shared: Shared,
-    /// By grid point of the block: 0, or 1 and a place in `found`.
+    /// Vertices by grid point of the block: 0 for no vertex, else its index in `found` plus 1.
     vertices: Vec<u32>,
     found: Vec<Vertex>,
-    /// Points that have a place.
+    /// Indices of the grid points that have a vertex.
     used: Vec<usize>,
 }
 
@@ -99,6 +99,9 @@ impl Faces<'_, '_> {
     fn write_block(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3]) -> Result<()> {
         let here = block.map(i64::from);
         if let Some(own) = self.merged(blocks, here)? {
+            // Corners of rectangles in any block around may lie on the sides of this block's rectangles: each
+            // becomes a point of their rings, so that no T-junctions are left. 13 of 0 to 26 is the block
+            // itself.
             let mut points = own.corners.clone();
             for step in (0..27).filter(|step| *step != 13) {
                 let by = [step % 3 - 1, step / 3 % 3 - 1, step / 9 - 1];
@@ -112,7 +115,7 @@ impl Faces<'_, '_> {
                 ring(rectangle, &points, &mut corners);
                 self.write_face(block, rectangle, &corners)?;
             }
-            self.used.drain(..).for_each(|place| self.vertices[place] = 0);
+            self.used.drain(..).for_each(|point| self.vertices[point] = 0);
             self.found.clear();
         }
         self.shared.done(z_order(block));
@@ -137,8 +140,8 @@ impl Faces<'_, '_> {
     /// The vertex at a grid point of a block.
     fn vertex(&mut self, block: [u32; 3], at: [u8; 3]) -> Result<Vertex> {
         let [x, y, z] = at.map(usize::from);
-        let place = (z * POINTS + y) * POINTS + x;
-        if let Some(known) = self.vertices[place].checked_sub(1) {
+        let index = (z * POINTS + y) * POINTS + x;
+        if let Some(known) = self.vertices[index].checked_sub(1) {
             return Ok(self.found[known as usize]);
         }
         let point: [u32; 3] = std::array::from_fn(|axis| block[axis] * SIDE + u32::from(at[axis]));
@@ -149,6 +152,7 @@ impl Faces<'_, '_> {
             None => {
                 let vertex = self.mesh.vertex(point.map(f64::from))?;
                 if is_shared {
+                    // The last in Z order of the up to eight blocks that meet there.
                     let last = point.map(|cell| (cell / SIDE).min(self.last));
                     self.shared.put(point, vertex, z_order(last));
                 }
@@ -156,8 +160,8 @@ impl Faces<'_, '_> {
             }
         };
         self.found.push(vertex);
-        self.vertices[place] = self.found.len() as u32;
-        self.used.push(place);
+        self.vertices[index] = self.found.len() as u32;
+        self.used.push(index);
         Ok(vertex)
     }
 
@@ -226,7 +230,7 @@ fn axes(normal: usize) -> (usize, usize) {
     }
 }
 
-/// Which cells have an open face, slice by slice across `normal`, towards a neighbour.
+/// Bits of the cells that have an open face towards a neighbour, slice by slice across `normal`.
 fn exposed(block: &Block, beside: &Block, normal: usize, up: bool) -> Vec<u32> {
     let mut exposed = vec![0; CELLS * CELLS];
     let row = |block: &Block, y: usize, z: usize| block.solid[z * CELLS + y];
@@ -266,8 +270,8 @@ fn exposed(block: &Block, beside: &Block, normal: usize, up: bool) -> Vec<u32> {
     exposed
 }
 
-/// Merges the open faces of a slice: runs of cells in a row, as long as they go, then over as many rows as have the same
-/// cells. Only cells with the same attribute are merged.
+/// Merges the open faces of a slice: runs of cells in a row, as long as they go, then over as many rows as
+/// have the same cells. Only cells with the same attribute are merged.
 fn merge_slice(
     block: &Block,
     normal: usize,

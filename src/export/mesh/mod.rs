@@ -1,19 +1,20 @@
 //! The surface of an octree as a mesh: PLY, OBJ or STL.
 //!
-//! Two surfaces can be had. The *faces* of the cells, merged to rectangles, enclose exactly the solid cells. The
-//! *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
+//! Two surfaces can be had. The *faces* of the cells, merged to rectangles, enclose exactly the solid cells.
+//! The *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
 //!
-//! Both are closed: every edge is passed as often in one direction as in the other, and faces are counterclockwise
-//! seen from outside. For rectangles this takes some care, since where two meet one, the one's edge has a point that it
-//! would not have by itself (a T-junction). Faces are merged within blocks of 32 x 32 x 32 cells only, so that a block's
-//! rectangles follow from the block and the cells that touch it; then each rectangle gets the corners of all rectangles
-//! around it as points of its own ring, those of the 26 blocks around its block included. That is exact wherever
-//! blocks meet, merges whatever is flat, and needs a few blocks at a time; the price is that some rectangles have more
-//! than four points (PLY and OBJ can tell that; for STL, or if asked for, they are cut into triangles).
+//! Both are closed: every edge is passed as often in one direction as in the other, and faces are
+//! counterclockwise when viewed from outside. For rectangles this takes some care, since where two meet one,
+//! the one's edge has a point that it would not have by itself (a T-junction). Faces are merged within blocks
+//! of 32 x 32 x 32 cells only, so that a block's rectangles follow from the block and the cells that touch
+//! it; then each rectangle gets the corners of all rectangles around it as points of its own ring, those of
+//! the 26 blocks around its block included. That is exact wherever blocks meet, merges whatever is flat, and
+//! needs a few blocks at a time; the price is that some rectangles have more than four points (PLY and OBJ
+//! can hold these; for STL, or if asked for, they are cut into triangles).
 //!
-//! Blocks are visited in Z order, and whatever is uniformly solid or empty with its surroundings is passed over, so
-//! that time goes with the surface. Vertices that blocks share are remembered until the last of these blocks is done:
-//! memory goes with the edge of what is done, never with the mesh.
+//! Blocks are visited in Z order, and whatever is uniformly solid or empty with its surroundings is passed
+//! over, so that time goes with the surface. Vertices that blocks share are remembered until the last of
+//! these blocks is done: memory goes with the edge of what is done, never with the mesh.
 
 mod faces;
 mod nets;
@@ -38,7 +39,7 @@ use crate::{Error, Progress, Result};
 pub use ply::Attribute;
 use sink::{Mesh, Sink};
 
-/// Which surface, and how fine.
+/// Kind of surface, and level of detail.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshRequest {
     /// Level whose cells are meant; the tree's depth if not given. INNER nodes of the level count by their
@@ -75,13 +76,13 @@ impl FromStr for MeshFormat {
 }
 
 impl MeshFormat {
-    /// The format that a file's name tells.
+    /// The format by a file name's extension.
     pub fn of(path: &Path) -> Option<MeshFormat> {
         path.extension()?.to_str()?.parse().ok()
     }
 }
 
-/// What was written.
+/// Size of a written mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshSummary {
     /// Vertices, each counted once.
@@ -90,15 +91,15 @@ pub struct MeshSummary {
     pub faces: u64,
 }
 
-/// Writes the surface of an octree, or of a view of one, in the coordinates of its world. A tree without solid cells
-/// gives a mesh without faces.
+/// Writes the surface of an octree, or of a view of one, in the coordinates of its world. A tree without
+/// solid cells gives a mesh without faces.
 ///
-/// PLY files tell the cells' values: three or four channels of u8 as colours of faces, classes of u8 or u16 as a property
-/// `value`. Faces of different values are not merged then.
+/// PLY files have the cells' values: three or four channels of u8 as colours of faces, classes of u8 or u16
+/// as a property `value`. Faces of different values are not merged then.
 ///
 /// # Errors
-/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the format cannot hold so many
-/// faces or such coordinates; if the output cannot be written; or on interruption.
+/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the format cannot
+/// hold so many faces or such coordinates; if the output cannot be written; or on interruption.
 pub fn export_mesh(
     tree: &Dataset,
     request: &MeshRequest,
@@ -125,7 +126,7 @@ pub fn export_mesh(
     export_blocks(&mut *blocks, attribute, &frame, request, output, format, progress)
 }
 
-/// Writes the surface of the cells that any source has in blocks; `frame` places these cells, and
+/// Writes the surface of the cells that any source has in blocks; `frame` is that of these cells, and
 /// [`MeshRequest::level`] does not matter. An attribute needs blocks that carry [`Carry::Value`].
 ///
 /// # Errors
@@ -165,7 +166,7 @@ pub fn export_blocks(
     mesh.finish()
 }
 
-/// What it takes to tell vertices apart.
+/// Precision of coordinates that keeps vertices distinct.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Precision {
     /// f32 holds coordinates to a small part of a cell.

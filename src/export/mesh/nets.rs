@@ -1,8 +1,8 @@
-//! Surface nets: a vertex in each cube of eight neighbouring cells' centres that the surface passes through, and a
-//! quadrangle across each edge between two centres that it crosses.
+//! Surface nets: a vertex in each cube of eight neighbouring cells' centres that the surface passes through,
+//! and a quadrangle across each edge between two centres that it crosses.
 //!
-//! A cube is named by its last corner, so that all it needs lies in its block and in the layer of cells before that,
-//! and the quadrangles that a cube closes join cubes that were there before it.
+//! A cube is named by its last corner, so that all it needs lies in its block and in the layer of cells
+//! before that, and the quadrangles that a cube closes join cubes that were there before it.
 
 use std::sync::Arc;
 
@@ -16,9 +16,9 @@ use crate::{Error, Progress, Result};
 
 /// Cells along an edge of a block, as an index.
 const CELLS: usize = SIDE as usize;
-/// The same with the layer before them.
+/// Cells along an edge of a block and the layer before them.
 const WIDE: usize = CELLS + 1;
-/// Where coverage, from 0 to 255, is half: never at a cell's centre.
+/// Coverage, from 0 to 255, at the surface: no cell's own.
 const HALF: f64 = 127.5;
 
 /// Writes the smooth surface. Cells are full or empty unless their coverage is carried.
@@ -44,18 +44,18 @@ struct Nets<'a, 'b> {
     has_coverage: bool,
     /// Vertices of cubes in the last layers of blocks.
     shared: Shared,
-    /// By cube of the block: 0, or 1 and a place in `found`.
+    /// Vertices by cube of the block: 0 for no vertex, else its index in `found` plus 1.
     vertices: Vec<u32>,
     found: Vec<Vertex>,
-    /// Cubes that have a place.
+    /// Indices of the cubes that have a vertex.
     used: Vec<usize>,
 }
 
 /// A block and the layer of cells before it.
 struct Field {
-    /// By step: a block, and those before it along the axes whose bit is set.
+    /// A block and its neighbours, by step: those before it along the axes whose bit is set.
     blocks: Vec<Arc<Block>>,
-    /// Which cells are solid: bit x of row `z * WIDE + y`.
+    /// Solid cells: bit x of row `z * WIDE + y`.
     solid: Vec<u64>,
     has_coverage: bool,
 }
@@ -81,19 +81,19 @@ impl Field {
         self.solid[z * WIDE + y] >> x & 1 > 0
     }
 
-    /// The block that a cell lies in, and which one it is there.
-    fn place(&self, cell: [usize; 3]) -> (&Block, [u32; 3]) {
+    /// The block that a cell lies in, and its coordinates there.
+    fn locate(&self, cell: [usize; 3]) -> (&Block, [u32; 3]) {
         let step = (0..3).fold(0, |step, axis| step | usize::from(cell[axis] == 0) << axis);
         (&self.blocks[step], cell.map(|cell| ((cell + CELLS - 1) % CELLS) as u32))
     }
 
     /// The attribute of a cell.
     fn attribute(&self, cell: [usize; 3]) -> u32 {
-        let (block, cell) = self.place(cell);
+        let (block, cell) = self.locate(cell);
         block.attribute(cell)
     }
 
-    /// How full a cell is, 0 to 255.
+    /// Coverage of a cell, 0 to 255.
     fn coverage(&self, cell: [usize; 3]) -> f64 {
         match self.has_coverage {
             true => f64::from(self.attribute(cell)),
@@ -102,15 +102,18 @@ impl Field {
         }
     }
 
-    /// Which cubes of a row have both solid and empty corners.
+    /// Bits of the cubes of a row that have both solid and empty corners.
     fn mixed(&self, y: usize, z: usize) -> u32 {
         let rows = [z * WIDE + y, z * WIDE + y + 1, (z + 1) * WIDE + y, (z + 1) * WIDE + y + 1];
         let [a, b, c, d] = rows.map(|row| self.solid[row]);
+        // Each bit stands for a cell, shifted ones for the next along x: a cube is mixed if any of its eight
+        // corners is solid and not all are.
         let (any, all) = (a | b | c | d, a & b & c & d);
         ((any | any >> 1) & !(all & all >> 1)) as u32
     }
 
-    /// The mean of the places where a cube's edges are half way between full and empty; from its first corner, in cells.
+    /// The mean of the points where a cube's edges cross half coverage, interpolated linearly; from its first
+    /// corner, in cells.
     fn middle(&self, first: [usize; 3]) -> [f64; 3] {
         let corner = |i: usize| [0, 1, 2].map(|axis| first[axis] + (i >> axis & 1));
         let coverage: [f64; 8] = std::array::from_fn(|i| self.coverage(corner(i)));
@@ -145,7 +148,7 @@ impl Nets<'_, '_> {
                 }
             }
         }
-        self.used.drain(..).for_each(|place| self.vertices[place] = 0);
+        self.used.drain(..).for_each(|cube| self.vertices[cube] = 0);
         self.found.clear();
         self.shared.done(z_order(block));
         Ok(())
@@ -158,9 +161,11 @@ impl Nets<'_, '_> {
         let at = std::array::from_fn(|axis| f64::from(name[axis]) - 0.5 + middle[axis]);
         let vertex = self.mesh.vertex(at)?;
         self.found.push(vertex);
-        let place = place(cube);
-        self.vertices[place] = self.found.len() as u32;
-        self.used.push(place);
+        let index = index_of(cube);
+        self.vertices[index] = self.found.len() as u32;
+        self.used.push(index);
+        // Only cubes in the last layers have neighbours in later blocks; the last of these is the one after
+        // them along all axes in which they are last.
         if cube.contains(&(CELLS - 1)) {
             self.shared.put(name, vertex, z_order(name.map(|cell| (cell + 1) / SIDE)));
         }
@@ -211,7 +216,7 @@ impl Nets<'_, '_> {
         let known = if cube.contains(&-1) {
             self.shared.get(name(block, cube))
         } else {
-            let known = self.vertices[place(cube.map(|cube| cube as usize))].checked_sub(1);
+            let known = self.vertices[index_of(cube.map(|cube| cube as usize))].checked_sub(1);
             known.map(|known| self.found[known as usize])
         };
         // Only a source that gives other cells when asked again can get here.
@@ -224,6 +229,7 @@ fn name(block: [u32; 3], cube: [i64; 3]) -> [u32; 3] {
     std::array::from_fn(|axis| (i64::from(block[axis] * SIDE) + cube[axis]) as u32)
 }
 
-fn place([x, y, z]: [usize; 3]) -> usize {
+/// Index of a cube of the block in [`Nets::vertices`].
+fn index_of([x, y, z]: [usize; 3]) -> usize {
     (z * CELLS + y) * CELLS + x
 }

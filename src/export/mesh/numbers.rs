@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use super::sink::Vertex;
 use crate::space::{Dimension, morton_encode};
 
-/// The place of a block in Z order.
+/// Morton code of a block: its position in Z order.
 pub(super) fn z_order(block: [u32; 3]) -> u64 {
     block
         .into_iter()
@@ -17,11 +17,11 @@ pub(super) fn z_order(block: [u32; 3]) -> u64 {
 #[derive(Default)]
 pub(super) struct Shared {
     vertices: HashMap<u64, Vertex>,
-    /// Which may go when the block at this place is done.
+    /// Keys of the vertices to drop when the block at this position in Z order is done.
     due: BTreeMap<u64, Vec<u64>>,
 }
 
-/// A point of the grid as a number.
+/// A point of the grid as a number: 21 bits per axis hold coordinates up to 2^19, the far border included.
 fn key(point: [u32; 3]) -> u64 {
     point.into_iter().fold(0, |key, cell| key << 21 | u64::from(cell))
 }
@@ -31,15 +31,15 @@ impl Shared {
         self.vertices.get(&key(point)).copied()
     }
 
-    /// `last` is the place of the last block that may ask for it.
+    /// `last` is the position in Z order of the last block that may ask for it.
     pub(super) fn put(&mut self, point: [u32; 3], vertex: Vertex, last: u64) {
         self.vertices.insert(key(point), vertex);
         self.due.entry(last).or_default().push(key(point));
     }
 
-    /// All blocks up to this place are done.
-    pub(super) fn done(&mut self, place: u64) {
-        while let Some(first) = self.due.first_entry().filter(|first| *first.key() <= place) {
+    /// Drops the vertices that only blocks up to this position in Z order may ask for: these are done.
+    pub(super) fn done(&mut self, position: u64) {
+        while let Some(first) = self.due.first_entry().filter(|first| *first.key() <= position) {
             for key in first.remove() {
                 self.vertices.remove(&key);
             }

@@ -6,7 +6,7 @@ use super::sink::{Sink, Spill, Vertex, failed};
 use crate::io::Output;
 use crate::{Error, Result};
 
-/// What PLY files tell of the cell behind each face.
+/// Property of each face: an attribute of the cell behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
     /// Nothing.
@@ -32,7 +32,7 @@ pub(super) struct Ply {
 }
 
 impl Ply {
-    /// With coordinates of double precision, or of single.
+    /// Starts a file, with coordinates of double precision, or of single.
     pub(super) fn new(mut output: Output, attribute: Attribute, double: bool) -> Result<Ply> {
         let (vertex_spill, face_spill) = (Spill::new(&mut output)?, Spill::new(&mut output)?);
         let bytes = Vec::new();
@@ -41,7 +41,7 @@ impl Ply {
 
     fn header(&self) -> String {
         let number = if self.double { "double" } else { "float" };
-        // Some readers know signed indices only; they are told so as long as it makes no difference.
+        // Some readers know signed indices only: indices are declared as such as long as they fit.
         let index = if self.vertices > i32::MAX as u64 { "uint" } else { "int" };
         let attribute = match self.attribute {
             Attribute::None => "",

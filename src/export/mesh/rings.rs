@@ -18,7 +18,7 @@ pub(super) struct Rectangle {
 }
 
 impl Rectangle {
-    /// Its corners, counterclockwise seen from outside.
+    /// Its corners, counterclockwise when viewed from outside.
     pub(super) fn corners(&self) -> [[u8; 3]; 4] {
         let (u, v) = ((self.normal + 1) % 3, (self.normal + 2) % 3);
         let (mut after_u, mut after_v) = (self.min, self.min);
@@ -55,7 +55,8 @@ pub(super) fn ring(rectangle: &Rectangle, points: &Points, ring: &mut Vec<[u8; 3
     }
 }
 
-/// Cuts a convex ring, counterclockwise and maybe with points on its sides, into triangles none of which is flat.
+/// Cuts a convex ring, counterclockwise and maybe with points on its sides, into triangles none of which is
+/// flat.
 ///
 /// Ears are cut off at corners, going round; a corner whose ear would leave nothing but a line has to wait.
 pub(super) fn triangulate(points: &[[i32; 2]]) -> Vec<[usize; 3]> {
@@ -73,6 +74,8 @@ pub(super) fn triangulate(points: &[[i32; 2]]) -> Vec<[usize; 3]> {
         let count = ring.len();
         let ear = [ring[(at + count - 1) % count], ring[at % count], ring[(at + 1) % count]];
         let area = double_area(ear);
+        // Points on a side make flat ears, of area 0. An ear as large as all that is left would leave a ring
+        // of points on one line, which no triangle can fill.
         if area > 0 && area < left {
             triangles.push(ear);
             ring.remove(at % count);

@@ -1,4 +1,4 @@
-//! Where vertices and faces go.
+//! Output of vertices and faces.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -22,9 +22,9 @@ pub(super) struct Vertex {
 pub(super) trait Sink {
     /// The next vertex.
     fn vertex(&mut self, at: [f64; 3]) -> Result<()>;
-    /// A face, counterclockwise seen from outside, and the attribute of the cell behind it.
+    /// A face, counterclockwise when viewed from outside, and the attribute of the cell behind it.
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()>;
-    /// Puts the file in its place.
+    /// Completes the file and publishes it under its name: see [`Output::commit`].
     fn finish(self: Box<Self>) -> Result<()>;
 }
 
@@ -46,7 +46,7 @@ impl<'a> Mesh<'a> {
         Mesh { sink, frame, mirrored, triangles, summary: MeshSummary::default(), ring: Vec::new() }
     }
 
-    /// Writes a vertex at a place in cell coordinates.
+    /// Writes a vertex at a point in cell coordinates.
     pub(super) fn vertex(&mut self, cells: [f64; 3]) -> Result<Vertex> {
         let vertex = Vertex { index: self.summary.vertices, at: self.frame.to_world(cells) };
         self.sink.vertex(vertex.at)?;
@@ -71,7 +71,8 @@ impl<'a> Mesh<'a> {
     }
 }
 
-/// What cannot be written yet, in an unnamed temporary file: in the output's folder if it has one, which has room.
+/// Output that has to follow what is not known yet, in an unnamed temporary file: in the output's folder if
+/// it has one, since that is where there must be room.
 pub(super) struct Spill {
     path: PathBuf,
     file: BufWriter<File>,

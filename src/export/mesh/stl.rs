@@ -39,8 +39,8 @@ impl Sink for Stl {
         let normal = to(b).cross(to(c)).normalize_or_zero().to_array();
         let mut bytes = [0; 50];
         let numbers = normal.iter().chain(&a.at).chain(&b.at).chain(&c.at);
-        for (place, number) in bytes.chunks_exact_mut(4).zip(numbers) {
-            place.copy_from_slice(&(*number as f32).to_le_bytes());
+        for (field, number) in bytes.chunks_exact_mut(4).zip(numbers) {
+            field.copy_from_slice(&(*number as f32).to_le_bytes());
         }
         self.spill.write(&bytes)
     }

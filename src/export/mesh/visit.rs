@@ -3,13 +3,14 @@
 use crate::query::cell_blocks::{BlockState, CellBlocks};
 use crate::{Progress, Result};
 
-/// Which blocks belong to a surface.
+/// Criterion for the blocks that belong to a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reach {
-    /// Those whose solid cells have faces: mixed ones, and solid ones that not only solid ones touch by their faces.
+    /// Those whose solid cells have faces: mixed ones, and solid ones that not only solid ones touch by their
+    /// faces.
     Faces,
-    /// Those that, with a layer of cells before them along each axis, are not uniform. The layer of blocks beyond the
-    /// space belongs to them.
+    /// Those that, with a layer of cells before them along each axis, are not uniform. The layer of blocks
+    /// beyond the space belongs to them.
     Nets,
 }
 
@@ -75,5 +76,5 @@ impl Reach {
     }
 }
 
-/// To the blocks that touch a block by its faces: -x, +x, -y and so on.
+/// Offsets of the blocks that touch a block by its faces: -x, +x, -y and so on.
 pub(super) const FACES: [[i64; 3]; 6] = [[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]];

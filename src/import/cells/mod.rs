@@ -21,8 +21,9 @@ pub struct CellList {
 const BATCH: usize = 1 << 20;
 
 impl CellList {
-    /// Opens a list for a tree: text with a line `X,Y,VALUE` (octrees: `X,Y,Z,VALUE`; several channels: several values; `void`
-    /// instead of values) per cell, or a NumPy array whose rows have these numbers. `-` is text from standard input.
+    /// Opens a list for a tree: text with a line `X,Y,VALUE` (octrees: `X,Y,Z,VALUE`; several channels:
+    /// several values; `void` instead of values) per cell, or a NumPy array whose rows have these numbers.
+    /// `-` is text from standard input.
     ///
     /// # Errors
     /// If it cannot be read, or an array has another shape.

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// How numbers of a type are read.
+/// Decoder of one number of a type.
 type Decode = fn(&[u8]) -> f64;
 
 macro_rules! decoders {
@@ -22,7 +22,8 @@ const TYPES: &[(&str, usize, Decode)] = decoders!(
     "|u1" u8, "|i1" i8, "<u2" u16, "<i2" i16, "<u4" u32, "<i4" i32, "<u8" u64, "<i8" i64, "<f4" f32, "<f8" f64
 );
 
-/// A cell per row; the array must have two dimensions, and coordinates before values. Values that are not numbers are VOID.
+/// A cell per row; the array must have two dimensions, and coordinates before values. Values that are not
+/// numbers are VOID.
 pub(super) fn rows<R: Read>(
     mut input: R,
     path: &Path,
@@ -77,9 +78,9 @@ pub(super) fn rows<R: Read>(
         }
         let numbers: Vec<f64> = row.chunks(size).map(decode).collect();
         let mut cell = [0; 3];
-        for (place, found) in cell[..axes].iter_mut().zip(&numbers) {
+        for (axis, found) in cell[..axes].iter_mut().zip(&numbers) {
             match coordinate(*found) {
-                Some(found) => *place = found,
+                Some(found) => *axis = found,
                 None => {
                     let place = format!("row {}", number - 1);
                     return Some(Err(Error::corrupt(

@@ -48,8 +48,8 @@ pub(super) fn rows<R: BufRead>(
 fn row(text: &str, axes: usize, channels: usize) -> Option<CellValue> {
     let mut words = text.split([',', ';', ' ', '\t']).filter(|word| !word.is_empty());
     let mut cell = [0; 3];
-    for place in &mut cell[..axes] {
-        *place = coordinate(words.next()?.parse().ok()?)?;
+    for axis in &mut cell[..axes] {
+        *axis = coordinate(words.next()?.parse().ok()?)?;
     }
     let rest: Vec<&str> = words.collect();
     if rest == ["void"] {

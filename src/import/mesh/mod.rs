@@ -5,10 +5,10 @@ mod model;
 mod read;
 mod solid;
 
-pub use face::{Box3, Flaw, Polygon, Stage, Stages, Triangulator, Verdict};
+pub use face::{Box3, Flaw, Intersection, Polygon, Stage, Stages, Triangulator};
 pub use model::{Face, Model, ModelInfo};
 pub use read::{is_model, open, open_all};
 pub use solid::{
-    Attribute, Boundary, DEFAULT_MEMORY, Decided, Resolution, SolidImport, SolidOptions, SolidReport,
+    Attribute, Boundary, DEFAULT_MEMORY, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
     plan_models,
 };

@@ -1,4 +1,4 @@
-//! What every reader of a mesh format offers: its faces, one after the other, as often as asked.
+//! Interface of the readers of mesh formats: a stream of faces that can be read any number of times.
 
 use std::path::PathBuf;
 
@@ -7,26 +7,27 @@ use crate::Result;
 /// A planar face with its holes, as a reader hands it out.
 #[derive(Clone, Copy, Debug)]
 pub struct Face<'a> {
-    /// Corners of all rings in the file's own coordinates, the outer ring's first; a ring does not repeat its first
-    /// corner at its end. Counterclockwise seen from outside the solid, holes the other way round.
+    /// Corners of all rings in the file's own coordinates, the outer ring's first; a ring does not repeat its
+    /// first corner at its end. Counterclockwise seen from outside the solid, holes the other way round.
     pub points: &'a [[f64; 3]],
-    /// Where each ring ends in `points`; one entry for a face without holes.
+    /// End of each ring in `points`; one entry for a face without holes.
     pub ring_ends: &'a [usize],
-    /// A colour per corner, red, green, blue; nothing where the file has none. In a file where only some faces have
-    /// one, the others are white.
+    /// A colour per corner, red, green, blue; nothing where the file has none. In a file where only some
+    /// faces have one, the others are white.
     pub colours: &'a [[u8; 3]],
     /// Number of the part that the face belongs to: see [`ModelInfo::parts`].
     pub part: u32,
 }
 
-/// What is known of a model before its faces are read.
+/// Properties of a model that are known before its faces are read.
 #[derive(Clone, Debug)]
 pub struct ModelInfo {
     /// The file.
     pub path: PathBuf,
     /// Its format in words: "PLY, binary little-endian".
     pub format: String,
-    /// Faces, where the file tells before they are read: with those that cover nothing, which are not handed out.
+    /// Faces, where the file tells before they are read: with those that cover nothing, which are not handed
+    /// out.
     pub faces: Option<u64>,
     /// Least and greatest coordinate of all vertices along each axis, of those that no face uses, too.
     pub bounds: [[f64; 3]; 2],
@@ -34,7 +35,7 @@ pub struct ModelInfo {
     pub epsg: Option<u32>,
     /// Name of the unit of length, where the file tells: "mm".
     pub unit: Option<String>,
-    /// Names of the parts: objects, groups, materials. A face's part is a place in this list; never empty.
+    /// Names of the parts: objects, groups, materials. A face's part is an index into this list; never empty.
     pub parts: Vec<String>,
     /// Whether faces come with colours.
     pub is_coloured: bool,
@@ -44,22 +45,22 @@ pub struct ModelInfo {
 
 /// A boundary representation in a file.
 pub trait Model: Send {
-    /// What is known of it.
+    /// Properties of the model.
     fn info(&self) -> &ModelInfo;
 
-    /// Reads all faces, in the file's order, and hands them out one by one; may be called again, and gives the same
-    /// faces then.
+    /// Reads all faces, in the file's order, and hands them out one by one; may be called again, and gives
+    /// the same faces then.
     ///
-    /// Faces with fewer than three different corners cover nothing and are left out; so are corners that repeat the one
-    /// before them.
+    /// Faces with fewer than three different corners cover nothing and are left out; so are corners that
+    /// repeat the one before them.
     ///
     /// # Errors
-    /// If the file cannot be read or breaks its format's rules (indices out of range, coordinates that are not finite
-    /// numbers, faces of more than 2^20 corners), or what `each` returns.
+    /// If the file cannot be read or breaks its format's rules (indices out of range, coordinates that are
+    /// not finite numbers, faces of more than 2^20 corners), or what `each` returns.
     fn faces(&mut self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()>;
 
-    /// How many faces were left out when all of them were read last, because they have fewer than three different
-    /// corners; 0 before that.
+    /// Number of faces that were left out when all of them were read last, because they have fewer than three
+    /// different corners; 0 before that.
     fn degenerate(&self) -> u64 {
         0
     }

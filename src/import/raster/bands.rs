@@ -13,7 +13,7 @@ struct Bands {
     /// Channels of the raster, from 0.
     chosen: Vec<usize>,
     info: RasterInfo,
-    /// What was read from the raster last.
+    /// Samples of all channels from the last read.
     all: Vec<u8>,
 }
 

@@ -1,4 +1,4 @@
-//! From an import to its tree.
+//! Building of the tree of an import.
 
 use super::plan::Import;
 use super::slabs::BLOCK;
@@ -16,7 +16,8 @@ impl Import {
     /// output's folder first.
     ///
     /// # Errors
-    /// If the input cannot be read or the output not be written, or on interruption; nothing is left behind then.
+    /// If the input cannot be read or the output not be written, or on interruption; nothing is left behind
+    /// then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         let half = self.memory / 2;
         let in_bands = self.info().order == Order::Bands;
@@ -32,12 +33,12 @@ impl Import {
     }
 }
 
-/// Bytes that building from bands of rows takes: two bands, and the parts of the tree along the width that wait for
-/// the rows below them.
+/// Bytes that building from bands of rows takes: two bands, and the parts of the tree along the width that
+/// wait for the rows below them.
 ///
-/// Of each block no more than 4096 records wait. A row of blocks waits at the lowest level, two rows merged at the
-/// next one, and so on: above the second level segments have been cut off, so that each level up has a quarter of
-/// the records. Together that is at most four rows of blocks.
+/// Of each block no more than 4096 records wait. A row of blocks waits at the lowest level, two rows merged
+/// at the next one, and so on: above the second level segments have been cut off, so that each level up has a
+/// quarter of the records. Together that is at most four rows of blocks.
 fn bands_memory(info: &RasterInfo, value_size: usize) -> u64 {
     const WAITING: u64 = 4 * 4096;
     // Four values, states and a link.

@@ -22,7 +22,7 @@ use crate::{Error, Result};
 struct Layer {
     name: String,
     header: usize,
-    /// What follows the prefix, and the number among the part's channels.
+    /// Name after the prefix, and index among the part's channels.
     channels: Vec<(String, usize)>,
 }
 
@@ -33,9 +33,9 @@ struct Exr {
     meta: MetaData,
     /// The part of the file that is read.
     header: usize,
-    /// Per channel that is read: its place among the part's channels and its type.
+    /// Per channel that is read: its index among the part's channels and its type.
     channels: Vec<(usize, ExrType)>,
-    /// Where the part's table of block offsets starts in the file.
+    /// Offset of the part's table of block offsets in the file.
     table: u64,
     /// Width and height of a block.
     block: [u64; 2],
@@ -62,7 +62,7 @@ pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>
     let block = block_size(path, header, options)?;
 
     let [width, height] = [header.layer_size.0 as u64, header.layer_size.1 as u64];
-    let names: Vec<String> = channels.iter().map(|&(place, _)| layer.channels[place].0.clone()).collect();
+    let names: Vec<String> = channels.iter().map(|&(index, _)| layer.channels[index].0.clone()).collect();
     let channels: Vec<(usize, ExrType)> =
         channels.iter().map(|&(_, number)| (number, header.channels.list[number].sample_type)).collect();
     let info = RasterInfo {
@@ -156,13 +156,13 @@ fn check_supported(path: &Path, header: &Header) -> Result<()> {
 }
 
 /// The channels to read: colours if there are, else luminance, else all in order of their names; each as its
-/// place in the layer and in the part.
+/// index in the layer and in the part.
 fn choose_channels(path: &Path, header: &Header, layer: &Layer) -> Result<(SampleType, Vec<(usize, usize)>)> {
-    let place = |wanted: &str| layer.channels.iter().position(|(name, _)| name == wanted);
-    let colours = ["R", "G", "B"].map(place);
-    let chosen: Vec<usize> = match (colours, place("Y")) {
-        ([Some(r), Some(g), Some(b)], _) => [r, g, b].into_iter().chain(place("A")).collect(),
-        (_, Some(y)) => [y].into_iter().chain(place("A")).collect(),
+    let index_of = |wanted: &str| layer.channels.iter().position(|(name, _)| name == wanted);
+    let colours = ["R", "G", "B"].map(index_of);
+    let chosen: Vec<usize> = match (colours, index_of("Y")) {
+        ([Some(r), Some(g), Some(b)], _) => [r, g, b].into_iter().chain(index_of("A")).collect(),
+        (_, Some(y)) => [y].into_iter().chain(index_of("A")).collect(),
         _ => (0..layer.channels.len()).collect(),
     };
     let chosen: Vec<(usize, usize)> = chosen.into_iter().map(|i| (i, layer.channels[i].1)).collect();
@@ -310,13 +310,13 @@ impl Exr {
         for y in part.y..part.bottom() {
             let line = &block[((y - area.y) * columns * self.pixel_bytes()) as usize..];
             let out_row = &mut out[((y - region.y) * region.width + part.x - region.x) as usize * pixel..];
-            for (place, &(number, sample)) in self.channels.iter().enumerate() {
+            for (index, &(number, sample)) in self.channels.iter().enumerate() {
                 // In a line of a block, each channel's samples stand together.
                 let before: usize = list[..number].iter().map(|c| c.sample_type.bytes_per_sample()).sum();
                 let size = sample.bytes_per_sample();
                 let start = before * columns as usize + (part.x - area.x) as usize * size;
                 let samples = &line[start..][..part.width as usize * size];
-                let targets = out_row.chunks_exact_mut(pixel).map(|p| &mut p[4 * place..4 * place + 4]);
+                let targets = out_row.chunks_exact_mut(pixel).map(|p| &mut p[4 * index..4 * index + 4]);
                 copy_samples(samples, sample, targets);
             }
         }
@@ -414,7 +414,7 @@ mod tests {
             let header = part("", channels);
             let layer = layers(std::slice::from_ref(&header)).swap_remove(0);
             let (sample, chosen) = choose_channels(Path::new("a.exr"), &header, &layer)?;
-            Ok((sample, chosen.iter().map(|&(place, _)| layer.channels[place].0.as_str()).collect()))
+            Ok((sample, chosen.iter().map(|&(index, _)| layer.channels[index].0.as_str()).collect()))
         };
         let float =
             |names: &[&'static str]| names.iter().map(|&name| (name, ExrType::F32)).collect::<Vec<_>>();

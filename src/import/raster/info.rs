@@ -1,4 +1,4 @@
-//! What most readers have in common.
+//! Checks and defaults that most readers share.
 
 use std::path::Path;
 

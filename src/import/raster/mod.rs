@@ -30,7 +30,7 @@ use crate::space::{Frame, Region};
 use crate::value::{Kind, Palette, SampleType};
 use crate::{Error, Result};
 
-/// What a reader understood of a raster file's header.
+/// Properties of a raster, from the header of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RasterInfo {
     /// Columns.
@@ -44,9 +44,9 @@ pub struct RasterInfo {
     pub stored_sample: String,
     /// Samples per pixel, any number.
     pub channels: usize,
-    /// Which channel is opacity (0 is transparent), if one is.
+    /// Index of the opacity channel (0 is transparent), if there is one.
     pub alpha: Option<usize>,
-    /// Where the pixels lie.
+    /// Map from pixels to the world.
     pub frame: Frame,
     /// The number that marks missing samples.
     pub nodata: Option<f64>,
@@ -56,22 +56,23 @@ pub struct RasterInfo {
     pub class_names: Vec<(i64, String)>,
     /// A name per channel where the file has them, else empty strings.
     pub band_names: Vec<String>,
-    /// What to multiply samples by and to add, per channel, to get physical units.
+    /// Scale and offset per channel: factor and summand from samples to physical units.
     pub scale_offset: Vec<(f64, f64)>,
-    /// What the samples mean, as far as the file tells.
+    /// Kind of the samples, continuous or categorical, where the file tells.
     pub kind: Option<Kind>,
     /// The format and how the pixels lie in the file, in words: "GeoTIFF, 512x512 tiles, zstd".
     pub layout: String,
     /// Other things worth keeping: name and value.
     pub tags: Vec<(String, String)>,
-    /// In which order regions are cheap to read.
+    /// Order in which regions are cheap to read.
     pub order: Order,
 }
 
-/// In which order regions of a raster are cheap to read.
+/// Order in which regions of a raster are cheap to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Full-width bands from the top down, each row asked for once; for some formats nothing else is possible.
+    /// Full-width bands from the top down, each row asked for once; for some formats nothing else is
+    /// possible.
     Bands,
     /// Any region at any time.
     Anywhere,
@@ -83,13 +84,13 @@ pub struct Pixels {
     /// `height * width * channels` samples.
     pub bytes: Vec<u8>,
     /// One flag per pixel where the file has a mask of its own: `false` is VOID. (Opacity and nodata are not
-    /// in it: they are seen in the samples.)
+    /// in it: the samples themselves have them.)
     pub valid: Option<Vec<bool>>,
 }
 
 /// A raster file that is open for reading, whatever its format.
 pub trait Raster: Send {
-    /// What is known of it.
+    /// Properties of the raster.
     fn info(&self) -> &RasterInfo;
 
     /// The file, for messages.
@@ -104,7 +105,7 @@ pub trait Raster: Send {
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()>;
 }
 
-/// How to open a raster.
+/// Options for opening a raster.
 #[derive(Clone, Debug)]
 pub struct OpenOptions {
     /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
@@ -120,7 +121,7 @@ impl Default for OpenOptions {
     }
 }
 
-/// Opens a raster file, whose format is told from its first bytes (`.hgt` files from their name).
+/// Opens a raster file, whose format is recognised by its first bytes (`.hgt` files from their name).
 ///
 /// # Errors
 /// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.

@@ -7,7 +7,7 @@ use super::{Order, Pixels, Raster, RasterInfo};
 use crate::space::Region;
 use crate::{Error, Result};
 
-/// How far, in pixels, a raster's pixels may lie beside the first one's.
+/// Largest distance of a raster's pixels from the grid of the first one, in pixels.
 const TOLERANCE: f64 = 1e-3;
 
 /// Several rasters on one grid.
@@ -21,16 +21,17 @@ struct Mosaic {
 
 struct Input {
     raster: Box<dyn Raster>,
-    /// Where it lies in the mosaic.
-    place: Region,
+    /// Its pixels in the mosaic.
+    region: Region,
     validity: Validity,
 }
 
-/// Several rasters as one that covers them all; the last one lies on top, and where it is VOID those below show.
+/// Several rasters as one that covers them all; the last one lies on top, and where it is VOID those below
+/// show.
 ///
-/// They must have the same kind of pixels, and their pixels must lie on one grid. What is told besides (palette,
-/// names, tags) is the first one's. If they mark VOID with different numbers, the mosaic has none and flags VOID
-/// pixels instead. One raster is given back as it is.
+/// They must have the same kind of pixels, and their pixels must lie on one grid. Everything else (palette,
+/// names, tags) is the first one's. If they mark VOID with different numbers, the mosaic has none and flags
+/// VOID pixels instead. One raster is given back as it is.
 ///
 /// # Errors
 /// If they do not fit together, or there are none.
@@ -54,18 +55,18 @@ pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
         info.order = Order::Bands;
     }
     info.layout = format!("mosaic of {}, the first: {}", rasters.len(), info.layout);
-    let place = |(raster, offset): (Box<dyn Raster>, [i64; 2])| {
+    let input = |(raster, offset): (Box<dyn Raster>, [i64; 2])| {
         let found = raster.info();
         let (x, y) = ((offset[0] - corner[0]) as u64, (offset[1] - corner[1]) as u64);
         Input {
-            place: Region::new(x, y, found.width, found.height),
+            region: Region::new(x, y, found.width, found.height),
             validity: Validity::by_all(found),
             raster,
         }
     };
-    let inputs: Vec<Input> = rasters.into_iter().zip(offsets).map(place).collect();
-    info.width = inputs.iter().map(|input| input.place.right()).max().unwrap_or(0);
-    info.height = inputs.iter().map(|input| input.place.bottom()).max().unwrap_or(0);
+    let inputs: Vec<Input> = rasters.into_iter().zip(offsets).map(input).collect();
+    info.width = inputs.iter().map(|input| input.region.right()).max().unwrap_or(0);
+    info.height = inputs.iter().map(|input| input.region.bottom()).max().unwrap_or(0);
     Ok(Box::new(Mosaic { inputs, info, flag_all, part: Pixels::default() }))
 }
 
@@ -73,7 +74,7 @@ fn same_number(a: Option<f64>, b: Option<f64>) -> bool {
     a == b || matches!((a, b), (Some(a), Some(b)) if a.is_nan() && b.is_nan())
 }
 
-/// Where a raster's first pixel lies in another one's pixels.
+/// Offset of a raster's first pixel in the pixels of another one.
 fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
     let both = || format!("{} and {} for one mosaic", first.path().display(), other.path().display());
     let (a, b) = (first.info(), other.info());
@@ -127,11 +128,11 @@ impl Raster for Mosaic {
 
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         self.info.check(region)?;
-        let touched = |input: &&mut Input| !input.place.intersect(&region).is_empty();
+        let touched = |input: &&mut Input| !input.region.intersect(&region).is_empty();
         let mut inputs: Vec<&mut Input> = self.inputs.iter_mut().filter(touched).collect();
         // The usual case: one input has it all.
         if let [input] = inputs.as_mut_slice()
-            && input.place.contains(&region)
+            && input.region.contains(&region)
         {
             input.read(region, pixels)?;
             if self.flag_all {
@@ -144,7 +145,7 @@ impl Raster for Mosaic {
         pixels.bytes.resize(region.area() as usize * size, 0);
         let mut valid = vec![false; region.area() as usize];
         for input in inputs {
-            let part = input.place.intersect(&region);
+            let part = input.region.intersect(&region);
             input.read(part, &mut self.part)?;
             input.validity.apply(&mut self.part);
             for row in 0..part.height {
@@ -166,7 +167,7 @@ impl Input {
     /// Reads a region of the mosaic that lies within the input.
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         let Region { x, y, width, height } = region;
-        self.raster.read(Region::new(x - self.place.x, y - self.place.y, width, height), pixels)
+        self.raster.read(Region::new(x - self.region.x, y - self.region.y, width, height), pixels)
     }
 }
 
@@ -199,13 +200,14 @@ mod tests {
         RasterInfo { frame, nodata: Some(0.0), ..RasterInfo::plain(size, SampleType::U8, 1) }
     }
 
-    /// A picture at a place whose pixels are 0 (VOID) to 3, and whether it wants bands and has another nodata.
+    /// A picture at an offset whose pixels are 0 (VOID) to 3, and whether it wants bands and has another
+    /// nodata.
     type Picture = ([i64; 2], [u64; 2], Vec<u8>, bool, bool);
 
     fn picture() -> impl Strategy<Value = Picture> {
         let size = (1u64..9, 1u64..9);
-        let place = (-6i64..6, -6i64..6);
-        (place, size, any::<bool>(), any::<bool>()).prop_flat_map(
+        let offset = (-6i64..6, -6i64..6);
+        (offset, size, any::<bool>(), any::<bool>()).prop_flat_map(
             |((x, y), (width, height), bands, other)| {
                 let pixels = prop::collection::vec(0u8..4, (width * height) as usize);
                 pixels.prop_map(move |pixels| ([x, y], [width, height], pixels, bands, other))

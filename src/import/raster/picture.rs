@@ -29,7 +29,7 @@ struct Picture {
 impl Picture {
     /// Opens a picture after making sure that it fits the memory.
     ///
-    /// What counts is the decoded picture, which stays; while it is being decoded, progressive JPEG needs
+    /// Only the decoded picture counts, which stays; while it is being decoded, progressive JPEG needs
     /// up to three times as much and WebP up to twice.
     fn open(
         path: &Path,
@@ -124,7 +124,8 @@ fn check_complete(path: &Path, bytes: &[u8]) -> Result<bool> {
     let mut progressive = false;
     let mut at = 2;
     loop {
-        // To the next marker: 0xff and a code; in compressed data 0xff 0x00 and restart marks are no segments.
+        // To the next marker: 0xff and a code; in compressed data 0xff 0x00 and restart marks are no
+        // segments.
         at += bytes
             .get(at..)
             .and_then(|rest| rest.iter().position(|&b| b == 0xff))

@@ -1,4 +1,4 @@
-//! From files and wishes to what will be built.
+//! Plans of imports: from raster files and options to the tree that will be built.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -13,12 +13,12 @@ use crate::{Error, Result};
 /// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
-/// What the user wants of an import; whatever is not said comes from the files.
+/// Options for an import; the files decide those that are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
-    /// What the samples mean.
+    /// Kind of the samples: continuous or categorical.
     pub kind: Option<Kind>,
-    /// How averages at coarse detail are made.
+    /// Rule for the representatives of inner nodes.
     pub rule: Option<Rule>,
     /// Channels to take, counted from 1.
     pub bands: Option<Vec<usize>>,
@@ -28,12 +28,12 @@ pub struct ImportOptions {
     pub depth: Option<u8>,
     /// EPSG number of the coordinate system.
     pub epsg: Option<u32>,
-    /// Where the pixels lie: the numbers of [`Frame::planar`]. Of several inputs, where all together lie.
+    /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
     pub transform: Option<[f64; 6]>,
     /// The layer of OpenEXR files.
     pub layer: Option<String>,
-    /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if not
-    /// said.
+    /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
+    /// not said.
     pub memory: Option<u64>,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
@@ -50,7 +50,7 @@ pub struct Import {
 }
 
 impl Import {
-    /// What was understood: a heading and what there is to say, line by line.
+    /// Description of the plan: pairs of a heading and its text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
@@ -60,7 +60,7 @@ impl Import {
         self.raster.info()
     }
 
-    /// What will be built.
+    /// Options for building the tree.
     pub fn options(&self) -> &BuildOptions {
         &self.options
     }
@@ -79,10 +79,42 @@ impl Import {
 /// Opens raster files and decides how their tree is built. Several files become one picture: see
 /// [`mosaic`](super::mosaic).
 ///
+/// ```
+/// use spinney::import::raster::{ImportOptions, plan};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("island.goblin");
+/// let import = plan(&["fixtures/island_elevation.tif".into()], &ImportOptions::default())?;
+/// import.build(Output::create(&path)?, &())?;
+/// assert_eq!(spinney::open(&path)?.depth(), 8);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If a file cannot be read, the files do not fit together, or the options do not fit them.
 pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
+    let raster = mosaic(open_inputs(inputs, options, memory)?)?;
+    let info = raster.info();
+    let value = bands::value_type(raster.path(), info)?;
+    let frame = frame(info, options)?;
+    let (kind, kind_reason) = kind(info, options);
+    let rule = options.rule.unwrap_or(kind.default_rule());
+    let choices = Choices { value, kind, kind_reason, rule, depth: depth(info, options)? };
+    let metadata = metadata(frame, inputs, info, options);
+    let description = describe(inputs, info, options, &choices, &metadata);
+    let nodata = info.nodata;
+    let options = BuildOptions::new(kind, choices.depth)
+        .rule(rule)
+        .memory(memory / 4)
+        .metadata(metadata)
+        .share(options.share);
+    Ok(Import { raster, value, nodata, options, memory, description })
+}
+
+/// Opens all inputs, with the channels, nodata number and EPSG number that the user chose.
+fn open_inputs(inputs: &[PathBuf], options: &ImportOptions, memory: u64) -> Result<Vec<Box<dyn Raster>>> {
     // Readers rarely need their share, but all together must not need more than half of the memory.
     let share = memory / 2 / inputs.len().max(1) as u64;
     let open_options = OpenOptions { memory: share, layer: options.layer.clone() };
@@ -97,15 +129,22 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
         info.frame.epsg = options.epsg.or(info.frame.epsg);
         Ok(Box::new(Described { raster, info }))
     };
-    let rasters = inputs.iter().map(open_one).collect::<Result<Vec<_>>>()?;
-    let raster = mosaic(rasters)?;
-    let info = raster.info();
-    let value = bands::value_type(raster.path(), info)?;
-    let frame = frame(info, options)?;
-    let (kind, kind_why) = kind(info, options);
-    let rule = options.rule.unwrap_or(kind.default_rule());
-    let depth = depth(info, options)?;
-    let metadata = Metadata {
+    inputs.iter().map(open_one).collect()
+}
+
+/// Properties of the tree that follow from the raster and the options.
+struct Choices {
+    value: ValueType,
+    kind: Kind,
+    /// Reason for the kind, in words.
+    kind_reason: &'static str,
+    rule: Rule,
+    depth: u8,
+}
+
+/// Metadata of the tree's file.
+fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Metadata {
+    Metadata {
         frame,
         nodata: info.nodata,
         palette: info.palette.clone(),
@@ -124,42 +163,47 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
         provenance: provenance(inputs, info, options),
         tags: info.tags.iter().cloned().collect(),
         ..Metadata::default()
+    }
+}
+
+/// Lines of [`Import::description`].
+fn describe(
+    inputs: &[PathBuf],
+    info: &RasterInfo,
+    options: &ImportOptions,
+    choices: &Choices,
+    metadata: &Metadata,
+) -> Vec<(&'static str, String)> {
+    let Choices { value, kind, kind_reason, rule, depth } = choices;
+    let plural = if value.channels == 1 { "" } else { "s" };
+    let stored = &info.stored_sample;
+    let nodata = match (options.nodata, info.nodata) {
+        (Some(number), None) => format!("none: {} cannot hold {number}", value.sample.name()),
+        (Some(_), Some(number)) => format!("{number}, as you said"),
+        (None, Some(number)) => number.to_string(),
+        (None, None) => "none".into(),
     };
-    let description = {
-        let plural = if value.channels == 1 { "" } else { "s" };
-        let stored = &info.stored_sample;
-        let nodata = match (options.nodata, info.nodata) {
-            (Some(number), None) => format!("none: {} cannot hold {number}", value.sample.name()),
-            (Some(_), Some(number)) => format!("{number}, as you said"),
-            (None, Some(number)) => number.to_string(),
-            (None, None) => "none".into(),
-        };
-        let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
-        let mut lines = vec![
-            ("input", inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")),
-            ("layout", info.layout.clone()),
-            ("size", format!("{} x {} pixels", info.width, info.height)),
-            (
-                "samples",
-                format!("{} channel{plural} of {} (stored as {stored})", value.channels, value.sample.name()),
-            ),
-            ("CRS", crs(&metadata.frame)),
-            ("transform", if metadata.frame.is_identity() { "none".into() } else { affine }),
-            ("nodata", nodata),
-        ];
-        if let Some(palette) = &metadata.palette {
-            lines.push(("palette", format!("{} colours", palette.colours.len())));
-        }
-        lines.push(("kind", format!("{kind}: {kind_why}")));
-        let default = if options.rule.is_some() { "as you said".into() } else { format!("usual for {kind}") };
-        lines.push(("rule", format!("{rule}, {default}")));
-        lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
-        lines
-    };
-    let nodata = info.nodata;
-    let options =
-        BuildOptions::new(kind, depth).rule(rule).memory(memory / 4).metadata(metadata).share(options.share);
-    Ok(Import { raster, value, nodata, options, memory, description })
+    let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
+    let mut lines = vec![
+        ("input", inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")),
+        ("layout", info.layout.clone()),
+        ("size", format!("{} x {} pixels", info.width, info.height)),
+        (
+            "samples",
+            format!("{} channel{plural} of {} (stored as {stored})", value.channels, value.sample.name()),
+        ),
+        ("CRS", crs(&metadata.frame)),
+        ("transform", if metadata.frame.is_identity() { "none".into() } else { affine }),
+        ("nodata", nodata),
+    ];
+    if let Some(palette) = &metadata.palette {
+        lines.push(("palette", format!("{} colours", palette.colours.len())));
+    }
+    lines.push(("kind", format!("{kind}: {kind_reason}")));
+    let default = if options.rule.is_some() { "as you said".into() } else { format!("usual for {kind}") };
+    lines.push(("rule", format!("{rule}, {default}")));
+    lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
+    lines
 }
 
 /// A raster of which the user knows more than its file tells.

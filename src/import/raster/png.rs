@@ -24,12 +24,12 @@ struct Png {
     void: Void,
 }
 
-/// Which pixels the tRNS chunk makes VOID.
+/// Pixels that the tRNS chunk makes VOID.
 enum Void {
     None,
-    /// Those of these indexes.
+    /// Pixels with these palette indices.
     Indexes(Box<[bool; 256]>),
-    /// Those of this colour, as bytes of a pixel.
+    /// Pixels of this colour, as bytes of a pixel.
     Colour(Vec<u8>),
 }
 

@@ -18,15 +18,16 @@ const SIDE: u64 = 1024;
 pub struct RasterSlabs {
     raster: Box<dyn Raster>,
     opacity: Validity,
-    /// Squares that are still to be read, the next one last; larger ones than `side` are divided when their turn
-    /// comes.
+    /// Squares that are still to be read, the next one last; larger ones than `side` are divided when their
+    /// turn comes.
     squares: Vec<Region>,
     side: u64,
     next_row: u64,
 }
 
 impl RasterSlabs {
-    /// The slabs of a raster. Squares are chosen so small that two of them fit in `memory` bytes, if possible.
+    /// The slabs of a raster. Squares are chosen so small that two of them fit in `memory` bytes, if
+    /// possible.
     pub fn new(raster: Box<dyn Raster>, memory: u64) -> RasterSlabs {
         let info = raster.info();
         // A flag per pixel may come with the samples.
@@ -61,6 +62,7 @@ impl RasterSlabs {
                 return Some(inside);
             }
             let half = square.width / 2;
+            // In reverse, since the last one is taken first.
             let quarters = [[half, half], [0, half], [half, 0], [0, 0]];
             let quarters = quarters.map(|[x, y]| Region::new(square.x + x, square.y + y, half, half));
             self.squares.extend(quarters);
@@ -117,17 +119,17 @@ mod tests {
         ] {
             let slabs = slabs(size, order, memory);
             assert_eq!(slabs.len(), expected, "{size:?} {order:?} {memory}");
-            let mut seen = vec![false; (size[0] * size[1]) as usize];
+            let mut covered = vec![false; (size[0] * size[1]) as usize];
             for slab in slabs {
                 assert!(slab.origin.iter().all(|start| start % BLOCK == 0));
                 let cells = (0..slab.size[1]).flat_map(|y| (0..slab.size[0]).map(move |x| (x, y)));
                 for ((x, y), byte) in cells.zip(&slab.bytes) {
-                    let place = (slab.origin[1] + y) * size[0] + slab.origin[0] + x;
-                    assert_eq!(*byte, (place * 7 / 5) as u8);
-                    assert!(!std::mem::replace(&mut seen[place as usize], true));
+                    let index = (slab.origin[1] + y) * size[0] + slab.origin[0] + x;
+                    assert_eq!(*byte, (index * 7 / 5) as u8);
+                    assert!(!std::mem::replace(&mut covered[index as usize], true));
                 }
             }
-            assert!(!seen.contains(&false));
+            assert!(!covered.contains(&false));
         }
     }
 

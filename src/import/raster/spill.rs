@@ -21,11 +21,12 @@ struct Spilled {
     raster: Box<dyn Raster>,
     info: RasterInfo,
     has_mask: bool,
-    /// What is on its way from or to the file.
+    /// Rows of one block on their way from or to the file.
     buffer: Vec<u8>,
 }
 
-/// Reads a whole raster, band by band, into an unnamed temporary file in a folder; the result can be read anywhere.
+/// Reads a whole raster, band by band, into an unnamed temporary file in a folder; the result can be read
+/// anywhere.
 ///
 /// About `memory` bytes are used for a band, whose height is chosen by it.
 ///
@@ -63,7 +64,7 @@ fn failed(folder: &Path) -> impl FnOnce(io::Error) -> Error {
     Error::io(folder, "use a temporary file for the picture")
 }
 
-/// Some columns of rows of so many bytes.
+/// A range of bytes of each row; rows have `row` bytes.
 fn columns(bytes: &[u8], row: usize, columns: std::ops::Range<usize>) -> impl Iterator<Item = &[u8]> {
     bytes.chunks_exact(row).map(move |row| &row[columns.clone()])
 }
@@ -73,13 +74,13 @@ impl Spilled {
         self.info.width.div_ceil(BLOCK)
     }
 
-    /// Where the mask starts.
+    /// Offset of the mask in the file.
     fn mask(&self) -> u64 {
         self.blocks_across() * self.info.height.div_ceil(BLOCK) * AREA * self.info.pixel_bytes() as u64
     }
 
-    /// The blocks that a region touches: what they have of it, and where that part's first whole row is in the
-    /// file, in pixels. Rows of a block are always as long as a block.
+    /// The blocks that a region touches: what they have of it, and where that part's first whole row is in
+    /// the file, in pixels. Rows of a block are always as long as a block.
     fn parts(&self, region: Region) -> impl Iterator<Item = (Region, u64)> + use<> {
         let across = self.blocks_across();
         let columns = region.x / BLOCK..region.right().div_ceil(BLOCK);
@@ -96,10 +97,10 @@ impl Spilled {
         let void: Option<Vec<u8>> =
             pixels.valid.as_ref().map(|valid| valid.iter().map(|valid| u8::from(!valid)).collect());
         self.has_mask |= void.is_some();
-        for (part, place) in self.parts(band) {
-            self.write_part(0, place, part, &pixels.bytes, size)?;
+        for (part, first) in self.parts(band) {
+            self.write_part(0, first, part, &pixels.bytes, size)?;
             if let Some(void) = &void {
-                self.write_part(self.mask(), place, part, void, 1)?;
+                self.write_part(self.mask(), first, part, void, 1)?;
             }
         }
         Ok(())
@@ -108,7 +109,7 @@ impl Spilled {
     fn write_part(
         &mut self,
         start: u64,
-        place: u64,
+        first: u64,
         part: Region,
         bytes: &[u8],
         size: usize,
@@ -119,17 +120,17 @@ impl Spilled {
             self.buffer.extend_from_slice(row);
             self.buffer.resize(self.buffer.len().next_multiple_of(BLOCK as usize * size), 0);
         }
-        self.file.seek(SeekFrom::Start(start + place * size as u64))?;
+        self.file.seek(SeekFrom::Start(start + first * size as u64))?;
         self.file.write_all(&self.buffer)
     }
 
     /// Reads what is `size` bytes per pixel and starts at `start` in the file.
     fn read_all(&mut self, start: u64, region: Region, out: &mut [u8], size: usize) -> io::Result<()> {
-        for (part, place) in self.parts(region) {
+        for (part, first) in self.parts(region) {
             // A block's rows are read whole: that is one piece of the file.
             let row = BLOCK as usize * size;
             self.buffer.resize(part.height as usize * row, 0);
-            self.file.seek(SeekFrom::Start(start + place * size as u64))?;
+            self.file.seek(SeekFrom::Start(start + first * size as u64))?;
             self.file.read_exact(&mut self.buffer)?;
             let left = (part.x % BLOCK) as usize * size;
             let width = part.width as usize * size;

@@ -1,4 +1,4 @@
-//! Which pixels are VOID by what their samples say.
+//! Pixels that are VOID by their samples: opacity, nodata and NaN.
 
 use super::{Pixels, RasterInfo};
 use crate::value::{SampleType, ValueType};

@@ -4,10 +4,10 @@ use super::map::Map;
 use crate::space::Frame;
 use crate::{Error, Result};
 
-/// Where a tree lies in a grid that it shares with others.
+/// Position of a tree in a grid that it shares with others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Alignment {
-    /// From the tree's cells to the grid's; takes cells to whole blocks of cells.
+    /// Map from the tree's cells to the grid's; takes cells to whole blocks of cells.
     pub map: Map,
     /// Cells of the grid along each axis; the same for all.
     pub extent: [u64; 3],
@@ -16,19 +16,21 @@ pub struct Alignment {
 /// Coordinates agree if they are closer than this, in cells.
 const CLOSE: f64 = 1e-3;
 
-/// The finest of the trees' grids, large enough for all, and where each of them lies in it: trees may begin at different
-/// cells, have cells that are powers of two apart, and be turned or mirrored along the axes. `names` are for messages.
+/// The finest of the trees' grids, large enough for all, and where each of them lies in it: trees may begin
+/// at different cells, have cells that are powers of two apart, and be turned or mirrored along the axes.
+/// `names` are for messages.
 ///
 /// # Errors
-/// If coordinate systems differ, or cells of one tree are no whole blocks of another's; the message tells which view would
-/// make them so.
+/// If coordinate systems differ, or cells of one tree are no whole blocks of another's; the message names a
+/// view that would make them so.
 pub fn align(trees: &[(&str, &Frame, [u64; 3])]) -> Result<Vec<Alignment>> {
     let size = |frame: &Frame| Map::from_rows(frame.matrix).determinant().abs();
     let Some(finest) = trees.iter().min_by(|a, b| size(a.1).total_cmp(&size(b.1))) else {
         return Ok(Vec::new());
     };
     let to_grid = Map::from_rows(finest.1.matrix).inverse()?;
-    // First all lie where the finest has its first cell at the origin; then all move to where no coordinate is negative.
+    // First all lie where the finest has its first cell at the origin; then all move to where no coordinate
+    // is negative.
     let mut maps = Vec::new();
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for (name, frame, extent) in trees {
@@ -81,7 +83,8 @@ fn without_rounding(map: &Map, extent: [u64; 3]) -> Option<Map> {
     for row in &mut rows {
         for number in &mut row[..3] {
             let power = 2f64.powi(number.abs().log2().round().clamp(-1.0, 60.0) as i32).copysign(*number);
-            // What a factor is off adds up over all cells. (A zero's logarithm is clamped, and the zero stays one.)
+            // What a factor is off adds up over all cells. (A zero's logarithm is clamped, and the zero stays
+            // one.)
             if number.abs() * most < CLOSE {
                 *number = 0.0;
             } else if power.abs() >= 1.0 && (*number - power).abs() * most < CLOSE {

@@ -51,7 +51,8 @@ impl<'a> Area<'a> {
         }
         let axes = self.form.axes();
         let side = (1i64 << size) as f64;
-        // The part of the node that is in the box, whether that is all of it, and whether it is all of the box.
+        // The part of the node that is in the box, whether that is all of it, and whether it is all of the
+        // box.
         let mut share = 1.0;
         let (mut inside, mut all) = (true, true);
         for (axis, at) in at.iter().enumerate().take(axes) {

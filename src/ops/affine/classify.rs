@@ -34,7 +34,8 @@ pub struct Around {
 }
 
 impl Around {
-    /// Room for the source nodes around the image of a node, with `2^most` cells along each axis or less.
+    /// An empty set of source nodes around the image of a node, each with `2^most` cells along each axis or
+    /// less.
     #[inline]
     fn new(code: Code, image: &Image, most: u8) -> Around {
         // Nodes as large as the image: wherever it lies, it meets no more than two along each axis.
@@ -55,7 +56,7 @@ impl Around {
     }
 }
 
-/// What source nodes have in common.
+/// Common state of source nodes.
 enum Common {
     /// All are VOID.
     Void,
@@ -77,7 +78,7 @@ struct Block {
     end: DVec3,
 }
 
-/// The cells of a block in which there may be something to see.
+/// The cells of a block that can be other than VOID.
 struct Shown {
     from: DVec3,
     to: DVec3,
@@ -92,17 +93,18 @@ impl Shown {
     }
 }
 
-/// The source cells that count for a block, and are seen: first and last along each axis.
+/// The visible source cells that a block is made of: first and last along each axis.
 struct Image {
     low: [i64; 3],
     high: [i64; 3],
     /// Cells along the longest axis.
     longest: i64,
-    /// Whether some of the cells that would count are not seen.
+    /// Whether some of the cells that the block would be made of are not visible.
     sticks_out: bool,
 }
 
-/// Classifies the children of a node of a view, for which it reads the children of each source node around at most once.
+/// Classifies the children of a node of a view, for which it reads the children of each source node around at
+/// most once.
 ///
 /// Compiled for both numbers of axes: this is what views spend their time with.
 struct Classifier<'a, const AXES: usize> {
@@ -128,7 +130,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         Ok(())
     }
 
-    /// What the view has at a node that lies inside the one that the source nodes are around.
+    /// The view's node at a code below the node that the source nodes are around.
     fn classify(&mut self, code: Code) -> Result<Child<ViewNode>> {
         let block = self.block(code);
         let Some(shown) = self.shown(&block) else { return Ok(Child::Void) };
@@ -137,6 +139,9 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         }
         let Some(image) = self.image(&block, &shown) else { return Ok(Child::Void) };
         let mut around = Around::new(code, &image, self.around.size);
+        // A block of one value all over need not be split, provided that nothing of it is cut off by a window
+        // or lies beyond the source: else some of its cells are VOID. If all source nodes are VOID, neither
+        // can matter.
         match self.find_nodes(&mut around, &image)? {
             Common::Void => return Ok(Child::Void),
             Common::Leaf(value) if shown.is_all_of(&block) && !image.sticks_out => {
@@ -152,7 +157,8 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
             };
             return Ok(Child::uniform(value));
         }
-        // Any value will do: what stores a view averages it anew. The middle looks best where nobody does.
+        // Any value will do: what stores a view averages it anew. The middle is the best guess where nobody
+        // does.
         let representative = in_middle.or_else(|| around.nodes.iter().find_map(Child::value));
         let node = ViewNode::Around(Box::new(around));
         Ok(Child::Inner { representative: representative.unwrap_or_default(), node })
@@ -169,7 +175,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let cell = code.cell();
         let first = std::array::from_fn(|axis| if axis < AXES { i64::from(cell[axis]) << height } else { 0 });
         let start = DVec3::from(first.map(|cell| cell as f64));
-        // A plane is one cell thick.
+        // Quadtrees are one cell thick along z, so that boxes have a volume in either dimension.
         let size = std::array::from_fn(|axis| if axis < AXES { side as f64 } else { 1.0 });
         Block { height, side, first, start, end: start + DVec3::from_array(size) }
     }
@@ -195,7 +201,8 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         Some(Shown { from, to, is_cut })
     }
 
-    /// The coordinates of the one source node that a block is, if it is one with all that the source has there.
+    /// The coordinates of the one source node that a block is, if it is one with all that the source has
+    /// there.
     fn aligned(&self, block: &Block) -> Option<[i64; 3]> {
         let lookup = self.lookup();
         let moved = lookup.moved.as_ref().filter(|_| lookup.askew.is_empty())?;
@@ -206,7 +213,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         is_node.then(|| image.map(|cell| cell >> block.height))
     }
 
-    /// The source cells that count for what is shown of a block; `None` if none of them is seen.
+    /// The source cells that the shown part of a block is made of; `None` if none of them is visible.
     fn image(&self, block: &Block, shown: &Shown) -> Option<Image> {
         let lookup = self.lookup();
         let (low, high) = if lookup.by_area {
@@ -221,11 +228,11 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         };
         let low = low.floor().to_array().map(|cell| cell as i64);
         let high = high.floor().to_array().map(|cell| cell as i64);
-        let (seen_start, seen_end) = lookup.seen;
+        let (visible_start, visible_end) = lookup.visible;
         let mut image = Image { low: [0; 3], high: [0; 3], longest: 1, sticks_out: false };
         for axis in 0..AXES {
-            image.low[axis] = low[axis].max(seen_start[axis]);
-            image.high[axis] = high[axis].min(seen_end[axis] - 1);
+            image.low[axis] = low[axis].max(visible_start[axis]);
+            image.high[axis] = high[axis].min(visible_end[axis] - 1);
             if image.low[axis] > image.high[axis] {
                 return None;
             }
@@ -262,10 +269,11 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         })
     }
 
-    /// What the source has at a node of `2^size` cells along each axis, no more than those around have; `at` counts nodes
+    /// The source's node of `2^size` cells along each axis, no more than those around have; `at` counts nodes
     /// of that size.
     fn source_node(&mut self, at: [i64; 3], size: u8) -> Result<Child<TreeFileNode>> {
-        // The bits of the coordinates above the lowest `up` say which of the nodes around it is, those below the way down.
+        // The bits of the coordinates above the lowest `up` say which of the nodes around it is, those below
+        // the way down.
         let mut up = self.around.size - size;
         let step = |up: u8, corner: [i64; 3]| {
             (0..AXES).map(|axis| (((at[axis] >> up) - corner[axis]) as usize & 1) << axis).sum::<usize>()
@@ -313,9 +321,9 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
     fn area_value(&self, rule: Rule, around: &Around, shown: &Shown) -> Result<Option<Value>> {
         let lookup = self.lookup();
         let (low, high) = lookup.to_source.bounding_box(shown.from, shown.to);
-        let (seen_start, seen_end) = lookup.seen;
-        let seen = [seen_start, seen_end].map(|cell| DVec3::from(cell.map(|cell| cell as f64)));
-        let covered = (low.max(seen[0]), high.min(seen[1]));
+        let (visible_start, visible_end) = lookup.visible;
+        let visible = [visible_start, visible_end].map(|cell| DVec3::from(cell.map(|cell| cell as f64)));
+        let covered = (low.max(visible[0]), high.min(visible[1]));
         let mut area = Area::new(&self.view.source, self.view.form, rule, covered);
         for (index, child) in around.nodes.iter().enumerate() {
             area.add(child, around.coordinates(index).map(|at| at << around.size), around.size)?;
@@ -325,8 +333,8 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
 }
 
 impl View {
-    /// Writes the children of an inner node as nodes of something that stands on this view: what [`Source::children`]
-    /// does, without a second array for those who have nodes of their own.
+    /// Writes the children of an inner node as nodes of something that stands on this view: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
     pub(in crate::ops) fn children_as<N>(
         &self,
         node: &ViewNode,

@@ -1,5 +1,5 @@
-//! All cells of a block of a view at once: where a block is full of detail, drawing the source around it and picking cells
-//! is faster than deciding node by node.
+//! All cells of a block of a view at once: where a block is full of detail, drawing the source around it and
+//! picking cells is faster than deciding node by node.
 
 use glam::DVec3;
 use zerocopy::FromBytes;
@@ -11,8 +11,8 @@ use crate::space::{Bounds, Code, morton_encode};
 use crate::store::container::{Record, RecordLayout, with_record_type};
 use crate::tree::{CellBlock, Source};
 
-/// Source cells that are drawn for each cell of a block, at most; where a view shows much more of the source, deciding node
-/// by node skips what does not count.
+/// Source cells that are drawn for each cell of a block, at most; where a view shows much more of the source,
+/// deciding node by node skips what does not count.
 const MOST_DRAWN: u64 = 6;
 
 /// Cells along each axis, from a first one up to, not including, a last.
@@ -69,17 +69,17 @@ impl View {
         (first, (start, end))
     }
 
-    /// The box of source cells that the centres of some cells can fall into, as far as it is seen.
+    /// The box of source cells that the centres of some cells can fall into, as far as it is visible.
     fn source_box(&self, (start, end): &Cells) -> Bounds {
         let (low, high) =
             self.lookup.to_source.bounding_box(centre(*start), centre(end.map(|cell| cell - 1)));
         let (low, high) = ((low - TINY).floor().to_array(), (high + TINY).floor().to_array());
-        let (seen_start, seen_end) = self.lookup.seen;
+        let (visible_start, visible_end) = self.lookup.visible;
         let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
         for axis in 0..self.form.axes() {
-            bounds.min[axis] = (low[axis] as i64).max(seen_start[axis]) as u64;
+            bounds.min[axis] = (low[axis] as i64).max(visible_start[axis]) as u64;
             bounds.max[axis] =
-                ((high[axis] as i64 + 1).min(seen_end[axis]).max(0) as u64).max(bounds.min[axis]);
+                ((high[axis] as i64 + 1).min(visible_end[axis]).max(0) as u64).max(bounds.min[axis]);
         }
         bounds
     }
@@ -90,7 +90,8 @@ fn centre(cell: [i64; 3]) -> DVec3 {
     DVec3::from(cell.map(|cell| cell as f64)) + DVec3::splat(0.5)
 }
 
-/// Copies the source cells at the centres of the cells that are shown; what falls outside of the drawn ones stays VOID.
+/// Copies the source cells at the centres of the cells that are shown; what falls outside of the drawn ones
+/// stays VOID.
 fn pick_cells<R: Record>(
     to_source: &Map,
     (first, (start, end)): ([i64; 3], &Cells),
@@ -107,7 +108,8 @@ fn pick_cells<R: Record>(
     let strides = [1, size[0], size[0] * size[1]];
     let matrix = &to_source.0;
     let along_x = matrix.matrix3.x_axis;
-    // Between whole cells it is a matter of counting.
+    // A map that takes whole cells to whole cells moves by a whole number of drawn cells for each step along
+    // x.
     let step = along_x.to_array();
     let step =
         to_source.keeps_cells().then(|| (0..3).map(|axis| step[axis] as i64 * strides[axis]).sum::<i64>());
@@ -134,7 +136,7 @@ fn pick_cells<R: Record>(
             let row = spread[(y - first[1]) as usize] << 1
                 | if R::AXES > 2 { spread[(z - first[2]) as usize] << 2 } else { 0 };
             let row_start = matrix.transform_point3(centre([start[0], y, z]));
-            // A box of cells has all of a row whose ends it has.
+            // A box is convex: it has all of a row whose ends it has, so that the cells between need no test.
             if let (Some(step), Some(there)) = (step, index_of(row_start))
                 && index_of(row_start + along_x * (end[0] - 1 - start[0]) as f64).is_some()
             {
@@ -150,7 +152,8 @@ fn pick_cells<R: Record>(
     }
 }
 
-/// The library's function is a call.
+/// The largest whole number not above `number`; `f64::floor` is a function call where the target has no
+/// instruction for it.
 #[inline]
 fn floor(number: f64) -> i64 {
     let whole = number as i64;

@@ -1,4 +1,4 @@
-//! Affine maps of cell coordinates: what windows, scalings, rotations and their chains have in common.
+//! Affine maps of cell coordinates: windows, scalings, rotations and their chains.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -31,8 +31,8 @@ impl Map {
         Map(DAffine3::from_scale(DVec3::from(by)))
     }
 
-    /// Turns about an axis through `centre`, from x to y, y to z or z to x for positive angles: in pictures, whose rows
-    /// go down, clockwise about [`Axis::Z`]. Multiples of 90 degrees are exact.
+    /// Turns about an axis through `centre`, from x to y, y to z or z to x for positive angles: in pictures,
+    /// whose rows go down, clockwise about [`Axis::Z`]. Multiples of 90 degrees are exact.
     pub fn rotation(axis: Axis, degrees: f64, centre: [f64; 3]) -> Map {
         let (sin, cos) = exact_sin_cos(degrees);
         // The axes that are turned, the first towards the second.
@@ -48,8 +48,8 @@ impl Map {
         Map::translation(centre.map(|number| -number)).then(&turn).then(&Map::translation(centre))
     }
 
-    /// Turns about any line through `centre` in the direction `axis`, by the right-hand rule. Those that take axes to axes
-    /// are exact.
+    /// Turns about any line through `centre` in the direction `axis`, by the right-hand rule. Those that take
+    /// axes to axes are exact.
     ///
     /// # Errors
     /// If the direction has no length.
@@ -64,8 +64,9 @@ impl Map {
         Ok(Map::translation(centre.map(|number| -number)).then(&turn).then(&Map::translation(centre)))
     }
 
-    /// The map that takes axis `from[0]` of the input to x, `from[1]` to y and `from[2]` to z, mirrored where `mirror`
-    /// says: with all orders of the axes and all mirrorings the 48 symmetries of the cube (of which 8 leave z alone).
+    /// The map that takes axis `from[0]` of the input to x, `from[1]` to y and `from[2]` to z, mirrored where
+    /// `mirror` says: with all orders of the axes and all mirrorings the 48 symmetries of the cube (of which
+    /// 8 leave z alone).
     ///
     /// # Errors
     /// If an axis is missing.
@@ -98,7 +99,7 @@ impl Map {
         Map(next.0 * self.0)
     }
 
-    /// The way back.
+    /// The inverse map.
     ///
     /// # Errors
     /// If the map flattens space or has no finite numbers.
@@ -112,8 +113,8 @@ impl Map {
         Ok(Map(inverse))
     }
 
-    /// Moved on by less than a cell so that a box of whole cells, which begins at the origin, goes to whole cells; as it is
-    /// where axes do not stay axes. There and back, the moves are opposite.
+    /// Moved on by less than a cell so that a box of whole cells, which begins at the origin, goes to whole
+    /// cells; as it is where axes do not stay axes. There and back, the moves are opposite.
     pub(in crate::ops) fn on_whole_cells(&self, extent: [u64; 3]) -> Map {
         if !self.keeps_axes() {
             return *self;
@@ -130,8 +131,8 @@ impl Map {
     /// The smallest box around the image of a box, which is given by its ends.
     #[inline]
     pub(in crate::ops) fn bounding_box(&self, min: DVec3, max: DVec3) -> (DVec3, DVec3) {
-        // Centre and half size go their own ways: the map of the one, absolute values for the other. That takes far less
-        // than all corners.
+        // Centre and half size go their own ways: the map of the one, absolute values for the other. That
+        // takes far less than all corners.
         let centre = self.0.transform_point3((min + max) * 0.5);
         let half = (max - min) * 0.5;
         let matrix = &self.0.matrix3;
@@ -139,7 +140,7 @@ impl Map {
         (centre - half, centre + half)
     }
 
-    /// How many times as large volumes (or areas) become; negative if left becomes right.
+    /// Determinant: factor of volumes (or areas), negative if the map mirrors.
     pub(in crate::ops) fn determinant(&self) -> f64 {
         self.0.matrix3.determinant()
     }

@@ -12,24 +12,25 @@ use crate::tree::{Form, Source};
 use crate::value::Rule;
 use crate::{Error, Result};
 
-/// How cells that are no source cells get their value.
+/// Rule by which cells that are no source cells get their value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sampling {
     /// The source cell at the cell's centre.
     Centre,
-    /// From all source cells that the cell covers, each as far as it is covered, by the source's rule: the mean, or
-    /// the value with the largest area (the least of several). Only where axes stay axes; elsewhere as
-    /// [`Sampling::Centre`].
+    /// From all source cells that the cell covers, each as far as it is covered, by the source's rule: the
+    /// mean, or the value with the largest area (the least of several). Only where axes stay axes; elsewhere
+    /// as [`Sampling::Centre`].
     Area(Rule),
 }
 
-/// A file seen through an affine map: a window, a translated, scaled, mirrored or rotated tree, or any chain of these.
+/// An affine view of a file: a window, a translated, scaled, mirrored or rotated tree, or any chain of these.
 ///
-/// A chain is one map, so that cells are looked up once and nothing is lost between the steps. Nothing is read before
-/// somebody walks the view, and memory is proportional to depth: an INNER node of the view knows the source nodes
-/// around its image (at most 2 along each axis), as in the algorithms of Samet for translation and rotation; it is
-/// uniform if they are, else split until that is decided, at last at single cells. Where a node of the view is a
-/// node of the source, it is handed through, with all that is stored below it.
+/// A chain is one map, so that cells are looked up once and nothing is lost between the steps. Nothing is
+/// read before somebody walks the view, and memory is proportional to depth: an INNER node of the view knows
+/// the source nodes around its image (at most 2 along each axis), as in the algorithms of Samet for
+/// translation and rotation; it is uniform if they are, else split until that is decided, at last at single
+/// cells. Where a node of the view is a node of the source, it is handed through, with all that is stored
+/// below it.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -52,9 +53,9 @@ pub struct View {
     pub(super) form: Form,
     /// Cells of the source along each axis; the rest is VOID.
     source_extent: [u64; 3],
-    /// From source cells to where they are placed.
-    placed: Map,
-    /// Where the view's first cell is, on the ground where source cells are placed: whole numbers.
+    /// Map from source cells to the grid in which the view has its first cell at `origin`.
+    to_grid: Map,
+    /// The view's first cell in that grid: whole numbers. Windows move it, and leave the grid as it is.
     origin: DVec3,
     extent: [u64; 3],
     depth: u8,
@@ -64,18 +65,18 @@ pub struct View {
     pub(super) lookup: Lookup,
 }
 
-/// What is needed to find a view's cells, derived from the steps.
+/// Maps and boxes for finding a view's cells, derived from the steps.
 #[derive(Clone, Debug)]
 pub(super) struct Lookup {
-    /// From the view's cells to the source's.
+    /// Map from the view's cells to the source's.
     pub(super) to_source: Map,
     /// Whether cells are averaged over areas of the source.
     pub(super) by_area: bool,
-    /// Source cells that are seen: from the first up to, not including, the last.
-    pub(super) seen: ([i64; 3], [i64; 3]),
+    /// Source cells that are visible: from the first up to, not including, the last.
+    pub(super) visible: ([i64; 3], [i64; 3]),
     /// If the view only moves the source, by whole cells.
     pub(super) moved: Option<Moved>,
-    /// Box around the image of what is seen, in whole cells.
+    /// Box around the image of the visible source cells, in whole cells of the view.
     pub(super) content: (DVec3, DVec3),
     /// Box of cells that can be other than VOID.
     pub(super) shown: (DVec3, DVec3),
@@ -86,25 +87,25 @@ pub(super) struct Lookup {
 /// A move by whole cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Moved {
-    /// From the view's cells to the source's.
+    /// Cells to add to the view's to get the source's.
     pub(super) by: [i64; 3],
-    /// Source cells that are seen, also through windows taken later.
-    seen: ([i64; 3], [i64; 3]),
+    /// Source cells that are visible, also through windows taken later.
+    visible: ([i64; 3], [i64; 3]),
     /// Source cells that are not VOID.
     extent: [u64; 3],
 }
 
 impl Moved {
-    /// Whether all that a box of source cells, given by its first cell and side, has is seen.
+    /// Whether all that a box of source cells, given by its first cell and side, has is visible.
     pub(super) fn shows_all(&self, first: [i64; 3], side: i64, axes: usize) -> bool {
         (0..axes).all(|axis| {
             let (start, end) = (first[axis].max(0), (first[axis] + side).min(self.extent[axis] as i64));
-            self.seen.0[axis] <= start && end <= self.seen.1[axis]
+            self.visible.0[axis] <= start && end <= self.visible.1[axis]
         })
     }
 }
 
-/// A part of a cell: rounding errors of coordinates are smaller, and nothing that matters is.
+/// Tolerance of coordinates, in cells: more than their rounding errors, less than any overlap that counts.
 pub(super) const TINY: f64 = 1e-6;
 
 impl View {
@@ -126,7 +127,7 @@ impl View {
             source,
             form,
             source_extent: extent,
-            placed: Map::IDENTITY,
+            to_grid: Map::IDENTITY,
             origin: DVec3::ZERO,
             extent,
             depth,
@@ -135,7 +136,7 @@ impl View {
             lookup: Lookup {
                 to_source: Map::IDENTITY,
                 by_area: false,
-                seen: ([0; 3], [0; 3]),
+                visible: ([0; 3], [0; 3]),
                 moved: None,
                 content: (DVec3::ZERO, DVec3::ZERO),
                 shown: (DVec3::ZERO, DVec3::ZERO),
@@ -155,7 +156,7 @@ impl View {
         self.depth
     }
 
-    /// What is looked at.
+    /// The file that is viewed.
     pub fn source(&self) -> &Arc<TreeFile> {
         &self.source
     }
@@ -185,14 +186,14 @@ impl View {
         self.fitted()
     }
 
-    /// From here on nothing outside the extent is seen, whatever steps follow.
+    /// Clips to the extent: from here on nothing outside is visible, whatever steps follow.
     fn add_window(&mut self) {
-        let to_window = self.placed.then(&Map::translation((-self.origin).to_array()));
+        let to_window = self.to_grid.then(&Map::translation((-self.origin).to_array()));
         self.windows.push((to_window, DVec3::from(self.extent.map(|cells| cells as f64))));
     }
 
-    /// Moves by so many cells, or parts of cells, along each axis. The view begins where it began: what moves before
-    /// the first cell is not seen, and there is room for what moves on.
+    /// Moves by so many cells, or parts of cells, along each axis. The view begins where it began: what moves
+    /// before the first cell is not visible, and there is room for what moves on.
     ///
     /// # Errors
     /// If nothing is left, or more than the deepest tree holds.
@@ -207,16 +208,17 @@ impl View {
             }
             extent[axis] = end as u64;
         }
-        self.placed = self.placed.then(&Map::translation(by));
+        self.to_grid = self.to_grid.then(&Map::translation(by));
         self.extent = extent;
         self.fitted()
     }
 
-    /// Maps the view's cells anywhere; the result has room for all of them, its first cell is the corner of the box
-    /// around them.
+    /// Maps the view's cells anywhere; the result has room for all of them, its first cell is the corner of
+    /// the box around them.
     ///
     /// # Errors
-    /// If the map cannot be inverted, leaves a quadtree's plane, or the result needs a deeper tree than there can be.
+    /// If the map cannot be inverted, leaves a quadtree's plane, or the result needs a deeper tree than there
+    /// can be.
     pub fn transform(self, map: &Map) -> Result<View> {
         let end = DVec3::from(self.extent.map(|cells| cells as f64));
         let (min, max) = map.bounding_box(DVec3::ZERO, end);
@@ -225,7 +227,7 @@ impl View {
         self.mapped(map, min, extent)
     }
 
-    /// Maps the view's cells onto a given grid of so many cells; what falls outside is not seen.
+    /// Maps the view's cells onto a given grid of so many cells; what falls outside is not visible.
     ///
     /// # Errors
     /// As [`View::transform`].
@@ -244,13 +246,13 @@ impl View {
         map.inverse()?;
         let there = Map::translation((-self.origin).to_array()).then(map);
         let and_back = Map::translation(self.origin.to_array());
-        self.placed = self.placed.then(&there).then(&and_back);
+        self.to_grid = self.to_grid.then(&there).then(&and_back);
         self.origin += min;
         self.extent = extent;
         self.fitted()
     }
 
-    /// So many times as many cells along each axis.
+    /// Scales by a factor along each axis: so many times as many cells.
     ///
     /// # Errors
     /// As [`View::transform`]; factors must be positive.
@@ -301,8 +303,8 @@ impl View {
         !self.windows.is_empty()
     }
 
-    /// The view's frame. By default cells stay where the file has them in the world, however they are arranged; with
-    /// `moves`, they are moved in the world the way they were moved in the tree.
+    /// The view's frame. By default cells stay where the file has them in the world, however they are
+    /// arranged; with `moves`, they are moved in the world the way they were moved in the tree.
     pub fn frame(&self, moves: bool) -> Frame {
         let source = &self.source.metadata().frame;
         let cells = if moves { Map::translation(self.origin.to_array()) } else { self.lookup.to_source };
@@ -322,7 +324,7 @@ impl View {
         Err(Error::invalid("affine map", format!("{rows:?}"), expected))
     }
 
-    /// With the depth that the extent needs.
+    /// Sets the depth that the extent needs.
     fn fitted(mut self) -> Result<View> {
         let depth = depth_for(self.extent);
         let most = self.form.dimension.max_depth();
@@ -335,20 +337,21 @@ impl View {
         self.renewed()
     }
 
-    /// With what is derived made anew.
+    /// Recomputes the lookup from the steps.
     fn renewed(mut self) -> Result<View> {
-        // Windows say which source cells are seen, wherever that can be said in whole source cells; else which cells of the
-        // view can show something. What is neither (the window lies askew to both) is asked cell by cell.
-        let to_source = self.placed.then(&Map::translation((-self.origin).to_array())).inverse()?;
+        // Windows say which source cells are visible, wherever that can be said in whole source cells; else
+        // which cells of the view can show something. What is neither (the window lies askew to both) is
+        // asked cell by cell.
+        let to_source = self.to_grid.then(&Map::translation((-self.origin).to_array())).inverse()?;
         let source_end = DVec3::from(self.source_extent.map(|cells| cells as f64));
-        let mut seen = (DVec3::ZERO, source_end);
+        let mut visible = (DVec3::ZERO, source_end);
         let mut shown = (DVec3::ZERO, DVec3::from(self.extent.map(|cells| cells as f64)));
         let mut askew = Vec::new();
         for (map, size) in &self.windows {
             let here = to_source.then(map);
             if map.keeps_cells() {
                 let (start, end) = map.inverse()?.bounding_box(DVec3::ZERO, *size);
-                seen = (seen.0.max(start.round()), seen.1.min(end.round()).max(seen.0));
+                visible = (visible.0.max(start.round()), visible.1.min(end.round()).max(visible.0));
             } else if here.is_translation() {
                 let start = (-here.0.translation).round();
                 shown = (shown.0.max(start), shown.1.min(start + size));
@@ -356,19 +359,19 @@ impl View {
                 askew.push((here, *size));
             }
         }
-        let image = to_source.inverse()?.bounding_box(seen.0, seen.1);
+        let image = to_source.inverse()?.bounding_box(visible.0, visible.1);
         let whole = |point: DVec3| point.to_array().map(|number| number as i64);
         let moves = to_source.is_translation() && to_source.keeps_cells();
         let moved = moves.then(|| {
             let by = to_source.0.translation;
-            let seen = (whole(seen.0.max(shown.0 + by)), whole(seen.1.min(shown.1 + by)));
-            Moved { by: whole(by), seen, extent: self.source_extent }
+            let visible = (whole(visible.0.max(shown.0 + by)), whole(visible.1.min(shown.1 + by)));
+            Moved { by: whole(by), visible, extent: self.source_extent }
         });
         let is_area = matches!(self.sampling, Sampling::Area(rule) if rule != Rule::Nearest);
         self.lookup = Lookup {
             to_source,
             by_area: is_area && to_source.keeps_axes() && !to_source.keeps_cells(),
-            seen: (whole(seen.0), whole(seen.1)),
+            visible: (whole(visible.0), whole(visible.1)),
             moved,
             content: ((image.0 + TINY).floor(), (image.1 - TINY).ceil()),
             shown,

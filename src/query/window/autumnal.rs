@@ -8,14 +8,16 @@ use crate::store::autumnal::Autumnal;
 use crate::value::Value;
 
 impl Autumnal {
-    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y, then z. VOID
-    /// cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that is given.
+    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
+    /// then z. VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that
+    /// is given.
     ///
-    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below them.
+    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below
+    /// them.
     ///
     /// # Errors
-    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one value, or not
-    /// one flag, per cell.
+    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one
+    /// value, or not one flag, per cell.
     pub fn window(
         &self,
         level: u8,

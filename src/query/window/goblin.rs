@@ -1,9 +1,9 @@
 //! Windows of Goblin files.
 //!
-//! A window is drawn from the deepest segment that has all of it, and from there down to the segments of children that
-//! reach deeper. Nearly all the time goes into nodes that lie wholly in the window and in one segment, down at the cells:
-//! that part is compiled for each width of values and fan-out, and has no branches that depend on the picture where those
-//! could be avoided.
+//! A window is drawn from the deepest segment that has all of it, and from there down to the segments of
+//! children that reach deeper. Nearly all the time goes into nodes that lie wholly in the window and in one
+//! segment, down at the cells: that part is compiled for each width of values and fan-out, and has no
+//! branches that depend on the picture where those could be avoided.
 
 use zerocopy::FromBytes;
 
@@ -11,23 +11,24 @@ use super::check_buffers;
 use crate::Result;
 use crate::query::check_level;
 use crate::space::{Bounds, Code};
-use crate::store::container::record::ALIKE;
+use crate::store::container::record::LOW_STATE_BITS;
 use crate::store::container::{CUT, INNER, Record, VOID, with_record_type};
 use crate::store::goblin::{Goblin, Located, Segment};
 use crate::tree::Child;
 use crate::value::Value;
 
 impl Goblin {
-    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y, then z.
-    /// VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that is given.
-    /// Returns how many segments were looked into: for an aligned box of 2^reach cells along each axis at most
-    /// `1 + children^(stride - 1)`.
+    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
+    /// then z. VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that
+    /// is given. Returns how many segments were read: for an aligned box of 2^reach cells along each axis at
+    /// most `1 + children^(stride - 1)`.
     ///
-    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below them.
+    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below
+    /// them.
     ///
     /// # Errors
-    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one value, or not
-    /// one flag, per cell.
+    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one
+    /// value, or not one flag, per cell.
     pub fn window(
         &self,
         level: u8,
@@ -43,12 +44,12 @@ impl Goblin {
         }
         let [width, height, _] = bounds.size().map(|size| size as usize);
         let strides = [1, width, width * height];
-        let window = Window { tree: self, level, bounds: *bounds, strides, seen: Vec::new() };
+        let window = Window { tree: self, level, bounds: *bounds, strides, visited: Vec::new() };
         with_record_type!(*self.layout(), R => paint_window::<R>(window, fill, values, valid))
     }
 }
 
-/// Paints all of a window, of values whose width is known; returns how many segments were looked into.
+/// Paints all of a window, of values whose width is known; returns how many segments were read.
 fn paint_window<R: Record>(
     window: Window<'_>,
     fill: Value,
@@ -69,7 +70,7 @@ fn paint_window<R: Record>(
     if !inside.is_empty() {
         painter.draw(&inside)?;
     }
-    Ok(painter.window.seen.len())
+    Ok(painter.window.visited.len())
 }
 
 /// The bytes of a value.
@@ -86,14 +87,14 @@ struct Window<'a> {
     bounds: Bounds,
     /// Growth of the index of a cell's value from a cell to the next along each axis.
     strides: [usize; 3],
-    /// Numbers of the segments looked into.
-    seen: Vec<usize>,
+    /// Indices of the segments read so far, each once.
+    visited: Vec<usize>,
 }
 
 /// Cells of a node's lower or upper half that lie in a window, along one axis.
 #[derive(Clone, Copy)]
 struct Span {
-    /// Share that the first of them has in the index of a cell's value; anything if there are none.
+    /// Summand of the first of them in the index of a cell's value; undefined if there are none.
     offset: usize,
     cells: usize,
 }
@@ -105,21 +106,23 @@ impl<'a> Window<'a> {
         let corner = |cell: [u64; 3]| {
             Code::from_cell(dimension, self.level, cell.map(|cell| cell as u32)).expect("inside the space")
         };
+        // The codes of all cells of a box lie between those of its two extreme corners in Z order: the
+        // ancestor of these two is that of all.
         let code = corner(part.min).common_ancestor(corner(part.max.map(|end| end - 1)));
         if code.level() == self.level {
             return Ok((code, Child::uniform(self.tree.value_at(code)?)));
         }
         let found = self.tree.locate(code)?;
         if let Child::Inner { node, .. } = &found
-            && !self.seen.contains(&node.segment.index())
+            && !self.visited.contains(&node.segment.index())
         {
-            self.seen.push(node.segment.index());
+            self.visited.push(node.segment.index());
         }
         Ok((code, found))
     }
 
-    /// Whether nothing below a node of a level, which has its record in a segment, is in another segment. The segment
-    /// must be the deepest one with that record.
+    /// Whether nothing below a node of a level, which has its record in a segment, is in another segment. The
+    /// segment must be the deepest one with that record.
     fn is_inline(&self, segment: &Segment<'_>, level: u8) -> bool {
         // The node, or one above it, might own a segment and does not: it is too small to be cut anywhere.
         self.tree.header().shape.segment_level(level) > segment.code().level()
@@ -165,8 +168,8 @@ impl<R: Record> Painter<'_, R> {
         Ok(())
     }
 
-    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`; if it is `inline`,
-    /// nothing below it is in another segment.
+    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`; if it is
+    /// `inline`, nothing below it is in another segment.
     fn node(
         &mut self,
         segment: &Segment<'_>,
@@ -237,8 +240,8 @@ impl<R: Record> Painter<'_, R> {
         Ok(())
     }
 
-    /// Draws a node that lies wholly in the window and needs no other segment: the hot path of tiles. Its first cell
-    /// goes to `start`; its children have `2^below` cells along each axis.
+    /// Draws a node that lies wholly in the window and needs no other segment: the hot path of tiles. Its
+    /// first cell goes to `start`; its children have `2^below` cells along each axis.
     fn whole(
         &mut self,
         segment: &Segment<'_>,
@@ -281,8 +284,9 @@ impl<R: Record> Painter<'_, R> {
         Ok(())
     }
 
-    /// A node of four cells along each axis, where nearly all records of a detailed tile are. Which of its children are
-    /// uniform is as good as random, so nothing here branches on it: a wrong guess costs more than four cells.
+    /// A node of four cells along each axis, where nearly all records of a detailed tile are. Which of its
+    /// children are uniform is as good as random, so nothing here branches on it: a wrong guess costs more
+    /// than four cells.
     fn patch(&mut self, segment: &Segment<'_>, records: &[R], at: usize, start: usize) -> Result<()> {
         let record = &records[at];
         let states = record.states();
@@ -292,18 +296,20 @@ impl<R: Record> Painter<'_, R> {
             let state = record.state(child);
             // Any record will do where there is none: its values are not used then.
             let below = under.get(next).unwrap_or(record);
-            // A uniform child is drawn as if it had a record, with four times (or eight times) its value and state.
+            // A uniform child is drawn as if it had a record, with four times (or eight times) its value and
+            // state.
             let uniform = R::alike(record.values()[child]);
             let (values, states, skip) = if state == INNER {
                 (below.values(), below.states(), below.skip())
             } else {
-                (uniform.as_ref(), u32::from(state) * ALIKE, 0)
+                (uniform.as_ref(), u32::from(state) * LOW_STATE_BITS, 0)
             };
             self.cells(values, states, start + self.offset(child, 2));
             next += skip as usize;
         }
-        // Both bits of a state are set: CUT. Whether all was well is asked once, when all is drawn.
-        if states & states >> 1 & ALIKE != 0 {
+        // Both bits of a state are set: CUT. Damage is tested for once, at the end: every read above is
+        // checked, and an error says that the buffers do not count.
+        if states & states >> 1 & LOW_STATE_BITS != 0 {
             return Err(self.window.tree.bad_cut(segment.code()));
         }
         if next == under.len() { Ok(()) } else { Err(self.window.tree.bad_skip(segment, at)) }
@@ -313,9 +319,10 @@ impl<R: Record> Painter<'_, R> {
     #[inline(always)]
     fn cells(&mut self, values: &[R::Bytes], states: u32, start: usize) {
         // Either bit of a child's state: it is not VOID.
-        let some = (states | states >> 1) & ALIKE;
+        let some = (states | states >> 1) & LOW_STATE_BITS;
         // (Shifted so that a quadtree's four children are all that is compared.)
-        if some << (32 - 2 * R::CHILDREN) != ALIKE << (32 - 2 * R::CHILDREN) || self.valid.is_some() {
+        if some << (32 - 2 * R::CHILDREN) != LOW_STATE_BITS << (32 - 2 * R::CHILDREN) || self.valid.is_some()
+        {
             return self.cells_and_void(values, some, start);
         }
         for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
@@ -324,8 +331,9 @@ impl<R: Record> Painter<'_, R> {
         }
     }
 
-    /// The children of a node as single cells where some may be VOID or flags are asked for; one bit in two of `some` is
-    /// set for a child that is not VOID. Apart from [`Self::cells`] to keep the usual case small.
+    /// The children of a node as single cells where some may be VOID or flags are asked for; one bit in two
+    /// of `some` is set for a child that is not VOID. Apart from [`Self::cells`] to keep the usual case
+    /// small.
     #[inline(never)]
     fn cells_and_void(&mut self, values: &[R::Bytes], some: u32, start: usize) {
         for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
@@ -345,7 +353,8 @@ impl<R: Record> Painter<'_, R> {
         start + (pair & 1) * self.window.strides[1] + (pair >> 1) * self.window.strides[2]
     }
 
-    /// Distance in `values` from a node's first cell to a child's; children have `side` cells along each axis.
+    /// Distance in `values` from a node's first cell to a child's; children have `side` cells along each
+    /// axis.
     #[inline]
     fn offset(&self, child: usize, side: usize) -> usize {
         (0..R::AXES).map(|axis| (child >> axis & 1) * side * self.window.strides[axis]).sum()

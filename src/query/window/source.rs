@@ -63,7 +63,8 @@ impl<'a> Canvas<'a> {
         Ok(canvas)
     }
 
-    /// Draws what a source has below one of its nodes, which stands for the whole space, at a level below that.
+    /// Draws what a source has below one of its nodes, which stands for the whole space, at a level below
+    /// that.
     ///
     /// # Errors
     /// If the source fails.

@@ -8,14 +8,14 @@ use super::commit::{Commit, Written};
 use super::extents::{ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
 use super::layout::{MAX_RECORD, RecordBuffer, RecordLayout};
 use super::meta::Meta;
-use super::share::{Shares, hash};
+use super::share::{DedupTable, hash};
 use crate::io::{ReadBackend, WriteBackend};
 use crate::tree::Child;
-use crate::value::{VALUE_MOST, Value};
+use crate::value::{MAX_VALUE_SIZE, Value};
 use crate::{Error, Result};
 
-/// Bytes that wait to be written, beyond which they are.
-const MAX_WAITING: usize = 4 << 20;
+/// Bytes in the buffer beyond which it is written.
+const MAX_BUFFERED: usize = 4 << 20;
 
 /// A record that is to be in the file: INNER children have the addresses of their records.
 #[derive(Clone, Copy)]
@@ -32,15 +32,16 @@ pub(super) struct Appender {
     pub(super) backend: Box<dyn WriteBackend>,
     path: PathBuf,
     layout: RecordLayout,
-    /// Where the first byte that waits belongs.
+    /// Offset in the file of the buffer's first byte.
     start: u64,
-    /// Bytes that wait.
-    waiting: Vec<u8>,
-    /// Where in them the extent starts that is being made.
+    /// Bytes that are not written yet.
+    buffer: Vec<u8>,
+    /// Start in the buffer, and kind, of the extent that is being made.
     extent: Option<(usize, ExtentKind)>,
     pub(super) written: Written,
-    shares: Option<Shares>,
-    /// The bytes that have been written, for comparing with what is to be written; read anew when there are more.
+    dedup: Option<DedupTable>,
+    /// The bytes that have been written, for comparing with what is to be written; read anew when there are
+    /// more.
     reader: Option<Box<dyn ReadBackend>>,
     /// Room for the record that is being written.
     record: RecordBuffer,
@@ -64,37 +65,37 @@ impl Appender {
             path,
             layout,
             start: end.next_multiple_of(PAGE),
-            waiting: Vec::new(),
+            buffer: Vec::new(),
             extent: None,
             written: Written::default(),
-            shares: share.map(Shares::new),
+            dedup: share.map(DedupTable::new),
             reader: None,
-            record: [0; MAX_RECORD + VALUE_MOST],
+            record: [0; MAX_RECORD + MAX_VALUE_SIZE],
             content: Vec::new(),
             is_poisoned: false,
         }
     }
 
-    /// Where the next byte will be.
+    /// Offset of the next byte.
     pub(super) fn position(&self) -> u64 {
-        self.start + self.waiting.len() as u64
+        self.start + self.buffer.len() as u64
     }
 
     /// Makes sure that an extent of a kind is open that has room.
     fn open_extent(&mut self, kind: ExtentKind) -> Result<()> {
         if let Some((start, open)) = self.extent
-            && (open != kind || self.waiting.len() - start > FULL_EXTENT)
+            && (open != kind || self.buffer.len() - start > FULL_EXTENT)
         {
             self.close_extent();
         }
-        // (With an extent that is open and not full, what waits grows beyond the limit by no more than that.)
-        if self.waiting.len() > MAX_WAITING {
+        // (With an extent that is open and not full, the buffer grows beyond the limit by no more than that.)
+        if self.buffer.len() > MAX_BUFFERED {
             self.flush()?;
         }
         if self.extent.is_none() {
-            self.extent = Some((self.waiting.len(), kind));
+            self.extent = Some((self.buffer.len(), kind));
             // The head is known when the extent is closed.
-            self.waiting.resize(self.waiting.len() + HEAD_SIZE, 0);
+            self.buffer.resize(self.buffer.len() + HEAD_SIZE, 0);
         }
         Ok(())
     }
@@ -103,22 +104,22 @@ impl Appender {
     fn close_extent(&mut self) {
         let Some((start, kind)) = self.extent.take() else { return };
         let offset = self.start + start as u64;
-        let head = head(kind, offset, &self.waiting[start + HEAD_SIZE..]);
-        self.waiting[start..start + HEAD_SIZE].copy_from_slice(&head);
+        let head = head(kind, offset, &self.buffer[start + HEAD_SIZE..]);
+        self.buffer[start..start + HEAD_SIZE].copy_from_slice(&head);
         let end = self.position().next_multiple_of(SECTOR);
-        self.waiting.resize((end - self.start) as usize, 0);
+        self.buffer.resize((end - self.start) as usize, 0);
     }
 
-    /// Writes what waits.
+    /// Writes the buffer.
     pub(super) fn flush(&mut self) -> Result<()> {
         self.close_extent();
-        if !self.waiting.is_empty() {
-            let waiting = mem::take(&mut self.waiting);
-            self.write_at("write", self.start, &waiting)?;
-            self.start += waiting.len() as u64;
-            // The room stays for what comes.
-            self.waiting = waiting;
-            self.waiting.clear();
+        if !self.buffer.is_empty() {
+            let buffer = mem::take(&mut self.buffer);
+            self.write_at("write", self.start, &buffer)?;
+            self.start += buffer.len() as u64;
+            // The allocation is used again.
+            self.buffer = buffer;
+            self.buffer.clear();
             self.reader = None;
         }
         Ok(())
@@ -136,7 +137,8 @@ impl Appender {
         self.poison_unless("sync", synced)
     }
 
-    /// After a failure nobody knows what is on the disk, and trying again would not tell: nothing more is written.
+    /// After a failure nobody knows what is on the disk, and trying again would not tell: nothing more is
+    /// written.
     fn refuse_poisoned(&self) -> Result<()> {
         if self.is_poisoned { Err(Error::Poisoned { path: self.path.clone() }) } else { Ok(()) }
     }
@@ -148,10 +150,10 @@ impl Appender {
 
     /// Writes a record and tells where it is; or where an equal one is.
     pub(super) fn record(&mut self, record: NewRecord<'_>) -> Result<u64> {
-        match self.shares.take() {
-            Some(mut shares) => {
-                let address = self.share(&mut shares, record);
-                self.shares = Some(shares);
+        match self.dedup.take() {
+            Some(mut dedup) => {
+                let address = self.share(&mut dedup, record);
+                self.dedup = Some(dedup);
                 address
             }
             None => self.write_record(record),
@@ -163,8 +165,8 @@ impl Appender {
         self.open_extent(ExtentKind::Records)?;
         let address = self.position();
         let size = self.layout.encode(address, representative, children, &mut self.record);
-        self.waiting.extend_from_slice(&self.record[..size]);
-        self.waiting.extend_from_slice(zone);
+        self.buffer.extend_from_slice(&self.record[..size]);
+        self.buffer.extend_from_slice(zone);
         self.written.records += 1;
         self.written.bytes += (size + zone.len()) as u64;
         if !self.layout.can_point_to(address) {
@@ -174,7 +176,8 @@ impl Appender {
         Ok(address)
     }
 
-    /// The content of a record, which is the same wherever it stands: INNER children are told by their addresses.
+    /// The content of a record, which is the same wherever it stands: INNER children are told by their
+    /// addresses.
     fn content_of(content: &mut Vec<u8>, record: NewRecord<'_>, width: usize) {
         let NewRecord { representative, children, zone } = record;
         content.clear();
@@ -192,13 +195,13 @@ impl Appender {
     }
 
     /// Finds a record with the same content among those that this writer has written, else writes it.
-    fn share(&mut self, shares: &mut Shares, record: NewRecord<'_>) -> Result<u64> {
+    fn share(&mut self, dedup: &mut DedupTable, record: NewRecord<'_>) -> Result<u64> {
         let mut content = mem::take(&mut self.content);
         Self::content_of(&mut content, record, self.layout.width());
         let hash = hash(&content);
         let zone = record.zone;
         let mut found = None;
-        for known in shares.find(hash) {
+        for known in dedup.find(hash) {
             // (The lowest bit says whether there is a zone, which a record does not say of itself.)
             let (address, has_zone) = (known >> 1, known & 1 == 1);
             if has_zone != zone.is_empty() && self.has_content(address, &content, zone.len())? {
@@ -220,7 +223,7 @@ impl Appender {
             return Ok(address);
         }
         let address = self.write_record(record)?;
-        shares.put(hash, address << 1 | u64::from(!zone.is_empty()));
+        dedup.insert(hash, address << 1 | u64::from(!zone.is_empty()));
         Ok(address)
     }
 
@@ -231,8 +234,8 @@ impl Appender {
         }
         let read;
         let bytes = match (&self.reader, address.checked_sub(self.start)) {
-            // It still waits to be written.
-            (_, Some(at)) => &self.waiting[at as usize..],
+            // It is still in the buffer.
+            (_, Some(at)) => &self.buffer[at as usize..],
             (Some(reader), None) if address < reader.len() => {
                 let most = (reader.len() - address).min((MAX_RECORD + zone) as u64);
                 read = reader.read(address, most as usize)?;
@@ -258,7 +261,7 @@ impl Appender {
         self.close_extent();
         self.open_extent(kind)?;
         let start = self.position() - HEAD_SIZE as u64;
-        self.waiting.extend_from_slice(bytes);
+        self.buffer.extend_from_slice(bytes);
         self.close_extent();
         Ok(start)
     }
@@ -268,10 +271,12 @@ impl Appender {
         let start = self.extent(ExtentKind::Commit, &commit.to_bytes()?)?;
         self.flush()?;
         let meta = Meta { sequence: commit.sequence, commit: start, end: self.position() };
-        // The slot must not become durable before what it names; and nobody may hear of a commit that is not durable.
+        // The slot must not become durable before what it names; and nobody may hear of a commit that is not
+        // durable.
         self.sync()?;
         self.write_at("write the meta slot", meta.offset(), &meta.to_bytes())?;
         self.sync()?;
+        // A torn write of the next commit must not damage a page of this one, which is durable.
         self.start = self.start.next_multiple_of(PAGE);
         self.written = Written::default();
         Ok(meta)

@@ -26,11 +26,11 @@ struct RawPointers {
     checksum: U32,
 }
 
-/// Where that part starts.
+/// Offset of that part.
 const POINTERS: u64 = 64;
 
-/// Bytes of pointers where files are written: RELATIVE ones reach 64 KiB back, or 16 MiB where equal subtrees are stored
-/// once and pointers go far; ABSOLUTE ones reach 256 TiB.
+/// Bytes of pointers where files are written: RELATIVE ones reach 64 KiB back, or 16 MiB where equal subtrees
+/// are stored once and pointers go far; ABSOLUTE ones reach 256 TiB.
 pub(super) const fn pointer_bytes(share: bool) -> (u8, u8) {
     if share { (3, 6) } else { (2, 6) }
 }
@@ -62,7 +62,7 @@ pub(super) struct Archive {
 /// Bytes of a file, and which file it is.
 pub(super) type OpenFile = (Box<dyn ReadBackend>, FileId);
 
-/// How often slots are read when none is whole: a writer may have been at both, one after the other.
+/// Times that slots are read when none is whole: a writer may have been at both, one after the other.
 const MAX_ATTEMPTS: u32 = 100;
 
 impl Archive {
@@ -106,6 +106,8 @@ impl Archive {
             let found = format!("pointers of {} and {} bytes", raw.relative, raw.absolute);
             return Err(corrupt("header", &found, "1 to 4 and at most 8 bytes, with their checksum"));
         }
+        // A slot whose commit ends behind these bytes does not count, since it may have been written after
+        // they were opened: the other one is taken, if that is whole.
         let Some(meta) = newest_meta(&*bytes)? else { return Ok(None) };
         let layout = RecordLayout::new(header.form, raw.relative, raw.absolute);
         let extents = Arc::new(Extents::new(path, bytes, meta.end, check)?);
@@ -120,8 +122,8 @@ impl Archive {
     /// The commit with a number.
     pub(super) fn commit(&self, number: u64) -> Result<Commit> {
         let mut commit = self.newest()?;
-        // By jumps as long as they do not lead too far, else step by step. (Both lead back in the file, so that there is an
-        // end whatever the commits say.)
+        // By jumps as long as they do not lead too far, else step by step. (Both lead back in the file, so
+        // that there is an end whatever the commits say.)
         while commit.number > number && commit.previous != 0 {
             let jumped = match commit.jump.1 {
                 0 => None,

@@ -4,7 +4,7 @@ use super::extents::ByteAccess;
 use super::reader::{Autumnal, Node};
 use crate::Result;
 use crate::space::{Bounds, Dimension};
-use crate::store::container::record::ALIKE;
+use crate::store::container::record::LOW_STATE_BITS;
 use crate::store::container::{LEAF, VOID};
 use crate::tree::Child;
 use crate::value::Value;
@@ -44,11 +44,11 @@ impl Above {
 }
 
 impl Autumnal {
-    /// Hands out the blocks of a box of cells of a level that are not VOID: first cell, cells along each axis, value. All of
-    /// them lie in the box and beside each other.
+    /// Hands out the blocks of a box of cells of a level that are not VOID: first cell, cells along each
+    /// axis, value. All of them lie in the box and beside each other.
     ///
-    /// (A block is often a single cell, for which a call that cannot be inlined costs more than all the rest: compiled for
-    /// whoever draws windows, and meant for nobody else.)
+    /// (A block is often a single cell, for which a call that cannot be inlined costs more than all the rest:
+    /// compiled for whoever draws windows, and meant for nobody else.)
     ///
     /// # Errors
     /// If the file is damaged there.
@@ -58,13 +58,14 @@ impl Autumnal {
         bounds: &Bounds,
         mut each: impl FnMut([u64; 3], [usize; 3], Value),
     ) -> Result<()> {
-        match self.root_place() {
+        match self.root_child() {
             Child::Inner { node, .. } if level > 0 => {
                 let root = Above { node, min: [0; 3], levels: level };
                 match self.extents().mapped() {
                     Some(mapped) => self.blocks_below(mapped, root, &mut Blocks { bounds, each }),
                     None => {
-                        // Beside asking the system for every record a call is nothing: once for whoever draws.
+                        // Beside asking the system for every record a call is nothing: once for whoever
+                        // draws.
                         let each: &mut EachBlock<'_> = &mut each;
                         self.blocks_below(self.extents(), root, &mut Blocks { bounds, each })
                     }
@@ -73,7 +74,7 @@ impl Autumnal {
             root => {
                 let space = Bounds::space(self.layout().form.dimension, level);
                 if let Some(value) = root.value() {
-                    Blocks { bounds, each }.part(&space, value);
+                    Blocks { bounds, each }.clipped(&space, value);
                 }
                 Ok(())
             }
@@ -106,13 +107,13 @@ impl Autumnal {
                 continue;
             }
             if state == LEAF {
-                blocks.part(&space, self.value_in(&record.bytes, field));
+                blocks.clipped(&space, self.value_in(&record.bytes, field));
                 continue;
             }
             let node = self.follow(&record, field, state, above.node.height)?;
             let below = Above { node, min, levels };
             if levels == 0 {
-                blocks.part(&space, self.representative_in(access, node.address)?);
+                blocks.clipped(&space, self.representative_in(access, node.address)?);
             } else if blocks.bounds.contains(&space) {
                 self.all_blocks_below(access, below, &mut blocks.each)?;
             } else {
@@ -135,7 +136,7 @@ impl Autumnal {
         let size = above.child_size(layout.form.dimension).map(|cells| cells as usize);
         let mut next = layout.head_size();
         // Most records where there is detail, and nothing to guess about them.
-        if record.states == (ALIKE >> (32 - 2 * children)) * u32::from(LEAF) {
+        if record.states == (LOW_STATE_BITS >> (32 - 2 * children)) * u32::from(LEAF) {
             for step in 0..children {
                 each(above.child_min(step), size, self.value_in(&record.bytes, next));
                 next += width;
@@ -169,8 +170,8 @@ impl Autumnal {
 }
 
 impl<F: FnMut([u64; 3], [usize; 3], Value)> Blocks<'_, F> {
-    /// Hands out what of a block is in the box.
-    fn part(&mut self, space: &Bounds, value: Value) {
+    /// Hands out the part of a block that is in the box.
+    fn clipped(&mut self, space: &Bounds, value: Value) {
         let part = space.intersect(self.bounds);
         if !part.is_empty() {
             (self.each)(part.min, part.size().map(|cells| cells as usize), value);

@@ -9,12 +9,13 @@ use crate::space::{Code, Dimension};
 use crate::store::builder::{
     BuildOptions, BuiltBlock, RecordRef, Siblings, TreeSink, representative_of, uniform_children,
 };
-use crate::store::container::subtree::CHECKED;
+use crate::store::container::subtree::RECORDS_ARE_CHECKED;
 use crate::store::container::{Finding, INNER, LEAF, RecordLayout, Shape, VOID};
 use crate::tree::{Child, Form, no_children};
 use crate::value::{Rule, Tally, Value};
 
-/// The shape that makes blocks as large as the smallest nodes with zones, and leaves all their records together.
+/// The shape that makes blocks as large as the smallest nodes with zones, and leaves all their records
+/// together.
 pub(super) fn shape(dimension: Dimension, depth: u8) -> Shape {
     Shape { depth, reach: zone_height(dimension), stride: 1, heavy_threshold: u32::MAX }
 }
@@ -37,7 +38,7 @@ pub(super) struct BuiltNode {
 /// Merges parts whose siblings are complete, and writes the records that are new.
 pub(super) struct RecordBuilder<'a> {
     form: Form,
-    /// How the records of blocks are laid out, which are those of segments.
+    /// Layout of the records of blocks, which are those of segments.
     block_layout: RecordLayout,
     rule: Rule,
     depth: u8,
@@ -45,7 +46,8 @@ pub(super) struct RecordBuilder<'a> {
     mode: Mode<'a>,
     /// The tree that the file has.
     base: Option<&'a Autumnal>,
-    /// A commit of another file with the same tree as the base: what is known to be in one is in the other, too.
+    /// A commit of another file with the same tree as the base: what is known to be in one is in the other,
+    /// too.
     twin: Option<&'a Autumnal>,
     siblings: Siblings<BuiltNode>,
     root: Option<BuiltNode>,
@@ -140,6 +142,8 @@ impl<'a> RecordBuilder<'a> {
 
     /// Writes a record, unless it is the one that was there before.
     fn write(&mut self, code: Code, record: NewRecord<'_>, old: Option<Node>) -> Result<u64> {
+        // Copy on write: children come first, so equal addresses below mean equal subtrees, and an unchanged
+        // record keeps all that is below it.
         if let (Some(base), Some(old)) = (self.base, old)
             && is_same(base, old, record)?
         {
@@ -157,8 +161,8 @@ impl<'a> RecordBuilder<'a> {
         }
     }
 
-    /// Writes the records of a node of a block that are new, the node's own after those of its children. `old` is what the
-    /// file has at the node.
+    /// Writes the records of a node of a block that are new, the node's own after those of its children.
+    /// `old` is what the file has at the node.
     fn block(
         &mut self,
         code: Code,
@@ -168,9 +172,9 @@ impl<'a> RecordBuilder<'a> {
         old: Option<Node>,
     ) -> Result<u64> {
         let layout = self.block_layout;
-        let head = layout.head(records, number).expect(CHECKED);
-        // The tree that is there is gone down side by side with the block, so that unchanged records are found without
-        // looking for each from the root.
+        let head = layout.head(records, number).expect(RECORDS_ARE_CHECKED);
+        // The tree that is there is gone down side by side with the block, so that unchanged records are
+        // found without looking for each from the root.
         let before = match (self.base, old) {
             (Some(base), Some(old)) => Some((base, base.record(old)?, old.height)),
             _ => None,
@@ -194,7 +198,7 @@ impl<'a> RecordBuilder<'a> {
                 }
                 _ => None,
             };
-            let skip = layout.head(records, next).expect(CHECKED).skip as usize;
+            let skip = layout.head(records, next).expect(RECORDS_ARE_CHECKED).skip as usize;
             let node = self.block(code.child(step), (records, next), value, &[], old)?;
             next += skip;
             *child = Child::Inner { representative: value, node };

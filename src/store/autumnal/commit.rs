@@ -36,7 +36,7 @@ pub(super) struct Root {
     pub(super) state: u8,
     /// Value or representative, as on disk.
     pub(super) value: Vec<u8>,
-    /// Where the record is, if it is INNER.
+    /// Offset of the record, if it is INNER; else 0.
     pub(super) address: u64,
 }
 
@@ -56,11 +56,12 @@ pub struct Commit {
     /// Number of commits in the file up to this one.
     pub(super) sequence: u64,
     pub(super) root: Root,
-    /// Where the metadata are.
+    /// Offset of the metadata's extent.
     pub(super) metadata: u64,
-    /// Where the commit before this one is; 0 if it is the first.
+    /// Offset of the commit before this one; 0 if it is the first.
     pub(super) previous: u64,
-    /// Where an older one is, so that any is found by few steps (skew-binary jumps, after Myers), and its sequence.
+    /// Sequence and offset of an older one, so that any is found by few steps (skew-binary jumps, after
+    /// Myers).
     pub(super) jump: (u64, u64),
 }
 
@@ -107,7 +108,8 @@ impl Commit {
             return Ok((self.sequence, start));
         }
         let jump = Commit::read(extents, self.jump.1)?;
-        // Two jumps of one length become one of twice that length. (Sequences of a file may lie: they need not descend.)
+        // Two jumps of one length become one of twice that length. (Sequences of a file may lie: they need
+        // not descend.)
         let length = self.sequence.checked_sub(jump.sequence);
         let equal = length == Some(jump.sequence.saturating_sub(jump.jump.0));
         Ok(if equal && jump.jump.1 != 0 { jump.jump } else { (self.sequence, start) })

@@ -12,12 +12,12 @@ use crate::store::builder::{BuildOptions, TreeSink, walk};
 use crate::store::container::OpenOptions;
 use crate::{Error, Progress, Result};
 
-/// Which commits stay.
+/// Selection of the commits that stay.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Keep {
     /// The newest ones, so many.
     Last(u64),
-    /// Those with these numbers.
+    /// The commits with these numbers.
     Numbers(Vec<u64>),
 }
 
@@ -39,9 +39,9 @@ impl Keep {
     }
 }
 
-/// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the same node is
-/// written once; equal subtrees anywhere with `share`, or if the file stores them so. Returns the commits as they are in
-/// the new file.
+/// Writes some commits of a file, with their numbers and notes, to a new one. What they have in common at the
+/// same node is written once; equal subtrees anywhere with `share`, or if the file stores them so. Returns
+/// the commits as they are in the new file.
 ///
 /// # Errors
 /// If there are no such commits, the file is damaged, the output cannot be written, or on interruption.
@@ -61,6 +61,7 @@ pub fn compact(
     // The commit that was written last: what a commit has in common with it is in the new file.
     let mut before: Option<Autumnal> = None;
     let mut editor: Option<Editor> = None;
+    // The oldest first: each is then written as what differs from the one before.
     for commit in commits {
         let (number, note) = (commit.number, commit.note.clone());
         let tree = Autumnal::new(history.archive.clone(), commit)?;

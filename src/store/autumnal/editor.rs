@@ -21,18 +21,19 @@ use crate::{Error, Progress, Result};
 
 /// A file that is being edited by this process and by nobody else, until this is dropped.
 ///
-/// [`Editor::tree`] is the tree with all edits so far; edits are sources made of it (see [`crate::ops`]), which
-/// [`Editor::replace`] makes the tree. Where a source hands out nodes of the file as they are, these are kept and not
-/// looked into: an edit takes time and room proportional to what changes, plus the tree's depth. Nothing is seen by
-/// readers before [`Editor::commit`]; what is not committed is as if it had never been.
+/// [`Editor::tree`] is the tree with all edits so far; edits are sources made of it (see [`crate::ops`]),
+/// which [`Editor::replace`] makes the tree. Where a source hands out nodes of the file as they are, these
+/// are kept and not looked into: an edit takes time and room proportional to what changes, plus the tree's
+/// depth. Nothing is seen by readers before [`Editor::commit`]; what is not committed is as if it had never
+/// been.
 pub struct Editor {
     appender: Appender,
     /// The tree with all edits so far.
     draft: Arc<Autumnal>,
     newest: Option<Commit>,
-    /// Where the newest commit is.
+    /// The meta slot of the newest commit.
     meta: Meta,
-    /// Where what is not committed begins.
+    /// Offset at which what is not committed begins.
     begin: u64,
     /// Bytes that edits may use.
     memory: u64,
@@ -113,8 +114,8 @@ impl Editor {
     /// Makes a source the tree. Its form and depth must be the file's.
     ///
     /// # Errors
-    /// If they are not, the source or writing fails, or on interruption. After a failed write nothing more can be written;
-    /// the last commit is whole.
+    /// If they are not, the source or writing fails, or on interruption. After a failed write nothing more
+    /// can be written; the last commit is whole.
     pub fn replace<S: ReusableSource>(&mut self, source: &S, progress: &dyn Progress) -> Result<()> {
         let (form, expected) = (source.form(), self.draft.form());
         if form != expected {
@@ -125,13 +126,13 @@ impl Editor {
         self.fill([u64::MAX; 3], &options, None, &mut fill).map(|_| ())
     }
 
-    /// How blocks of the file are built.
+    /// Options for building blocks of the file.
     fn options(&self) -> BuildOptions {
         BuildOptions { share: self.draft.is_shared(), ..BuildOptions::like(self.draft.header(), self.memory) }
     }
 
-    /// Makes the tree of parts, which cover some extent; the rest is VOID. `twin` is a commit of another file with the
-    /// tree that this one has.
+    /// Makes the tree of parts, which cover some extent; the rest is VOID. `twin` is a commit of another file
+    /// with the tree that this one has.
     pub(super) fn fill(
         &mut self,
         covered: [u64; 3],
@@ -184,12 +185,12 @@ impl Editor {
         self.set_draft(self.draft.commit.clone(), metadata)
     }
 
-    /// Makes all edits so far a commit, durable before this returns; `None` if there is nothing that differs from the
-    /// newest commit.
+    /// Makes all edits so far a commit, durable before this returns; `None` if there is nothing that differs
+    /// from the newest commit.
     ///
     /// # Errors
-    /// If writing fails. Then it is not known whether the commit is durable: the next editor finds out. This one writes
-    /// nothing more.
+    /// If writing fails. Then it is not known whether the commit is durable: the next editor finds out. This
+    /// one writes nothing more.
     pub fn commit(&mut self, note: Note) -> Result<Option<Commit>> {
         let number = self.newest.as_ref().map_or(Ok(1), |newest| self.after(newest.number))?;
         self.commit_as(number, note)
@@ -232,7 +233,7 @@ impl Editor {
         Ok(Some(commit))
     }
 
-    /// Where the metadata are; writes them if they are not those of the newest commit.
+    /// Offset of the metadata; writes them if they are not those of the newest commit.
     fn metadata_offset(&mut self, draft: &Autumnal) -> Result<u64> {
         let bytes = draft.metadata().to_bytes(draft.path())?;
         if let Some(newest) = &self.newest

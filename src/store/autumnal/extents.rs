@@ -16,7 +16,7 @@ use crate::{Error, Result};
 pub(super) const SECTOR: u64 = 512;
 /// Commits start at multiples of this, so that no page with older bytes is written again.
 pub(super) const PAGE: u64 = 4096;
-/// Where the first extent can start: behind the header's page and those of the two meta slots.
+/// Offset of the first extent: behind the header's page and those of the two meta slots.
 pub(super) const FIRST_EXTENT: u64 = 3 * PAGE;
 /// Bytes of an extent's head.
 pub(super) const HEAD_SIZE: usize = size_of::<RawHead>();
@@ -25,7 +25,8 @@ pub(super) const FULL_EXTENT: usize = 1 << 16;
 
 const _: () = assert!(FIRST_EXTENT.is_multiple_of(PAGE));
 
-/// Bytes of the longest extent that is read as a whole: metadata, a commit. A hostile length must not ask for more.
+/// Bytes of the longest extent that is read as a whole: metadata, a commit. A hostile length must not ask for
+/// more.
 const MAX_WHOLE: u64 = 16 << 20;
 /// Bytes that are read at a time where only their checksum is wanted.
 const CHECK_BYTES: u64 = 1 << 20;
@@ -46,13 +47,13 @@ struct RawHead {
     magic: [u8; 4],
     kind: u8,
     zero: [u8; 3],
-    /// Where the extent starts, so that bytes that were moved are not taken for one.
+    /// Offset of the extent in the file, so that bytes that were moved are not taken for one.
     start: U64,
     /// Bytes behind the head.
     length: U64,
-    /// Of these.
+    /// Checksum of these.
     checksum: U32,
-    /// Of the head before this.
+    /// Checksum of the head before this.
     head_checksum: U32,
 }
 
@@ -81,7 +82,7 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// Where its bytes start, behind the head.
+    /// Offset of its bytes, behind the head.
     fn payload_start(&self) -> u64 {
         self.start + HEAD_SIZE as u64
     }
@@ -95,10 +96,10 @@ impl Extent {
 pub(super) struct Extents {
     pub(super) path: PathBuf,
     backend: Box<dyn ReadBackend>,
-    /// Where the commit ends: what is behind does not belong to it.
+    /// End of the commit: what is behind does not belong to it.
     pub(super) end: u64,
     /// One bit per sector: whether it is one of an extent of records that was found to be good.
-    good: Vec<AtomicU64>,
+    verified: Vec<AtomicU64>,
     check: bool,
 }
 
@@ -107,8 +108,8 @@ pub(super) trait ByteAccess<'a>: Copy {
     /// Some bytes.
     type Bytes: Deref<Target = [u8]>;
 
-    /// Bytes of an extent of records from an address on: `most`, or more where that costs nothing, or fewer at the commit's
-    /// end.
+    /// Bytes of an extent of records from an address on: `most`, or more where that costs nothing, or fewer
+    /// at the commit's end.
     fn bytes(self, address: u64, most: usize) -> Result<Self::Bytes>;
 }
 
@@ -125,7 +126,7 @@ impl<'a> ByteAccess<'a> for MappedBytes<'a> {
     #[inline]
     fn bytes(self, address: u64, _: usize) -> Result<&'a [u8]> {
         self.extents.check_at(address)?;
-        // (What is not within the extents was not found good.)
+        // (What is not within the extents was not found to be good.)
         Ok(self.bytes.get(address as usize..).unwrap_or_default())
     }
 }
@@ -148,13 +149,14 @@ impl Extents {
     /// If there is no memory for a bit per sector.
     pub(super) fn new(path: &Path, backend: Box<dyn ReadBackend>, end: u64, check: bool) -> Result<Extents> {
         let words = end.div_ceil(SECTOR).div_ceil(64);
-        // The system hands out zeroed memory page by page as it is touched, so that large files open, and go on after an
-        // edit, as fast as small ones. A sparse file can claim any length: running out of memory is no reason to die.
-        let good = AtomicU64::new_vec_zeroed(words as usize).map_err(|_| {
+        // The system hands out zeroed memory page by page as it is touched, so that large files open, and go
+        // on after an edit, as fast as small ones. A sparse file can claim any length: running out of memory
+        // is no reason to die.
+        let verified = AtomicU64::new_vec_zeroed(words as usize).map_err(|_| {
             let cause = io::Error::from(io::ErrorKind::OutOfMemory);
             Error::io(path, "get memory for a bit per sector of the file")(cause)
         })?;
-        Ok(Extents { path: path.to_path_buf(), backend, end, good, check })
+        Ok(Extents { path: path.to_path_buf(), backend, end, verified, check })
     }
 
     pub(super) fn file_size(&self) -> u64 {
@@ -170,8 +172,8 @@ impl Extents {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// All bytes up to the commit's end where they are, if they can be seen: many records are then read without asking the
-    /// backend for each.
+    /// All bytes up to the commit's end where they are, if they can be seen: many records are then read
+    /// without asking the backend for each.
     #[inline]
     pub(super) fn mapped(&self) -> Option<MappedBytes<'_>> {
         let bytes = self.backend.bytes()?.get(..self.end as usize)?;
@@ -183,7 +185,7 @@ impl Extents {
     fn check_at(&self, address: u64) -> Result<()> {
         let sector = address / SECTOR;
         // (Whoever sets a bit has seen the same bytes: no order with other memory is needed.)
-        let word = self.good.get((sector / 64) as usize).map_or(0, |word| word.load(Ordering::Relaxed));
+        let word = self.verified.get((sector / 64) as usize).map_or(0, |word| word.load(Ordering::Relaxed));
         if word >> (sector % 64) & 1 == 0 { self.verify_extent(address) } else { Ok(()) }
     }
 
@@ -216,7 +218,7 @@ impl Extents {
             self.check_payload(&extent)?;
         }
         for sector in extent.start / SECTOR..extent.end().div_ceil(SECTOR) {
-            self.good[(sector / 64) as usize].fetch_or(1 << (sector % 64), Ordering::Relaxed);
+            self.verified[(sector / 64) as usize].fetch_or(1 << (sector % 64), Ordering::Relaxed);
         }
         Ok(())
     }

@@ -31,7 +31,8 @@ impl History {
         self.archive.share
     }
 
-    /// The commit with a number, found in a number of steps that grows with the logarithm of the number of commits.
+    /// The commit with a number, found in a number of steps that grows with the logarithm of the number of
+    /// commits.
     ///
     /// # Errors
     /// If there is none, or the file is damaged.

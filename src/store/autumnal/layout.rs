@@ -1,14 +1,14 @@
 //! The Autumnal record: an inner node's representative and, per child, a value or a pointer.
 //!
-//! A record has, in this order: two bits of state per child (VOID, LEAF, RELATIVE, ABSOLUTE), the representative, and the
-//! fields of the children that are not VOID: the value of a LEAF, or a pointer to an INNER child's record. A RELATIVE
-//! pointer is the distance back to it, an ABSOLUTE one its offset in the file. Records are written after those that they
-//! point to.
+//! A record has, in this order: two bits of state per child (VOID, LEAF, RELATIVE, ABSOLUTE), the
+//! representative, and the fields of the children that are not VOID: the value of a LEAF, or a pointer to an
+//! INNER child's record. A RELATIVE pointer is the distance back to it, an ABSOLUTE one its offset in the
+//! file. Records are written after those that they point to.
 
-use crate::store::container::record::state_of;
+use crate::store::container::record::{FOUR_STATES, state_of};
 use crate::store::container::{LEAF, VOID};
 use crate::tree::{Child, Children, Form, no_children};
-use crate::value::{VALUE_MOST, Value};
+use crate::value::{MAX_VALUE_SIZE, Value};
 
 /// More detail below, whose record is so many bytes before this one.
 pub(super) const RELATIVE: u8 = 2;
@@ -16,18 +16,18 @@ pub(super) const RELATIVE: u8 = 2;
 pub(super) const ABSOLUTE: u8 = 3;
 
 /// Bytes of the longest head of a record: its states and its representative.
-pub(super) const MAX_HEAD: usize = 2 + VALUE_MOST;
+pub(super) const MAX_HEAD: usize = 2 + MAX_VALUE_SIZE;
 
 /// Bytes of the longest record: a head, and eight fields.
-pub(super) const MAX_RECORD: usize = MAX_HEAD + 8 * VALUE_MOST;
+pub(super) const MAX_RECORD: usize = MAX_HEAD + 8 * MAX_VALUE_SIZE;
 
 /// Bytes of the longest pointer.
 const MAX_POINTER: usize = 8;
 
 /// Room for any record, and behind it for all that the last field's value could have.
-pub(super) type RecordBuffer = [u8; MAX_RECORD + VALUE_MOST];
+pub(super) type RecordBuffer = [u8; MAX_RECORD + MAX_VALUE_SIZE];
 
-/// How the records of a file are laid out.
+/// Layout of the records of a file.
 #[derive(Clone)]
 pub(super) struct RecordLayout {
     /// Quadtree or octree, and the type of the values.
@@ -40,7 +40,7 @@ pub(super) struct RecordLayout {
     pub(super) relative: u8,
     pub(super) absolute: u8,
     /// Bytes of the fields of four children, by their states.
-    field_bytes: Box<[u16; 256]>,
+    field_bytes: Box<[u16; FOUR_STATES]>,
 }
 
 impl RecordLayout {
@@ -102,9 +102,9 @@ impl RecordLayout {
     /// Bytes of all fields.
     #[inline]
     fn field_size(&self, states: u32) -> usize {
-        let low = usize::from(self.field_bytes[states as usize & 255]);
+        let low = usize::from(self.field_bytes[states as usize % FOUR_STATES]);
         if self.state_bytes > 1 {
-            low + usize::from(self.field_bytes[states as usize >> 8 & 255])
+            low + usize::from(self.field_bytes[states as usize / FOUR_STATES % FOUR_STATES])
         } else {
             low
         }
@@ -116,7 +116,7 @@ impl RecordLayout {
         self.head_size() + self.field_size(states)
     }
 
-    /// Where a child's field starts in a record.
+    /// Offset of a child's field in a record.
     #[inline]
     pub(super) fn field(&self, states: u32, child: usize) -> usize {
         // With the states of the child and those behind it VOID, the record would end here.
@@ -130,8 +130,8 @@ impl RecordLayout {
         usize::from(if state == RELATIVE { self.relative } else { self.absolute })
     }
 
-    /// Where the pointer in a field leads, of a record that stands at `address`; `None` if it is cut short or does not lead
-    /// back.
+    /// Target of the pointer in a field, of a record that stands at `address`; `None` if it is cut short or
+    /// does not lead back.
     #[inline]
     pub(super) fn follow(&self, record: &[u8], at: usize, state: u8, address: u64) -> Option<u64> {
         let size = self.pointer_size(state);
@@ -147,13 +147,15 @@ impl RecordLayout {
             }
         };
         let target = if state == RELATIVE { address.checked_sub(number)? } else { number };
-        // Records come after those that they point to: whoever follows pointers gets ever nearer to the file's start.
+        // Records come after those that they point to: whoever follows pointers gets ever nearer to the
+        // file's start.
         (target < address).then_some(target)
     }
 
     /// The state and the number of a pointer from a record to another, which is before it.
     #[inline]
     fn point(&self, from: u64, to: u64) -> (u8, u64) {
+        // Children are written before their parents: the distance is never negative.
         let distance = from - to;
         if distance >> (8 * self.relative) == 0 { (RELATIVE, distance) } else { (ABSOLUTE, to) }
     }
@@ -163,8 +165,8 @@ impl RecordLayout {
         usize::from(self.absolute) == MAX_POINTER || address >> (8 * self.absolute) == 0
     }
 
-    /// Writes a record that is to stand at `address` to a buffer, without a zone, and tells its size. INNER children have the
-    /// addresses of their records.
+    /// Writes a record that is to stand at `address` to a buffer, without a zone, and tells its size. INNER
+    /// children have the addresses of their records.
     #[inline]
     pub(super) fn encode(
         &self,
@@ -173,17 +175,17 @@ impl RecordLayout {
         children: &[Child<u64>],
         record: &mut RecordBuffer,
     ) -> usize {
-        // Values and pointers are written with all the bytes that any could have, which is one store whatever their width:
-        // what comes next is written over those that are too many.
+        // Values and pointers are written with all the bytes that any could have, which is one store whatever
+        // their width: what comes next is written over those that are too many.
         let mut end = self.state_bytes;
-        record[end..end + VALUE_MOST].copy_from_slice(&representative.to_bytes());
+        record[end..end + MAX_VALUE_SIZE].copy_from_slice(&representative.to_bytes());
         end += self.width;
         let mut states = 0u16;
         for (step, child) in children.iter().enumerate() {
             let state = match child {
                 Child::Void => VOID,
                 Child::Leaf(value) => {
-                    record[end..end + VALUE_MOST].copy_from_slice(&value.to_bytes());
+                    record[end..end + MAX_VALUE_SIZE].copy_from_slice(&value.to_bytes());
                     end += self.width;
                     LEAF
                 }
@@ -200,8 +202,9 @@ impl RecordLayout {
         end
     }
 
-    /// The children of the node whose record stands at `address`, INNER ones with the addresses of their records but without
-    /// their representatives, and the record's size; `None` if it is cut short or a pointer does not lead back.
+    /// The children of the node whose record stands at `address`, INNER ones with the addresses of their
+    /// records but without their representatives, and the record's size; `None` if it is cut short or a
+    /// pointer does not lead back.
     pub(super) fn decode(&self, record: &[u8], address: u64) -> Option<(Children<u64>, usize)> {
         let states = self.states(record)?;
         let mut children = no_children();
@@ -251,7 +254,7 @@ mod tests {
                 for children in all {
                     let mut expected = no_children();
                     expected[..layout.children()].copy_from_slice(&children[..layout.children()]);
-                    let mut buffer: RecordBuffer = [7; MAX_RECORD + VALUE_MOST];
+                    let mut buffer: RecordBuffer = [7; MAX_RECORD + MAX_VALUE_SIZE];
                     let used = &expected[..layout.children()];
                     let size = layout.encode(80_000, leaf(9), used, &mut buffer);
                     let record = &buffer[..size];

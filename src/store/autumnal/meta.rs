@@ -8,11 +8,11 @@ use super::extents::{FIRST_EXTENT, PAGE};
 /// The content of a slot: where the newest commit was when it was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Meta {
-    /// How many commits there were with this one; odd ones stand in the first slot.
+    /// Number of commits up to this one; odd ones stand in the first slot.
     pub(super) sequence: u64,
-    /// Where the commit's extent starts.
+    /// Offset of the commit's extent.
     pub(super) commit: u64,
-    /// Where the commit ends.
+    /// End of the commit.
     pub(super) end: u64,
 }
 
@@ -32,11 +32,11 @@ const MAGIC: [u8; 8] = *b"AutuMeta";
 /// Bytes of a slot.
 pub(super) const SLOT_SIZE: usize = size_of::<RawMeta>();
 
-/// Where the slots start: in pages of their own, so that writing one cannot damage the other.
+/// Offsets of the slots: in pages of their own, so that writing one cannot damage the other.
 pub(super) const SLOT_OFFSETS: [u64; 2] = [PAGE, 2 * PAGE];
 
 impl Meta {
-    /// Where this slot belongs: odd sequences and even ones take turns, so that the slot before stays as it is.
+    /// Offset of this slot: odd sequences and even ones take turns, so that the slot before stays as it is.
     pub(super) fn offset(&self) -> u64 {
         SLOT_OFFSETS[usize::from(self.sequence.is_multiple_of(2))]
     }

@@ -21,7 +21,7 @@ use crate::{Error, Result};
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Node {
-    /// Where its record is.
+    /// Offset of its record in the file.
     pub(super) address: u64,
     /// Levels below it.
     pub(super) height: u8,
@@ -29,23 +29,27 @@ pub struct Node {
 
 /// One commit of an Autumnal file, open for reading; may be shared by any number of threads.
 ///
-/// It stays as it is whatever a writer adds to the file; [`Autumnal::refresh`] moves on. Every extent is checked before
-/// something of it is used: a damaged file gives an error, never a crash.
+/// It stays as it is whatever a writer adds to the file; [`Autumnal::refresh`] moves on. Every extent is
+/// checked before something of it is used: a damaged file gives an error, never a crash.
 pub struct Autumnal {
     pub(super) archive: Archive,
     pub(super) commit: Commit,
     metadata: Metadata,
     root: Child<Node>,
-    /// Where it was opened from, to see whether there is something newer; nothing for other than files.
+    /// Path and options it was opened with, to see whether there is something newer; nothing for other than
+    /// files.
     opened: Option<(PathBuf, OpenOptions)>,
 }
 
-/// Records that a tree may have to be walked as a whole, those of shared subtrees counted as often as they occur: a small
-/// file can say of any number of nodes that they are equal, and take for ever.
+/// Records that a tree may have to be walked as a whole, those of shared subtrees counted as often as they
+/// occur: a small file can say of any number of nodes that they are equal, and take for ever.
 const MAX_RECORDS: u64 = 1 << 36;
 
 /// Bytes of the number of records at a zone's start at most (and a few more).
 const ZONE_RECORDS: usize = 16;
+
+/// Bytes that are read first of a zone, whose length is not known.
+const FIRST_ZONE_READ: usize = 256;
 
 /// A record as it stands in the file.
 pub(super) struct Record<B> {
@@ -124,7 +128,8 @@ impl Autumnal {
         Ok(Autumnal { archive, commit, metadata, root, opened: None })
     }
 
-    /// Moves on to the newest commit, if there is a newer one; tells whether. Trees opened at a certain commit stay there.
+    /// Moves on to the newest commit, if there is a newer one; tells whether. Trees opened at a certain
+    /// commit stay there.
     ///
     /// # Errors
     /// If the file cannot be read; the tree stays as it was then.
@@ -155,7 +160,7 @@ impl Autumnal {
         &self.archive.header
     }
 
-    /// Where the data lie, what they mean and where they come from.
+    /// Georeference, meaning and provenance of the data.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -287,13 +292,13 @@ impl Autumnal {
         }
     }
 
-    /// The whole tree seen from far away.
-    pub fn root_place(&self) -> Child<Node> {
+    /// The root: its state, its value or representative, and its record.
+    pub fn root_child(&self) -> Child<Node> {
         self.root
     }
 
-    /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in; `None` is VOID.
-    /// One record for each level.
+    /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;
+    /// `None` is VOID. One record for each level.
     ///
     /// # Errors
     /// If the file is damaged there.
@@ -353,7 +358,7 @@ impl Autumnal {
         }
         let header = self.header();
         // A zone does not tell its length. Those without classes are short; of the others ever more is read.
-        let mut most = 256;
+        let mut most = FIRST_ZONE_READ;
         loop {
             let bytes = self.behind(node, most)?;
             match Zone::from_bytes(&bytes, header.form, node.height, header.counts_classes()) {
@@ -381,8 +386,8 @@ impl Autumnal {
         claimed.ok_or_else(|| self.bad_zone(node))
     }
 
-    /// Checks that the zone of a node, which has this record, adds up with those of its children: else a small file could claim few
-    /// records and have any number.
+    /// Checks that the zone of a node, which has this record, adds up with those of its children: else a
+    /// small file could claim few records and have any number.
     #[inline(never)]
     fn check_zone<'a, A: ByteAccess<'a>>(
         &self,
@@ -393,7 +398,8 @@ impl Autumnal {
         let claimed = self.records_below(access, node)?;
         let dimension = self.layout().form.dimension;
         let expected = if node.height == self.zone_height() {
-            // Nothing below has a zone: as many as there can be.
+            // Nothing below has a zone: as many as there can be, which is 1 + c + c^2 ... for c children down
+            // to the level above the cells.
             1..=(dimension.cells(node.height) - 1) / (dimension.children() as u64 - 1)
         } else {
             let mut sum = 1u64;
@@ -412,8 +418,8 @@ impl Autumnal {
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
-    /// Writes the children of an inner node as nodes of something that stands on this file: what [`Source::children`]
-    /// does, without a second array for those who have nodes of their own.
+    /// Writes the children of an inner node as nodes of something that stands on this file: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
     pub(crate) fn children_with<N>(
         &self,
         node: &Node,

@@ -1,19 +1,19 @@
-//! Finds records that are in the file already.
+//! Deduplication: finds records that are in the file already.
 
-/// A table of records by 128-bit hashes, of bounded size: newer ones take the place of older ones. What it finds is only
-/// likely to be the same: the finder compares.
-pub(super) struct Shares {
+/// A table of records by 128-bit hashes, of bounded size: newer ones replace older ones. What it finds is
+/// only likely to be the same: the caller compares.
+pub(super) struct DedupTable {
     /// Two entries per slot: 64 bits of the hash, and what is known by it; 0 is nothing.
     table: Vec<[(u64, u64); 2]>,
 }
 
-impl Shares {
+impl DedupTable {
     /// A table of at most so many bytes.
-    pub(super) fn new(memory: u64) -> Shares {
+    pub(super) fn new(memory: u64) -> DedupTable {
         let slots = (memory / 32).max(1024);
         // The largest power of two that fits.
         let slots = 1usize << slots.ilog2().min(40);
-        Shares { table: vec![[(0, 0); 2]; slots] }
+        DedupTable { table: vec![[(0, 0); 2]; slots] }
     }
 
     fn slot(&self, hash: u128) -> usize {
@@ -30,10 +30,10 @@ impl Shares {
     }
 
     /// Remembers something that is not 0 by a hash.
-    pub(super) fn put(&mut self, hash: u128, known: u64) {
+    pub(super) fn insert(&mut self, hash: u128, known: u64) {
         let slot = self.slot(hash);
         let entries = &mut self.table[slot];
-        // The older of two goes.
+        // The newer of two moves to the second entry, the older is dropped: the table keeps its size.
         entries[1] = entries[0];
         entries[0] = ((hash >> 64) as u64, known);
     }

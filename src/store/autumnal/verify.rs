@@ -1,7 +1,7 @@
 //! Verifies a file: every checksum, and every rule of a commit's tree.
 //!
-//! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every record that
-//! this would write must be there.
+//! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every
+//! record that this would write must be there.
 
 use super::builder::{Mode, RecordBuilder, shape};
 use super::commit::Commit;
@@ -13,13 +13,13 @@ use crate::tree::Source;
 use crate::{Error, Progress, Result};
 
 impl Autumnal {
-    /// Checks every checksum of the file, all its commits, and every rule of the tree: pointers that lead to records,
-    /// representatives and zones that agree with the leaves, no uniform INNER node. Takes about as long as building;
-    /// memory is bounded by `memory`.
+    /// Checks every checksum of the file, all its commits, and every rule of the tree: pointers that lead to
+    /// records, representatives and zones that agree with the leaves, no uniform INNER node. Takes about as
+    /// long as building; memory is bounded by `memory`.
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding; at most 100
-    /// are collected.
+    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
+    /// at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         self.verify_extents(&mut findings, progress)?;

@@ -8,8 +8,8 @@ use crate::store::container::{Header, LevelCounts, Metadata};
 use crate::value::Tally;
 use crate::{Error, Result};
 
-/// Makes a file with one commit. It has no time, so that the same input makes the same bytes; its message is where the
-/// data come from.
+/// Makes a file with one commit. It has no time, so that the same input makes the same bytes; its message is
+/// where the data come from.
 pub(in crate::store) fn write(
     options: &BuildOptions,
     header: Header,

@@ -1,7 +1,8 @@
-//! Zones: what is known of all the cells below a large node, so that edits and statistics need not look at them.
+//! Zones: statistics of all the cells below a large node, so that edits and questions need not look at them.
 //!
-//! A zone stands behind the record of every INNER node of at least 4096 cells. Numbers are LEB128: seven bits a byte,
-//! the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of an f64).
+//! A zone stands behind the record of every INNER node of at least 4096 cells. Numbers are LEB128: seven bits
+//! a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
+//! an f64).
 
 use crate::space::Dimension;
 use crate::tree::Form;
@@ -24,7 +25,7 @@ pub(super) struct Zone {
     pub(super) tally: Tally,
 }
 
-/// Why bytes are no zone.
+/// Reason why bytes are no zone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BadZone {
     /// They end too early.

@@ -1,4 +1,5 @@
-//! The rules at work on a block: what is carried up from level to level to make representatives.
+//! The rules at work on a block: intermediate results from level to level, and the representatives made of
+//! them.
 //!
 //! These are kernels: compiled for each type of values or width of records, and chosen once per block.
 
@@ -7,18 +8,18 @@ use std::marker::PhantomData;
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use crate::store::container::subtree::{CHECKED, each_leaf};
+use crate::store::container::subtree::{RECORDS_ARE_CHECKED, each_leaf};
 use crate::store::container::{INNER, LEAF, Record, VOID};
 use crate::tree::Child;
 use crate::value::{Native, Rule, Value, ValueType, dominant};
 
 /// A rule at work on a block, from the bottom up.
 pub(super) trait Averaging<R: Record> {
-    /// What is carried up for an INNER node.
+    /// Intermediate result of an INNER node: sums, class counts, or nothing.
     type Of: Copy + Default;
 
-    /// What is carried up for the parent of these children, and its representative. `known` is empty if no child is INNER;
-    /// a child has `cells` cells.
+    /// Merges children: the intermediate result of their parent, and its representative. `known` is empty if
+    /// no child is INNER; a child has `cells` cells.
     fn merge(
         &mut self,
         states: &[u8],
@@ -27,7 +28,7 @@ pub(super) trait Averaging<R: Record> {
         cells: u32,
     ) -> (Self::Of, R::Bytes);
 
-    /// What is carried up for a subtree of records, checked, of so many levels.
+    /// The intermediate result of a subtree of checked records of so many levels.
     fn reused(&mut self, records: &[R], levels: u8) -> Self::Of;
 }
 
@@ -124,9 +125,9 @@ pub(super) struct Majorities<V, R: Record> {
     value: PhantomData<V>,
 }
 
-/// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with 200
-/// classes at random.
-const FEW: u32 = 64;
+/// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with
+/// 200 classes at random.
+const LINEAR_SEARCH_MAX: u32 = 64;
 
 impl<V: Native, R: Record> Majorities<V, R> {
     pub(super) fn new() -> Self {
@@ -167,7 +168,8 @@ impl<V: Native, R: Record> Majorities<V, R> {
         decode::<R, V>(*a).order(decode::<R, V>(*b))
     }
 
-    /// The value with the highest count in the arena's last list, which begins at `start`; the least of several.
+    /// The value with the highest count in the arena's last list, which begins at `start`; the least of
+    /// several.
     #[inline]
     fn most_frequent(&self, start: usize) -> Option<R::Bytes> {
         let rank =
@@ -197,8 +199,10 @@ impl<V: Native, R: Record> Averaging<R> for Majorities<V, R> {
         known: &[Self::Of],
         cells: u32,
     ) -> (Self::Of, R::Bytes) {
+        // Lists of the level below are not freed: children of later parents stand behind them, and the whole
+        // arena goes with the block.
         let start = self.arena.len();
-        let few = known.iter().map(|(_, len)| len).sum::<u32>() <= FEW;
+        let few = known.iter().map(|(_, len)| len).sum::<u32>() <= LINEAR_SEARCH_MAX;
         for (i, state) in states.iter().enumerate() {
             match *state {
                 LEAF if few => self.add(start, values[i], cells as u64),
@@ -237,7 +241,7 @@ impl<V: Native, R: Record> Averaging<R> for Majorities<V, R> {
             }
             self.arena[last].1 += cells;
         })
-        .expect(CHECKED);
+        .expect(RECORDS_ARE_CHECKED);
         (start as u32, (self.arena.len() - start) as u32)
     }
 }
@@ -278,7 +282,7 @@ impl<V: Native, R: Record> Averaging<R> for Local<V> {
     fn reused(&mut self, _: &[R], _: u8) {}
 }
 
-/// Adds neighbours, then neighbours of those, and so on.
+/// Adds neighbours, then neighbours of those, and so on: the order that defines sums of floating samples.
 #[inline]
 pub(super) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> T {
     match items {
@@ -304,7 +308,8 @@ pub(super) fn sum_by_value(value_type: ValueType, counts: &mut Vec<(Value, u64)>
     counts.extend(keyed.into_iter().map(|(_, value, cells)| (value, cells)));
 }
 
-/// Sorts counts by their values' keys (equal keys are equal values) and makes one entry of those that are equal.
+/// Sorts counts by their values' keys (equal keys are equal values) and makes one entry of those that are
+/// equal.
 #[inline(never)]
 fn sum_by_key(counts: &mut Vec<(u128, Value, u64)>) {
     counts.sort_unstable_by_key(|(key, _, _)| *key);

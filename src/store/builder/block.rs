@@ -1,12 +1,14 @@
 //! Builds the tree of one block of cells: condense, average, emit records in preorder.
 //!
-//! A block is worked level by level in flat arrays in Z order, where the children of a node are consecutive. There
-//! are no pointers and no recursion: the cells' level is reduced to the next one until one node is left, which gives
-//! every node's state, value and number of records; then the levels are gone through from the top, each inner
-//! node handing its children their numbers, and every record is written once, where it belongs.
+//! A block is worked level by level in flat arrays in Z order, where the children of a node are consecutive.
+//! There are no pointers and no recursion: the cells' level is reduced to the next one until one node is
+//! left, which gives every node's state, value and number of records; then the levels are gone through from
+//! the top, each inner node handing its children their numbers, and every record is written once, where it
+//! belongs.
 //!
-//! Arrays hold values as bytes, so that a block is the same for all types; what is done with them is compiled for each
-//! type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per block.
+//! Arrays hold values as bytes, so that a block is the same for all types; what is done with them is compiled
+//! for each type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per
+//! block.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -15,14 +17,15 @@ use super::part::Part;
 use super::reused::{ReusedNode, ReusedRecords};
 use super::tally;
 use crate::space::Code;
-use crate::store::container::subtree::{CHECKED, each_leaf};
+use crate::store::container::subtree::{RECORDS_ARE_CHECKED, each_leaf};
 use crate::store::container::{
     INNER, LEAF, LevelCounts, Record, RecordLayout, VOID, with_form_type, with_record_type,
 };
 use crate::tree::{Child, Form};
 use crate::value::{Rule, Value};
 
-/// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level above.
+/// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level
+/// above.
 pub(super) struct Level {
     pub(super) states: Vec<u8>,
     /// The values' bytes, zeros where a node is VOID.
@@ -46,7 +49,7 @@ pub(super) struct Block {
 }
 
 impl Level {
-    /// So many VOID nodes.
+    /// A level of so many VOID nodes.
     pub(super) fn new(form: Form, nodes: usize) -> Level {
         Level {
             states: vec![VOID; nodes],
@@ -185,8 +188,8 @@ impl Block {
     }
 }
 
-/// Gives every expanded node its state, value and number of records, from the bottom up; returns what the averaging knows
-/// of the root.
+/// Gives every expanded node its state, value and number of records, from the bottom up; returns what the
+/// averaging knows of the root.
 fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A::Of {
     let mut below: Vec<A::Of> = Vec::new();
     let height = block.height;
@@ -212,8 +215,8 @@ fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A
     below.first().copied().unwrap_or_default()
 }
 
-/// Gives the parents of one level of nodes their states, values and numbers of records; a child has `cells` cells. `below`
-/// is what is known of the INNER children, `known` of the parents.
+/// Gives the parents of one level of nodes their states, values and numbers of records; a child has `cells`
+/// cells. `below` is what is known of the INNER children, `known` of the parents.
 fn reduce_level<R: Record, A: Averaging<R>>(
     parents: &mut Level,
     children: &Level,
@@ -256,6 +259,9 @@ fn records<R: Record>(block: &Block, counts: &mut LevelCounts) -> Vec<u8> {
     }
     let mut bytes = vec![0; root.records[0] as usize * size_of::<R>()];
     let records = <[R]>::mut_from_bytes(&mut bytes).expect("whole records");
+    // Preorder numbers from the top: a node's subtree has a known number of records, so its number is its
+    // parent's plus one plus the records of the siblings before it. Levels are worked one after the other and
+    // records land in preorder.
     let mut numbers = vec![0u32];
     put_reused(block, 0, &numbers, records);
     counts.merge_below(block.code.level(), &block.reused.counts);
@@ -309,7 +315,7 @@ pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Byte
         for node in &level.reused {
             let reused = block.reused_records::<R>(node);
             each_leaf(reused, block.height - index as u8, |value, cells| leaf(value, cells as u32))
-                .expect(CHECKED);
+                .expect(RECORDS_ARE_CHECKED);
         }
         let values = level.values_of::<R>();
         let leaves = level.states.iter().zip(values);

@@ -1,5 +1,5 @@
-//! Gathers the nodes of one block from a source: node by node, but for subtrees that a file has stored and small blocks of
-//! cells that the source can draw.
+//! Gathers the nodes of one block from a source: node by node, but for subtrees that a file has stored and
+//! small blocks of cells that the source can draw.
 
 use std::ops::Range;
 
@@ -15,8 +15,8 @@ use crate::store::container::{INNER, LEAF, Record, RecordLayout, VOID, with_form
 use crate::tree::{CellBlock, Child, Form, NodeState, no_children};
 use crate::value::{Native, Value};
 
-/// Cells of a block that is drawn, as a power of two: a quadtree's block of 32 x 32 cells, an octree's of 8 x 8 x 8. Larger
-/// ones are drawn in vain where there is little detail.
+/// Cells of a block that is drawn, as a power of two: a quadtree's block of 32 x 32 cells, an octree's of 8 x
+/// 8 x 8. Larger ones are drawn in vain where there is little detail.
 const DRAWN_BITS: u8 = 10;
 
 /// An INNER node whose children are still to be gathered.
@@ -27,15 +27,15 @@ enum Open<N> {
     Cells(u32, u32),
 }
 
-/// What gathering has so far beside the levels.
+/// Records taken over and cells drawn so far, to which nodes of the levels refer by number.
 struct Gathered {
     reused: ReusedRecords,
     drawn: Vec<CellBlock>,
 }
 
 impl Block {
-    /// The block under `code`, whose root is the source's inner node `node`. Where `stored` allows it for a node of a file at
-    /// so many levels above the cells, its records are taken over.
+    /// The block under `code`, whose root is the source's inner node `node`. Where `stored` allows it for a
+    /// node of a file at so many levels above the cells, its records are taken over.
     pub(super) fn from_source<S: ReusableSource>(
         source: &S,
         code: Code,
@@ -55,6 +55,8 @@ impl Block {
             root.expanded = Some(Vec::new());
             return Ok(Block::new(form, code, height, vec![root], gathered.reused));
         }
+        // Breadth first, since a block is made of levels in Z order: children are visited in the order of
+        // their parents, so that each level comes out sorted.
         let mut levels = vec![root];
         let mut nodes = vec![open(source, &mut gathered.drawn, node.clone(), height)?];
         let mut children = no_children();
@@ -115,8 +117,8 @@ impl Block {
         Ok(Block::new(form, code, height, levels, gathered.reused))
     }
 
-    /// The block under `code` of two stored subtrees, merged: what set operations spend most of their time on. `None` if
-    /// records contradict each other; going through them the usual way tells what is wrong.
+    /// The block under `code` of two stored subtrees, merged: what set operations spend most of their time
+    /// on. `None` if records contradict each other; going through them the usual way tells what is wrong.
     pub(super) fn from_overlay(
         form: Form,
         overlay: &Overlay<'_>,
@@ -162,8 +164,8 @@ fn open<S: ReusableSource>(
     })
 }
 
-/// The children of a node of drawn cells, whose first cell is `start`: uniform ones become leaves of the level, the first at
-/// index `first`, all others are opened.
+/// The children of a node of drawn cells, whose first cell is `start`: uniform ones become leaves of the
+/// level, the first at index `first`, all others are opened.
 fn cell_children<N>(
     form: Form,
     (block, cells): (u32, &CellBlock),
@@ -173,6 +175,17 @@ fn cell_children<N>(
     level: &mut Level,
     (expanded, deeper): (&mut Vec<u32>, &mut Vec<Open<N>>),
 ) {
+    if below == 0 {
+        // Most children are single cells, which are uniform whatever they are.
+        let width = form.width();
+        for (index, cell) in (first..).zip(start as usize..).take(form.children()) {
+            if cells.present[cell] != 0 {
+                let value = Value::read(&cells.values[cell * width..], width).expect("a value per cell");
+                level.put_leaf(form, index, value);
+            }
+        }
+        return;
+    }
     let size = form.dimension.cells(below) as usize;
     for child in 0..form.children() {
         let start = start as usize + child * size;
@@ -200,7 +213,8 @@ fn uniform(cells: &CellBlock, range: Range<usize>, width: usize) -> Option<Optio
     same.then(|| (is_there != 0).then(|| Value::from_bytes(&values[..width])))
 }
 
-/// A node of one of two trees that are merged: its state, its value, and the number of its record if it is INNER.
+/// A node of one of two trees that are merged: its state, its value, and the number of its record if it is
+/// INNER.
 #[derive(Clone, Copy)]
 struct MergeNode<B> {
     state: NodeState,
@@ -208,7 +222,7 @@ struct MergeNode<B> {
     record: u32,
 }
 
-/// What joins the values of two LEAFs; `None` is VOID.
+/// A function that joins the values of two LEAFs; `None` is VOID.
 type JoinValues<B> = fn(Join, B, B) -> Option<B>;
 
 /// [`Join::native`] of values' bytes; what is not a number is VOID.

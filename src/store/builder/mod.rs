@@ -1,7 +1,8 @@
-//! Building: from slabs of samples, or from any source, to parts of a tree, whatever the format that they are stored in.
+//! Building: from slabs of samples, or from any source, to parts of a tree, whatever the format that they are
+//! stored in.
 //!
-//! Building is bottom-up and streaming: blocks of cells become parts of the tree (`block`), and what makes a file of
-//! parts, a [`TreeSink`], merges them and writes what is finished.
+//! Building is bottom-up and streaming: blocks of cells become parts of the tree (`block`), and what makes a
+//! file of parts, a `TreeSink`, merges them and writes what is finished.
 
 mod averaging;
 mod block;
@@ -16,7 +17,7 @@ mod tally;
 mod walk;
 
 pub use options::{BuildOptions, depth_for};
-pub(in crate::store) use part::{ENOUGH, Part, SealedSegment, representative_of, uniform_children};
+pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment, representative_of, uniform_children};
 pub use reuse::{
     Join, MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree,
 };

@@ -1,23 +1,24 @@
-//! What to build.
+//! Options of building.
 
 use crate::store::container::{Codec, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 use crate::tree::Form;
 use crate::value::{Kind, Rule};
 use crate::{Error, Result};
 
-/// What to build. The format is that of the output's name: see [`TreeFormat`](crate::store::TreeFormat).
+/// Options of building. The format is that of the output's name: see
+/// [`TreeFormat`](crate::store::TreeFormat).
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct BuildOptions {
-    /// How representatives are made.
+    /// Rule of the representatives.
     pub rule: Rule,
-    /// What the values mean; classes are counted per zone for categorical ones.
+    /// The meaning of the values; classes are counted per zone for categorical ones.
     pub kind: Kind,
     /// Levels below the root.
     pub depth: u8,
     /// Bytes that building may use, beyond what the input itself holds.
     pub memory: u64,
-    /// What to tell about the data. The level counts are filled in.
+    /// The metadata of the file. The level counts are filled in.
     pub metadata: Metadata,
     /// Whether equal subtrees are stored once; only Autumnal files can do that.
     pub share: bool,
@@ -27,7 +28,8 @@ pub struct BuildOptions {
 const DEFAULT_MEMORY: u64 = 256 << 20;
 
 impl BuildOptions {
-    /// A tree of so many levels; the rule is the usual one for values of this kind, nothing is told about the data.
+    /// A tree of so many levels; the rule is the usual one for values of this kind, nothing is told about the
+    /// data.
     pub fn new(kind: Kind, depth: u8) -> BuildOptions {
         let metadata = Metadata::default();
         BuildOptions {

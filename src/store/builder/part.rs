@@ -7,13 +7,14 @@ use crate::tree::{Child, Form};
 use crate::value::{Rule, Tally, Value, ValueType, representative};
 
 /// A number of records that makes a node heavy in a file of any shape.
-pub(in crate::store) const ENOUGH: u64 = u32::MAX as u64;
+pub(in crate::store) const ALWAYS_HEAVY: u64 = u32::MAX as u64;
 
 /// A node and what coarser segments still need of the tree below it.
 pub(in crate::store) struct Part {
     pub(in crate::store) code: Code,
     pub(in crate::store) child: Child<()>,
-    /// Records of the whole subtree, written and forgotten ones included; [`ENOUGH`] or more where nobody counted.
+    /// Records of the whole subtree, written and forgotten ones included; [`ALWAYS_HEAVY`] or more where
+    /// nobody counted.
     pub(in crate::store) total: u64,
     /// Records in preorder: all of them, or those above a cut.
     pub(in crate::store) records: Vec<u8>,
@@ -27,7 +28,7 @@ pub(in crate::store) struct SealedSegment {
     pub(in crate::store) tally: Tally,
 }
 
-/// What children are, if they are all VOID or all one value.
+/// The uniform node that children make together, if they are all VOID or all LEAFs of one value.
 pub(in crate::store) fn uniform_children<N>(
     mut children: impl Iterator<Item = Child<N>>,
 ) -> Option<Child<()>> {
@@ -71,7 +72,7 @@ impl Part {
         Part { code, child: Child::uniform(value), total: 0, records: Vec::new(), tally }
     }
 
-    /// Bytes and places of the part's records.
+    /// The layout of the part's records.
     fn layout(&self) -> RecordLayout {
         RecordLayout::new(Form::new(self.code.dimension(), self.tally.value_type))
     }

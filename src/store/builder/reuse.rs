@@ -1,4 +1,5 @@
-//! What a source has stored already, so that it need not be built anew: nodes of files, whose records are taken over.
+//! Subtrees that a source has stored already and that need not be built anew: nodes of files, whose records
+//! are taken over.
 
 use std::any::Any;
 use std::ops::Range;
@@ -12,20 +13,20 @@ use crate::value::{Native, Value, ValueType, erase, native, with_native_type};
 
 /// A source that may tell which of its nodes are stored in files.
 pub trait ReusableSource: Source {
-    /// The node of a file with segments that an INNER node is, with all that is below it, if it is one: the records that are
-    /// stored may then be copied.
+    /// The node of a file with segments that an INNER node is, with all that is below it, if it is one: the
+    /// records that are stored may then be copied.
     fn stored(&self, _: &Self::Node) -> Option<SegmentNode<'_>> {
         None
     }
 
-    /// The node of an Autumnal file that an INNER node is, with all that is below it, if it is one: the file need not be
-    /// written that again.
+    /// The node of an Autumnal file that an INNER node is, with all that is below it, if it is one: the file
+    /// need not be written that again.
     fn kept(&self, _: &Self::Node) -> Option<RecordRef> {
         None
     }
 
-    /// The nodes of two files that an INNER node is made of, if it is no more than these, merged: the builder may then
-    /// merge them itself, record by record.
+    /// The nodes of two files that an INNER node is made of, if it is no more than these, merged: the builder
+    /// may then merge them itself, record by record.
     fn overlay(&self, _: &Self::Node) -> Option<Overlay<'_>> {
         None
     }
@@ -38,8 +39,8 @@ pub trait SegmentFile: Any + Send + Sync {
     /// The file's header.
     fn file_header(&self) -> &Header;
 
-    /// The records of a node and of all that is below it in its segment, given the numbers of the segment and of the
-    /// node's record.
+    /// The records of a node and of all that is below it in its segment, given the numbers of the segment and
+    /// of the node's record.
     ///
     /// # Errors
     /// If the file is damaged there.
@@ -90,28 +91,28 @@ impl<'a> Subtree<'a> {
 pub struct RecordRef {
     /// The file.
     pub(in crate::store) file: FileId,
-    /// Where the record is.
+    /// Offset of the record in the file.
     pub(in crate::store) address: u64,
     /// Levels below the node.
     pub height: u8,
 }
 
-/// What becomes of a node when two trees are merged into one.
+/// Action at a pair of nodes when two trees are merged into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MergeAction {
     /// Nothing.
     Void,
-    /// What this tree has, with all that is below it.
+    /// The node of this tree, with all that is below it.
     Take(usize),
     /// Something that neither tree has.
     Fill,
-    /// What the values of two LEAFs are joined to: see [`Join`].
+    /// A LEAF with the joined values of two LEAFs: see [`Join`].
     Join,
-    /// What becomes of its children.
+    /// An INNER node, whose children are merged in turn.
     Split,
 }
 
-/// How the values of two LEAFs are joined to one.
+/// Operation that joins the values of two LEAFs to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Join {
     /// The smaller sample of each channel.
@@ -129,12 +130,12 @@ pub enum Join {
 }
 
 impl Join {
-    /// What two values are joined to; `None` is VOID.
+    /// Joins two values; `None` is VOID.
     pub(crate) fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
         with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))
     }
 
-    /// What two values of known type are joined to; `None` is VOID.
+    /// Joins two values of known type; `None` is VOID.
     #[inline]
     pub(super) fn native<V: Native>(self, a: V, b: V) -> Option<V> {
         match self {
@@ -169,10 +170,10 @@ impl MergeTable {
 /// A node of two stored trees that are merged into one, cell by cell, with all that is below it.
 #[derive(Clone, Copy)]
 pub struct Overlay<'a> {
-    /// What the trees have there.
+    /// The node of each of the two trees.
     pub nodes: [Child<SegmentNode<'a>>; 2],
-    /// How they are merged.
+    /// Actions by which they are merged.
     pub actions: MergeTable,
-    /// How values are joined where the actions say so.
+    /// Operation on values where the actions say so.
     pub join: Join,
 }

@@ -8,7 +8,7 @@ use crate::store::container::{LevelCounts, RecordLayout};
 pub(super) struct ReusedNode {
     /// Its index in its level.
     pub(super) index: u32,
-    /// Where its records begin among all that were taken over, and how many they are.
+    /// Index of its first record among all that were taken over, and their number.
     start: u32,
     pub(super) len: u32,
 }
@@ -28,8 +28,8 @@ impl ReusedRecords {
         ReusedRecords { layout, height, records: Vec::new(), counts: LevelCounts::default() }
     }
 
-    /// Takes over a subtree with so many levels whose root has an index in its level; `None` if its records contradict
-    /// each other: going through it the usual way tells what is wrong.
+    /// Takes over a subtree with so many levels whose root has an index in its level; `None` if its records
+    /// contradict each other: going through it the usual way tells what is wrong.
     pub(super) fn take(&mut self, index: usize, subtree: &[u8], levels: u8) -> Option<ReusedNode> {
         count_nodes(self.layout, subtree, levels, self.height - levels, &mut self.counts).ok()?;
         let start = self.layout.count(&self.records) as u32;

@@ -1,4 +1,4 @@
-//! What makes files of the parts of a tree, and parts that wait for their siblings.
+//! Sinks, which make files of the parts of a tree, and the parts that wait for their siblings.
 
 use std::collections::HashMap;
 
@@ -27,7 +27,8 @@ pub(in crate::store) trait TreeSink: Send {
         Ok(false)
     }
 
-    /// Takes over all that another file has stored of an INNER node, segment by segment. Only called where that can be done.
+    /// Takes over all that another file has stored of an INNER node, segment by segment. Only called where
+    /// that can be done.
     fn copy(&mut self, _: Code, _: Value, _: &SegmentNode<'_>) -> Result<()> {
         unreachable!("a sink that says that it can copy does")
     }
@@ -59,8 +60,8 @@ impl<P> Siblings<P> {
         code.cell().iter().zip(self.extent).all(|(cell, extent)| (*cell as u64) << size < extent)
     }
 
-    /// Takes a child of `parent`; if it was the last that was missing, hands back all children in order, those outside the
-    /// extent as `void` makes them.
+    /// Takes a child of `parent`; if it was the last that was missing, hands back all children in order,
+    /// those outside the extent as `void` makes them.
     pub(in crate::store) fn join(
         &mut self,
         parent: Code,
@@ -69,6 +70,8 @@ impl<P> Siblings<P> {
         void: impl Fn(Code) -> P,
     ) -> Option<Vec<P>> {
         if !self.groups.contains_key(&parent) {
+            // Children outside the extent never come: they are made here, so that the others complete the
+            // group.
             let outside = |i| {
                 let child = parent.child(i);
                 (!self.is_inside(child)).then(|| void(child))

@@ -32,24 +32,24 @@ pub trait Slabs: Send {
 
     /// Reads the next slab, reusing the one given; `false` if there is none left.
     ///
-    /// Slabs start at multiples of the block size (256 cells for quadtrees, 64 for octrees), end at such multiples
-    /// or at the extent's end, and together cover the extent once.
+    /// Slabs start at multiples of the block size (256 cells for quadtrees, 64 for octrees), end at such
+    /// multiples or at the extent's end, and together cover the extent once.
     ///
     /// # Errors
     /// If the input cannot be read.
     fn next(&mut self, slab: &mut Slab) -> Result<bool>;
 }
 
-/// A block as found in the input.
-pub(super) enum Found {
+/// The cells of a block in the input.
+pub(super) enum BlockContent {
     /// All cells alike.
     Uniform(Option<Value>),
-    /// Something else.
+    /// Cells that differ, or a block that reaches beyond the data.
     Mixed(Block),
 }
 
 /// The cells of a block that a slab has.
-struct Part {
+struct BlockCells {
     /// The first, in cells of the slab.
     first: [u64; 3],
     /// Cells along each axis.
@@ -57,8 +57,9 @@ struct Part {
 }
 
 impl Slab {
-    /// What the cells under a node look like. `nodata` is the value that means VOID; NaN always does.
-    pub(super) fn find(&self, form: Form, code: Code, height: u8, nodata: Option<Value>) -> Found {
+    /// Classifies the cells under a node, and puts them into Z order if they differ. `nodata` is the value
+    /// that means VOID; NaN always does.
+    pub(super) fn classify(&self, form: Form, code: Code, height: u8, nodata: Option<Value>) -> BlockContent {
         let side = 1u64 << height;
         let axes = form.axes();
         let cell = code.cell();
@@ -67,7 +68,7 @@ impl Slab {
             let most = if axis < axes { side } else { 1 };
             (self.size[axis] - first[axis]).min(most) as usize
         });
-        let part = Part { first, size };
+        let part = BlockCells { first, size };
         let width = form.width();
         if self.is_uniform(self.rows(&part).map(|(_, _, row)| row), width) {
             let start = self.rows(&part).next().map_or(0, |(_, _, row)| row.start);
@@ -76,20 +77,20 @@ impl Slab {
             let valid = self.valid.as_ref().is_none_or(|valid| valid[start]) && !is_void;
             let is_whole = size.iter().take(axes).all(|cells| *cells as u64 == side);
             if is_whole || !valid {
-                return Found::Uniform(valid.then_some(value));
+                return BlockContent::Uniform(valid.then_some(value));
             }
         }
         let (states, values) = with_form_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
-        Found::Mixed(Block::from_cells(form, code, height, states, values))
+        BlockContent::Mixed(Block::from_cells(form, code, height, states, values))
     }
 
     /// Rows of a block: y and z in the block, and the range of the slab's cells.
     fn rows<'a>(
         &self,
-        part: &'a Part,
+        part: &'a BlockCells,
     ) -> impl Iterator<Item = (usize, usize, Range<usize>)> + Clone + use<'a> {
         let [width, height, _] = self.size;
-        let Part { first, size } = part;
+        let BlockCells { first, size } = part;
         (0..size[2]).flat_map(move |z| (0..size[1]).map(move |y| (y, z))).map(move |(y, z)| {
             let row = ((first[2] + z as u64) * height + first[1] + y as u64) * width + first[0];
             (y, z, row as usize..row as usize + size[0])
@@ -99,7 +100,7 @@ impl Slab {
     /// States and values of the cells of a block in Z order. A kernel: compiled for each type.
     fn in_z_order<V: Native, R: Record>(
         &self,
-        part: &Part,
+        part: &BlockCells,
         height: u8,
         nodata: Option<Value>,
     ) -> (Vec<u8>, Vec<u8>) {

@@ -7,7 +7,7 @@ use super::block::{Block, for_leaves};
 use crate::store::container::{INNER, LEAF, Record, with_form_type};
 use crate::value::{Native, Sums, Tally, Value, erase};
 
-/// What is below a block's root; from class counts where they are known and sums are exact.
+/// The tally of all the cells of a block; from class counts where they are known and sums are exact.
 pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tally {
     let form = block.form();
     let is_float = form.value.sample.is_float();

@@ -7,7 +7,7 @@ use super::options::BuildOptions;
 use super::part::Part;
 use super::reuse::{ReusableSource, SegmentNode};
 use super::sink::{BuiltBlock, TreeSink};
-use super::slab::{Found, Slab};
+use super::slab::{BlockContent, Slab};
 use crate::parallel;
 use crate::space::Code;
 use crate::store::container::{LevelCounts, RecordLayout, Shape};
@@ -15,7 +15,8 @@ use crate::tree::{Child, Form, no_children};
 use crate::value::{Rule, Value};
 use crate::{Error, Progress, Result};
 
-/// Walks a whole source and hands the parts of its tree over. With `reuse`, what the source has stored is taken as it is.
+/// Walks a whole source and hands the parts of its tree over. With `reuse`, what the source has stored is
+/// taken as it is.
 pub(in crate::store) fn walk<S: ReusableSource>(
     source: &S,
     options: &BuildOptions,
@@ -43,6 +44,7 @@ pub(in crate::store) fn walk<S: ReusableSource>(
                 continue;
             }
             Reuse::Copy(representative, stored) => {
+                // What waits in the batch comes before this node in FD order.
                 builder.nodes(source, mem::take(&mut batch), total, progress)?;
                 builder.sink.copy(code, representative, &stored)?;
                 progress.advance(builder.cells(code), total);
@@ -65,7 +67,11 @@ pub(in crate::store) fn walk<S: ReusableSource>(
     builder.nodes(source, batch, total, progress)
 }
 
-/// How a block is built.
+/// Blocks that are built at a time, whatever the memory: at least and at most.
+const MIN_BATCH: u64 = 4;
+const MAX_BATCH: u64 = 256;
+
+/// Plan for building blocks.
 #[derive(Clone, Copy)]
 struct Plan {
     form: Form,
@@ -77,8 +83,8 @@ struct Plan {
 }
 
 impl Plan {
-    /// Whether the tree of a file's node would look the same in the tree that is built, where the node has so many levels
-    /// below it.
+    /// Whether the tree of a file's node would look the same in the tree that is built, where the node has so
+    /// many levels below it.
     fn fits(&self, stored: &SegmentNode<'_>, levels: u8) -> bool {
         let header = stored.file.file_header();
         let shape = header.shape;
@@ -126,10 +132,10 @@ impl Plan {
     }
 }
 
-/// What is taken over of a node as it is.
+/// The way in which a node is taken over without being built.
 enum Reuse<'s> {
     Nothing,
-    /// What the file that is made has already.
+    /// The file that is made has the node already.
     Kept,
     /// Segments of another file, where the node has this representative.
     Copy(Value, SegmentNode<'s>),
@@ -150,13 +156,14 @@ impl<'a> Builder<'a> {
         shape: Shape,
         sink: &'a mut dyn TreeSink,
     ) -> Self {
+        // A block without a uniform node has (cells - 1) / (children - 1) INNER ones, each with a record.
         let record = RecordLayout::new(form).size as u64;
         let block_bytes = form.dimension.cells(shape.reach) / (form.children() as u64 - 1) * record;
         let (rule, count_classes) = (options.rule, options.count_classes());
         Builder {
             plan: Plan { form, shape, rule, count_classes, reuse: false },
             sink,
-            batch: (options.memory / 8 / block_bytes).clamp(4, 256) as usize,
+            batch: (options.memory / 8 / block_bytes).clamp(MIN_BATCH, MAX_BATCH) as usize,
         }
     }
 
@@ -189,11 +196,11 @@ impl<'a> Builder<'a> {
         for (i, batch) in codes.chunks(self.batch).enumerate() {
             progress.check()?;
             let plan = self.plan;
-            let find = |code: &Code| match slab.find(plan.form, *code, height, nodata) {
-                Found::Uniform(value) => plan.uniform(*code, value),
-                Found::Mixed(block) => plan.mixed(block),
+            let build = |code: &Code| match slab.classify(plan.form, *code, height, nodata) {
+                BlockContent::Uniform(value) => plan.uniform(*code, value),
+                BlockContent::Mixed(block) => plan.mixed(block),
             };
-            let built: Vec<BuiltBlock> = parallel::map(batch, find);
+            let built: Vec<BuiltBlock> = parallel::map(batch, build);
             built.into_iter().try_for_each(|built| self.sink.push(built))?;
             let blocks = ((i + 1) * self.batch).min(codes.len()) as u64;
             let done = cells * blocks / count;
@@ -203,7 +210,7 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// What is stored of an INNER node and can be taken over, so that nobody looks below it.
+    /// Finds out whether an INNER node can be taken over as it is stored, so that nobody looks below it.
     fn reuse<'s, S: ReusableSource>(
         &mut self,
         source: &'s S,

@@ -1,13 +1,13 @@
-//! What verification finds.
+//! Findings of verification.
 
 /// Something that is wrong with a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// The part of the file.
     pub place: String,
-    /// What is wrong with it.
+    /// Description of what is wrong with it.
     pub problem: String,
 }
 
-/// Findings that are collected before verification is given up.
+/// Number of findings that are collected before verification is given up.
 pub(in crate::store) const MAX_FINDINGS: usize = 100;

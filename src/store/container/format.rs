@@ -1,4 +1,4 @@
-//! Which format a tree file has.
+//! The formats of tree files.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -36,8 +36,8 @@ impl TreeFormat {
     }
 }
 
-/// The file and the commit that a path means: `map.autumn@12` is commit 12 of `map.autumn`, unless there is a file of that
-/// name.
+/// The file and the commit that a path means: `map.autumn@12` is commit 12 of `map.autumn`, unless there is a
+/// file of that name.
 pub fn split_commit(path: &Path) -> (Cow<'_, Path>, Option<u64>) {
     let split = || {
         let name = path.file_name()?.to_str()?;

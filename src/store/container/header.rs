@@ -18,7 +18,7 @@ use crate::{Error, Result};
 pub(in crate::store) const MAJOR: u16 = 1;
 pub(in crate::store) const MINOR: u16 = 0;
 
-/// How records are packed.
+/// Packing of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Codec {
     /// Not at all: mapped records are used where they stand.
@@ -32,18 +32,18 @@ impl Codec {
     }
 }
 
-/// What the first 60 bytes of a file say.
+/// The decoded header, the first 60 bytes of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Header {
     /// Quadtree or octree, and the type of the values.
     pub form: Form,
-    /// How representatives were made.
+    /// Rule of the representatives.
     pub rule: Rule,
-    /// What the values mean.
+    /// The meaning of the values.
     pub kind: Kind,
-    /// How records are packed.
+    /// Packing of records.
     pub codec: Codec,
-    /// How the tree is cut into segments.
+    /// Numbers by which the tree is cut into segments.
     pub shape: Shape,
     /// Cells along each axis that can be other than VOID: the picture's size.
     pub extent: [u64; 3],
@@ -86,7 +86,7 @@ impl Header {
         Bounds::picture(self.extent)
     }
 
-    /// Bytes and places of the tree's records in segments.
+    /// Layout of the tree's records in segments.
     pub fn record_layout(&self) -> RecordLayout {
         RecordLayout::new(self.form)
     }

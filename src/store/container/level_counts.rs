@@ -1,6 +1,8 @@
-//! How many nodes of which state a tree has at each level.
+//! Numbers of nodes by level and state.
 
 use serde::{Deserialize, Serialize};
+
+use super::record::INNER;
 
 /// Nodes per level. A VOID or LEAF node is counted where it stands, not again at deeper levels.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,6 +45,6 @@ impl LevelCounts {
 
     /// INNER nodes of all levels: the records of the tree.
     pub fn records(&self) -> u64 {
-        self.levels.iter().fold(0, |sum, level| sum.saturating_add(level[2]))
+        self.levels.iter().fold(0, |sum, level| sum.saturating_add(level[usize::from(INNER)]))
     }
 }

@@ -10,10 +10,10 @@ use crate::space::Frame;
 use crate::value::Palette;
 use crate::{Error, Result};
 
-/// Where the data lie, what they mean and where they come from.
+/// Georeference, meaning and provenance of the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
-    /// Where the cells lie in the world.
+    /// Georeference of the cells.
     pub frame: Frame,
     /// The number that VOID had in the input, and gets in outputs that need one.
     pub nodata: Option<f64>,
@@ -23,13 +23,14 @@ pub struct Metadata {
     pub class_names: BTreeMap<i64, String>,
     /// A name per channel; empty strings or nothing where unknown.
     pub band_names: Vec<String>,
-    /// Factor and summand per channel that make physical units of samples; nothing where there is nothing to do.
+    /// Factor and summand per channel that make physical units of samples; nothing where there is nothing to
+    /// do.
     pub scale_offset: Vec<(f64, f64)>,
-    /// Which channel is opacity.
+    /// Number of the channel that is opacity.
     pub alpha: Option<u8>,
     /// Nodes per level.
     pub counts: LevelCounts,
-    /// Where the data come from, in order: one line per input or operation.
+    /// Provenance of the data, in order: one line per input or operation.
     pub provenance: Vec<String>,
     /// Anything else.
     pub tags: BTreeMap<String, String>,

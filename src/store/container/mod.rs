@@ -1,4 +1,4 @@
-//! What files of both formats have in common: header, metadata, records, how trees are cut into segments.
+//! Common parts of both formats: header, metadata, records, how trees are cut into segments.
 
 mod finding;
 mod format;

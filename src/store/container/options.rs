@@ -1,4 +1,4 @@
-//! How tree files are opened.
+//! Options of opening tree files.
 
 use std::fs::File;
 use std::path::Path;
@@ -6,12 +6,12 @@ use std::path::Path;
 use crate::io::{FileId, Mapped, Positioned, ReadBackend};
 use crate::{Error, Result};
 
-/// How to read a file.
+/// Options of reading a file.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct OpenOptions {
-    /// Read with positioned reads instead of mapping the file: for network folders and files that somebody may
-    /// truncate meanwhile.
+    /// Read with positioned reads instead of mapping the file: for network folders and files that somebody
+    /// may truncate meanwhile.
     pub positioned: bool,
     /// Bytes of segments kept in memory when reading with positioned reads.
     pub cache: u64,
@@ -51,7 +51,8 @@ impl OpenOptions {
         self.open_with_id(path).map(|(backend, _)| backend)
     }
 
-    /// The file's bytes, the way that was asked for, and which file it is: two looks at a path may see two files.
+    /// The file's bytes, the way that was asked for, and which file it is: two looks at a path may see two
+    /// files.
     ///
     /// # Errors
     /// If the file cannot be opened.

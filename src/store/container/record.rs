@@ -1,8 +1,8 @@
 //! The record of segments: what an inner node knows of its children.
 //!
-//! Records are written by the builder for both formats and stand in Goblin files. How wide a value is and how many
-//! children there are is known at run time ([`RecordLayout`]); what goes over very many records is compiled for each
-//! width and fan-out ([`Record`], [`with_record_type`]).
+//! Records are written by the builder for both formats and stand in Goblin files. How wide a value is and how
+//! many children there are is known at run time ([`RecordLayout`]); what goes over very many records is
+//! compiled for each width and fan-out ([`Record`], [`with_record_type`]).
 
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
@@ -23,8 +23,11 @@ pub const CUT: u8 = 3;
 pub(crate) const STATE_BITS: usize = 2;
 /// The bits of one state.
 const STATE_MASK: u32 = 3;
-/// The lower bit of the state of each of up to 16 children: times a state, the states of nodes that all have this one.
-pub(crate) const ALIKE: u32 = 0x5555_5555;
+/// The lower bit of each of 16 states; times a state, 16 states that are all this one.
+pub(crate) const LOW_STATE_BITS: u32 = 0x5555_5555;
+
+/// The combinations of four states, which are one byte: the size of tables by the states of four children.
+pub(crate) const FOUR_STATES: usize = 1 << (4 * STATE_BITS);
 
 /// Levels of records in a segment (`h`), where files are written.
 pub(crate) const fn reach(dimension: Dimension) -> u8 {
@@ -40,17 +43,17 @@ pub(crate) const STRIDE: u8 = 2;
 /// A subtree with more records than this owns a segment (`T`), where files are written.
 pub(crate) const HEAVY_THRESHOLD: u32 = 4096;
 
-/// Bytes and places of records of a tree whose form is known at run time.
+/// Size and field offsets of the records of a tree whose form is known at run time.
 ///
-/// A quadtree's record has four values, states in one byte, skip in three; an octree's has eight values, states in two
-/// bytes, two zero bytes, skip in four.
+/// A quadtree's record has four values, states in one byte, skip in three; an octree's has eight values,
+/// states in two bytes, two zero bytes, skip in four.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordLayout {
     /// Quadtree or octree.
     pub dimension: Dimension,
     /// Bytes of a value.
     pub width: usize,
-    /// Where the states start, behind the values.
+    /// Offset of the states, behind the values.
     states_at: usize,
     /// Bytes of a record.
     pub size: usize,
@@ -61,7 +64,7 @@ pub struct RecordLayout {
 pub struct RecordHead {
     /// Two bits per child, child 0 lowest.
     pub states: u32,
-    /// How many records this node's subtree occupies in its segment, this one included.
+    /// Number of records that this node's subtree occupies in its segment, this one included.
     pub skip: u32,
 }
 
@@ -75,7 +78,7 @@ impl RecordHead {
 
 /// State of one child among those of all.
 #[inline]
-pub(crate) fn state_of(states: u32, child: usize) -> u8 {
+pub(crate) const fn state_of(states: u32, child: usize) -> u8 {
     (states >> (STATE_BITS * child) & STATE_MASK) as u8
 }
 
@@ -156,28 +159,28 @@ impl RecordLayout {
         }
     }
 
-    /// Where the children's records of the record with a number are, and its head; 0 for children without a record
-    /// here. `None` if skips do not add up.
+    /// Indices of the children's records of the record with a number, and its head; 0 for children without a
+    /// record here. `None` if skips do not add up.
     ///
-    /// The record's own extent (`at .. at + skip`) must have been checked; every child's is checked here to lie
-    /// inside it and beside the others, so that no walk can leave the segment or go round in it.
+    /// The record's own extent (`at .. at + skip`) must have been checked; every child's is checked here to
+    /// lie inside it and beside the others, so that no walk can leave the segment or go round in it.
     #[inline]
     pub fn child_records(&self, records: &[u8], at: usize) -> Option<(RecordHead, [u32; 8])> {
         let head = self.head(records, at)?;
         let end = at + head.skip as usize;
         let mut next = at + 1;
-        let mut places = [0; 8];
-        for (child, place) in places[..self.children()].iter_mut().enumerate() {
+        let mut indices = [0; 8];
+        for (child, index) in indices[..self.children()].iter_mut().enumerate() {
             if head.state(child) == INNER {
                 let skip = if next < end { self.head(records, next)?.skip as usize } else { 0 };
                 if skip == 0 || next + skip > end {
                     return None;
                 }
-                *place = next as u32;
+                *index = next as u32;
                 next += skip;
             }
         }
-        Some((head, places))
+        Some((head, indices))
     }
 }
 
@@ -215,7 +218,7 @@ pub(crate) trait Record:
     fn values(&self) -> &[Self::Bytes];
     /// Two bits per child, child 0 lowest.
     fn states(&self) -> u32;
-    /// How many records this node's subtree occupies in its segment, this one included.
+    /// Number of records that this node's subtree occupies in its segment, this one included.
     fn skip(&self) -> u32;
 
     /// State of one child.
@@ -231,19 +234,21 @@ pub(crate) trait Record:
     }
 }
 
-/// Where the record of an INNER child is; `None` if a skip leads out of the node.
+/// Index of the record of an INNER child; `None` if a skip leads out of the node.
 ///
 /// The parent's own extent must have been checked. Looks at no sibling behind the child.
 #[inline]
 pub(crate) fn child_record<R: Record>(records: &[R], parent: usize, child: usize) -> Option<usize> {
     let record = records.get(parent)?;
     let end = parent + record.skip() as usize;
-    // Those of the children before it stand first, one after the other.
+    // Those of the children before it stand first, one after the other. (INNER is the state with only the
+    // upper bit set.)
     let mut at = parent + 1;
-    for before in 0..child {
-        if record.state(before) == INNER {
-            at += records.get(at)?.skip().max(1) as usize;
-        }
+    let states = record.states();
+    let mut before = states >> 1 & !states & LOW_STATE_BITS & ((1 << (STATE_BITS * child)) - 1);
+    while before != 0 {
+        at += records.get(at)?.skip().max(1) as usize;
+        before &= before - 1;
     }
     let skip = records.get(at)?.skip() as usize;
     (skip > 0 && at + skip <= end).then_some(at)
@@ -327,8 +332,8 @@ impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
     }
 }
 
-/// Evaluates an expression with a name bound to the type of a [`RecordLayout`]'s records: the way into what goes over
-/// very many of them.
+/// Evaluates an expression with a name bound to the type of a [`RecordLayout`]'s records: the way into what
+/// goes over very many of them.
 macro_rules! with_record_type {
     ($layout:expr, $R:ident => $body:expr) => {{
         use $crate::space::Dimension;
@@ -364,8 +369,9 @@ macro_rules! with_record_type {
 
 pub(crate) use with_record_type;
 
-/// Evaluates an expression with names bound to the type of a [`Form`]'s values ([`Native`](crate::value::Native)) and to
-/// that of its records: the way into kernels that go over very many records.
+/// Evaluates an expression with names bound to the type of a [`Form`]'s values
+/// ([`Native`](crate::value::Native)) and to that of its records: the way into kernels that go over very many
+/// records.
 macro_rules! with_form_type {
     ($form:expr, $V:ident, $R:ident => $body:expr) => {{
         let form: $crate::tree::Form = $form;

@@ -1,4 +1,4 @@
-//! Which nodes of a tree may own a segment, and how deep their segments reach.
+//! Rules that tell which nodes of a tree may own a segment, and how deep segments reach.
 
 /// The numbers of a file that say how its tree is cut into segments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +44,8 @@ impl Shape {
         if level == 0 { 0 } else { self.segment_level(level - 1) }
     }
 
-    /// The level of the INNER nodes that a segment of a node at `level` cuts off; the records above are in it.
+    /// The level of the INNER nodes that a segment of a node at `level` cuts off; the records above are in
+    /// it.
     pub fn cut_level(&self, level: u8) -> u8 {
         level.saturating_add(self.reach)
     }

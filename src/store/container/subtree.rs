@@ -1,17 +1,21 @@
-//! One go over the records of a subtree, all of which is in one segment: no recursion, and nothing is believed.
+//! Single passes over the records of a subtree, all of which is in one segment; skips and states are checked
+//! on the way.
 
 use super::level_counts::LevelCounts;
-use super::record::{ALIKE, CUT, INNER, LEAF, Record, RecordLayout, STATE_BITS, with_record_type};
+use super::record::{
+    CUT, FOUR_STATES, INNER, LEAF, LOW_STATE_BITS, Record, RecordLayout, STATE_BITS, state_of,
+    with_record_type,
+};
 
 /// The records of a subtree contradict each other.
 #[derive(Debug)]
 pub(crate) struct BadSkip;
 
-/// Why nothing can be wrong with records that were taken over.
-pub(in crate::store) const CHECKED: &str = "records are checked before they are taken";
+/// Message of errors that cannot be, since records are checked when they are taken over.
+pub(in crate::store) const RECORDS_ARE_CHECKED: &str = "records are checked before they are taken";
 
 /// Levels of the deepest trees.
-const MOST_LEVELS: usize = 32;
+const MAX_LEVELS: usize = 32;
 
 /// Shows all records of a subtree of so many levels, in preorder, with their levels below its root.
 ///
@@ -26,19 +30,22 @@ pub(crate) fn each_record<R: Record>(
     mut show: impl FnMut(u8, &R),
 ) -> Result<(), BadSkip> {
     // Of the nodes that the record is in: where the subtree ends, and how many children have not come yet.
-    let mut ends = [0; MOST_LEVELS + 1];
-    let mut missing = [0; MOST_LEVELS + 1];
+    let mut ends = [0; MAX_LEVELS + 1];
+    let mut missing = [0; MAX_LEVELS + 1];
     (ends[0], missing[0]) = (records.len() as u32, 1);
     let mut level = 0;
     let mut inner = 0;
-    let levels = usize::from(levels).min(MOST_LEVELS);
+    let levels = usize::from(levels).min(MAX_LEVELS);
     let mut i = 0;
     while let Some(record) = records.get(i) {
+        // Ends at level 0 at the latest, where the end is that of all records.
         while i >= ends[level] as usize {
             level -= 1;
         }
         let end = i + record.skip() as usize;
         let children = inner_children(record);
+        // A subtree ends within its parent's, so ends never grow from level to level; `level < levels` keeps
+        // the accounts within their arrays.
         if level >= levels
             || missing[level] == 0
             || end <= i
@@ -55,10 +62,11 @@ pub(crate) fn each_record<R: Record>(
         level += 1;
         ends[level] = end as u32;
         missing[level] = children as u8;
-        // The last level has most of the records, and no account to be kept.
+        // The last level has most of the records, and no account to be kept: its nodes are records without
+        // INNER children, so each skip is 1, and there are as many as the parent claims.
         if level + 1 == levels {
             let last = &records[i..end];
-            let is_last = |record: &R| record.skip() == 1 && states(record) & ALIKE << 1 == 0;
+            let is_last = |record: &R| record.skip() == 1 && states(record) & LOW_STATE_BITS << 1 == 0;
             if last.len() != children || !last.iter().all(is_last) {
                 return Err(BadSkip);
             }
@@ -66,7 +74,8 @@ pub(crate) fn each_record<R: Record>(
             i = end;
         }
     }
-    // One record for each INNER child, and the root's.
+    // One record for each INNER child, and the root's. No parent has had too many, so with the sum right none
+    // has too few.
     if inner + 1 == records.len() { Ok(()) } else { Err(BadSkip) }
 }
 
@@ -80,18 +89,18 @@ fn states<R: Record>(record: &R) -> u32 {
 #[inline]
 fn has_cut<R: Record>(record: &R) -> bool {
     let states = states(record);
-    states & states >> 1 & ALIKE != 0
+    states & states >> 1 & LOW_STATE_BITS != 0
 }
 
-/// LEAF nodes (in the lower half) and INNER ones (in the upper half) by the states of four nodes. Counting bits
-/// takes a dozen instructions on processors that are as old as programs must still run on.
-const OF_FOUR: [u64; 256] = {
-    let mut table = [0; 256];
+/// LEAF nodes (in the lower half) and INNER ones (in the upper half) by the states of four nodes. Counting
+/// bits takes a dozen instructions on processors that are as old as programs must still run on.
+const LEAF_INNER_COUNTS: [u64; FOUR_STATES] = {
+    let mut table = [0; FOUR_STATES];
     let mut states = 0;
-    while states < 256 {
+    while states < FOUR_STATES {
         let mut node = 0;
         while node < 4 {
-            table[states] += match (states >> (2 * node)) as u8 & 3 {
+            table[states] += match state_of(states as u32, node) {
                 LEAF => 1,
                 INNER => 1 << 32,
                 _ => 0,
@@ -105,14 +114,15 @@ const OF_FOUR: [u64; 256] = {
 
 /// LEAF children (in the lower half) and INNER ones (in the upper half).
 #[inline]
-fn of_children<R: Record>(record: &R) -> u64 {
+fn leaf_inner_counts<R: Record>(record: &R) -> u64 {
     let states = record.states() as usize;
-    OF_FOUR[states & 255] + if R::CHILDREN > 4 { OF_FOUR[states >> 8 & 255] } else { 0 }
+    let upper = if R::CHILDREN > 4 { LEAF_INNER_COUNTS[states / FOUR_STATES % FOUR_STATES] } else { 0 };
+    LEAF_INNER_COUNTS[states % FOUR_STATES] + upper
 }
 
 #[inline]
 fn inner_children<R: Record>(record: &R) -> usize {
-    (of_children(record) >> 32) as usize
+    (leaf_inner_counts(record) >> 32) as usize
 }
 
 /// Shows all leaves of a subtree of so many levels with their cells.
@@ -129,7 +139,7 @@ pub(crate) fn each_leaf<R: Record>(
         let cells = 1u64 << (R::AXES * usize::from(levels - level - 1));
         let states = record.states();
         for child in 0..R::CHILDREN {
-            if (states >> (2 * child)) as u8 & 3 == LEAF {
+            if state_of(states, child) == LEAF {
                 leaf(record.values()[child], cells);
             }
         }
@@ -162,14 +172,14 @@ pub(in crate::store) fn count_nodes(
 }
 
 /// LEAF children (in the lower half) and INNER ones (in the upper half) of the records of each level.
-fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MOST_LEVELS + 1], BadSkip> {
-    let mut sums = [0u64; MOST_LEVELS + 1];
-    each_record(records, levels, |level, record| sums[usize::from(level)] += of_children(record))?;
+fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MAX_LEVELS + 1], BadSkip> {
+    let mut sums = [0u64; MAX_LEVELS + 1];
+    each_record(records, levels, |level, record| sums[usize::from(level)] += leaf_inner_counts(record))?;
     Ok(sums)
 }
 
-/// Copies the first levels (one at least) of the subtree that begins with the first of some records; what lies deeper
-/// becomes CUT.
+/// Copies the first levels (one at least) of the subtree that begins with the first of some records; what
+/// lies deeper becomes CUT.
 ///
 /// # Errors
 /// If skips lead out of the node, or to the same records more than once: then they would make many of few.
@@ -193,6 +203,8 @@ fn copy_levels<R: Record>(
     let record = records.get(at).ok_or(BadSkip)?;
     let end = at + record.skip() as usize;
     let records = records.get(..end).ok_or(BadSkip)?;
+    // Copied first, for its position in preorder; states and skip are known when the children are copied, and
+    // set then.
     let start = above.len();
     above.extend_from_slice(record.as_bytes());
     let mut states = record.states();

@@ -12,8 +12,8 @@ pub(super) struct Cache {
     /// Uses so far: the time of the next one.
     time: u64,
     segments: HashMap<usize, Cached>,
-    /// Segments by the time of their last use. Going through all of them for the oldest would take a time that grows with
-    /// the square of their number where a hostile file has very many small ones.
+    /// Segments by the time of their last use. Going through all of them for the oldest would take a time
+    /// that grows with the square of their number where a hostile file has very many small ones.
     by_time: BTreeMap<u64, usize>,
 }
 

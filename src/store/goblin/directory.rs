@@ -15,9 +15,9 @@ use crate::{Error, Result};
 pub struct Entry {
     /// The node that owns the segment.
     pub code: Code,
-    /// Where the segment's bytes start in the file.
+    /// Offset of the segment's bytes in the file.
     pub offset: u64,
-    /// How many bytes they are: records, then class counts.
+    /// Number of bytes: records, then class counts.
     pub length: u64,
     /// Records of the segment.
     pub records: u32,
@@ -42,8 +42,8 @@ struct RawEntry {
     cells: U64,
 }
 
-/// Zone statistics of one channel. Extremes are the bits of an f64, whatever the type of the samples; sums are an i128, or
-/// an f64 and eight zeros.
+/// Zone statistics of one channel. Extremes are the bits of an f64, whatever the type of the samples; sums
+/// are an i128, or an f64 and eight zeros.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawChannel {
@@ -68,7 +68,7 @@ pub(super) fn code_bits(directory: &[u8], index: usize, size: usize) -> u64 {
     u64::from_le_bytes(directory[start..start + 8].try_into().expect("8 bytes"))
 }
 
-/// Where the segment of an entry is, as it stands in the file.
+/// Location of an entry's segment, as it stands in the file.
 pub(super) struct SegmentLocation {
     /// Bits of the code of the segment's node.
     pub(super) code: u64,
@@ -78,8 +78,8 @@ pub(super) struct SegmentLocation {
 }
 
 impl SegmentLocation {
-    /// Reads the numbers of an entry, and checks none of them: for entries that [`Entry::from_bytes`] has checked once.
-    /// `None` if it is no whole entry.
+    /// Reads the numbers of an entry, and checks none of them: for entries that [`Entry::from_bytes`] has
+    /// checked once. `None` if it is no whole entry.
     #[inline]
     pub(super) fn read(entry: &[u8]) -> Option<SegmentLocation> {
         let (raw, _) = RawEntry::ref_from_prefix(entry).ok()?;

@@ -31,7 +31,8 @@ impl Goblin {
         self.checked[index / 64].load(Ordering::Relaxed) >> (index % 64) & 1 != 0
     }
 
-    /// Loads a segment that is used for the first time, and checks all that does not depend on where in it a walk goes.
+    /// Loads a segment that is used for the first time, and checks all that does not depend on where in it a
+    /// walk goes.
     #[cold]
     fn check_segment(&self, index: usize) -> Result<Segment<'_>> {
         // The entry's own checksum is looked at before any of its numbers is used.
@@ -53,11 +54,12 @@ impl Goblin {
         if self.header.shape.segment_level(level) != level {
             return Err(self.corrupt(part(), format!("level {level}"), "a segment's level"));
         }
-        // Segments lie beside each other. Else a small file could claim many large ones, and take hours to walk.
+        // Segments lie beside each other. Else a small file could claim many large ones, and take hours to
+        // walk.
         let room = directory - HEADER_SIZE as u64;
-        // (Another thread may have claimed this one meanwhile: it sets the segment's bit before it adds the bytes, so that who
-        // sees them sees the bit.)
-        if self.claimed.load(Ordering::Acquire) + entry.length > room && !self.is_checked(index) {
+        // (Another thread may have checked this one meanwhile: it sets the segment's bit before it adds
+        // the bytes, so that who sees them sees the bit.)
+        if self.checked_bytes.load(Ordering::Acquire) + entry.length > room && !self.is_checked(index) {
             return Err(self.corrupt(part(), "bytes of another segment", "segments that do not overlap"));
         }
         let segment = self.load(index)?;
@@ -68,7 +70,8 @@ impl Goblin {
                 return Err(self.corrupt(part(), format!("checksum {checksum:08x}"), &expected));
             }
         }
-        // All walks start from here: with the first record's extent known, each step down can check the next one's.
+        // All walks start from here: with the first record's extent known, each step down can check the next
+        // one's.
         let skip = self.layout.head(segment.records(), 0).map_or(0, |head| head.skip);
         if skip != entry.records {
             let expected = format!("{}, all records", entry.records);
@@ -79,9 +82,10 @@ impl Goblin {
             let expected = format!("{}, as the directory has it", entry.zone.cells);
             return Err(self.corrupt(part(), format!("class counts of {counted:?} cells"), &expected));
         }
+        // Two threads may have checked it at the same time: the one that sets the bit counts the bytes, once.
         let bit = 1u64 << (index % 64);
         if self.checked[index / 64].fetch_or(bit, Ordering::Relaxed) & bit == 0 {
-            self.claimed.fetch_add(entry.length, Ordering::Release);
+            self.checked_bytes.fetch_add(entry.length, Ordering::Release);
         }
         Ok(segment)
     }

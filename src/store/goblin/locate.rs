@@ -1,4 +1,4 @@
-//! Finding things: the segment of a node, its record in there, its value.
+//! Lookup by FD code: the segment of a node, its record in there, its value.
 
 use super::directory::code_bits;
 use super::reader::Goblin;
@@ -11,7 +11,7 @@ use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
 
-/// Where a node's record is.
+/// Position of a node's record.
 pub(crate) struct Located<'a> {
     /// The deepest segment that has it.
     pub(crate) segment: Segment<'a>,
@@ -19,7 +19,7 @@ pub(crate) struct Located<'a> {
     pub(crate) record: usize,
 }
 
-/// Where the way down through the records of one segment ends.
+/// End of a descent through the records of one segment.
 pub(crate) enum Descent {
     /// In a VOID block.
     Void,
@@ -62,16 +62,16 @@ fn descend<R: Record>(records: &[u8], mut at: usize, level: u8, code: Code) -> D
 }
 
 impl Goblin {
-    /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and its ancestors;
-    /// two searches, O(log segments).
+    /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and
+    /// its ancestors; two searches, O(log segments).
     pub fn find_segment(&self, code: Code) -> Option<usize> {
         let directory = self.directory();
         let size = self.entry_size;
         let mut code = code;
         let mut high = self.segments();
         loop {
-            // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor, then
-            // every ancestor with a segment is an ancestor of that entry too.
+            // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor,
+            // then every ancestor with a segment is an ancestor of that entry too.
             let bits = code.bits();
             let mut low = 0;
             while low < high {
@@ -84,6 +84,9 @@ impl Goblin {
                 return Some(index);
             }
             let level = before.common_ancestor(code).level();
+            // No node between the common ancestor and `code` owns a segment: it would stand between the entry
+            // and `code`. The deepest candidate from there up owns one, since every candidate above a heavy
+            // one is heavy; so two searches are enough where the directory is good.
             code = code.ancestor(self.header.shape.segment_level(level));
             // However the entries lie about their order, there are fewer and fewer left to search.
             high = index;
@@ -98,11 +101,11 @@ impl Goblin {
 
     /// The deepest segment with a node's record, or the uniform value (VOID or LEAF) of the block it lies in.
     ///
-    /// The representative is left out (it is zero): it stands with the parent, which may be in another segment, and who
-    /// wants it asks [`Goblin::value_at`].
+    /// The representative is left out (it is zero): it stands with the parent, which may be in another
+    /// segment, and who wants it asks [`Goblin::value_at`].
     #[inline]
     pub(crate) fn locate(&self, code: Code) -> Result<Child<Located<'_>>> {
-        match self.root_place() {
+        match self.root_child() {
             Child::Void => return Ok(Child::Void),
             Child::Leaf(value) => return Ok(Child::Leaf(value)),
             Child::Inner { .. } => {}
@@ -127,7 +130,7 @@ impl Goblin {
     /// If the file is damaged there.
     pub fn value_at(&self, code: Code) -> Result<Option<Value>> {
         let Some(parent) = code.parent() else {
-            return Ok(self.root_place().value());
+            return Ok(self.root_child().value());
         };
         Ok(match self.locate(parent)? {
             Child::Void => None,

@@ -1,8 +1,8 @@
 //! The Goblin format: published, read-only trees. `formats.md` is its specification.
 //!
 //! A tree is cut into *segments*, preorder runs of fixed-size records under one node, which are found through
-//! a directory sorted by FD code. Building is bottom-up and streaming: blocks of cells become parts of the tree,
-//! parts are merged and sealed into segments, segments are appended to the file.
+//! a directory sorted by FD code. Building is bottom-up and streaming: blocks of cells become parts of the
+//! tree, parts are merged and sealed into segments, segments are appended to the file.
 
 mod cache;
 mod directory;

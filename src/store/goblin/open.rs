@@ -45,8 +45,8 @@ impl Goblin {
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
         let entry_size = entry_size(header.form.value.channels);
         let Section { offset, length, .. } = trailer.directory;
-        // Whatever is read later of the directory relies on this: it lies in the file (the trailer's sections all do) and has
-        // an entry for each segment; the segments lie before it.
+        // Whatever is read later of the directory relies on this: it lies in the file (the trailer's sections
+        // all do) and has an entry for each segment; the segments lie before it.
         if trailer.segments.checked_mul(entry_size as u64) != Some(length) || offset < HEADER_SIZE as u64 {
             let found = format!("{length} bytes for {} segments", trailer.segments);
             return Err(Error::corrupt(path, "directory", found, format!("{entry_size} bytes per segment")));
@@ -54,8 +54,8 @@ impl Goblin {
         Metadata::check_length(path, trailer.metadata.length)?;
         let metadata =
             Metadata::from_bytes(path, &read_section(path, &*backend, trailer.metadata, "metadata")?)?;
-        // Where the directory is mapped, each entry's own checksum is looked at when the entry is used: a checksum of all of
-        // it would read it all to open a file.
+        // Where the directory is mapped, each entry's own checksum is looked at when the entry is used: a
+        // checksum of all of it would read it all to open a file.
         let directory = match backend.bytes() {
             Some(_) => None,
             None => Some(read_section(path, &*backend, trailer.directory, "directory")?.into_owned()),
@@ -74,14 +74,15 @@ impl Goblin {
             directory,
             entry_size,
             checked,
-            claimed: AtomicU64::new(0),
+            checked_bytes: AtomicU64::new(0),
             check: options.check,
             cache: Mutex::new(Cache::new(options.cache)),
         })
     }
 }
 
-/// The bytes of a section, which the trailer's checks have found to lie inside the file, with the right checksum.
+/// The bytes of a section, which the trailer's checks have found to lie inside the file, with the right
+/// checksum.
 fn read_section<'f>(
     path: &Path,
     backend: &'f dyn ReadBackend,

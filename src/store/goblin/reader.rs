@@ -23,12 +23,12 @@ pub struct Goblin {
     pub(super) path: PathBuf,
     pub(super) backend: Box<dyn ReadBackend>,
     pub(super) header: Header,
-    /// How its records are laid out.
+    /// Layout of its records.
     pub(super) layout: RecordLayout,
     /// The way down through them.
     pub(super) descend: Descend,
     pub(super) trailer: Trailer,
-    /// The whole tree seen from far away.
+    /// The root's state, and its value or representative.
     pub(super) root: Child<()>,
     pub(super) metadata: Metadata,
     /// The directory, if the backend cannot show it.
@@ -38,7 +38,7 @@ pub struct Goblin {
     /// One bit per segment that was found to be good.
     pub(super) checked: Vec<AtomicU64>,
     /// Bytes of those segments.
-    pub(super) claimed: AtomicU64,
+    pub(super) checked_bytes: AtomicU64,
     /// Whether each segment's checksum is checked when it is used first.
     pub(super) check: bool,
     pub(super) cache: Mutex<Cache>,
@@ -55,18 +55,18 @@ impl Goblin {
         &self.path
     }
 
-    /// What the header says.
+    /// The file's header.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// How the records of segments are laid out.
+    /// Layout of the records of segments.
     #[inline]
     pub fn layout(&self) -> &RecordLayout {
         &self.layout
     }
 
-    /// What is told about the data.
+    /// Georeference, meaning and provenance of the data.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -118,9 +118,9 @@ impl Goblin {
         Error::corrupt(&self.path, part, found, expected)
     }
 
-    /// The whole tree seen from far away: its state, and its value or representative.
+    /// The root: its state, and its value or representative.
     #[inline]
-    pub fn root_place(&self) -> Child<()> {
+    pub fn root_child(&self) -> Child<()> {
         self.root
     }
 

@@ -38,8 +38,8 @@ impl<'a> Segment<'a> {
         &self.bytes
     }
 
-    /// The records, one after the other; the file's [`RecordLayout`](crate::store::container::RecordLayout) tells what is
-    /// where.
+    /// The records, one after the other; the file's [`RecordLayout`](crate::store::container::RecordLayout)
+    /// tells what is where.
     #[inline]
     pub fn records(&self) -> &[u8] {
         &self.bytes[..self.record_bytes]

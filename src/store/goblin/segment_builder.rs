@@ -30,11 +30,12 @@ pub(super) struct SegmentBuilder<'k> {
     sink: &'k mut dyn SegmentSink,
 }
 
-/// What [`TreeSink::can_copy`] has promised.
+/// Message of an error that [`TreeSink::can_copy`] excludes.
 const CAN_BE_COPIED: &str = "only what can be copied is";
 
 impl<'k> SegmentBuilder<'k> {
-    /// For the tree of a header. `covered` is the extent of the parts that will come; what is outside is VOID.
+    /// For the tree of a header. `covered` is the extent of the parts that will come; what is outside is
+    /// VOID.
     pub(super) fn new(header: &Header, covered: [u64; 3], sink: &'k mut dyn SegmentSink) -> Self {
         let Header { form, shape, rule, .. } = *header;
         let siblings = Siblings::new(form.dimension, shape.depth, covered);

@@ -8,7 +8,7 @@ use super::segment_builder::SegmentSink;
 use crate::Result;
 use crate::parallel;
 use crate::space::Code;
-use crate::store::builder::{ENOUGH, Part, SegmentNode};
+use crate::store::builder::{ALWAYS_HEAVY, Part, SegmentNode};
 use crate::store::container::subtree::{BadSkip, count_nodes, upper_levels};
 use crate::store::container::{CUT, INNER, LevelCounts, Shape};
 use crate::tree::{Child, Form};
@@ -25,7 +25,8 @@ pub(super) struct SegmentCopy<'a> {
     segments: Vec<usize>,
 }
 
-/// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are written.
+/// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are
+/// written.
 const BATCH: usize = 8;
 
 /// The Goblin file that a node is from.
@@ -35,8 +36,8 @@ fn file_of<'a>(node: &SegmentNode<'a>) -> Option<&'a Goblin> {
 }
 
 impl<'a> SegmentCopy<'a> {
-    /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment, and so will
-    /// `to`, with the same segments below.
+    /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment,
+    /// and so will `to`, with the same segments below.
     pub(super) fn is_possible(node: &SegmentNode<'_>, to: Code, form: Form, shape: &Shape) -> Result<bool> {
         let Some(file) = file_of(node) else { return Ok(false) };
         let there = file.header();
@@ -57,8 +58,11 @@ impl<'a> SegmentCopy<'a> {
         Ok(Some(SegmentCopy { file, from, to, own, segments: below(file, own, from)? }))
     }
 
-    /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are counted.
+    /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are
+    /// counted.
     pub(super) fn send(&self, sink: &mut dyn SegmentSink) -> Result<LevelCounts> {
+        // A pipeline of two stages, which the empty batch at the end drains. Nothing is sent before it was
+        // counted, since counting checks it.
         let mut counts = LevelCounts::default();
         let mut ready: &[usize] = &[];
         for next in self.segments.chunks(BATCH).chain([&[][..]]) {
@@ -89,7 +93,7 @@ impl<'a> SegmentCopy<'a> {
         Ok(())
     }
 
-    /// What the ancestors need of the node, in a tree of this shape.
+    /// The part of the tree that the ancestors are merged from, in a tree of this shape.
     pub(super) fn part(&self, representative: Value, shape: &Shape) -> Result<Part> {
         let segment = self.file.segment(self.own)?;
         let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
@@ -101,7 +105,7 @@ impl<'a> SegmentCopy<'a> {
             code: self.to,
             child: Child::Inner { representative, node: () },
             // Heavy enough that it keeps its segment, and so do its ancestors, whatever else is below them.
-            total: ENOUGH,
+            total: ALWAYS_HEAVY,
             records,
             tally: self.file.zone(self.own)?,
         })
@@ -174,11 +178,12 @@ fn moved(code: Code, from: Code, to: Code) -> Code {
     (from.level()..code.level()).fold(to, |node, level| node.child(code.step(level)))
 }
 
-/// The segments of a node, the first of which has a number, and of what is below it, a node's before its ancestors', as
-/// building writes them.
+/// The segments of a node, the first of which has a number, and of what is below it, a node's before its
+/// ancestors', as building writes them.
 fn below(file: &Goblin, first: usize, code: Code) -> Result<Vec<usize>> {
     let mut order = Vec::new();
-    // The directory has ancestors first. Those that may still have something below them:
+    // From preorder, in which the directory is, to postorder: a node comes when the next one is not below it.
+    // The stack has those that may still have something below them:
     let mut open: Vec<(usize, Code)> = Vec::new();
     for index in first..file.segments() {
         let next = file.entry(index)?.code;

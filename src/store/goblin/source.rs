@@ -31,7 +31,7 @@ impl Source for Goblin {
     }
 
     fn root(&self) -> Result<Child<Node>> {
-        Ok(match self.root_place() {
+        Ok(match self.root_child() {
             Child::Void => Child::Void,
             Child::Leaf(value) => Child::Leaf(value),
             Child::Inner { representative, .. } => {
@@ -48,8 +48,8 @@ impl Source for Goblin {
 }
 
 impl Goblin {
-    /// Writes the children of an inner node as nodes of something that stands on this file: what [`Source::children`]
-    /// does, without a second array for those who have nodes of their own.
+    /// Writes the children of an inner node as nodes of something that stands on this file: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
     pub(crate) fn children_with<N>(
         &self,
         node: &Node,
@@ -67,8 +67,8 @@ impl Goblin {
         }
         let head = layout.head(records, at).ok_or_else(bad_skip)?;
         let candidates = shape.is_candidate(level);
-        // The children's records follow each other up to the end of the node's own extent, which the step to this node has
-        // checked; so no walk can leave the segment, or come to a record twice.
+        // The children's records follow each other up to the end of the node's own extent, which the step to
+        // this node has checked; so no walk can leave the segment, or come to a record twice.
         let end = at + head.skip as usize;
         let mut next = at + 1;
         for (step, child) in children[..layout.children()].iter_mut().enumerate() {
@@ -123,8 +123,8 @@ impl SegmentFile for Goblin {
     fn subtree(&self, segment: u32, record: u32) -> Result<Subtree<'_>> {
         let segment = self.segment(segment as usize)?;
         let (records, at) = (segment.records(), record as usize);
-        // None at all if the node's own record lies: who takes the records over then goes the usual way, which tells what is
-        // wrong. Class counts stand behind the records and must not pass for some.
+        // None at all if the node's own record lies: who takes the records over then goes the usual way,
+        // which tells what is wrong. Class counts stand behind the records and must not pass for some.
         let skip = self.layout.head(records, at).map_or(0, |head| head.skip);
         let length = self.layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
         let start = at * self.layout.size;

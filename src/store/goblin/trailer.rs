@@ -21,7 +21,7 @@ pub(super) struct Section {
     pub(super) checksum: u32,
 }
 
-/// What the end of a file says.
+/// The decoded trailer.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Trailer {
     /// State of the root: VOID, LEAF or INNER.
@@ -67,10 +67,10 @@ struct RawEnd {
 
 const DIRECTORY: [u8; 4] = *b"DIRE";
 const METADATA: [u8; 4] = *b"META";
-/// A trailer with more bytes than this is not believed.
-const TRAILER_MOST: usize = 4096;
+/// Bytes of the longest trailer; a longer one is refused.
+const MAX_TRAILER: usize = 4096;
 /// Bytes from the end of a file that are sure to hold the trailer.
-pub(super) const TAIL: usize = TRAILER_MOST + size_of::<RawEnd>();
+pub(super) const TAIL: usize = MAX_TRAILER + size_of::<RawEnd>();
 
 impl Trailer {
     /// The trailer of a file that has `before` bytes so far.

@@ -1,7 +1,7 @@
 //! Verifies a whole file: every checksum, and every rule of the tree.
 //!
-//! Building is deterministic, so the rules need no second statement: the tree is walked, built anew, and every
-//! segment compared with the one in the file. What differs is told.
+//! Building is deterministic, so the rules need no second statement: the tree is walked, built anew, and
+//! every segment compared with the one in the file. What differs is told.
 
 use super::directory::{Entry, show_sums};
 use super::reader::Goblin;
@@ -14,13 +14,13 @@ use crate::value::{Sums, Tally, ValueType};
 use crate::{Error, Progress, Result};
 
 impl Goblin {
-    /// Checks every checksum and every rule of the tree: preorder, skips that add up, representatives and zone
-    /// statistics that agree with the leaves, no uniform INNER node, every segment there that must be, none that
-    /// must not. Takes about as long as building; memory is bounded by `memory`.
+    /// Checks every checksum and every rule of the tree: preorder, skips that add up, representatives and
+    /// zone statistics that agree with the leaves, no uniform INNER node, every segment there that must be,
+    /// none that must not. Takes about as long as building; memory is bounded by `memory`.
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding; at
-    /// most 100 are collected.
+    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
+    /// at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut checker = Checker { file: self, findings: Vec::new(), seen: 0 };
         checker.checksums()?;
@@ -43,9 +43,9 @@ impl Goblin {
             let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
             checker.add("directory".into(), found);
         }
-        if self.root_place() != root.child {
+        if self.root_child() != root.child {
             let show = |child| show_child(self.header().form.value, child);
-            let (found, made) = (show(self.root_place()), show(root.child));
+            let (found, made) = (show(self.root_child()), show(root.child));
             checker.add("trailer".into(), format!("root {found}, the leaves make it {made}"));
         }
         if self.metadata().counts != counts {
@@ -145,8 +145,8 @@ impl SegmentSink for Checker<'_> {
     }
 }
 
-/// Whether two tallies of one type of values are the same on disk: sums that are not a number are one like the other, zeros
-/// of different signs are not.
+/// Whether two tallies of one type of values are the same on disk: sums that are not a number are one like
+/// the other, zeros of different signs are not.
 fn are_same(a: &Tally, b: &Tally) -> bool {
     let channels = 0..usize::from(a.value_type.channels);
     let same_sums =

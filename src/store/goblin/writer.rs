@@ -117,7 +117,8 @@ impl SegmentSink for Writer {
     }
 }
 
-/// Class counts as they stand behind a segment's records: the value's bytes, of which there are `width`, then the cells.
+/// Class counts as they stand behind a segment's records: the value's bytes, of which there are `width`, then
+/// the cells.
 fn class_bytes(width: usize, classes: &[(Value, u64)]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(classes.len() * (width + COUNT_SIZE));
     for (value, cells) in classes {
@@ -134,7 +135,7 @@ struct SectionWriter<'a> {
 }
 
 impl SectionWriter<'_> {
-    /// Of a section that starts so many bytes behind the file's beginning.
+    /// A writer of a section that starts so many bytes behind the file's beginning.
     fn new(out: &mut Output, offset: u64) -> SectionWriter<'_> {
         SectionWriter { out, written: Section { offset, length: 0, checksum: 0 } }
     }

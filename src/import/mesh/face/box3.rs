@@ -1,7 +1,7 @@
 //! Boxes of the integer grid: octants and bounds of faces.
 
-/// A box with its sides along the axes, from the least to the greatest coordinates. Units are those of the grid that
-/// vertices are snapped to.
+/// A box with its sides along the axes, from the least to the greatest coordinates. Units are those of the
+/// grid that vertices are snapped to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Box3 {
     /// Least coordinates.

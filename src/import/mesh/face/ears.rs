@@ -17,8 +17,8 @@ impl<'a> Ears<'a> {
 
     /// Triangles of the region between a counterclockwise ring and clockwise holes.
     ///
-    /// The triangles are right if the rings do not cross; what comes out otherwise is anything, and the caller finds
-    /// out.
+    /// The triangles are right if the rings do not cross; what comes out otherwise is anything, and the
+    /// caller finds out.
     pub(super) fn cut(mut self, rings: Vec<Vec<u32>>) -> Vec<[u32; 3]> {
         let rings = self.touch_in_corners(rings);
         if let Some(ring) = self.join(rings) {
@@ -42,8 +42,8 @@ impl<'a> Ears<'a> {
         within(0) && within(1) && p != a_at && p != b_at && self.turn(a, b, corner) == 0
     }
 
-    /// Leads edges through the corners that lie on them: a triangle without area between the edge and the corner keeps
-    /// the edge itself.
+    /// Leads edges through the corners that lie on them: a triangle without area between the edge and the
+    /// corner keeps the edge itself.
     fn touch_in_corners(&mut self, mut rings: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
         let mut corners: Vec<u32> = rings.iter().flatten().copied().collect();
         corners.sort_unstable_by_key(|&corner| self.at(corner));
@@ -74,7 +74,8 @@ impl<'a> Ears<'a> {
         rings
     }
 
-    /// One ring out of all: holes join where they touch, or else over a bridge that is crossed in both directions.
+    /// One ring out of all: holes join where they touch, or else over a bridge that is crossed in both
+    /// directions.
     fn join(&self, rings: Vec<Vec<u32>>) -> Option<Vec<u32>> {
         let mut holes = rings.into_iter();
         let mut ring = holes.next()?;
@@ -104,7 +105,7 @@ impl<'a> Ears<'a> {
         Some(ring)
     }
 
-    /// Where a hole touches the ring: places in both.
+    /// A contact of a hole with the ring: indices of a shared corner in both.
     fn contact(&self, ring: &[u32], hole: &[u32]) -> Option<(usize, usize)> {
         for (on_hole, &corner) in hole.iter().enumerate() {
             let next = hole[(on_hole + 1) % hole.len()];
@@ -125,8 +126,9 @@ impl<'a> Ears<'a> {
         let distance = |corner: u32| -> i128 {
             (0..2).map(|i| i128::from(self.at(corner)[i] - self.at(from)[i]).pow(2)).sum()
         };
-        let mut places: Vec<usize> = (0..ring.len()).filter(|&i| self.at(ring[i]) > self.at(from)).collect();
-        places.sort_by_key(|&i| distance(ring[i]));
+        let mut candidates: Vec<usize> =
+            (0..ring.len()).filter(|&i| self.at(ring[i]) > self.at(from)).collect();
+        candidates.sort_by_key(|&i| distance(ring[i]));
         let is_free = |&on_ring: &usize| {
             let to = ring[on_ring];
             self.opens_to(ring, on_ring, from)
@@ -135,7 +137,7 @@ impl<'a> Ears<'a> {
                     .chain(holes.iter().map(Vec::as_slice))
                     .all(|other| !self.is_blocked(from, to, other))
         };
-        places.into_iter().find(is_free).map(|on_ring| (on_ring, on_hole))
+        candidates.into_iter().find(is_free).map(|on_ring| (on_ring, on_hole))
     }
 
     /// Whether a ring has a corner between two points, or an edge that crosses their segment.
@@ -149,10 +151,10 @@ impl<'a> Ears<'a> {
     }
 
     /// Whether the way from a ring's corner towards another one starts on the left of the ring.
-    fn opens_to(&self, ring: &[u32], place: usize, towards: u32) -> bool {
-        let corner = ring[place];
-        let before = ring[(place + ring.len() - 1) % ring.len()];
-        let after = ring[(place + 1) % ring.len()];
+    fn opens_to(&self, ring: &[u32], index: usize, towards: u32) -> bool {
+        let corner = ring[index];
+        let before = ring[(index + ring.len() - 1) % ring.len()];
+        let after = ring[(index + 1) % ring.len()];
         self.is_in_angle(before, corner, after, towards)
     }
 
@@ -190,34 +192,36 @@ impl<'a> Ears<'a> {
 
     /// Cuts off ear after ear, going round.
     fn clip(&mut self, mut ring: Vec<u32>) {
-        let mut place = 0;
+        let mut index = 0;
+        // Every simple ring has an ear: a whole round without one means rings that cross, which the caller
+        // finds out.
         let mut failures = 0;
         while ring.len() > 2 && failures < ring.len() {
-            place %= ring.len();
-            if self.is_ear(&ring, place) {
-                let (before, after) = ((place + ring.len() - 1) % ring.len(), (place + 1) % ring.len());
-                let ear = [ring[before], ring[place], ring[after]];
+            index %= ring.len();
+            if self.is_ear(&ring, index) {
+                let (before, after) = ((index + ring.len() - 1) % ring.len(), (index + 1) % ring.len());
+                let ear = [ring[before], ring[index], ring[after]];
                 if ear[0] != ear[1] && ear[1] != ear[2] && ear[2] != ear[0] {
                     self.triangles.push(ear);
                 }
-                ring.remove(place);
+                ring.remove(index);
                 failures = 0;
                 // Not at once the neighbour's turn: fans make long thin triangles.
-                place += 1;
+                index += 1;
             } else {
                 failures += 1;
-                place += 1;
+                index += 1;
             }
         }
     }
 
     /// Whether the triangle at a corner lies within the ring, with no other corner inside or on it.
-    fn is_ear(&self, ring: &[u32], place: usize) -> bool {
+    fn is_ear(&self, ring: &[u32], index: usize) -> bool {
         let neighbours =
-            |place: usize| [ring[(place + ring.len() - 1) % ring.len()], ring[(place + 1) % ring.len()]];
-        let (corner, [before, after]) = (ring[place], neighbours(place));
+            |index: usize| [ring[(index + ring.len() - 1) % ring.len()], ring[(index + 1) % ring.len()]];
+        let (corner, [before, after]) = (ring[index], neighbours(index));
         let ends = [before, corner, after].map(|c| self.at(c));
-        // A step to the same place, or there and back: nothing is cut off.
+        // A step to the same point, or there and back: nothing is cut off.
         if ends[0] == ends[1] || ends[1] == ends[2] || ends[2] == ends[0] {
             return true;
         }
@@ -234,7 +238,7 @@ impl<'a> Ears<'a> {
             }
             if at == ends[1] {
                 // Another pass through this corner must not lead into the triangle.
-                return i == place
+                return i == index
                     || neighbours(i).iter().all(|&next| {
                         self.at(next) == ends[1] || !self.is_in_angle(before, corner, after, next)
                     });

@@ -2,13 +2,13 @@
 
 mod box3;
 mod ears;
+mod intersection;
 mod plane;
 mod polygon;
 pub(super) mod triangle;
 mod triangulate;
-mod verdict;
 
 pub use box3::Box3;
+pub use intersection::{Intersection, Stage, Stages};
 pub use polygon::{Flaw, Polygon};
 pub use triangulate::Triangulator;
-pub use verdict::{Stage, Stages, Verdict};

@@ -5,7 +5,8 @@ use super::box3::Box3;
 /// A plane on the integer grid: the points whose product with the normal is the offset.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plane {
-    /// Twice the area that the ring encloses in each projection along an axis, seen from that axis' positive end.
+    /// Twice the area that the ring encloses in each projection along an axis, seen from that axis' positive
+    /// end.
     pub(super) normal: [i128; 3],
     offset: i128,
 }
@@ -17,6 +18,7 @@ impl Plane {
     pub(super) fn of_ring(ring: &[[i64; 3]]) -> Option<Plane> {
         let &first = ring.first()?;
         let from_first = |p: &[i64; 3]| [0, 1, 2].map(|axis| i128::from(p[axis] - first[axis]));
+        // The two edges at the first corner, its own origin here, add nothing to the sum and are left out.
         let mut normal = [0; 3];
         for corners in ring.windows(2) {
             let (a, b) = (from_first(&corners[0]), from_first(&corners[1]));
@@ -35,7 +37,8 @@ impl Plane {
         self.height(point) == self.offset
     }
 
-    /// Whether the plane passes through the inside of an octant, not only along a wall, an edge or a corner of it.
+    /// Whether the plane passes through the inside of an octant, not only along a wall, an edge or a corner
+    /// of it.
     pub(super) fn cuts(&self, octant: &Box3) -> bool {
         let (mut low, mut high) = (0, 0);
         for axis in 0..3 {
@@ -60,12 +63,13 @@ impl Plane {
 
     /// A line along an axis that meets the plane inside the octant; the plane must cut the octant.
     ///
-    /// Where a plane cuts an octant, it crosses an edge of it between the ends, or it passes through two parallel
-    /// edges, or through the three corners next to one: removing less does not part the corners on its one side from
-    /// those on its other. Along an edge that is crossed goes a line, and in the two other cases through the centre of
-    /// a wall along one of its sides' directions; so nine lines along each axis are enough.
+    /// Where a plane cuts an octant, it crosses an edge of it between the ends, or it passes through two
+    /// parallel edges, or through the three corners next to one: removing less does not part the corners on
+    /// its one side from those on its other. Along an edge that is crossed goes a line, and in the two other
+    /// cases through the centre of a wall along one of its sides' directions; so nine lines along each axis
+    /// are enough.
     pub(super) fn line_into(&self, octant: &Box3) -> Option<Line> {
-        let places = |axis: usize| {
+        let coordinates = |axis: usize| {
             let (low, high) = (octant.min[axis], octant.max[axis]);
             [(low + high, true), (2 * low, true), (2 * high, false)]
         };
@@ -73,8 +77,8 @@ impl Plane {
             let [j, k] = others(axis);
             let ends =
                 [octant.min[axis], octant.max[axis]].map(|end| 2 * i128::from(end) * self.normal[axis]);
-            for at_j in places(j) {
-                for at_k in places(k) {
+            for at_j in coordinates(j) {
+                for at_k in coordinates(k) {
                     let rest = self.normal[j] * i128::from(at_j.0) + self.normal[k] * i128::from(at_k.0);
                     let crossing = 2 * self.offset - rest;
                     if ends[0].min(ends[1]) < crossing && crossing < ends[0].max(ends[1]) {
@@ -91,14 +95,15 @@ impl Plane {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Line {
     axis: usize,
-    /// On the two other axes: twice the line's coordinate, and whether the line is just above it, or just below. "Just"
-    /// is less than anything that can be told apart, and on the second axis much less than on the first.
+    /// On the two other axes: twice the line's coordinate, and whether the line is just above it, or just
+    /// below. "Just" is less than anything that can be told apart, and on the second axis much less than on
+    /// the first.
     at: [(i64, bool); 2],
 }
 
 impl Line {
-    /// Whether the line passes through the region that a ring encloses by the even-odd rule: exact, for a line that
-    /// does not meet the ring itself.
+    /// Whether the line passes through the region that a ring encloses by the even-odd rule: exact, for a
+    /// line that does not meet the ring itself.
     pub(super) fn passes_through(&self, ring: &[[i64; 3]]) -> bool {
         let [j, k] = others(self.axis);
         let [(at_j, above_j), (at_k, above_k)] = self.at;
@@ -112,8 +117,9 @@ impl Line {
             let along = [b[j] - a[j], b[k] - a[k]].map(i128::from);
             let to_line = [at_j - 2 * a[j], at_k - 2 * a[k]].map(i128::from);
             let turn = along[0] * to_line[1] - along[1] * to_line[0];
-            // Whether the edge passes the line on the side of greater coordinates. If it seems to go right through the
-            // line, the first axis decides: the line is farther from its place there than on the second.
+            // Whether the edge passes the line on the side of greater coordinates. If it seems to go right
+            // through the line, the first axis decides: the line is farther from its coordinate there than on
+            // the second.
             is_inside ^= if turn == 0 { !above_j } else { (turn > 0) == is_above(b) };
         }
         is_inside
@@ -129,7 +135,8 @@ pub(super) fn others(axis: usize) -> [usize; 2] {
 mod tests {
     use super::*;
 
-    /// Every plane that cuts an octant has a line of [`Plane::line_into`], also where it crosses no edge of it.
+    /// Every plane that cuts an octant has a line of [`Plane::line_into`], also where it crosses no edge of
+    /// it.
     #[test]
     fn there_is_always_a_line_into_the_octant() {
         let octant = Box3 { min: [-1; 3], max: [1, 2, 1] };

@@ -1,23 +1,25 @@
-//! Whether a face cuts an octant: five tests, each closer than the one before, as in N. Trstenjak, B. Zalik and
-//! N. Guid, "An algorithm for boundary to octree conversion", Informatica 2/91.
+//! Intersection of a face with an octant: five tests, each closer than the one before, as in N. Trstenjak, B.
+//! Zalik and N. Guid, "An algorithm for boundary to octree conversion", Informatica 2/91.
 //!
-//! The tests are the paper's; how they are decided is not. The paper counts how many vertices of the octant's section
-//! with the face's plane lie inside, outside and on the rim of the face, and its rule (10) answers wrong where an edge
-//! of the face passes through two of these vertices, and not at all where it does so with others inside and outside.
-//! Here an edge that passes through the octant's inside decides by itself, and where none does, the section lies on
-//! one side of the rim as a whole, so that one point of it decides. Nothing is divided or rounded.
+//! The tests are the paper's; how they are decided is not. The paper counts how many vertices of the octant's
+//! section with the face's plane lie inside, outside and on the boundary of the face, and its rule (10)
+//! answers wrong where an edge of the face passes through two of these vertices, and not at all where it does
+//! so with others inside and outside. Here an edge that passes through the octant's inside decides by itself,
+//! and where none does, the section lies on one side of the boundary as a whole, so that one point of it
+//! decides. Nothing is divided or rounded.
 
 use super::box3::Box3;
+use super::intersection::{Intersection, Stage};
 use super::plane::Plane;
 use super::triangle;
 use super::triangulate::Triangulator;
-use super::verdict::{Stage, Verdict};
 
 /// A face with its holes on the integer grid, coordinates at most 2^31 in magnitude.
 ///
-/// It is a closed set: its rim and the rims of its holes belong to it. Concave faces, any number of holes, and holes
-/// that touch the rim or one another are fine. Snapping to the grid bends faces; one whose corners are not exactly in
-/// one plane is taken as the triangles of its triangulation, and so has no cracks to its neighbours.
+/// It is a closed set: its boundary, that of its holes included, belongs to it. Concave faces, any number of
+/// holes, and holes that touch the boundary or one another are fine. Snapping to the grid bends faces; one
+/// whose corners are not exactly in one plane is taken as the triangles of its triangulation, and so has no
+/// cracks to its neighbours.
 #[derive(Clone, Debug)]
 pub struct Polygon {
     points: Vec<[i64; 3]>,
@@ -32,7 +34,7 @@ enum Shape {
     Bent(Vec<[u32; 3]>),
 }
 
-/// Why some rings are not a face.
+/// Reason why some rings are not a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flaw {
     /// The outer ring encloses no area: nothing is lost without this face.
@@ -80,10 +82,11 @@ impl Polygon {
         self.bounds
     }
 
-    /// Whether the face has a point in common with the octant's inside; touching a wall, an edge or a corner of the
-    /// octant is not enough, and neither is lying in a wall. The octant's sides are at least one unit long.
-    pub fn cuts(&self, octant: &Box3) -> Verdict {
-        let decided = |cuts, stage| Verdict { cuts, stage };
+    /// Whether the face has a point in common with the octant's inside; touching a wall, an edge or a corner
+    /// of the octant is not enough, and neither is lying in a wall. The octant's sides are at least one unit
+    /// long.
+    pub fn cuts(&self, octant: &Box3) -> Intersection {
+        let decided = |cuts, stage| Intersection { cuts, stage };
         if !octant.inside_meets(&self.bounds) {
             return decided(false, Stage::Boxes);
         }
@@ -101,17 +104,18 @@ impl Polygon {
     }
 
     /// The rest of test 3, and tests 4 and 5, for a plane that cuts the octant, and no vertex inside (3).
-    fn cuts_by_section(&self, plane: &Plane, octant: &Box3) -> Verdict {
-        let decided = |cuts, stage| Verdict { cuts, stage };
-        // (1) with all vertices on walls: the face is a part of the section, whose inside is inside the octant.
+    fn cuts_by_section(&self, plane: &Plane, octant: &Box3) -> Intersection {
+        let decided = |cuts, stage| Intersection { cuts, stage };
+        // (1) with all vertices on walls: the face is a part of the section, whose inside is inside the
+        // octant.
         if self.outer().iter().all(|point| octant.contains(point)) {
             return decided(true, Stage::Vertices);
         }
         if crosses(self.outer(), octant) {
             return decided(true, Stage::Section);
         }
-        // The section is not crossed by the rim: any line into it tells on which side all of it is. This is the
-        // centre point of (8), and it answers (7), (9) and (10) too.
+        // The section is not crossed by the boundary: any line into it tells on which side all of it is. This
+        // is the centre point of (8), and it answers (7), (9) and (10) too.
         let Some(line) = plane.line_into(octant) else {
             unreachable!(
                 "a plane that cuts an octant, without a line that meets it there: {plane:?}, {octant:?}"
@@ -123,8 +127,8 @@ impl Polygon {
         if self.ring_ends.len() == 1 {
             return decided(true, Stage::Section);
         }
-        // Holes may touch the rim and one another, so all of them are looked at, whatever (7) says. A hole whose rim
-        // does not cross the section has all of it (11 to 14) or nothing (15 to 17).
+        // Holes may touch the boundary and one another, so all of them are looked at, whatever (7) says. A
+        // hole whose boundary does not cross the section has all of it (11 to 14) or nothing (15 to 17).
         let cuts = self.holes().any(|hole| crosses(hole, octant))
             || !self.holes().any(|hole| line.passes_through(hole));
         decided(cuts, Stage::Holes)

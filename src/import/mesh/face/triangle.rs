@@ -1,12 +1,13 @@
-//! Whether a triangle or an edge passes through an octant: exact, in integers.
+//! Intersection of a triangle or an edge with an octant: exact, in integers.
 //!
-//! Separating axes: two convex bodies, one of them open, have no common point if and only if they lie on different
-//! sides of a plane (both may touch it) that is parallel to a side of one of them or to an edge of each. For a box and
-//! a triangle these are thirteen directions: three axes, the triangle's normal, nine pairs of an axis and an edge.
+//! Separating axes: two convex bodies, one of them open, have no common point if and only if they lie on
+//! different sides of a plane (both may touch it) that is parallel to a side of one of them or to an edge of
+//! each. For a box and a triangle these are thirteen directions: three axes, the triangle's normal, nine
+//! pairs of an axis and an edge.
 
 use std::ops::{Add, Mul, Sub};
 
-use super::verdict::{Stage, Verdict};
+use super::intersection::{Intersection, Stage};
 
 /// Integers to calculate with: 64 bits where the numbers at hand are small enough, 128 otherwise.
 trait Integer:
@@ -16,29 +17,37 @@ trait Integer:
 impl Integer for i64 {}
 impl Integer for i128 {}
 
-/// Numbers below this can be multiplied as [`misses_edge`] does it without leaving 64 bits: an edge is below 2^31,
-/// its product with a coordinate below 2^61, and two of these are added.
+/// Numbers below this can be multiplied as [`misses_edge`] does it without leaving 64 bits: an edge is below
+/// 2^31, its product with a coordinate below 2^61, and two of these are added.
 const SMALL_FOR_EDGES: i64 = 1 << 30;
-/// The same for [`misses_plane`]: a normal's part is below 2^41, its product with a coordinate below 2^60, and three
-/// of these are added.
+/// Bound for [`misses_plane`] in 64 bits: a component of the normal is below 2^41, its product with a
+/// coordinate below 2^60, and three of these are added.
 const SMALL_FOR_PLANE: i64 = 1 << 19;
 
 /// Whether a triangle has a point in common with the inside of the box from `min` to `max`.
 ///
-/// The triangle has its edges and corners, the box has no walls: what only touches a wall, an edge or a corner of the
-/// box does not cut it, and neither does a triangle that lies in a wall. A triangle without area counts as the segment
-/// or the point that it is. Coordinates are at most 2^31 in magnitude, and `min` is less than `max` on each axis.
+/// The triangle has its edges and corners, the box has no walls: what only touches a wall, an edge or a
+/// corner of the box does not cut it, and neither does a triangle that lies in a wall. A triangle without
+/// area counts as the segment or the point that it is. Coordinates are at most 2^31 in magnitude, and `min`
+/// is less than `max` on each axis.
 #[inline]
 pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> bool {
-    verdict(triangle, min, max).cuts
+    intersect(triangle, min, max).cuts
 }
 
-/// The same, with the test that decided: the fast path of [`Polygon::cuts`](super::Polygon::cuts), whose five
-/// stages are three here and the edges, which a triangle has instead of a section with corners inside and outside.
+/// Intersects as [`cuts`] does and names the test that decided: the fast path of
+/// [`Polygon::cuts`](super::Polygon::cuts). Bounds, vertices and plane are tested alike; separating axes
+/// across the edges replace the section.
 #[inline]
-pub(in crate::import::mesh) fn verdict(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Verdict {
-    let decided = |stage, cuts| Verdict { cuts, stage };
+pub(in crate::import::mesh) fn intersect(
+    triangle: &[[i64; 3]; 3],
+    min: [i64; 3],
+    max: [i64; 3],
+) -> Intersection {
+    let decided = |stage, cuts| Intersection { cuts, stage };
     let Some(size) = size_if_boxes_meet(triangle, min, max) else { return decided(Stage::Boxes, false) };
+    // Relative to the box, coordinates are at most 2^32: sums of a few products of three stay within 128
+    // bits.
     let corners = triangle.map(|corner| minus(corner, min));
     if corners.iter().any(|&corner| is_inside(corner, size)) {
         return decided(Stage::Vertices, true);
@@ -63,8 +72,8 @@ pub(in crate::import::mesh) fn verdict(triangle: &[[i64; 3]; 3], min: [i64; 3], 
     decided(Stage::Section, !misses_edge)
 }
 
-/// Whether the segment between two points has a point in common with the inside of the box from `min` to `max`, as in
-/// [`cuts`].
+/// Whether the segment between two points has a point in common with the inside of the box from `min` to
+/// `max`, as in [`cuts`].
 #[inline]
 pub(in crate::import::mesh) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     let Some(size) = size_if_boxes_meet(&[a, b], min, max) else { return false };
@@ -105,8 +114,8 @@ fn misses_plane<I: Integer>(&[a, b, c]: &[[i64; 3]; 3], size: [i64; 3]) -> bool 
     low < high && (plane <= low || plane >= high)
 }
 
-/// Whether a plane along an edge and one of the axes separates all points from the inside of the box from 0 to
-/// `size`; three directions. `points` has one end of the edge, and what else belongs to the body.
+/// Whether a plane along an edge and one of the axes separates all points from the inside of the box from 0
+/// to `size`; three directions. `points` has one end of the edge, and what else belongs to the body.
 #[inline]
 fn misses_edge<I: Integer, const N: usize>(edge: [i64; 3], points: &[[i64; 3]; N], size: [i64; 3]) -> bool {
     let zero = I::default();
@@ -115,9 +124,9 @@ fn misses_edge<I: Integer, const N: usize>(edge: [i64; 3], points: &[[i64; 3]; N
         let (far_j, far_k) = (across_j * I::from(size[j]), across_k * I::from(size[k]));
         let low = far_j.min(zero) + far_k.min(zero);
         let high = far_j.max(zero) + far_k.max(zero);
-        let places = points.map(|p| across_j * I::from(p[j]) + across_k * I::from(p[k]));
+        let projections = points.map(|p| across_j * I::from(p[j]) + across_k * I::from(p[k]));
         // An edge along the axis gives no direction, `low` equals `high`, and nothing follows.
-        if low < high && (places.iter().all(|&p| p <= low) || places.iter().all(|&p| p >= high)) {
+        if low < high && (projections.iter().all(|&p| p <= low) || projections.iter().all(|&p| p >= high)) {
             return true;
         }
     }
@@ -144,8 +153,9 @@ fn minus(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
 mod tests {
     use super::*;
 
-    /// Cuts the convex polygon with the box's six half-spaces, in homogeneous coordinates, and looks whether what is
-    /// left lies in a wall: a convex part of a closed box without a point of the open one lies in one of its walls.
+    /// Cuts the convex polygon with the box's six half-spaces, in homogeneous coordinates, and looks whether
+    /// what is left lies in a wall: a convex part of a closed box without a point of the open one lies in one
+    /// of its walls.
     fn cuts_by_clipping(points: &[[i64; 3]], min: [i64; 3], max: [i64; 3]) -> bool {
         let mut polygon: Vec<[i128; 4]> =
             points.iter().map(|p| [p[0].into(), p[1].into(), p[2].into(), 1]).collect();

@@ -15,8 +15,8 @@ pub(super) fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i128 {
 #[derive(Default)]
 pub struct Triangulator {
     earcut: earcut::Earcut<f64>,
-    /// For every corner the first one at its place: rings that touch, touch in one vertex.
-    names: Vec<u32>,
+    /// First corner at the same point, by corner: rings that touch, touch in one vertex.
+    welded: Vec<u32>,
     first_at: HashMap<[i64; 3], u32>,
     /// The corners as seen along the axis from which the face is largest, the outer ring counterclockwise.
     flat: Vec<[i64; 2]>,
@@ -32,17 +32,17 @@ impl Triangulator {
         Triangulator::default()
     }
 
-    /// Appends triangles that cover a face exactly to `out`, and says whether that was possible; if not, `out` stays
-    /// as it was.
+    /// Appends triangles that cover a face exactly to `out`, and says whether that was possible; if not,
+    /// `out` stays as it was.
     ///
-    /// Triangles are corners' places in `points`, with coordinates of at most 2^31 in magnitude, and turn as the outer
-    /// ring does. Every edge of every ring is an edge of exactly one triangle, in the ring's direction, and all other
-    /// edges are those of two triangles in opposite directions; so neighbouring faces still meet exactly, also where
-    /// corners lie on a straight line or not quite in one plane. Of corners at one place, the first stands for all.
-    /// Where a corner lies on another edge, a triangle without area joins the two. A hole that turns as the outer ring
-    /// does is turned round. Faces that are not planar are triangulated as they are seen along the axis from which
-    /// they are largest. Three corners are a triangle whatever they enclose; other faces have to have an area, and
-    /// rings that do not cross.
+    /// Triangles are indices into `points`, with coordinates of at most 2^31 in magnitude, and turn as the
+    /// outer ring does. Every edge of every ring is an edge of exactly one triangle, in the ring's direction,
+    /// and all other edges are those of two triangles in opposite directions; so neighbouring faces still
+    /// meet exactly, also where corners lie on a straight line or not quite in one plane. Of corners at one
+    /// point, the first stands for all. Where a corner lies on another edge, a triangle without area joins
+    /// the two. A hole that turns as the outer ring does is turned round. Faces that are not planar are
+    /// triangulated as they are seen along the axis from which they are largest. Three corners are a triangle
+    /// whatever they enclose; other faces have to have an area, and rings that do not cross.
     ///
     /// # Panics
     /// If `ring_ends` does not rise up to the number of points, or there are more than 2^32.
@@ -64,11 +64,11 @@ impl Triangulator {
             out.extend([[0, 1, 2], [0, 2, 3]]);
             return true;
         }
-        self.name(points);
+        self.weld(points);
         let rings = self.rings(ring_ends);
         let start = out.len();
-        // The crate calculates in floating point and leaves out corners on straight lines. It proposes, and what it
-        // proposes is taken if it is exactly right; the slower way of our own keeps all corners.
+        // The crate calculates in floating point and leaves out corners on straight lines. It proposes, and
+        // what it proposes is taken if it is exactly right; the slower way of our own keeps all corners.
         self.propose(ring_ends, out);
         if !self.covers(&rings, &out[start..]) {
             out.truncate(start);
@@ -97,19 +97,20 @@ impl Triangulator {
         (0..4).all(|i| turn(p[i], p[(i + 1) % 4], p[(i + 2) % 4]) > 0)
     }
 
-    fn name(&mut self, points: &[[i64; 3]]) {
+    fn weld(&mut self, points: &[[i64; 3]]) {
         self.first_at.clear();
-        self.names.clear();
+        self.welded.clear();
         let corners = points.iter().zip(0..);
-        self.names.extend(corners.map(|(point, corner)| *self.first_at.entry(*point).or_insert(corner)));
+        self.welded.extend(corners.map(|(point, corner)| *self.first_at.entry(*point).or_insert(corner)));
     }
 
-    /// The rings by their corners' names, no name twice in a row, the outer one counterclockwise and holes clockwise.
+    /// The rings by their welded corners, none twice in a row, the outer one counterclockwise and holes
+    /// clockwise.
     fn rings(&self, ring_ends: &[usize]) -> Vec<Vec<u32>> {
         let mut rings = Vec::with_capacity(ring_ends.len());
         let mut start = 0;
         for &end in ring_ends {
-            let mut ring = self.names[start..end].to_vec();
+            let mut ring = self.welded[start..end].to_vec();
             start = end;
             ring.dedup();
             while ring.len() > 1 && ring.first() == ring.last() {
@@ -140,16 +141,16 @@ impl Triangulator {
         self.earcut.earcut_slice(&self.floating, &self.hole_starts, &mut self.proposal);
         let at = |corner: u32| self.flat[corner as usize];
         for corners in self.proposal.chunks_exact(3) {
-            let [a, b, c] = [corners[0], corners[1], corners[2]].map(|corner| self.names[corner as usize]);
+            let [a, b, c] = [corners[0], corners[1], corners[2]].map(|corner| self.welded[corner as usize]);
             out.push(if turn(at(a), at(b), at(c)) < 0 { [a, c, b] } else { [a, b, c] });
         }
     }
 
     /// Whether triangles cover exactly what the rings enclose.
     ///
-    /// No triangle turns the wrong way, and the triangles' edges without those that go both ways are the rings' edges.
-    /// So the triangles together go round every point as often as the rings do, and as none takes away, that is how
-    /// many of them lie on the point: one inside, and none outside.
+    /// No triangle turns the wrong way, and the triangles' edges without those that go both ways are the
+    /// rings' edges. So the triangles together go round every point as often as the rings do, and as none
+    /// takes away, that is how many of them lie on the point: one inside, and none outside.
     fn covers(&mut self, rings: &[Vec<u32>], triangles: &[[u32; 3]]) -> bool {
         let at = |corner: u32| self.flat[corner as usize];
         self.edges.clear();

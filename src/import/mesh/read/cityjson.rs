@@ -1,7 +1,7 @@
 //! CityJSON and CityJSONSeq: city objects whose surfaces are polygons with holes.
 //!
-//! Both are a sequence of JSON values (of one, for CityJSON), each of which is passed over without building anything of
-//! it: vertices go to their store, surfaces are handed out as they come.
+//! Both are a sequence of JSON values (of one, for CityJSON), each of which is passed over without building
+//! anything of it: vertices go to their store, surfaces are handed out as they come.
 
 use std::fmt;
 
@@ -224,11 +224,11 @@ enum Lod {
     Text(String),
 }
 
-/// Of an object's geometries with surfaces, those of the highest level of detail.
+/// Geometries of an object that have surfaces, at the highest level of detail.
 #[derive(Default)]
 struct Geometries<'a> {
     lod: Option<f64>,
-    /// How deep surfaces are nested, and the lists.
+    /// Nesting depth of the surfaces, and the JSON of the lists.
     boundaries: Vec<(u8, &'a RawValue)>,
     /// Whether some of them are made of a template.
     has_template: bool,
@@ -342,7 +342,8 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
     }
 }
 
-/// Lists of lists down to the numbers of vertices: level 1 is a ring, 2 a surface, beyond that are shells and solids.
+/// Lists of lists down to the numbers of vertices: level 1 is a ring, 2 a surface, beyond that are shells and
+/// solids.
 struct Boundaries<'a, 'b> {
     source: &'a Source,
     name: &'b str,

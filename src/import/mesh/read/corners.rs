@@ -6,7 +6,7 @@ use crate::Result;
 /// Most corners of a face.
 pub(super) const MOST_CORNERS: usize = 1 << 20;
 
-/// What faces without a colour get in a file where others have one.
+/// Colour of faces without one in a file where others have one.
 pub(super) const WHITE: [u8; 3] = [255; 3];
 
 /// Corners of a face in the making. Buffers are used again for the next one.
@@ -50,8 +50,8 @@ impl Corners {
         self.colours.resize(self.points.len(), colour);
     }
 
-    /// Ends a ring: corners that repeat the one before are dropped, and a hole with fewer than three different corners
-    /// is, too. Colours must have been pushed by now.
+    /// Ends a ring: corners that repeat the one before are dropped, and a hole with fewer than three
+    /// different corners is, too. Colours must have been pushed by now.
     pub(super) fn end_ring(&mut self) {
         let start = self.ring_ends.last().copied().unwrap_or(0);
         let mut end = start;
@@ -112,7 +112,7 @@ fn has_three(points: &[[f64; 3]]) -> bool {
 mod tests {
     use super::*;
 
-    /// What comes out for rings of points on a line of numbers: the points, the rings' ends.
+    /// Points and ring ends that are handed out for rings of points on the number line.
     fn handed_out(rings: &[&[u8]]) -> Option<(Vec<u8>, Vec<usize>)> {
         let mut corners = Corners::default();
         for ring in rings {

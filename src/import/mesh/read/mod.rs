@@ -17,12 +17,12 @@ use self::source::Source;
 use super::{Face, Model, ModelInfo};
 use crate::{Error, Result};
 
-/// Opens a boundary representation, whose format is told from its first bytes, and from its name only where those
-/// leave it open.
+/// Opens a boundary representation, whose format is recognised by its first bytes, and from its name only
+/// where those leave it open.
 ///
-/// About `memory` bytes are used at most. What does not fit, such as the vertices of a large text file, goes to an
-/// unnamed temporary file in the system's folder for those (`TMPDIR`). The file itself is mapped: it must not be
-/// truncated while the model is in use.
+/// About `memory` bytes are used at most. What does not fit, such as the vertices of a large text file, goes
+/// to an unnamed temporary file in the system's folder for those (`TMPDIR`). The file itself is mapped: it
+/// must not be truncated while the model is in use.
 ///
 /// # Errors
 /// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.

@@ -12,7 +12,7 @@ struct Off {
     info: ModelInfo,
     header: Header,
     vertices: Vertices,
-    /// Where the first face is.
+    /// Offset of the first face.
     start: usize,
     degenerate: u64,
 }
@@ -23,11 +23,11 @@ struct Header {
     has_colours: bool,
     vertices: u64,
     faces: u64,
-    /// Where the first vertex is.
+    /// Offset of the first vertex.
     body: usize,
 }
 
-/// What stands before `OFF` in the first word of a file, and what is glued to it.
+/// Prefix before `OFF` in the first word of a file, and the digits that follow without a blank.
 pub(super) fn keyword(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let line = content(&mut Lines::new(&bytes[..bytes.len().min(4096)], 0))?;
     let word = words(line).next()?;
@@ -91,7 +91,8 @@ fn wrong(source: &Source, lines: &Lines<'_>, what: &str, line: &[u8], expected: 
     source.corrupt(place, shown(line), expected)
 }
 
-/// A colour of three numbers, from 0 to 255 if they are whole, else from 0 to 1; opacity behind it does not count.
+/// A colour of three numbers, from 0 to 255 if they are whole, else from 0 to 1; opacity behind it does not
+/// count.
 fn colour(words: &[&[u8]]) -> Option<[u8; 3]> {
     let words = words.first_chunk::<3>()?;
     let is_whole = words.iter().all(|word| whole(word).is_some());
@@ -151,7 +152,7 @@ struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
-    /// None if the corners' number is not one, or out of all bounds.
+    /// Parses a line; `None` if it does not begin with a number of corners within bounds.
     fn of(line: &'a [u8]) -> Option<Words<'a>> {
         let mut corners = words(line);
         let count =

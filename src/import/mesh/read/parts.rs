@@ -14,7 +14,7 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// For names that take up to about `memory` bytes, or a megabyte.
+    /// An empty list for names that take up to about `memory` bytes, or a megabyte.
     pub(super) fn new(memory: u64) -> Parts {
         Parts { names: Vec::new(), numbers: HashMap::new(), bytes: 0, limit: memory.max(1 << 20) }
     }

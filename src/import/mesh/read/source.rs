@@ -40,8 +40,8 @@ impl Source {
         self.map.bytes().unwrap_or_default()
     }
 
-    /// To be told of each line, vertex or face that is read, in order: lets the pages behind go from time to time, so that the
-    /// file does not fill the memory.
+    /// Reports each line, vertex or face that is read, in order: the mapping releases its pages from time to
+    /// time, so that the file does not fill the memory.
     #[inline]
     pub(super) fn passed(&self, number: u64) {
         const OFTEN: u64 = 1 << 17;
@@ -50,7 +50,7 @@ impl Source {
         }
     }
 
-    /// An error at some place of the file.
+    /// An error at a location in the file.
     pub(super) fn corrupt(
         &self,
         place: impl Into<String>,

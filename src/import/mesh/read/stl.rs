@@ -14,7 +14,7 @@ const HEADER: usize = 84;
 /// Bytes of a facet: normal, three corners, and two that some programs use for colours of their own.
 const FACET: usize = 50;
 
-/// What is done with each facet's corners and part.
+/// Callback for each facet: its corners and part.
 type Each<'a> = &'a mut dyn FnMut([[f64; 3]; 3], u32) -> Result<()>;
 
 struct Stl {

@@ -1,4 +1,4 @@
-//! Text formats, taken apart without copying: lines, words and numbers, with places for messages.
+//! Text formats, taken apart without copying: lines, words and numbers, with line numbers for messages.
 
 /// A piece of a file as it can be shown in a message: short, on one line, whatever bytes it has.
 pub(super) fn shown(bytes: &[u8]) -> String {
@@ -7,7 +7,8 @@ pub(super) fn shown(bytes: &[u8]) -> String {
     if bytes.len() > MOST { format!("\"{text}\"... ({} bytes)", bytes.len()) } else { format!("\"{text}\"") }
 }
 
-/// The number of the line, from 1, that the byte at an offset belongs to. Reads everything before it: for messages.
+/// The number of the line, from 1, that the byte at an offset belongs to. Reads everything before it: for
+/// messages.
 pub(super) fn line_number(bytes: &[u8], offset: usize) -> u64 {
     let ends_line = |at: &usize| match bytes[*at] {
         b'\n' => true,
@@ -21,7 +22,7 @@ pub(super) fn line_number(bytes: &[u8], offset: usize) -> u64 {
 #[derive(Clone)]
 pub(super) struct Lines<'a> {
     bytes: &'a [u8],
-    /// Where the next line starts.
+    /// Offset of the next line.
     pub(super) offset: usize,
 }
 
@@ -51,7 +52,7 @@ impl<'a> Iterator for Lines<'a> {
 #[derive(Clone)]
 pub(super) struct Words<'a> {
     bytes: &'a [u8],
-    /// Where the next word is looked for.
+    /// Offset at which the search for the next word begins.
     pub(super) offset: usize,
 }
 

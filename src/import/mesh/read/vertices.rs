@@ -1,4 +1,5 @@
-//! Where vertices are while faces are read: in memory, in a mapped temporary file, or in the model's own file.
+//! Storage of vertices while faces are read: in memory, in a mapped temporary file, or in the model's own
+//! file.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 use crate::io::{Mapped, ReadBackend};
 use crate::{Error, Result};
 
-/// How coordinates are written.
+/// Encoding of coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Coordinates {
     F32,
@@ -16,20 +17,20 @@ pub(super) enum Coordinates {
     F64Big,
 }
 
-/// How vertices stand in some bytes.
+/// Layout of vertices in bytes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     /// Bytes from one vertex to the next.
     pub(super) stride: usize,
     pub(super) coordinates: Coordinates,
-    /// Where x, y and z are in a vertex.
+    /// Offsets of x, y and z in a vertex.
     pub(super) position: [usize; 3],
-    /// Where red, green and blue are in a vertex, a byte each.
+    /// Offsets of red, green and blue in a vertex, a byte each.
     pub(super) colour: Option<[usize; 3]>,
 }
 
 impl Layout {
-    /// Without gaps, as [`Vertices`] keeps them.
+    /// Layout without gaps, as [`Vertices`] keeps them.
     fn packed(coordinates: Coordinates, is_coloured: bool) -> Layout {
         let size = match coordinates {
             Coordinates::F32 | Coordinates::F32Big => 4,
@@ -64,7 +65,7 @@ impl<'a> Table<'a> {
         self.layout.colour.is_some()
     }
 
-    /// A vertex's place; the number must be less than the length.
+    /// Coordinates of a vertex; the number must be less than the length.
     #[inline]
     pub(super) fn position(&self, number: u64) -> [f64; 3] {
         let vertex = &self.bytes[number as usize * self.layout.stride..][..self.layout.stride];
@@ -118,20 +119,20 @@ impl Bounds {
 
 /// Vertices in the order in which a file has them.
 pub(super) struct Vertices {
-    place: Place,
+    storage: Storage,
     layout: Layout,
 }
 
-enum Place {
+enum Storage {
     Memory(Vec<u8>),
     Disk(Mapped),
 }
 
 impl Vertices {
     pub(super) fn table(&self) -> Table<'_> {
-        let bytes = match &self.place {
-            Place::Memory(bytes) => bytes,
-            Place::Disk(map) => map.bytes().unwrap_or_default(),
+        let bytes = match &self.storage {
+            Storage::Memory(bytes) => bytes,
+            Storage::Disk(map) => map.bytes().unwrap_or_default(),
         };
         Table::new(bytes, self.layout)
     }
@@ -140,7 +141,7 @@ impl Vertices {
 /// Collects [`Vertices`].
 pub(super) struct VerticesBuilder {
     layout: Layout,
-    /// What is not on disk.
+    /// Vertices that are not on disk yet.
     bytes: Vec<u8>,
     /// Bytes to keep in memory.
     budget: usize,
@@ -153,7 +154,7 @@ pub(super) struct VerticesBuilder {
 const CHUNK: usize = 1 << 20;
 
 impl VerticesBuilder {
-    /// For vertices that are kept in about `memory` bytes, or else on disk.
+    /// A builder for vertices that are kept in about `memory` bytes, or else on disk.
     ///
     /// Coordinates must be one of the little-endian kinds.
     pub(super) fn new(path: &Path, coordinates: Coordinates, is_coloured: bool, memory: u64) -> Self {
@@ -202,11 +203,11 @@ impl VerticesBuilder {
 
     pub(super) fn finish(mut self) -> Result<Vertices> {
         let Some(mut file) = self.file.take() else {
-            return Ok(Vertices { place: Place::Memory(self.bytes), layout: self.layout });
+            return Ok(Vertices { storage: Storage::Memory(self.bytes), layout: self.layout });
         };
         let failed = Error::io(&self.path, "use a temporary file for the vertices");
         file.write_all(&self.bytes).map_err(failed)?;
         // Nobody else can reach the file: it has no name.
-        Ok(Vertices { place: Place::Disk(Mapped::of(&file, &self.path)?), layout: self.layout })
+        Ok(Vertices { storage: Storage::Disk(Mapped::of(&file, &self.path)?), layout: self.layout })
     }
 }

@@ -1,4 +1,4 @@
-//! Which cells of a block are there, a bit each, and what follows for the nodes above them.
+//! Occupied cells of a block, a bit each, and the states of the nodes above them.
 
 /// A cube of cells, a bit each, at most 64 along each axis.
 ///
@@ -40,6 +40,7 @@ impl Bits {
             let (y, z) = (2 * (row % half), 2 * (row / half));
             let at = z * side + y;
             let four = [self.rows[at], self.rows[at + 1], self.rows[at + side], self.rows[at + side + 1]];
+            // Pairs along x meet in the even bits; the four rows are the pairs along y and z.
             *word = if all {
                 let both = four.into_iter().fold(u64::MAX, |sum, row| sum & row);
                 even_bits(both & both >> 1)
@@ -52,7 +53,7 @@ impl Bits {
     }
 }
 
-/// Moves bit `2 i` to bit `i`.
+/// Compacts the even bits: moves bit `2 i` to bit `i`, as in decoding a Morton code.
 #[inline]
 fn even_bits(mut word: u64) -> u64 {
     word &= 0x5555_5555_5555_5555;
@@ -63,7 +64,7 @@ fn even_bits(mut word: u64) -> u64 {
     (word | word >> 16) & 0x0000_0000_ffff_ffff
 }
 
-/// What all nodes of a block are, from its cells.
+/// Pyramid of the nodes of a block over its cells: which are empty, uniform or mixed.
 pub(super) struct Pyramid {
     /// Nodes that have something below them, by height above the cells.
     any: Vec<Bits>,
@@ -74,10 +75,10 @@ pub(super) struct Pyramid {
     height: u8,
 }
 
-/// What a node of a block is.
+/// State of a node of a block.
 pub(super) enum Content {
     Nothing,
-    /// One value all over; `None` where all cells have the same.
+    /// One value throughout; `None` if the block has no values, as all its cells are alike.
     Uniform(Option<u32>),
     Mixed,
 }
@@ -99,7 +100,7 @@ impl Pyramid {
         pyramid
     }
 
-    /// Takes the nodes off whose eight children, each uniform, have different values.
+    /// Clears the nodes whose eight children, each uniform, have different values.
     fn keep_alike(&self, uniform: &mut Bits, above: usize) {
         let Some(values) = &self.values else { return };
         let side = 1usize << uniform.height;
@@ -111,7 +112,7 @@ impl Pyramid {
                 let value = |child: usize| {
                     let at =
                         std::array::from_fn(|axis| (2 * node[axis] + (child >> axis & 1)) << (above - 1));
-                    values[self.place(at)]
+                    values[self.index(at)]
                 };
                 if (1..8).any(|child| value(child) != value(0)) {
                     uniform.rows[row] &= !(1 << node[0]);
@@ -120,18 +121,18 @@ impl Pyramid {
         }
     }
 
-    fn place(&self, [x, y, z]: [usize; 3]) -> usize {
+    fn index(&self, [x, y, z]: [usize; 3]) -> usize {
         (z << self.height | y) << self.height | x
     }
 
-    /// The node that is so many levels above the cells and has this place among those.
+    /// State of the node `above` levels over the cells, at a position among the nodes of its level.
     #[inline]
     pub(super) fn node(&self, above: u8, at: [usize; 3]) -> Content {
         if !self.any[above as usize].get(at) {
             Content::Nothing
         } else if self.uniform[above as usize].get(at) {
             let first = at.map(|at| at << above);
-            Content::Uniform(self.values.as_ref().map(|values| values[self.place(first)]))
+            Content::Uniform(self.values.as_ref().map(|values| values[self.index(first)]))
         } else {
             Content::Mixed
         }
@@ -174,8 +175,8 @@ mod tests {
                             let cell: [usize; 3] = std::array::from_fn(|axis| {
                                 (at[axis] << above) | (i >> (axis as u8 * above) & mask)
                             });
-                            let place = (cell[2] * side + cell[1]) * side + cell[0];
-                            is_there[place].then_some(value(place))
+                            let index = (cell[2] * side + cell[1]) * side + cell[0];
+                            is_there[index].then_some(value(index))
                         })
                         .collect();
                     let alike = below.iter().all(|cell| *cell == below[0]);

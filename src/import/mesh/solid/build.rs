@@ -1,11 +1,11 @@
-//! From models to the tree.
+//! Building of a tree from the models of a plan.
 
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
 use super::closure::Closure;
-use super::field::Field;
+use super::field::WindingField;
 use super::grid::Triangle;
 use super::inside::{Attribute, Fill, Inside};
 use super::plan::SolidImport;
@@ -19,34 +19,35 @@ use crate::tree::Form;
 use crate::value::{Kind, Rule, SampleType, Value, ValueType};
 use crate::{Error, Progress, Result};
 
-/// What was found while a solid was built.
+/// Counts and measures of a solid that was built.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidReport {
     /// Faces that were read.
     pub faces: u64,
     /// Faces besides those that have fewer than three different corners.
     pub degenerate: u64,
-    /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of triangles.
+    /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of
+    /// triangles.
     pub repaired: u64,
-    /// Triangles that are there more than once, for each time but the first: they count once if the surface is not closed
-    /// with them.
-    pub doubled: u64,
+    /// Triangles that are there more than once, for each time but the first: they count once if the surface
+    /// is not closed with them.
+    pub duplicates: u64,
     /// Triangles they were made of, without those that have no area on the grid.
     pub triangles: u64,
     /// The furthest that a vertex was moved to the grid, in units of the world.
     pub displacement: f64,
-    /// How it was decided what lies inside.
-    pub inside: Decided,
+    /// Test that decided what lies inside.
+    pub inside: InsideTest,
     /// Cells far from the surface that lie in its holes, where the answer is a guess.
     pub undecided: u64,
     /// By which tests triangles were found to cut octants above the blocks of cells, or not.
     pub stages: Stages,
 }
 
-/// How it was decided what lies inside a surface.
+/// Test that decided what lies inside a surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Decided {
-    /// It was not asked: only the surface was wanted.
+pub enum InsideTest {
+    /// None: only the surface was wanted.
     Surface,
     /// The surface is closed: exactly, by winding numbers other than zero.
     Closed,
@@ -56,16 +57,16 @@ pub enum Decided {
     Open,
 }
 
-impl Decided {
+impl InsideTest {
     /// In words.
     pub fn text(self) -> &'static str {
         match self {
-            Decided::Surface => "only its surface",
-            Decided::Closed => "closed: inside is where the winding number is not zero",
-            Decided::Flipped => {
+            InsideTest::Surface => "only its surface",
+            InsideTest::Closed => "closed: inside is where the winding number is not zero",
+            InsideTest::Flipped => {
                 "closed, but with faces turned inside out: inside is where rays cross it an odd number of times"
             }
-            Decided::Open => "open or loose: inside is where the winding field is at least one half",
+            InsideTest::Open => "open or loose: inside is where the winding field is at least one half",
         }
     }
 }
@@ -76,10 +77,12 @@ const TRIANGLE: u64 = size_of::<Triangle>() as u64 + 12;
 impl SolidImport {
     /// Builds the tree, on the threads of the current rayon pool; progress counts cells.
     ///
-    /// Faces are read once. Triangles beyond a half of the memory go to a temporary file in the output's folder.
+    /// Faces are read once. Triangles beyond a half of the memory go to a temporary file in the output's
+    /// folder.
     ///
     /// # Errors
-    /// If a model cannot be read or the output not be written, or on interruption; nothing is left behind then.
+    /// If a model cannot be read or the output not be written, or on interruption; nothing is left behind
+    /// then.
     pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
         let folder = folder(output.path()).to_path_buf();
         let mut read = self.read(&folder, progress)?;
@@ -97,7 +100,7 @@ impl SolidImport {
             faces: read.faces,
             degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
             repaired: read.repaired,
-            doubled: read.doubled,
+            duplicates: read.duplicates,
             triangles: read.triangles.len() as u64,
             displacement: read.displacement,
             inside: decided,
@@ -138,8 +141,8 @@ impl SolidImport {
             .metadata(metadata)
             .share(self.options.share);
         build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
-            report.undecided = solid.counted.undecided.load(Ordering::Relaxed);
-            report.stages = *solid.counted.stages.lock().expect("nobody panics with this lock");
+            report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
+            report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
             metadata.tags = tags(self, &report);
         })?;
         Ok(report)
@@ -183,21 +186,21 @@ impl SolidImport {
             ));
         }
         let Reading { faces, displacement, closure, repaired, .. } = read;
-        Ok(Read { triangles, faces, repaired, doubled: 0, displacement, closure })
+        Ok(Read { triangles, faces, repaired, duplicates: 0, displacement, closure })
     }
 
-    /// How it is to be decided what lies inside.
-    fn inside(&self, read: &mut Read, folder: &Path) -> Result<(Inside, Decided)> {
+    /// Chooses the test for what lies inside.
+    fn inside(&self, read: &mut Read, folder: &Path) -> Result<(Inside, InsideTest)> {
         if self.options.surface {
-            return Ok((Inside::Winding, Decided::Surface));
+            return Ok((Inside::Winding, InsideTest::Surface));
         }
         if read.closure.is_closed() {
-            return Ok((Inside::Winding, Decided::Closed));
+            return Ok((Inside::Winding, InsideTest::Closed));
         }
         if read.closure.is_even() {
-            return Ok((Inside::Parity, Decided::Flipped));
+            return Ok((Inside::Parity, InsideTest::Flipped));
         }
-        let needed = Field::memory(read.triangles.len());
+        let needed = WindingField::memory(read.triangles.len());
         if needed > self.options.memory {
             return Err(Error::TooLarge {
                 path: self.models[0].info().path.clone(),
@@ -207,8 +210,8 @@ impl SolidImport {
                 advice: "give more with --memory, close the surface, or build it with --surface".into(),
             });
         }
-        if let Some(single) = without_doubles(&read.triangles.all()?) {
-            read.doubled = (read.triangles.len() - single.len()) as u64;
+        if let Some(single) = without_duplicates(&read.triangles.all()?) {
+            read.duplicates = (read.triangles.len() - single.len()) as u64;
             let mut collector = Collector::new(self.held(), folder);
             let mut closure = Closure::default();
             for triangle in &single {
@@ -217,19 +220,20 @@ impl SolidImport {
             }
             read.triangles = collector.finish()?;
             if closure.is_closed() {
-                return Ok((Inside::Winding, Decided::Closed));
+                return Ok((Inside::Winding, InsideTest::Closed));
             }
         }
-        Ok((Inside::Field(Field::new(&read.triangles.all()?)?.into()), Decided::Open))
+        Ok((Inside::Field(WindingField::new(&read.triangles.all()?)?.into()), InsideTest::Open))
     }
 }
 
 /// The triangles without those that are there a second time; `None` if there are no such.
-fn without_doubles(triangles: &[Triangle]) -> Option<Vec<Triangle>> {
+fn without_duplicates(triangles: &[Triangle]) -> Option<Vec<Triangle>> {
     let mut seen = HashSet::with_capacity(triangles.len());
     let is_new = |triangle: &&Triangle| {
         let mut corners = triangle.corners;
         let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
+        // Rotated, not sorted: triangles that turn the other way are no duplicates.
         corners.rotate_left(least);
         seen.insert(corners)
     };
@@ -237,17 +241,17 @@ fn without_doubles(triangles: &[Triangle]) -> Option<Vec<Triangle>> {
     (single.len() < triangles.len()).then_some(single)
 }
 
-/// What was read.
+/// Triangles of all models, and counts of their faces.
 struct Read {
     triangles: Triangles,
     faces: u64,
     repaired: u64,
-    doubled: u64,
+    duplicates: u64,
     displacement: f64,
     closure: Closure,
 }
 
-/// What is known while faces are read.
+/// State of the reading of faces, with buffers that are used again for each face.
 #[derive(Default)]
 struct Reading {
     faces: u64,
@@ -291,7 +295,8 @@ impl Reading {
         let wide: Vec<[i64; 3]> = self.snapped.iter().map(|point| point.map(i64::from)).collect();
         let mut triangles = Vec::new();
         if !self.triangulator.triangulate(&wide, face.ring_ends, &mut triangles) {
-            // A face that crosses itself or has no area: fans have its boundary, too, so that what is closed stays so.
+            // A face that crosses itself or has no area: fans have its boundary, too, so that what is closed
+            // stays so.
             self.repaired += 1;
             let mut first = 0;
             for end in face.ring_ends.iter().map(|end| *end as u32) {
@@ -315,7 +320,7 @@ fn mean_colour(colours: &[[u8; 3]]) -> u32 {
     mean(0) << 16 | mean(1) << 8 | mean(2)
 }
 
-/// The type of the values of a solid with so many parts, and what makes a value of an attribute.
+/// Type of the values of a solid with this number of parts, and the function from attributes to values.
 fn values(attribute: Attribute, parts: usize) -> (ValueType, fn(u32) -> Value) {
     match attribute {
         Attribute::Occupancy => (ValueType::new(SampleType::U8, 1), |value| Value::from([value as u8])),
@@ -335,7 +340,7 @@ fn provenance(info: &ModelInfo) -> String {
     format!("mesh {} ({})", info.path.display(), info.format)
 }
 
-/// What the file keeps of a report.
+/// Tags of the tree's file that record a report.
 fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> {
     let boundary = if import.options.surface { "surface" } else { import.options.boundary.name() };
     let tags = [
@@ -343,7 +348,7 @@ fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> 
         ("solid.surface", report.inside.text().to_string()),
         ("solid.triangles", report.triangles.to_string()),
         ("solid.displacement", report.displacement.to_string()),
-        ("solid.doubled_triangles", report.doubled.to_string()),
+        ("solid.doubled_triangles", report.duplicates.to_string()),
         ("solid.repaired_faces", report.repaired.to_string()),
         ("solid.undecided_cells", report.undecided.to_string()),
     ];

@@ -1,10 +1,10 @@
-//! Whether a heap of triangles bounds anything, found in one pass and no memory.
+//! Test whether triangles form a closed surface, in one pass and constant memory.
 //!
-//! The boundary of a surface is the sum of its triangles' directed edges, where opposite edges cancel; a surface is closed
-//! if its boundary is nothing. Instead of keeping the edges, each is turned into a 64-bit random number that depends
-//! on its ends alone, added for one direction and taken off for the other: the sum is zero if all edges cancel, and
-//! is not but by a chance of 2^-64. Without regard to direction, by exclusive or, it tells whether every edge
-//! occurs an even number of times.
+//! The boundary of a surface is the sum of its triangles' directed edges, where opposite edges cancel; a
+//! surface is closed if its boundary is nothing. Instead of keeping the edges, each is turned into a 64-bit
+//! random number that depends on its ends alone, added for one direction and taken off for the other: the sum
+//! is zero if all edges cancel, and is not but by a chance of 2^-64. Without regard to direction, by
+//! exclusive or, it tells whether every edge occurs an even number of times.
 
 /// The boundary of the triangles that were added.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,8 +32,8 @@ impl Closure {
         self.directed == 0
     }
 
-    /// Whether every edge occurs an even number of times, whatever its direction: counting crossings by even and odd is then
-    /// exact.
+    /// Whether every edge occurs an even number of times, whatever its direction: counting crossings by even
+    /// and odd is then exact.
     pub(super) fn is_even(&self) -> bool {
         self.undirected == 0
     }
@@ -52,7 +52,8 @@ fn number(from: [i32; 3], to: [i32; 3]) -> u64 {
         .fold(0, |sum, word| mix(sum ^ word))
 }
 
-/// A permutation of 64-bit numbers that looks random (the finaliser of Stafford, "Better bit mixing", variant 13).
+/// A permutation of 64-bit numbers that looks random (the finaliser of Stafford, "Better bit mixing", variant
+/// 13).
 fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,22 +1,23 @@
-//! How far cells lie inside a closed surface: exactly, from its faces clipped to the cells.
+//! Coverage of cells by a closed surface: exact, from its faces clipped to the cells.
 //!
-//! Let `c` be the mean winding number in a cell, `a` the area of the faces in it seen along an axis, counted by the change of
-//! winding number behind them and in areas of a cell's wall, and `b` the same with each bit of area weighted by the share of
-//! the cell behind it. Then `c - b` is the mean winding number on the wall where the cell begins, and
+//! Let `c` be the mean winding number in a cell, `a` the area of the faces in it seen along an axis, counted
+//! by the change of winding number behind them and in areas of a cell's wall, and `b` the same with each bit
+//! of area weighted by the share of the cell behind it. Then `c - b` is the mean winding number on the wall
+//! where the cell begins, and
 //!
 //! ```text
 //! (c - b) + a  =  c' - b'
 //! ```
 //!
-//! holds for the next cell along the axis, since that one begins where this one ends: what font rasterizers do with
-//! the areas under outlines, in space and from any neighbour. Cells without faces have the winding number of their centre, so
-//! that cells next to them are known, then cells next to those.
+//! holds for the next cell along the axis, since that one begins where this one ends: what font rasterizers
+//! do with the areas under outlines, in space and from any neighbour. Cells without faces have the winding
+//! number of their centre, so that cells next to them are known, then cells next to those.
 
 use super::bits::Bits;
 use super::grid::Triangle;
 use super::inside::FULL;
 
-/// What the faces in a cell are together.
+/// Sums over the faces in a cell.
 #[derive(Clone, Copy, Default)]
 struct Faces {
     cell: u32,
@@ -33,7 +34,7 @@ struct Faces {
 /// The faces of a block of cells, `2^height` along each axis.
 pub(super) struct Coverage {
     height: u8,
-    /// One more than the number of a cell's faces; 0 where there are none.
+    /// One more than the index of a cell in `faces`, by cell; 0 where a cell has no face.
     numbers: Vec<u32>,
     faces: Vec<Faces>,
 }
@@ -92,10 +93,10 @@ impl Coverage {
         let Some((first, others)) = points.split_first().filter(|(_, others)| others.len() > 1) else {
             return;
         };
-        let place = (cell[2] << self.height | cell[1]) << self.height | cell[0];
-        let number = &mut self.numbers[place];
+        let index = (cell[2] << self.height | cell[1]) << self.height | cell[0];
+        let number = &mut self.numbers[index];
         if *number == 0 {
-            self.faces.push(Faces { cell: place as u32, ..Faces::default() });
+            self.faces.push(Faces { cell: index as u32, ..Faces::default() });
             *number = self.faces.len() as u32;
         }
         let faces = &mut self.faces[*number as usize - 1];
@@ -106,6 +107,7 @@ impl Coverage {
                 let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
                 // Behind a face that is seen from the front the winding number is one less.
                 let area = (u[last] * v[next] - u[next] * v[last]) / 2.0;
+                // Depth is linear over a triangle: its mean is that of the corners.
                 let mean = (first[axis] + pair[0][axis] + pair[1][axis]) / 3.0;
                 faces.area[axis] += area;
                 faces.behind[axis] += area * ((cell[axis] + 1) as f64 - mean);
@@ -113,13 +115,16 @@ impl Coverage {
         }
     }
 
-    /// How full all cells are, x fastest, then y, then z; `inside` tells at which centres the winding number is `sign`, not 0.
+    /// Coverage of all cells, 0 to 255, x fastest, then y, then z; `inside` tells at which centres the
+    /// winding number is `sign`, not 0.
     ///
     /// `None` if it does not follow from these: where bodies overlap, or no cell is without faces.
     pub(super) fn solve(mut self, inside: &Bits, sign: f64) -> Option<Vec<u32>> {
         let mut open: Vec<u32> =
             (0..self.faces.len() as u32).filter(|number| self.faces[*number as usize].is_cut).collect();
         while !open.is_empty() {
+            // A wave is worked out as a whole before any of it is kept: the order of the faces has no
+            // influence.
             let known: Vec<Option<f64>> =
                 open.iter().map(|number| self.next(*number, inside, sign)).collect();
             let before = open.len();
@@ -190,8 +195,9 @@ fn minus(a: Point, b: Point) -> Point {
     std::array::from_fn(|axis| a[axis] - b[axis])
 }
 
-/// A convex polygon: a triangle cut by up to six planes has up to 9 corners. (There is room for a few more, since rounding may
-/// make a polygon that is parallel to a plane cross it more than twice; what does not fit then has no area to speak of.)
+/// A convex polygon: a triangle cut by up to six planes has up to 9 corners. (There is room for a few more,
+/// since rounding may make a polygon that is parallel to a plane cross it more than twice; what does not fit
+/// then has no area to speak of.)
 #[derive(Clone, Copy)]
 struct Polygon {
     points: [Point; 12],
@@ -212,8 +218,8 @@ impl Polygon {
     }
 
     fn push(&mut self, point: Point) {
-        if let Some(place) = self.points.get_mut(self.len) {
-            *place = point;
+        if let Some(free) = self.points.get_mut(self.len) {
+            *free = point;
             self.len += 1;
         }
     }
@@ -223,7 +229,8 @@ impl Polygon {
         along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
     }
 
-    /// What lies on either side of a plane across an axis (Sutherland and Hodgman, 1974).
+    /// Clips the polygon at a plane across an axis: the parts below and above it (Sutherland and Hodgman,
+    /// 1974).
     fn split(&self, axis: usize, plane: f64) -> (Polygon, Polygon) {
         let (mut below, mut above) = (Polygon::NONE, Polygon::NONE);
         let Some(mut from) = self.points().last().copied() else { return (below, above) };

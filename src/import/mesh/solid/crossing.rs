@@ -1,10 +1,11 @@
-//! Where lines along an axis pass through triangles: exact, by integer arithmetic.
+//! Crossings of lines along an axis with triangles: exact, by integer arithmetic.
 //!
-//! Winding numbers are asked for at the points of a lattice. Lines between lattice points may pass through edges and
-//! vertices, and lattice points may lie on triangles; to have an answer that is right for all triangles together, the
-//! whole lattice is thought of as moved by an infinitesimal vector, by far the most along x and by far the least along
-//! z (the simulation of simplicity of Edelsbrunner and Muecke, 1990). A tie is then decided by the first derivative that
-//! is not zero, and every line meets a closed surface as a line in general position does.
+//! Winding numbers are asked for at the points of a lattice. Lines between lattice points may pass through
+//! edges and vertices, and lattice points may lie on triangles; to have an answer that is right for all
+//! triangles together, the whole lattice is thought of as moved by an infinitesimal vector, by far the most
+//! along x and by far the least along z (the simulation of simplicity of Edelsbrunner and Muecke, 1990). A
+//! tie is then decided by the first derivative that is not zero, and every line meets a closed surface as a
+//! line in general position does.
 
 use super::grid::Triangle;
 
@@ -18,7 +19,7 @@ pub(super) struct Lattice {
 }
 
 impl Lattice {
-    /// So many points (powers of two) in cells that are `2^fraction` grid steps wide.
+    /// A lattice of `2^per_cell` points along each axis of cells that are `2^fraction` grid steps wide.
     pub(super) fn new(per_cell: [u8; 3], fraction: u8) -> Lattice {
         Lattice { per_cell, step: per_cell.map(|bits| 1 << (fraction - bits)) }
     }
@@ -38,31 +39,31 @@ const fn others(axis: usize) -> (usize, usize) {
     }
 }
 
-/// A triangle seen along the axis `D`, made ready for many lines.
-pub(super) struct Seen<const D: usize> {
+/// A triangle projected along the axis `D`, prepared for many lines.
+pub(super) struct Projected<const D: usize> {
     triangle: Triangle,
     normal: [i64; 3],
     /// By its normal, whether going up the axis leaves (1) or enters (-1) what is behind.
     sign: i32,
 }
 
-impl<const D: usize> Seen<D> {
+impl<const D: usize> Projected<D> {
     /// `None` if it is seen edge-on: no line in general position along the axis meets it.
     #[inline]
     pub(super) fn new(triangle: &Triangle) -> Option<Self> {
         let normal = triangle.normal();
         let sign = normal[D].signum() as i32;
-        (sign != 0).then_some(Seen { triangle: *triangle, normal, sign })
+        (sign != 0).then_some(Projected { triangle: *triangle, normal, sign })
     }
 
-    /// What winding numbers change by where a line going up the axis passes through.
+    /// Change of the winding number along a line that goes up the axis through the triangle: 1 or -1.
     #[inline]
     pub(super) fn change(&self) -> i32 {
         -self.sign
     }
 
-    /// The half-plane to the inner side of an edge, seen along the axis: its values at a point and along the other two
-    /// axes. A point is inside where the value is not negative.
+    /// The half-plane to the inner side of an edge, seen along the axis: its values at a point and along the
+    /// other two axes. A point is inside where the value is not negative.
     #[inline]
     fn half_plane(&self, edge: usize, at: [i32; 3]) -> (i64, i64, i64) {
         let (u, v) = others(D);
@@ -74,6 +75,8 @@ impl<const D: usize> Seen<D> {
         let value = along_u * (at[u] as i64 - a[u] as i64) + along_v * (at[v] as i64 - a[v] as i64);
         // On the edge the infinitesimal step decides, along u first.
         let on_edge_is_inside = if along_u != 0 { along_u > 0 } else { along_v > 0 };
+        // Values are whole: taking off 1 makes an excluded edge negative and changes no other sign.
+        // Differences have 31 bits, so that two products of them and this 1 fit an `i64`.
         (value - i64::from(!on_edge_is_inside), along_u, along_v)
     }
 
@@ -96,7 +99,7 @@ impl<const D: usize> Seen<D> {
         (first > 0) == (self.sign > 0)
     }
 
-    /// How far a point lies on the normal's side of the plane, times the normal's length.
+    /// Signed distance of a point from the plane, times the normal's length.
     fn height(&self, at: [i32; 3]) -> i128 {
         let from = self.triangle.corners[0];
         let along =
@@ -110,14 +113,15 @@ impl<const D: usize> Seen<D> {
         if height == 0 { self.on_plane_is_beyond() } else { (height > 0) == (self.sign > 0) }
     }
 
-    /// How far above a point the line through it meets the plane, in grid steps: to put several in order.
+    /// Distance from a point up the axis to the plane, in grid steps: to put several in order.
     pub(super) fn height_over(&self, at: [i32; 3]) -> f64 {
         let height = self.height(at);
         -height as f64 / self.normal[D] as f64
     }
 
-    /// Hands out where lines of a lattice, which begins at `first`, pass through: the line's numbers along the other two
-    /// axes, of `count` lines each, and the number of lattice points before the triangle, from 0 to `points`.
+    /// Hands out where lines of a lattice, which begins at `first`, pass through: the line's numbers along
+    /// the other two axes, of `count` lines each, and the number of lattice points before the triangle, from
+    /// 0 to `points`.
     #[inline]
     pub(super) fn rows(
         &self,
@@ -151,6 +155,8 @@ impl<const D: usize> Seen<D> {
             let (mut a_here, mut b_here, mut c_here) = (a, b, c);
             let row = (j - along_v.start) as f64;
             for i in along_u.clone() {
+                // The sign bit of the union is that of any negative value: one comparison for three
+                // half-planes.
                 if a_here | b_here | c_here >= 0 {
                     let before = positions.before((i - along_u.start) as f64, row, || {
                         let mut at = first;
@@ -170,8 +176,8 @@ impl<const D: usize> Seen<D> {
         }
     }
 
-    /// How many points of the line that begins at a point lie before the plane, exactly; negative if even points before
-    /// the beginning lie beyond.
+    /// Number of points of the line that begins at a point that lie before the plane, exactly; negative if
+    /// even points before the beginning lie beyond.
     #[cold]
     fn points_before(&self, lattice: &Lattice, at: [i32; 3]) -> i64 {
         let height = self.height(at);
@@ -179,32 +185,42 @@ impl<const D: usize> Seen<D> {
         let over = i128::from(self.normal[D].unsigned_abs()) * i128::from(lattice.step[D]);
         let up = -height * i128::from(self.sign);
         let whole = up.div_euclid(over);
+        // Point `i` lies `i * over` up the axis: points 0 to `whole` are before the plane or on it. The one
+        // on it belongs to the side to which the infinitesimal step moves it.
         let is_on_point = whole * over == up;
         let before = if is_on_point && self.on_plane_is_beyond() { whole } else { whole + 1 };
         before.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64
     }
 }
 
-/// Where lines meet a triangle's plane, in lattice steps up the axis, in floating point where that is sure.
+/// Positions at which lines meet a triangle's plane, in lattice steps up the axis, in floating point where
+/// that is sure.
 struct Positions {
     start: f64,
     along_u: f64,
     along_v: f64,
-    /// What the position can be off by.
+    /// Bound of the rounding error of a position, in lattice steps.
     error: f64,
 }
 
 impl Positions {
-    fn new<const D: usize>(seen: &Seen<D>, lattice: &Lattice, first: [i32; 3], start: [i32; 3]) -> Positions {
+    fn new<const D: usize>(
+        projected: &Projected<D>,
+        lattice: &Lattice,
+        first: [i32; 3],
+        start: [i32; 3],
+    ) -> Positions {
         let (u, v) = others(D);
-        let from = seen.triangle.corners[0];
+        let from = projected.triangle.corners[0];
         let step = f64::from(lattice.step[D]);
-        let normal = seen.normal.map(|n| n as f64);
+        let normal = projected.normal.map(|n| n as f64);
         let (slope_u, slope_v) = (-normal[u] / normal[D] / step, -normal[v] / normal[D] / step);
         let (du, dv) = (f64::from(start[u]) - f64::from(from[u]), f64::from(start[v]) - f64::from(from[v]));
         let position = (f64::from(from[D]) - f64::from(first[D])) / step + slope_u * du + slope_v * dv;
-        // Every term is right to a few units in the last place, and they are no larger than this on the triangle's box.
-        let width = |axis: usize| f64::from(seen.triangle.max(axis)) - f64::from(seen.triangle.min(axis));
+        // Every term is right to a few units in the last place, and they are no larger than this on the
+        // triangle's box.
+        let width =
+            |axis: usize| f64::from(projected.triangle.max(axis)) - f64::from(projected.triangle.min(axis));
         let height = (f64::from(from[D]).abs() + f64::from(first[D]).abs()) / step;
         let size = slope_u.abs() * width(u) + slope_v.abs() * width(v) + height + 1.0;
         Positions {

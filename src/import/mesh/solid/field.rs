@@ -1,9 +1,9 @@
-//! The winding field of a surface that need not be closed: how much of the view from a point is covered by the surface's
-//! inner side, 1 inside a closed one and 0 outside it, and something between near holes.
+//! The winding field of a surface that need not be closed: how much of the view from a point is covered by
+//! the surface's inner side, 1 inside a closed one and 0 outside it, and something between near holes.
 //!
-//! Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers" (2013); the far
-//! field of a group of triangles is that of a dipole: Barill and others, "Fast winding numbers for soups and clouds"
-//! (2018).
+//! Jacobson, Kavan, Sorkine-Hornung, "Robust inside-outside segmentation using generalized winding numbers"
+//! (2013); the far field of a group of triangles is that of a dipole: Barill and others, "Fast winding
+//! numbers for soups and clouds" (2018).
 
 use glam::DVec3;
 
@@ -14,20 +14,21 @@ use crate::{Error, Result};
 
 /// Triangles that are looked at one by one.
 const LEAF: usize = 4;
-/// A group is far away at so many times its radius. What dipoles are wrong by is then about a hundredth of the field inside.
-const FAR: f64 = 2.0;
-/// Where the field is further than this from one half, what is inside is sure.
+/// Distance of a group from a point, in radii of the group, from which on its field is that of a dipole. The
+/// error is then about a hundredth of the field inside.
+const FAR_RATIO: f64 = 2.0;
+/// Distance of the field from one half up to which it is in doubt whether a point is inside.
 pub(super) const DOUBT: f64 = 0.2;
 
-/// A surface's winding field, by a hierarchy of its triangles. A question takes time that grows with the logarithm of their
-/// number.
+/// A surface's winding field, by a hierarchy of its triangles. A question takes time that grows with the
+/// logarithm of their number.
 #[derive(Debug)]
-pub(super) struct Field {
+pub(super) struct WindingField {
     triangles: Vec<[DVec3; 3]>,
     /// In preorder; a group's first part follows it.
     groups: Vec<Group>,
     /// Numbers of the edges that are the surface's boundary, in order.
-    rims: Vec<u64>,
+    boundary: Vec<u64>,
 }
 
 #[derive(Debug)]
@@ -44,8 +45,8 @@ struct Group {
     next: u32,
 }
 
-impl Field {
-    /// Bytes of memory that a field of so many triangles takes.
+impl WindingField {
+    /// Bytes of memory that the field of this number of triangles takes.
     pub(super) fn memory(triangles: usize) -> u64 {
         let groups = 4 * triangles.div_ceil(LEAF);
         // While it is made, there are three numbered edges for each triangle, too.
@@ -56,8 +57,8 @@ impl Field {
     ///
     /// # Errors
     /// If there are more than 2^31.
-    pub(super) fn new(triangles: &[Triangle]) -> Result<Field> {
-        let rims = rims(triangles);
+    pub(super) fn new(triangles: &[Triangle]) -> Result<WindingField> {
+        let boundary = boundary_edges(triangles);
         let mut sorted: Vec<(u64, [DVec3; 3])> = triangles
             .iter()
             .map(|triangle| {
@@ -65,9 +66,8 @@ impl Field {
                     triangle.corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>() / 3
                 };
                 // Coordinates run from -2^29 to 2^30.
-                let place = |axis: usize| ((middle(axis) + (1 << 29)) >> 10) as u32;
-                let key =
-                    (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, place(axis)) << axis);
+                let cell = |axis: usize| ((middle(axis) + (1 << 29)) >> 10) as u32;
+                let key = (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, cell(axis)) << axis);
                 (key, triangle.corners.map(|corner| DVec3::from_array(corner.map(f64::from))))
             })
             .collect();
@@ -77,13 +77,13 @@ impl Field {
         }
         sorted.sort_by_key(|(key, _)| *key);
         let triangles: Vec<_> = sorted.into_iter().map(|(_, triangle)| triangle).collect();
-        let mut field = Field { triangles, groups: Vec::new(), rims };
+        let mut field = WindingField { triangles, groups: Vec::new(), boundary };
         field.group(0, field.triangles.len());
         Ok(field)
     }
 
     fn group(&mut self, first: usize, end: usize) {
-        let place = self.groups.len();
+        let index = self.groups.len();
         let triangles = &self.triangles[first..end];
         let (mut normal, mut centre, mut area) = (DVec3::ZERO, DVec3::ZERO, 0.0);
         for [a, b, c] in triangles {
@@ -103,7 +103,7 @@ impl Field {
             self.group(first, middle);
             self.group(middle, end);
         }
-        self.groups[place].next = self.groups.len() as u32;
+        self.groups[index].next = self.groups.len() as u32;
     }
 
     /// The field at a point, in grid steps.
@@ -111,37 +111,38 @@ impl Field {
         self.of_groups(0, self.groups.len(), point)
     }
 
-    /// What the groups from one up to, not including, another make of the field at a point.
-    fn of_groups(&self, mut place: usize, end: usize, point: DVec3) -> f64 {
+    /// Contribution of the groups `index .. end` to the field at a point.
+    fn of_groups(&self, mut index: usize, end: usize, point: DVec3) -> f64 {
         let mut sum = 0.0;
-        while place < end {
-            let group = &self.groups[place];
+        // Groups are in preorder and know the group behind their subtree: the walk needs no stack.
+        while index < end {
+            let group = &self.groups[index];
             let away = group.centre - point;
             let distance = away.length();
-            if distance > FAR * group.radius {
+            if distance > FAR_RATIO * group.radius {
                 sum += group.normal.dot(away) / (distance * distance * distance);
-                place = group.next as usize;
+                index = group.next as usize;
             } else if group.count as usize <= LEAF {
                 let triangles = &self.triangles[group.first as usize..][..group.count as usize];
                 sum += triangles.iter().map(|triangle| solid_angle(triangle, point)).sum::<f64>();
-                place = group.next as usize;
+                index = group.next as usize;
             } else {
-                place += 1;
+                index += 1;
             }
         }
         sum / (4.0 * std::f64::consts::PI)
     }
 
     /// The field as it is everywhere.
-    pub(super) fn everywhere(&self) -> Nearby<'_> {
+    pub(super) fn everywhere(&self) -> LocalField<'_> {
         let near = if self.groups.is_empty() { Vec::new() } else { vec![0] };
-        Nearby { field: self, centre: DVec3::ZERO, value: 0.0, gradient: DVec3::ZERO, near }
+        LocalField { field: self, centre: DVec3::ZERO, value: 0.0, gradient: DVec3::ZERO, near }
     }
 
     /// Edges of a triangle that are the surface's boundary.
-    pub(super) fn rims(&self, triangle: &Triangle) -> impl Iterator<Item = [[i32; 3]; 2]> {
+    pub(super) fn boundary_edges(&self, triangle: &Triangle) -> impl Iterator<Item = [[i32; 3]; 2]> {
         let edges = edges(triangle).into_iter();
-        edges.filter(|[from, to]| self.rims.binary_search(&edge_number(*from, *to).0).is_ok())
+        edges.filter(|[from, to]| self.boundary.binary_search(&edge_number(*from, *to).0).is_ok())
     }
 
     /// The winding number of a cube that no triangle reaches into; `None` where it is in doubt somewhere.
@@ -149,9 +150,9 @@ impl Field {
         let (min, width) = (DVec3::from_array(min.map(f64::from)), f64::from(width));
         let mut answer = None;
         let corners = (0..8).map(|i| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64));
-        for place in [DVec3::splat(0.5)].into_iter().chain(corners) {
+        for at in [DVec3::splat(0.5)].into_iter().chain(corners) {
             // A little inside the cube: its corners may lie on triangles.
-            let field = self.at(min + (place * 0.98 + 0.01) * width);
+            let field = self.at(min + (at * 0.98 + 0.01) * width);
             let whole = field.round();
             if (field - whole).abs() > 0.5 - DOUBT || answer.is_some_and(|answer| answer != whole) {
                 return None;
@@ -162,26 +163,26 @@ impl Field {
     }
 }
 
-/// The field in a ball: what comes from afar is taken as linear there, so that only what is near need be looked at for every
+/// The field in a ball: the far field is linear there, so that only the near field is evaluated for every
 /// point.
-pub(super) struct Nearby<'a> {
-    field: &'a Field,
+pub(super) struct LocalField<'a> {
+    field: &'a WindingField,
     centre: DVec3,
-    /// What comes from afar at the centre, and how it grows from there.
+    /// Far field at the centre, and its gradient there.
     value: f64,
     gradient: DVec3,
-    /// Groups that are near.
+    /// Indices of the groups in the near field.
     near: Vec<u32>,
 }
 
-/// A group is afar from a ball at so many times the ball's radius. What is not linear of its field is then less than
-/// a thirtieth.
-const AFAR: f64 = 6.0;
+/// Distance of a group from a ball, in radii of the ball, from which on its field is taken as linear in the
+/// ball. The error is then less than a thirtieth of the field.
+const LINEAR_RATIO: f64 = 6.0;
 
-impl Nearby<'_> {
+impl LocalField<'_> {
     /// The field in a ball inside this one.
-    pub(super) fn narrow(&self, centre: DVec3, radius: f64) -> Nearby<'_> {
-        let mut inner = Nearby {
+    pub(super) fn narrow(&self, centre: DVec3, radius: f64) -> LocalField<'_> {
+        let mut inner = LocalField {
             field: self.field,
             centre,
             value: self.value + self.gradient.dot(centre - self.centre),
@@ -189,19 +190,21 @@ impl Nearby<'_> {
             near: Vec::new(),
         };
         let mut open = self.near.clone();
-        while let Some(place) = open.pop() {
-            let group = &self.field.groups[place as usize];
+        while let Some(index) = open.pop() {
+            let group = &self.field.groups[index as usize];
             let away = group.centre - centre;
             let distance = away.length();
-            if distance > (FAR * group.radius + radius).max(AFAR * radius) {
+            // Far for every point of the ball, so that the dipole holds there, and far against the ball's own
+            // size, so that its value and gradient at the centre are enough.
+            if distance > (FAR_RATIO * group.radius + radius).max(LINEAR_RATIO * radius) {
                 let scale = 4.0 * std::f64::consts::PI * distance.powi(3);
                 let along = group.normal.dot(away);
                 inner.value += along / scale;
                 inner.gradient += (away * (3.0 * along / distance.powi(2)) - group.normal) / scale;
             } else if group.count as usize <= LEAF || group.radius < radius {
-                inner.near.push(place);
+                inner.near.push(index);
             } else {
-                let first = place + 1;
+                let first = index + 1;
                 open.extend([self.field.groups[first as usize].next, first]);
             }
         }
@@ -210,9 +213,9 @@ impl Nearby<'_> {
 
     /// The field at a point of the ball.
     pub(super) fn at(&self, point: DVec3) -> f64 {
-        let groups = self.near.iter().map(|place| {
-            let end = self.field.groups[*place as usize].next;
-            self.field.of_groups(*place as usize, end as usize, point)
+        let groups = self.near.iter().map(|index| {
+            let end = self.field.groups[*index as usize].next;
+            self.field.of_groups(*index as usize, end as usize, point)
         });
         self.value + self.gradient.dot(point - self.centre) + groups.sum::<f64>()
     }
@@ -224,7 +227,7 @@ fn edges(triangle: &Triangle) -> [[[i32; 3]; 2]; 3] {
 }
 
 /// The numbers of the edges that triangles have more often in one direction than in the other, in order.
-fn rims(triangles: &[Triangle]) -> Vec<u64> {
+fn boundary_edges(triangles: &[Triangle]) -> Vec<u64> {
     let mut numbers: Vec<(u64, i32)> = triangles
         .iter()
         .flat_map(edges)
@@ -239,7 +242,8 @@ fn rims(triangles: &[Triangle]) -> Vec<u64> {
     same.filter(|edge| edge.iter().map(|(_, way)| way).sum::<i32>() != 0).map(|edge| edge[0].0).collect()
 }
 
-/// The solid angle under which a triangle is seen, positive from its inner side (Van Oosterom and Strackee, 1983).
+/// The solid angle under which a triangle is seen, positive from its inner side (Van Oosterom and Strackee,
+/// 1983).
 fn solid_angle([a, b, c]: &[DVec3; 3], from: DVec3) -> f64 {
     let (a, b, c) = (*a - from, *b - from, *c - from);
     let (la, lb, lc) = (a.length(), b.length(), c.length());
@@ -271,7 +275,7 @@ mod tests {
                 triangles.push(Triangle { corners: [a, c, d], attribute: 0 });
             }
         }
-        let field = Field::new(&triangles).unwrap();
+        let field = WindingField::new(&triangles).unwrap();
         for (point, expected) in
             [([0.0, 0.0, 0.0], 1.0), ([9000.0, 0.0, 0.0], 1.0), ([0.0, 11000.0, 0.0], 0.0)]
         {
@@ -284,19 +288,19 @@ mod tests {
         let (middle, radius) = (DVec3::new(9500.0, 500.0, 0.0), 400.0);
         let (everywhere, outer) = (field.everywhere(), DVec3::new(9000.0, 0.0, 0.0));
         let outer = everywhere.narrow(outer, 1500.0);
-        let nearby = outer.narrow(middle, radius);
+        let local = outer.narrow(middle, radius);
         for corner in 0..8 {
             let away = DVec3::new((corner & 1) as f64, (corner >> 1 & 1) as f64, (corner >> 2) as f64) - 0.5;
             let point = middle + away * radius;
-            let (found, expected) = (nearby.at(point), field.at(point));
+            let (found, expected) = (local.at(point), field.at(point));
             assert!((found - expected).abs() < 0.02, "{point}: {found}, not {expected}");
         }
         // The upper half alone is a bowl; in its opening the field is a half.
-        assert!(triangles.iter().all(|triangle| field.rims(triangle).next().is_none()));
+        assert!(triangles.iter().all(|triangle| field.boundary_edges(triangle).next().is_none()));
         triangles.retain(|triangle| triangle.min(2) >= -10);
-        let field = Field::new(&triangles).unwrap();
-        let rims = triangles.iter().flat_map(|triangle| field.rims(triangle));
-        assert_eq!(rims.filter(|rim| rim.iter().all(|end| end[2].abs() < 10)).count(), 2 * rings as usize);
+        let field = WindingField::new(&triangles).unwrap();
+        let edges = triangles.iter().flat_map(|triangle| field.boundary_edges(triangle));
+        assert_eq!(edges.filter(|edge| edge.iter().all(|end| end[2].abs() < 10)).count(), 2 * rings as usize);
         assert!((field.at(DVec3::new(0.0, 0.0, 0.0)) - 0.5).abs() < 0.02);
         assert_eq!(field.uniform([-100; 3], 200), None);
     }

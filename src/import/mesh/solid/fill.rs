@@ -1,19 +1,20 @@
 //! Fills one block: from the triangles that touch it to its cells.
 //!
-//! The winding number at the block's first lattice point is known. Crossings along z lead to the first point of every
-//! slice, from there crossings along y to the first point of every row, and crossings along x through the rows.
+//! The winding number at the block's first lattice point is known. Crossings along z lead to the first point
+//! of every slice, from there crossings along y to the first point of every row, and crossings along x
+//! through the rows.
 
 use super::bits::{Bits, Pyramid};
 use super::coverage::Coverage;
-use super::crossing::{Lattice, Seen};
+use super::crossing::{Lattice, Projected};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, Fill, Inside, State};
 use crate::import::mesh::face::triangle;
 
-/// Where a line passes through a triangle.
+/// Crossing of a line with a triangle.
 #[derive(Clone, Copy)]
 struct Crossing {
-    /// Which line of several.
+    /// Number of the line.
     line: u32,
     /// Lattice points before it.
     before: u16,
@@ -21,16 +22,16 @@ struct Crossing {
     attribute: u32,
 }
 
-/// Crossings that are kept before those in one place are added up: a heap of triangles that all cover the block must not
-/// take more memory than its lattice.
+/// Crossings that are kept before those at one point are added up: many triangles that all cover the
+/// block must not take more memory than its lattice.
 const MANY: usize = 1 << 20;
 
-/// Adds up the changes in one place and of one attribute.
+/// Adds up the changes at one point and of one attribute.
 fn add_up(crossings: &mut Vec<Crossing>) {
-    let place = |crossing: &Crossing| (crossing.line, crossing.before, crossing.attribute);
-    crossings.sort_unstable_by_key(place);
+    let key = |crossing: &Crossing| (crossing.line, crossing.before, crossing.attribute);
+    crossings.sort_unstable_by_key(key);
     crossings.dedup_by(|next, sum| {
-        let same = place(next) == place(sum);
+        let same = key(next) == key(sum);
         if same {
             sum.change += next.change;
         }
@@ -42,13 +43,13 @@ fn add_up(crossings: &mut Vec<Crossing>) {
 /// Crossings of many lines, in the order in which one meets them.
 struct Crossings {
     sorted: Vec<Crossing>,
-    /// Where each line's begin; one more than there are lines.
+    /// Index of each line's first crossing; one more than there are lines.
     starts: Vec<u32>,
 }
 
 impl Crossings {
-    /// Sorts by line, along the line, and where several triangles lie in one place, those that are left first: touching
-    /// bodies are left before the next is entered.
+    /// Sorts by line, along the line, and where several triangles meet it at one point, those that are left
+    /// first: touching bodies are left before the next is entered.
     fn new(crossings: &[Crossing], lines: usize) -> Crossings {
         let mut starts = vec![0u32; lines + 1];
         for crossing in crossings {
@@ -61,9 +62,9 @@ impl Crossings {
         let nothing = Crossing { line: 0, before: 0, change: 0, attribute: 0 };
         let mut sorted = vec![nothing; crossings.len()];
         for crossing in crossings {
-            let place = &mut next[crossing.line as usize];
-            sorted[*place as usize] = *crossing;
-            *place += 1;
+            let index = &mut next[crossing.line as usize];
+            sorted[*index as usize] = *crossing;
+            *index += 1;
         }
         for line in 0..lines {
             let range = starts[line] as usize..starts[line + 1] as usize;
@@ -80,7 +81,8 @@ impl Crossings {
     }
 }
 
-/// The crossings of a lattice's lines along `D`, `count` of them along the other two axes, with all triangles.
+/// The crossings of a lattice's lines along `D`, `count` of them along the other two axes, with all
+/// triangles.
 fn cross<const D: usize>(
     triangles: &[Triangle],
     lattice: &Lattice,
@@ -100,9 +102,9 @@ fn cross<const D: usize>(
         if (D == 1 && !alone(0)) || (D == 2 && !(alone(0) && alone(1))) {
             continue;
         }
-        let Some(seen) = Seen::<D>::new(triangle) else { continue };
-        let change = seen.change();
-        seen.rows(lattice, first, count, points, |u, v, before| {
+        let Some(projected) = Projected::<D>::new(triangle) else { continue };
+        let change = projected.change();
+        projected.rows(lattice, first, count, points, |u, v, before| {
             // Those before the first point or behind the last change nothing here.
             if before > 0 && before < points {
                 let line = (v * count[0] + u) as u32;
@@ -114,7 +116,8 @@ fn cross<const D: usize>(
     Crossings::new(&crossings, count[0] * count[1])
 }
 
-/// Goes along a line from a state: hands out the state and where it ends, for each stretch, and returns the last.
+/// Goes along a line from a state: hands out the state and where it ends, for each run, and returns the
+/// last.
 fn walk(
     mut state: State,
     line: &[Crossing],
@@ -134,9 +137,10 @@ fn walk(
     state
 }
 
-/// Hands out the stretches of all rows of a block's lattice along which the state is the same: the row along y and z, where
-/// it begins and ends along x, and the state. Rows without a crossing and with no winding are left out.
-pub(super) fn each_stretch(
+/// Hands out the runs of all rows of a block's lattice along which the state is the same: the row along
+/// y and z, where it begins and ends along x, and the state. Rows without a crossing and with no winding are
+/// left out.
+pub(super) fn each_run(
     lattice: &Lattice,
     triangles: &[Triangle],
     min: [i32; 3],
@@ -163,14 +167,14 @@ pub(super) fn each_stretch(
     }
 }
 
-/// How far the cells of a block lie inside, exactly; `None` where that does not follow from the faces.
+/// Coverage of the cells of a block, exact; `None` where that does not follow from the faces.
 fn covered(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state: State) -> Option<Pyramid> {
     if !matches!(fill.inside, Inside::Winding) {
         return None;
     }
     let mut inside = Bits::new(height);
     let (mut least, mut most) = (0, 0);
-    each_stretch(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
+    each_run(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
         (least, most) = (state.winding.min(least), state.winding.max(most));
         if state.winding != 0 {
             inside.rows[z << height | y] |= Bits::run(from, to);
@@ -188,7 +192,7 @@ fn covered(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state
     Some(Pyramid::new(inside, Some(values)))
 }
 
-/// How far the cells of a block lie inside, by many points in each cell.
+/// Coverage of the cells of a block, by many points in each cell.
 fn sampled(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, mut state: State) -> Pyramid {
     let samples = Lattice::new(SAMPLES, fill.grid.fraction);
     let (mut at, to) = (fill.lattice.first(min), samples.first(min));
@@ -197,7 +201,7 @@ fn sampled(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, mut s
     state.winding += change::<1>(triangles, &mut at, to);
     state.winding += change::<0>(triangles, &mut at, to);
     let mut counts = Counts::new(height);
-    each_stretch(&samples, triangles, min, height, state, |y, z, from, to, state| {
+    each_run(&samples, triangles, min, height, state, |y, z, from, to, state| {
         if fill.is_inside(state.winding) {
             counts.row(y, z, from, to);
         }
@@ -205,13 +209,17 @@ fn sampled(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, mut s
     counts.finish()
 }
 
-/// What winding numbers change by from a point to where another one is along the axis `D`; moves the first there.
+/// Change of the winding number from one point to the coordinate of another along the axis `D`; moves the
+/// first point there.
 fn change<const D: usize>(triangles: &[Triangle], from: &mut [i32; 3], to: [i32; 3]) -> i32 {
     let mut end = *from;
     end[D] = to[D];
     let passed = triangles.iter().filter_map(|triangle| {
-        let seen = Seen::<D>::new(triangle).filter(|seen| seen.is_met(end))?;
-        Some(seen.change() * (i32::from(seen.is_beyond(end)) - i32::from(seen.is_beyond(*from))))
+        let projected = Projected::<D>::new(triangle).filter(|projected| projected.is_met(end))?;
+        Some(
+            projected.change()
+                * (i32::from(projected.is_beyond(end)) - i32::from(projected.is_beyond(*from))),
+        )
     });
     let change = passed.sum();
     *from = end;
@@ -240,6 +248,9 @@ impl Counts {
         let row = (z >> SAMPLES[2]) << self.height | y >> SAMPLES[1];
         let differences = &mut self.differences[row * (side + 1)..][..side + 1];
         let whole = 1i32 << SAMPLES[0];
+        // A run from `at` to the row's end has `whole - before` points in its first cell and `whole` in each
+        // one behind. As differences that is two entries; a run that ends is one from its start less one from
+        // its end.
         for (at, sign) in [(from, 1), (to, -1)] {
             let cell = at >> SAMPLES[0];
             let before = at as i32 & (whole - 1);
@@ -269,8 +280,8 @@ impl Counts {
     }
 }
 
-/// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state` is that of its
-/// first lattice point.
+/// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state`
+/// is that of its first lattice point.
 pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state: State) -> Pyramid {
     if fill.boundary == Boundary::Coverage && !fill.surface {
         let exact = covered(fill, triangles, min, height, state);
@@ -278,7 +289,7 @@ pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: 
     }
     let mut painter = Painter::new(fill, height);
     if !fill.surface {
-        each_stretch(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
+        each_run(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
             if fill.is_inside(state.winding) {
                 painter.row(y, z, from, to, state.attribute);
             }
@@ -288,7 +299,7 @@ pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: 
     painter.finish()
 }
 
-/// What is painted into a block.
+/// Cells and values of a block while it is filled.
 pub(super) struct Painter<'a> {
     fill: &'a Fill,
     pub(super) cells: Bits,
@@ -324,7 +335,7 @@ impl<'a> Painter<'a> {
         }
     }
 
-    /// What the surface cuts is there, or at least shows the surface's colour.
+    /// Rasterises the surface: marks the cells that it cuts, or gives cells of the solid its colour.
     pub(super) fn surface(&mut self, triangles: &[Triangle], min: [i32; 3]) {
         let fill = self.fill;
         if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
@@ -341,7 +352,8 @@ impl<'a> Painter<'a> {
             let (low, high) =
                 (triangle.min(axis) as i64 - min[axis] as i64, triangle.max(axis) as i64 - min[axis] as i64);
             let cell = cell as i64;
-            // Open cells: a triangle that ends on a wall does not reach the cell behind it, nor does one that lies in it.
+            // Open cells: a triangle that ends on a wall does not reach the cell behind it, nor does one that
+            // lies in it.
             let first = low.div_euclid(cell).max(0);
             let end = (high + cell - 1).div_euclid(cell).min(side as i64);
             if first >= end || (low == high && low.rem_euclid(cell) == 0) {
@@ -359,7 +371,7 @@ impl<'a> Painter<'a> {
         self.descend(&cut, [0; 3], self.cells.height);
     }
 
-    /// Marks those of a node of cells that has its first one at a place.
+    /// Marks those of a node of cells whose first cell is at `at`.
     fn descend(&mut self, cut: &Cut, at: [usize; 3], height: u8) {
         let side = 1usize << height;
         if (0..3).any(|axis| at[axis] >= cut.to[axis] || at[axis] + side <= cut.from[axis]) {
@@ -413,6 +425,7 @@ const COLOUR: u32 = 0x00ff_ffff;
 
 /// The mean of the colours that were blended already and another one.
 fn blend(value: u32, colour: u32) -> u32 {
+    // The count has 8 bits: from 255 colours on, each further one has the weight of a 255th.
     let count = (value >> 24).min(254);
     let channel = |shift: u32| {
         let (old, new) = (value >> shift & 255, colour >> shift & 255);

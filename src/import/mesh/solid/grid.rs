@@ -1,12 +1,13 @@
-//! The fixed-point grid that vertices are snapped to, so that every decision after that is integer arithmetic.
+//! The fixed-point grid that vertices are snapped to, so that every decision after that is integer
+//! arithmetic.
 
 use std::path::Path;
 
 use crate::space::Frame;
 use crate::{Error, Result};
 
-/// Bits of a coordinate in the tree's space, cells and fraction together. Vertices may lie outside by as much as the
-/// space is wide, differences then have 31 bits, and products of two differences fit an `i64`.
+/// Bits of a coordinate in the tree's space, cells and fraction together. Vertices may lie outside by as much
+/// as the space is wide, differences then have 31 bits, and products of two differences fit an `i64`.
 const BITS: u8 = 29;
 
 /// Bits of the fraction at most: finer than a millionth of a cell serves nobody.
@@ -17,7 +18,7 @@ const FRACTION: u8 = 20;
 pub(super) struct Triangle {
     /// Counterclockwise seen from outside the solid.
     pub(super) corners: [[i32; 3]; 3],
-    /// What it gives to the cells behind it: a part's number or a colour.
+    /// Value of the cells behind it: a part's number, or a colour as 0x00RRGGBB; 0 for occupancy.
     pub(super) attribute: u32,
 }
 
@@ -72,7 +73,8 @@ impl Grid {
                 matrix[row][axis] = (image[row] - origin[row]) * steps;
             }
         }
-        // Where cells lie along the world's axes the origin must come out exactly, or boxes on the grid would not.
+        // Where cells lie along the world's axes the origin must come out exactly, or boxes on the grid would
+        // not.
         for row in 0..3 {
             matrix[row][3] = origin[row] * steps;
         }

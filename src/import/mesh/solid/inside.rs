@@ -1,39 +1,40 @@
-//! What belongs to a solid, and what its cells say.
+//! Rules for which cells belong to a solid, and for their values.
 
 use std::str::FromStr;
 use std::sync::Arc;
 
 use super::crossing::Lattice;
-use super::field::Field;
+use super::field::WindingField;
 use super::grid::Grid;
 use crate::{Error, Result};
 
 /// Occupancy of a cell that is full.
 pub(super) const FULL: u32 = 255;
 
-/// Which of the cells that the surface cuts belong to the solid.
+/// Rule for the cells that the surface cuts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Boundary {
-    /// All of them: the literature's rule.
+    /// All of them belong to the solid: the rule of the literature.
     Full,
-    /// Those whose centre lies inside.
+    /// Cells belong to it whose centre lies inside.
     #[default]
     Centre,
-    /// Each as far as it lies inside. Closed surfaces are clipped to the cells, which is exact; blocks of cells in which bodies
-    /// overlap, and surfaces with faces turned inside out, are sampled by 4 x 4 lines through each cell, of 16 points; open
-    /// surfaces by 4 x 4 x 4 points of their winding field.
+    /// Each cell has the share of it that lies inside. Closed surfaces are clipped to the cells, which is
+    /// exact; blocks of cells in which bodies overlap, and surfaces with faces turned inside out, are sampled
+    /// by 4 x 4 lines through each cell, of 16 points; open surfaces by 4 x 4 x 4 points of their winding
+    /// field.
     Coverage,
 }
 
-/// What the cells of a solid say.
+/// Meaning of the values of a solid's cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Attribute {
-    /// That they are full, or how far.
+    /// Share of the cell that is filled, from 0 to 255.
     #[default]
     Occupancy,
-    /// The colour of the surface; inside, that of the face behind which a cell lies.
+    /// Colour of the surface; inside, that of the face behind which a cell lies.
     Colour,
-    /// Which part of the model they belong to.
+    /// Number of the part of the model, from 1.
     Part,
 }
 
@@ -77,7 +78,7 @@ impl FromStr for Attribute {
     }
 }
 
-/// How it is known what lies inside.
+/// Rule for what lies inside a surface.
 #[derive(Clone, Debug)]
 pub(super) enum Inside {
     /// Winding numbers other than zero.
@@ -85,10 +86,10 @@ pub(super) enum Inside {
     /// An odd number of crossings.
     Parity,
     /// A winding field of at least one half, or at most minus one half: for surfaces that are not closed.
-    Field(Arc<Field>),
+    Field(Arc<WindingField>),
 }
 
-/// How nodes are filled.
+/// Parameters for filling nodes.
 #[derive(Clone, Debug)]
 pub(super) struct Fill {
     pub(super) grid: Grid,
@@ -115,11 +116,11 @@ impl Fill {
     }
 }
 
-/// What is known at a point.
+/// Winding number and attribute at a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct State {
     pub(super) winding: i32,
-    /// That of the face through which the solid was entered last.
+    /// Attribute of the face through which the solid was entered last.
     pub(super) attribute: u32,
 }
 

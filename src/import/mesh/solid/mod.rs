@@ -1,4 +1,4 @@
-//! From a model to its solid: vertices are snapped to a grid, triangles become a source, the source becomes a tree.
+//! Solids from models: vertices are snapped to a grid, triangles become a source, the source becomes a tree.
 
 mod bits;
 mod build;
@@ -14,6 +14,6 @@ mod plan;
 mod source;
 mod triangles;
 
-pub use build::{Decided, SolidReport};
+pub use build::{InsideTest, SolidReport};
 pub use inside::{Attribute, Boundary};
 pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, plan_models};

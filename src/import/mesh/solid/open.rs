@@ -1,24 +1,26 @@
 //! Fills one block of cells inside a surface that is not closed.
 //!
-//! A surface without its holes' rims is closed as far as one can see from within a box: winding numbers change by the surface's
-//! crossings there, and what comes from holes far away changes slowly. So in boxes without a rim the winding field is
-//! asked for at a few places, tells how much it is off the number of crossings, and if that is nearly the same whole number
-//! everywhere, crossings decide all cells. Other boxes are divided, down to single cells whose field is asked for.
+//! A surface without the edges of its holes is closed as far as one can see from within a box: winding
+//! numbers change by the surface's crossings there, and what comes from holes far away changes slowly. So in
+//! boxes without such an edge the winding field is asked for at a few points, tells how much it is off the
+//! number of crossings, and if that is nearly the same whole number everywhere, crossings decide all cells.
+//! Other boxes are divided, down to single cells whose field is asked for.
 
 use glam::DVec3;
 
 use super::bits::{Bits, Pyramid};
 use super::coverage::Coverage;
-use super::field::{DOUBT, Field, Nearby};
-use super::fill::{Painter, each_stretch};
+use super::field::{DOUBT, LocalField, WindingField};
+use super::fill::{Painter, each_run};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, Fill, State};
 use crate::import::mesh::face::triangle;
 
-/// The cells of a block by a winding field; also how many cells without a face it could not tell apart from others for sure.
+/// The cells of a block by a winding field; also how many cells without a face it could not tell apart from
+/// others for sure.
 pub(super) fn block(
     fill: &Fill,
-    field: &Field,
+    field: &WindingField,
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
@@ -37,7 +39,7 @@ pub(super) fn block(
 
 struct Open<'a> {
     fill: &'a Fill,
-    field: &'a Field,
+    field: &'a WindingField,
     min: [i32; 3],
     painter: Painter<'a>,
     attribute: u32,
@@ -61,21 +63,21 @@ impl Open<'_> {
         DVec3::from_array(self.corner(at).map(f64::from)) + half
     }
 
-    /// Fills a cube of cells that begins at a cell of the block, from the triangles that reach into it and the field
-    /// around it.
-    fn cube(&mut self, around: &Nearby<'_>, triangles: &[Triangle], height: u8, at: [usize; 3]) {
+    /// Fills a cube of cells that begins at a cell of the block, from the triangles that reach into it and
+    /// the field around it.
+    fn cube(&mut self, around: &LocalField<'_>, triangles: &[Triangle], height: u8, at: [usize; 3]) {
         let middle = self.middle(at, height);
-        let nearby =
+        let local =
             around.narrow(middle, (middle - self.middle(at, 0)).length() + f64::from(self.fill.cell()));
         if height == 0 {
-            return self.cell(&nearby, triangles, at);
+            return self.cell(&local, triangles, at);
         }
         let (low, high) = self.bounds(at, height);
-        let has_rim = triangles
+        let has_boundary = triangles
             .iter()
-            .flat_map(|triangle| self.field.rims(triangle))
+            .flat_map(|triangle| self.field.boundary_edges(triangle))
             .any(|[a, b]| triangle::segment_cuts(wide(a), wide(b), low, high));
-        if !has_rim && self.by_crossings(&nearby, triangles, height, at) {
+        if !has_boundary && self.by_crossings(&local, triangles, height, at) {
             return;
         }
         for child in 0..8 {
@@ -83,14 +85,14 @@ impl Open<'_> {
             let (low, high) = self.bounds(at, height - 1);
             let reaches = |triangle: &&Triangle| triangle::cuts(&triangle.corners.map(wide), low, high);
             let inner: Vec<Triangle> = triangles.iter().filter(reaches).copied().collect();
-            self.cube(&nearby, &inner, height - 1, at);
+            self.cube(&local, &inner, height - 1, at);
         }
     }
 
     /// Fills a cube by the crossings of its rows, if the winding field agrees with them.
     fn by_crossings(
         &mut self,
-        nearby: &Nearby<'_>,
+        local: &LocalField<'_>,
         triangles: &[Triangle],
         height: u8,
         at: [usize; 3],
@@ -98,21 +100,14 @@ impl Open<'_> {
         let (side, min) = (1usize << height, self.corner(at));
         // Winding numbers against that of the first cell.
         let mut windings = vec![0; side * side * side];
-        each_stretch(
-            &self.fill.lattice,
-            triangles,
-            min,
-            height,
-            State::default(),
-            |y, z, from, to, state| {
-                windings[(z << height | y) << height..][from..to].fill(state.winding);
-            },
-        );
+        each_run(&self.fill.lattice, triangles, min, height, State::default(), |y, z, from, to, state| {
+            windings[(z << height | y) << height..][from..to].fill(state.winding);
+        });
         let mut off = None;
         let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| (corner >> axis & 1) * (side - 1)));
         for cell in corners.chain([[side / 2; 3]]) {
             let winding = windings[(cell[2] << height | cell[1]) << height | cell[0]];
-            let field = nearby.at(self.middle(std::array::from_fn(|axis| at[axis] + cell[axis]), 0));
+            let field = local.at(self.middle(std::array::from_fn(|axis| at[axis] + cell[axis]), 0));
             let difference = field - f64::from(winding);
             let whole = difference.round();
             if (difference - whole).abs() > 0.5 - DOUBT || off.is_some_and(|off| off != whole) {
@@ -132,7 +127,7 @@ impl Open<'_> {
         true
     }
 
-    /// Fills a cube of cells as far as they lie inside, if that can be told from their winding numbers.
+    /// Fills a cube of cells with their coverage, if that follows from their winding numbers.
     fn cover(
         &mut self,
         triangles: &[Triangle],
@@ -158,16 +153,16 @@ impl Open<'_> {
         let coverage = Coverage::new(triangles, self.corner(at), self.fill.cell(), height);
         let Some(values) = coverage.solve(&inside, sign) else { return false };
         let mask = (1usize << height) - 1;
-        for (place, value) in values.into_iter().enumerate().filter(|(_, value)| *value > 0) {
-            let cell = [place & mask, place >> height & mask, place >> (2 * height)];
+        for (index, value) in values.into_iter().enumerate().filter(|(_, value)| *value > 0) {
+            let cell = [index & mask, index >> height & mask, index >> (2 * height)];
             self.set(std::array::from_fn(|axis| at[axis] + cell[axis]), value);
         }
         true
     }
 
     /// Fills a single cell.
-    fn cell(&mut self, nearby: &Nearby<'_>, triangles: &[Triangle], at: [usize; 3]) {
-        let field = nearby.at(self.middle(at, 0)).abs();
+    fn cell(&mut self, local: &LocalField<'_>, triangles: &[Triangle], at: [usize; 3]) {
+        let field = local.at(self.middle(at, 0)).abs();
         if triangles.is_empty() && (field - 0.5).abs() < DOUBT {
             self.undecided += 1;
         }
@@ -180,7 +175,7 @@ impl Open<'_> {
         let corner = DVec3::from_array(self.corner(at).map(f64::from));
         let width = f64::from(self.fill.cell());
         let points = (0..64).map(|i| DVec3::new((i & 3) as f64, (i >> 2 & 3) as f64, (i >> 4) as f64));
-        let is_inside = |place: &DVec3| nearby.at(corner + (*place + 0.5) * (width / 4.0)).abs() >= 0.5;
+        let is_inside = |point: &DVec3| local.at(corner + (*point + 0.5) * (width / 4.0)).abs() >= 0.5;
         let count = points.filter(is_inside).count() as u32;
         if count > 0 {
             self.set(at, (count * FULL + 32) / 64);

@@ -1,4 +1,4 @@
-//! From models and wishes to what will be built.
+//! Plans of solids: from models and options to the grid of cells.
 
 use super::crossing::Lattice;
 use super::grid::Grid;
@@ -11,32 +11,32 @@ use crate::{Error, Result};
 /// Bytes of memory used if nothing is said.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
-/// How fine the cells are.
+/// Resolution of the cells.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Resolution {
-    /// So many cells along the longest side of the models' box.
+    /// Number of cells along the longest side of the models' box.
     Cells(u64),
-    /// Cells of this width, in units of the models; walls between cells lie at its multiples, so that all trees of one
-    /// width fit together.
+    /// Cells of this width, in units of the models; walls between cells lie at its multiples, so that all
+    /// trees of one width fit together.
     Cell(f64),
-    /// A tree of so many levels, as wide as the models.
+    /// Depth of the tree, which is as wide as the models.
     Depth(u8),
     /// The cells of another tree: its frame and depth.
     Like(Frame, u8),
 }
 
-/// What the user wants of a solid.
+/// Options for building a solid.
 #[derive(Clone, Debug)]
 pub struct SolidOptions {
-    /// How fine the cells are.
+    /// Resolution of the cells.
     pub resolution: Resolution,
-    /// Which of the cells that the surface cuts belong to the solid.
+    /// Rule for the cells that the surface cuts.
     pub boundary: Boundary,
-    /// What the cells say.
+    /// Meaning of the cells' values.
     pub attribute: Attribute,
     /// Only the cells that the surface cuts, instead of the whole solid.
     pub surface: bool,
-    /// Which axis of the models points up: y is turned to z.
+    /// Axis of the models that points up; y is turned to z.
     pub up: Up,
     /// Unit of length of the models' coordinates, to be kept in the file.
     pub unit: Option<String>,
@@ -76,7 +76,7 @@ pub struct SolidImport {
 }
 
 impl SolidImport {
-    /// What was understood: a heading and what there is to say, line by line.
+    /// Description of the plan: pairs of a heading and its text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }

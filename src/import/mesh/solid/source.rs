@@ -1,11 +1,11 @@
-//! A solid bounded by triangles, as a source: space is divided until no triangle is left in a node, or down to blocks
-//! of cells.
+//! A solid bounded by triangles, as a source: space is divided until no triangle is left in a node, or down
+//! to blocks of cells.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use super::bits::{Content, Pyramid};
-use super::crossing::Seen;
+use super::crossing::Projected;
 use super::fill;
 use super::grid::Triangle;
 use super::inside::{Attribute, FULL, Fill, Inside, State};
@@ -13,14 +13,14 @@ use super::open;
 use super::triangles::{Sorter, Triangles};
 use crate::Result;
 use crate::import::mesh::face::triangle;
-use crate::import::mesh::{Stage, Stages, Verdict};
+use crate::import::mesh::{Intersection, Stage, Stages};
 use crate::store::builder::ReusableSource;
 use crate::tree::{Child, Children, Form, Source};
 use crate::value::Value;
 
-/// What is counted while a solid is walked.
+/// Counters of a walk through a solid, shared by all threads.
 #[derive(Debug, Default)]
-pub(super) struct Counted {
+pub(super) struct Counters {
     /// Cells inside a surface that is not closed there, by the winding field.
     pub(super) undecided: AtomicU64,
     /// By which tests triangles were found to cut octants or not.
@@ -36,17 +36,17 @@ pub(super) struct Solid {
     root: Region,
     /// The value of an attribute.
     value: fn(u32) -> Value,
-    pub(super) counted: Counted,
+    pub(super) counters: Counters,
 }
 
 /// A node above the blocks.
 #[derive(Clone, Debug)]
 pub(super) struct Region {
     level: u8,
-    /// Its place among the nodes of its level.
-    place: [u32; 3],
+    /// Position among the nodes of its level.
+    position: [u32; 3],
     triangles: Triangles,
-    /// That of its first lattice point.
+    /// State at its first lattice point.
     state: State,
 }
 
@@ -54,7 +54,7 @@ pub(super) struct Region {
 #[derive(Clone)]
 pub(super) enum Node {
     Region(Arc<Region>),
-    /// Of a block of cells: so many levels above them, and its place among the block's nodes there.
+    /// Node of a block of cells: `above` levels over them, and its position among the block's nodes there.
     Cells {
         block: Arc<Pyramid>,
         above: u8,
@@ -65,7 +65,7 @@ pub(super) enum Node {
 impl std::fmt::Debug for Node {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Node::Region(region) => write!(f, "{} {:?}", region.level, region.place),
+            Node::Region(region) => write!(f, "{} {:?}", region.level, region.position),
             Node::Cells { above, at, .. } => write!(f, "{above} above {at:?}"),
         }
     }
@@ -83,8 +83,8 @@ impl Solid {
         held: usize,
         value: fn(u32) -> Value,
     ) -> Result<Self> {
-        let root = Region { level: 0, place: [0; 3], triangles, state: State::default() };
-        let mut solid = Solid { form, fill, held, root, value, counted: Counted::default() };
+        let root = Region { level: 0, position: [0; 3], triangles, state: State::default() };
+        let mut solid = Solid { form, fill, held, root, value, counters: Counters::default() };
         if !solid.fill.surface {
             solid.root.state = solid.outside_in()?;
         }
@@ -96,10 +96,10 @@ impl Solid {
         let first = self.fill.lattice.first([0; 3]);
         let mut events = Events::default();
         self.root.triangles.each(|_, triangle| {
-            if let Some(seen) =
-                Seen::<0>::new(triangle).filter(|seen| seen.is_met(first) && seen.is_beyond(first))
+            if let Some(projected) = Projected::<0>::new(triangle)
+                .filter(|projected| projected.is_met(first) && projected.is_beyond(first))
             {
-                events.push(0, &seen, first, triangle.attribute);
+                events.push(0, &projected, first, triangle.attribute);
             }
             Ok(())
         })?;
@@ -111,11 +111,11 @@ impl Solid {
     /// Grid coordinates of a region's first corner, and its width.
     fn bounds(&self, region: &Region) -> ([i32; 3], i32) {
         let width = self.fill.cell() << (self.fill.grid.depth - region.level);
-        (region.place.map(|place| (i64::from(place) * i64::from(width)) as i32), width)
+        (region.position.map(|position| (i64::from(position) * i64::from(width)) as i32), width)
     }
 
-    /// Whether a region is divided into regions and not filled as a block: as long as it is too large for one, or has more
-    /// triangles than fit into memory.
+    /// Whether a region is divided into regions and not filled as a block: as long as it is too large for
+    /// one, or has more triangles than fit into memory.
     fn is_split(&self, region: &Region) -> bool {
         let height = self.fill.grid.depth - region.level;
         height > BLOCK || (height > 1 && region.triangles.len() > self.held)
@@ -146,39 +146,41 @@ impl Solid {
                 [low < middle[axis] && high > min[axis], low < end && high > middle[axis]]
             });
             let reached = halves.map(|[low, high]| u8::from(low) + u8::from(high));
+            // In one half along each axis, its box is within one child: what cuts the region cuts that child,
+            // untested.
             let alone = reached.iter().all(|halves| *halves <= 1);
             for child in 0..8 {
-                let verdict = if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
-                    Verdict { cuts: false, stage: Stage::Boxes }
+                let found = if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
+                    Intersection { cuts: false, stage: Stage::Boxes }
                 } else if alone {
-                    Verdict { cuts: true, stage: Stage::Boxes }
+                    Intersection { cuts: true, stage: Stage::Boxes }
                 } else {
                     let low: [i32; 3] =
                         std::array::from_fn(|axis| min[axis] + (child >> axis & 1) as i32 * half);
                     let high = low.map(|low| low + half);
-                    triangle::verdict(&triangle.corners.map(wide), wide(low), wide(high))
+                    triangle::intersect(&triangle.corners.map(wide), wide(low), wide(high))
                 };
-                stages.count(verdict);
-                if verdict.cuts {
+                stages.count(found);
+                if found.cuts {
                     sorter.push(child, number, triangle)?;
                 }
             }
             Ok(())
         })?;
-        self.counted.stages.lock().expect("nobody panics with this lock").add(&stages);
+        self.counters.stages.lock().expect("nobody panics with this lock").add(&stages);
         let mut states = [region.state; 8];
         events.apply(&mut states, Lines::leads);
         let regions = sorter.finish()?.into_iter().enumerate().map(|(child, triangles)| Region {
             level: region.level + 1,
-            place: std::array::from_fn(|axis| 2 * region.place[axis] + (child as u32 >> axis & 1)),
+            position: std::array::from_fn(|axis| 2 * region.position[axis] + (child as u32 >> axis & 1)),
             triangles,
             state: states[child],
         });
         Ok(regions.collect())
     }
 
-    /// What stands at a region.
-    fn place(&self, region: Region) -> Child<Node> {
+    /// Node of a region as its parent has it: void, a leaf, or an inner node.
+    fn child(&self, region: Region) -> Child<Node> {
         let is_inner = !region.triangles.is_empty();
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
             let (min, width) = self.bounds(&region);
@@ -200,8 +202,8 @@ impl Solid {
         (self.value)(if self.fill.attribute == Attribute::Occupancy { FULL } else { attribute })
     }
 
-    /// A node that is asked for its children. What stands for it is not known before all of them are, and what stores
-    /// the tree works it out.
+    /// A node that is asked for its children. What stands for it is not known before all of them are, and
+    /// what stores the tree works it out.
     fn inner(&self, node: Node) -> Child<Node> {
         Child::Inner { representative: self.full(0), node }
     }
@@ -217,7 +219,7 @@ impl Solid {
         let height = self.fill.grid.depth - region.level;
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
             let (block, undecided) = open::block(&self.fill, field, &triangles, min, height, region.state);
-            self.counted.undecided.fetch_add(undecided, Ordering::Relaxed);
+            self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
             return Ok(block);
         }
         Ok(fill::block(&self.fill, &triangles, min, height, region.state))
@@ -244,14 +246,14 @@ impl Source for Solid {
     }
 
     fn root(&self) -> Result<Child<Node>> {
-        Ok(self.place(self.root.clone()))
+        Ok(self.child(self.root.clone()))
     }
 
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
         let (block, above, at) = match node {
             Node::Region(region) if self.is_split(region) => {
                 for (child, region) in children.iter_mut().zip(self.split(region)?) {
-                    *child = self.place(region);
+                    *child = self.child(region);
                 }
                 return Ok(());
             }
@@ -270,8 +272,8 @@ impl Source for Solid {
 
 impl ReusableSource for Solid {}
 
-/// The lines between the first lattice points of a region's eight children: four along x, two along y, one along z,
-/// from each child to one of those that differ along one axis only.
+/// The lines between the first lattice points of a region's eight children: four along x, two along y, one
+/// along z, from each child to one of those that differ along one axis only.
 struct Lines {
     first: [i32; 3],
     half: i32,
@@ -282,7 +284,8 @@ impl Lines {
         Lines { first, half }
     }
 
-    /// The children that a line leads from and to. Lines are in such an order that what they lead from is known.
+    /// The children that a line leads from and to. Lines are in such an order that what they lead from is
+    /// known.
     fn leads(line: usize) -> (usize, usize) {
         [(0, 4), (0, 2), (4, 6), (0, 1), (2, 3), (4, 5), (6, 7)][line]
     }
@@ -321,16 +324,16 @@ impl Lines {
         let from: [i32; 3] = std::array::from_fn(|axis| self.first[axis] + from[axis] as i32 * self.half);
         let mut to = from;
         to[D] += self.half;
-        let seen = Seen::<D>::new(triangle);
-        if let Some(seen) =
-            seen.filter(|seen| seen.is_met(from) && !seen.is_beyond(from) && seen.is_beyond(to))
-        {
-            events.push(line, &seen, from, triangle.attribute);
+        let projected = Projected::<D>::new(triangle);
+        if let Some(projected) = projected.filter(|projected| {
+            projected.is_met(from) && !projected.is_beyond(from) && projected.is_beyond(to)
+        }) {
+            events.push(line, &projected, from, triangle.attribute);
         }
     }
 }
 
-/// Where some lines pass through triangles.
+/// Crossings of some lines with triangles.
 #[derive(Default)]
 struct Events {
     /// Line, height on it, change, attribute.
@@ -338,13 +341,21 @@ struct Events {
 }
 
 impl Events {
-    fn push<const D: usize>(&mut self, line: usize, seen: &Seen<D>, from: [i32; 3], attribute: u32) {
-        self.passed.push((line, seen.height_over(from), seen.change(), attribute));
+    fn push<const D: usize>(
+        &mut self,
+        line: usize,
+        projected: &Projected<D>,
+        from: [i32; 3],
+        attribute: u32,
+    ) {
+        self.passed.push((line, projected.height_over(from), projected.change(), attribute));
     }
 
-    /// Goes along all lines, in order: of a line that leads from one place to another, the state of the second follows
-    /// from that of the first.
+    /// Goes along all lines, in order: of a line that leads from one point to another, the state of the
+    /// second follows from that of the first.
     fn apply(mut self, states: &mut [State; 8], leads: impl Fn(usize) -> (usize, usize)) {
+        // At equal heights changes of -1 come first: touching bodies are left before the next is entered. The
+        // attribute makes the order independent of that of the triangles.
         self.passed
             .sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3)));
         let mut passed = self.passed.into_iter().peekable();

@@ -54,7 +54,7 @@ impl Triangles {
         }
     }
 
-    /// The same triangles in memory.
+    /// Loads the triangles into memory, in their order.
     pub(super) fn held(self) -> Result<Triangles> {
         let Triangles::Spilled(spilled) = self else { return Ok(self) };
         let mut all = Vec::with_capacity(spilled.count);
@@ -71,7 +71,7 @@ impl Triangles {
 #[derive(Debug)]
 pub(super) struct Log {
     file: File,
-    /// Where the file lies, for messages.
+    /// Folder of the file, for messages.
     folder: PathBuf,
     chunks: Mutex<Chunks>,
 }
@@ -176,7 +176,7 @@ impl Spill {
     }
 }
 
-/// Takes triangles one by one, to memory up to a limit, beyond it to a log.
+/// Collects triangles, in memory up to a limit and in a log beyond it.
 pub(super) struct Collector {
     limit: usize,
     folder: PathBuf,

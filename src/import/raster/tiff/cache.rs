@@ -13,7 +13,7 @@ pub(super) struct Cache {
 }
 
 impl Cache {
-    /// An empty cache for so many bytes.
+    /// An empty cache for `limit` bytes.
     pub(super) fn new(limit: u64) -> Cache {
         Cache { limit, held: 0, clock: 0, chunks: HashMap::new(), by_age: BTreeMap::new() }
     }

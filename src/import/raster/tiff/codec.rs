@@ -1,14 +1,18 @@
 //! Decompression of single chunks.
 //!
 //! Deflated, zstd and LZW chunks, the usual ones, are decoded right into their buffer with states that are
-//! kept from chunk to chunk. The other codecs are those of the `tiff` crate: it is shown a file in memory that
-//! has the chunk as its only strip and bytes as its samples, so that it decompresses and does nothing else.
+//! kept from chunk to chunk. The other codecs are those of the `tiff` crate: it is shown a file in memory
+//! that has the chunk as its only strip and bytes as its samples, so that it decompresses and does nothing
+//! else.
 
 use std::io::Cursor;
 
 use tiff::decoder::{Decoder, Limits};
 
-/// How chunks are compressed.
+use super::spec::field_type::{ASCII, LONG, SHORT, UNDEFINED};
+use super::spec::{compression as scheme, photometric, tag};
+
+/// Compression of chunks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Codec {
     None,
@@ -45,17 +49,17 @@ pub(super) struct States {
 }
 
 impl Codec {
-    /// From the tag Compression; the words name what we cannot read.
+    /// The codec of the tag Compression; the error names one that cannot be read.
     pub(super) fn new(compression: u64, jpeg_tables: Option<Vec<u8>>) -> Result<Codec, String> {
         Ok(match compression {
-            1 => Codec::None,
-            5 => Codec::Lzw,
-            7 => Codec::Jpeg(jpeg_tables.unwrap_or_default()),
-            8 | 32946 => Codec::Deflate,
-            4 => Codec::Fax4,
-            32773 => Codec::PackBits,
-            50000 => Codec::Zstd,
-            50001 => Codec::WebP,
+            scheme::NONE => Codec::None,
+            scheme::LZW => Codec::Lzw,
+            scheme::JPEG => Codec::Jpeg(jpeg_tables.unwrap_or_default()),
+            scheme::ADOBE_DEFLATE | scheme::DEFLATE => Codec::Deflate,
+            scheme::CCITT_GROUP_4 => Codec::Fax4,
+            scheme::PACK_BITS => Codec::PackBits,
+            scheme::ZSTD => Codec::Zstd,
+            scheme::WEBP => Codec::WebP,
             other => {
                 let name = match other {
                     2 => "CCITT RLE",
@@ -109,8 +113,8 @@ impl Codec {
     ) -> Result<(), String> {
         match self {
             Codec::None => {
-                let stored = raw.get(..out.len()).ok_or_else(|| format!("only {} bytes", raw.len()))?;
-                out.copy_from_slice(stored);
+                let samples = raw.get(..out.len()).ok_or_else(|| format!("only {} bytes", raw.len()))?;
+                out.copy_from_slice(samples);
                 Ok(())
             }
             Codec::Deflate => inflate(states, raw, out),
@@ -146,12 +150,12 @@ impl Codec {
     fn by_crate(&self, raw: &[u8], shape: Shape, out: &mut [u8]) -> Result<(), String> {
         let Shape { width, rows, samples, row_bytes, .. } = shape;
         let (compression, width, bits, samples) = match self {
-            Codec::Fax4 => (4, width, 1, 1),
-            Codec::Jpeg(_) => (7, width, 8, samples),
-            Codec::WebP => (50001, width, 8, samples),
-            _ => (32773, row_bytes, 8, 1),
+            Codec::Fax4 => (scheme::CCITT_GROUP_4, width, 1, 1),
+            Codec::Jpeg(_) => (scheme::JPEG, width, 8, samples),
+            Codec::WebP => (scheme::WEBP, width, 8, samples),
+            _ => (scheme::PACK_BITS, row_bytes, 8, 1),
         };
-        let file = one_strip(raw, [width, rows, bits, compression, samples], self.tables());
+        let file = one_strip(raw, [width, rows, bits, compression as usize, samples], self.tables());
         let mut limits = Limits::unlimited();
         limits.ifd_value_size = file.len();
         let decode = || {
@@ -245,16 +249,20 @@ fn one_strip(raw: &[u8], [width, rows, bits, compression, samples]: [usize; 5], 
     let tables_at = 8 + 2 + ENTRIES * 12 + 4;
     let raw_at = tables_at + tables.len().max(4);
     let entries: [(u16, u16, usize, usize); ENTRIES] = [
-        (256, 4, 1, width),
-        (257, 4, 1, rows),
-        (258, 3, 1, bits),
-        (259, 3, 1, compression),
-        (262, 3, 1, 1),
-        (273, 4, 1, raw_at),
-        (277, 3, 1, samples),
-        (278, 4, 1, rows),
-        (279, 4, 1, raw.len()),
-        if tables.is_empty() { (305, 2, 1, 0) } else { (347, 7, tables.len(), tables_at) },
+        (tag::IMAGE_WIDTH, LONG, 1, width),
+        (tag::IMAGE_LENGTH, LONG, 1, rows),
+        (tag::BITS_PER_SAMPLE, SHORT, 1, bits),
+        (tag::COMPRESSION, SHORT, 1, compression),
+        (tag::PHOTOMETRIC_INTERPRETATION, SHORT, 1, photometric::BLACK_IS_ZERO as usize),
+        (tag::STRIP_OFFSETS, LONG, 1, raw_at),
+        (tag::SAMPLES_PER_PIXEL, SHORT, 1, samples),
+        (tag::ROWS_PER_STRIP, LONG, 1, rows),
+        (tag::STRIP_BYTE_COUNTS, LONG, 1, raw.len()),
+        if tables.is_empty() {
+            (tag::SOFTWARE, ASCII, 1, 0)
+        } else {
+            (tag::JPEG_TABLES, UNDEFINED, tables.len(), tables_at)
+        },
     ];
     let mut file = Vec::with_capacity(raw_at + raw.len());
     file.extend(b"II*\0\x08\0\0\0");
@@ -272,7 +280,7 @@ fn one_strip(raw: &[u8], [width, rows, bits, compression, samples]: [usize; 5], 
     file
 }
 
-/// What a JPEG stream's frame header says.
+/// Frame header of a JPEG stream.
 struct JpegFrame {
     bits: u8,
     width: usize,

@@ -1,13 +1,14 @@
 //! Colour spaces that become RGB: where samples by themselves would mean little, as GDAL does.
 
-/// What becomes of a decoded chunk's samples, which are all of 8 bits unless they stay.
+/// Conversion of a decoded chunk's samples to RGB; all but `Keep` take samples of 8 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Colour {
-    /// They stay what they are.
+    /// None: samples stay as they are.
     Keep,
     /// JPEG's luma and chroma, the latter already brought to full size.
     Jpeg,
-    /// Luma and chroma in blocks: so many columns and rows of luma share a pair of chroma samples.
+    /// Subsampled luma and chroma: blocks of this many columns and rows of luma share a pair of chroma
+    /// samples.
     Blocks(Yuv, usize, usize),
     /// Cyan, magenta, yellow, black and perhaps more become red, green, blue and full opacity.
     Cmyk,
@@ -23,10 +24,10 @@ pub(super) struct Yuv {
 }
 
 impl Yuv {
-    /// Those of the JPEG file format.
+    /// Weights of the JPEG file format.
     const JPEG: Yuv = Yuv { red: 91881, green_cr: 46802, green_cb: 22554, blue: 116130 };
 
-    /// From the share of red, green and blue in luma.
+    /// The weights for the shares of red, green and blue in luma.
     pub(super) fn new([red, green, blue]: [f32; 3]) -> Yuv {
         let fixed = |weight: f32| (weight.clamp(0.0, 2.0) * 65536.0 + 0.5) as i32;
         let (r, b) = (2.0 - 2.0 * red, 2.0 - 2.0 * blue);

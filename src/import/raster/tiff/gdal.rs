@@ -1,15 +1,13 @@
 //! GDAL's own tags: the number for missing samples, and metadata in XML.
 
 use super::ifd::Directory;
+use super::spec::tag;
 use crate::Result;
 use crate::value::SampleType;
 
-const METADATA: u16 = 42112;
-const NODATA: u16 = 42113;
-
 /// The number that marks missing samples.
 pub(super) fn nodata(directory: &Directory<'_>, sample: SampleType) -> Result<Option<f64>> {
-    let Some(text) = directory.text(NODATA)? else { return Ok(None) };
+    let Some(text) = directory.text(tag::GDAL_NODATA)? else { return Ok(None) };
     let text = text.trim().to_lowercase();
     // Microsoft's C library writes 1.#INF and -1.#IND.
     let number = match text.as_str() {
@@ -29,7 +27,7 @@ pub(super) fn nodata(directory: &Directory<'_>, sample: SampleType) -> Result<Op
     }))
 }
 
-/// What GDAL's metadata say.
+/// Content of the tag GDAL_METADATA.
 #[derive(Default)]
 pub(super) struct Metadata {
     /// By channel.
@@ -41,14 +39,14 @@ pub(super) struct Metadata {
     pub(super) items: Vec<(String, String)>,
 }
 
-/// Reads the metadata of a file with so many channels.
+/// Reads the metadata of a file with `channels` channels.
 pub(super) fn metadata(directory: &Directory<'_>, channels: usize) -> Result<Metadata> {
     let mut metadata = Metadata {
         band_names: vec![String::new(); channels],
         scale_offset: vec![(1.0, 0.0); channels],
         ..Metadata::default()
     };
-    let text = directory.text(METADATA)?.unwrap_or_default();
+    let text = directory.text(tag::GDAL_METADATA)?.unwrap_or_default();
     for (attributes, value) in elements(&text, "Item") {
         let (Some(name), value) = (attribute(attributes, "name"), unescape(value)) else { continue };
         let band = attribute(attributes, "sample").and_then(|number| number.parse::<usize>().ok());

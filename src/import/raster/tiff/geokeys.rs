@@ -1,34 +1,34 @@
-//! Where a GeoTIFF's pixels lie: the model tags and the GeoKeys.
+//! Georeferencing of a GeoTIFF: the model tags and the GeoKeys.
 
 use std::collections::HashMap;
 
 use super::ifd::Directory;
+use super::spec::tag;
 use crate::Result;
 use crate::space::Frame;
 
-const PIXEL_SCALE: u16 = 33550;
-const TIE_POINTS: u16 = 33922;
-const TRANSFORMATION: u16 = 34264;
-const KEYS: u16 = 34735;
-const KEY_TEXTS: u16 = 34737;
-
-const MODEL_TYPE: u16 = 1024;
-const RASTER_TYPE: u16 = 1025;
-const CITATION: u16 = 1026;
-const GEOGRAPHIC: u16 = 2048;
-const GEOGRAPHIC_CITATION: u16 = 2049;
-const PROJECTED: u16 = 3072;
-const PROJECTED_CITATION: u16 = 3073;
+// Keys by their names in the GeoTIFF specification.
+const GT_MODEL_TYPE: u16 = 1024;
+const GT_RASTER_TYPE: u16 = 1025;
+const GT_CITATION: u16 = 1026;
+const GEOGRAPHIC_TYPE: u16 = 2048;
+const GEOG_CITATION: u16 = 2049;
+const PROJECTED_CS_TYPE: u16 = 3072;
+const PCS_CITATION: u16 = 3073;
 const PROJECTION: u16 = 3074;
+
+// Values of the keys for the model and raster type.
+const MODEL_TYPE_PROJECTED: u16 = 1;
+const RASTER_PIXEL_IS_POINT: u16 = 2;
 
 /// The frame that the tags tell, the identity if none.
 pub(super) fn frame(directory: &Directory<'_>) -> Result<Frame> {
     let keys = Keys::read(directory)?;
-    let point = keys.numbers.get(&RASTER_TYPE) == Some(&2);
+    let point = keys.numbers.get(&GT_RASTER_TYPE) == Some(&RASTER_PIXEL_IS_POINT);
     let Some(mut affine) = affine(directory)? else {
         // Tie points alone are ground control points, which no affine map goes through: then there is only
         // the picture itself, and its coordinate system would be misleading.
-        let system = if directory.has(TIE_POINTS) { None } else { keys.epsg() };
+        let system = if directory.has(tag::MODEL_TIEPOINT) { None } else { keys.epsg() };
         return Ok(Frame { epsg: system, ..Frame::identity() });
     };
     if point {
@@ -42,14 +42,14 @@ pub(super) fn frame(directory: &Directory<'_>) -> Result<Frame> {
 
 /// The affine map as it stands, in the order of [`Frame::planar`].
 fn affine(directory: &Directory<'_>) -> Result<Option<[f64; 6]>> {
-    let tie_points = directory.doubles(TIE_POINTS)?;
-    Ok(match (directory.doubles(PIXEL_SCALE)?.as_slice(), tie_points.as_slice()) {
+    let tie_points = directory.doubles(tag::MODEL_TIEPOINT)?;
+    Ok(match (directory.doubles(tag::MODEL_PIXEL_SCALE)?.as_slice(), tie_points.as_slice()) {
         (&[a, e, ..], &[column, row, _, x, y, _, ..]) if a != 0.0 && e != 0.0 => {
             // Scales have no sign, rows go south; some writers give a negative number nonetheless.
             let e = -e.abs();
             Some([a, 0.0, x - column * a, 0.0, e, y - row * e])
         }
-        _ => match directory.doubles(TRANSFORMATION)?.as_slice() {
+        _ => match directory.doubles(tag::MODEL_TRANSFORMATION)?.as_slice() {
             &[a, b, _, c, d, e, _, f, ..] => Some([a, b, c, d, e, f]),
             _ => None,
         },
@@ -66,17 +66,17 @@ struct Keys {
 
 impl Keys {
     fn read(directory: &Directory<'_>) -> Result<Keys> {
-        let table = directory.numbers(KEYS)?.unwrap_or_default();
-        let texts = directory.bytes(KEY_TEXTS)?.unwrap_or_default();
+        let table = directory.numbers(tag::GEO_KEY_DIRECTORY)?.unwrap_or_default();
+        let texts = directory.bytes(tag::GEO_ASCII_PARAMS)?.unwrap_or_default();
         let mut keys = Keys::default();
         // The first four numbers are a version and a count, which the tag's length tells as well.
         for entry in table.as_chunks::<4>().0.iter().skip(1) {
-            let [key, tag, count, value] = entry.map(|number| number as u16);
-            match tag {
+            let [key, location, count, value] = entry.map(|number| number as u16);
+            match location {
                 0 => {
                     keys.numbers.insert(key, value);
                 }
-                KEY_TEXTS => {
+                tag::GEO_ASCII_PARAMS => {
                     let (start, count) = (usize::from(value), usize::from(count));
                     let Some(text) = texts.get(start..start + count) else { continue };
                     let text = String::from_utf8_lossy(text);
@@ -99,17 +99,17 @@ impl Keys {
         if cited("imagine geotiff support") && cited("feet") {
             return None;
         }
-        let code = match self.numbers.get(&PROJECTED) {
+        let code = match self.numbers.get(&PROJECTED_CS_TYPE) {
             Some(code) => code,
-            None if self.numbers.get(&MODEL_TYPE) == Some(&1) => return None,
-            None => self.numbers.get(&GEOGRAPHIC)?,
+            None if self.numbers.get(&GT_MODEL_TYPE) == Some(&MODEL_TYPE_PROJECTED) => return None,
+            None => self.numbers.get(&GEOGRAPHIC_TYPE)?,
         };
         // 0 is undefined, 32767 is defined by the user.
         (1024..32767).contains(code).then_some(u32::from(*code))
     }
 
     fn name(&self) -> Option<String> {
-        let names = [CITATION, PROJECTED_CITATION, GEOGRAPHIC_CITATION];
+        let names = [GT_CITATION, PCS_CITATION, GEOG_CITATION];
         names.iter().find_map(|key| self.texts.get(key)).filter(|name| !name.is_empty()).cloned()
     }
 }

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use super::spec::field_type as field;
 use crate::io::platform::read_exact_at;
 use crate::{Error, Result};
 
@@ -25,7 +26,7 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Opens a file and reads its 8 or 16 bytes of header; gives the place of the first directory too.
+    /// Opens a file and reads its 8 or 16 bytes of header; also returns the offset of the first directory.
     pub(super) fn open(path: &Path, memory: u64) -> Result<(Input, u64)> {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let len = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
@@ -112,7 +113,7 @@ impl Input {
         Ok(if self.big_endian { u64::from_be_bytes(bytes) } else { u64::from_le_bytes(bytes) })
     }
 
-    /// The directory at `offset`, and the place of the next one (0 if none).
+    /// The directory at `offset`, and the offset of the next one (0 if none).
     pub(super) fn directory(&self, offset: u64) -> Result<(Directory<'_>, u64)> {
         let place = format!("directory at {offset}");
         let (entries, start, size) = if self.big {
@@ -167,15 +168,15 @@ impl Input {
 /// Bytes of one value of a TIFF type.
 fn width(kind: u16) -> Option<u64> {
     Some(match kind {
-        1 | 2 | 6 | 7 => 1,
-        3 | 8 => 2,
-        4 | 9 | 11 | 13 => 4,
-        5 | 10 | 12 | 16 | 17 | 18 => 8,
+        field::BYTE | field::ASCII | field::SBYTE | field::UNDEFINED => 1,
+        field::SHORT | field::SSHORT => 2,
+        field::LONG | field::SLONG | field::FLOAT | field::IFD => 4,
+        field::RATIONAL | field::SRATIONAL | field::DOUBLE | field::LONG8 | field::SLONG8 | field::IFD8 => 8,
         _ => return None,
     })
 }
 
-/// Where a tag's values stand.
+/// Directory entry: type, count and offset of a tag's values.
 #[derive(Clone, Copy)]
 struct Entry {
     kind: u16,
@@ -227,7 +228,21 @@ impl Directory<'_> {
     /// A tag's values as unsigned numbers.
     pub(super) fn numbers(&self, tag: u16) -> Result<Option<Vec<u64>>> {
         let Some((entry, bytes)) = self.raw(tag)? else { return Ok(None) };
-        if !matches!(entry.kind, 1 | 3 | 4 | 6 | 7 | 8 | 9 | 13 | 16 | 17 | 18) {
+        let is_whole = matches!(
+            entry.kind,
+            field::BYTE
+                | field::SBYTE
+                | field::UNDEFINED
+                | field::SHORT
+                | field::SSHORT
+                | field::LONG
+                | field::SLONG
+                | field::IFD
+                | field::LONG8
+                | field::SLONG8
+                | field::IFD8
+        );
+        if !is_whole {
             return Err(self.input.corrupt(
                 format!("tag {tag}"),
                 format!("values of type {}", entry.kind),
@@ -248,8 +263,8 @@ impl Directory<'_> {
         let Some((entry, bytes)) = self.raw(tag)? else { return Ok(Vec::new()) };
         let number = |bytes: &[u8]| self.input.number(bytes);
         let double: &dyn Fn(&[u8]) -> f64 = match entry.kind {
-            5 => &|value| number(&value[..4]) as f64 / number(&value[4..]) as f64,
-            12 => &|value| f64::from_bits(number(value)),
+            field::RATIONAL => &|value| number(&value[..4]) as f64 / number(&value[4..]) as f64,
+            field::DOUBLE => &|value| f64::from_bits(number(value)),
             _ => return Ok(Vec::new()),
         };
         Ok(bytes.chunks_exact(8).map(double).collect())

@@ -8,16 +8,17 @@ use super::cache::Cache;
 use super::codec::{Codec, Shape, States};
 use super::colour::{Colour, Yuv};
 use super::ifd::{Directory, Input};
-use super::layout::{Layout, Place};
+use super::layout::{ChunkLocation, Layout};
 use super::predictor::{self, Predictor};
-use super::samples::Stored;
+use super::samples::SampleFormat;
+use super::spec::{photometric, tag};
 use crate::space::Region;
 use crate::{Error, Result};
 
 /// One image of the file.
 pub(super) struct Image {
     pub(super) layout: Layout,
-    pub(super) stored: Stored,
+    pub(super) sample_format: SampleFormat,
     /// Samples of a pixel as [`Image::read`] gives them.
     pub(super) channels: usize,
     pub(super) codec: Codec,
@@ -36,7 +37,7 @@ pub(super) struct Image {
     parallel: usize,
 }
 
-/// What one thread needs to decode a chunk.
+/// Decoder states and buffers of one thread.
 #[derive(Default)]
 struct Worker {
     states: States,
@@ -51,7 +52,7 @@ struct Job<'a> {
     down: u64,
     /// The pixels to give.
     part: Region,
-    /// Whether that is all that the chunk has.
+    /// Whether the part is the whole chunk.
     whole: bool,
     rows: Vec<&'a mut [u8]>,
 }
@@ -69,38 +70,44 @@ impl Image {
             }
         };
         let refuse = |what| input.unsupported(what);
-        let samples = match first(277, 1)? {
+        let samples = match first(tag::SAMPLES_PER_PIXEL, 1)? {
             samples @ 1..=0xffff => samples as usize,
-            samples => return Err(input.corrupt("tag 277", format!("{samples} samples"), "1 to 65535")),
+            samples => {
+                let tag = tag::SAMPLES_PER_PIXEL;
+                return Err(input.corrupt(format!("tag {tag}"), format!("{samples} samples"), "1 to 65535"));
+            }
         };
-        let mut stored = Stored::new(same(339, 1)?, same(258, 1)?).map_err(|what| input.odd_samples(what))?;
-        let codec = Codec::new(first(259, 1)?, directory.bytes(347)?).map_err(refuse)?;
-        let photometric = first(262, 1)?;
-        let planar = samples > 1 && first(284, 1)? == 2;
-        let predictor = match first(317, 1)? {
+        let mut sample_format =
+            SampleFormat::new(same(tag::SAMPLE_FORMAT, 1)?, same(tag::BITS_PER_SAMPLE, 1)?)
+                .map_err(|what| input.odd_samples(what))?;
+        let codec =
+            Codec::new(first(tag::COMPRESSION, 1)?, directory.bytes(tag::JPEG_TABLES)?).map_err(refuse)?;
+        let photometric = first(tag::PHOTOMETRIC_INTERPRETATION, photometric::BLACK_IS_ZERO)?;
+        let planar = samples > 1 && first(tag::PLANAR_CONFIGURATION, 1)? == 2;
+        let predictor = match first(tag::PREDICTOR, 1)? {
             _ if !codec.has_predictor() => Predictor::None,
             1 => Predictor::None,
-            2 if matches!(stored.bits(), 8 | 16 | 32 | 64) => Predictor::Horizontal,
-            3 if matches!(stored, Stored::Float(_)) => Predictor::Float,
-            other => return Err(refuse(format!("predictor {other} for {} samples", stored.name()))),
+            2 if matches!(sample_format.bits(), 8 | 16 | 32 | 64) => Predictor::Horizontal,
+            3 if matches!(sample_format, SampleFormat::Float(_)) => Predictor::Float,
+            other => return Err(refuse(format!("predictor {other} for {} samples", sample_format.name()))),
         };
-        let colour = colour(input, directory, &codec, photometric, stored, samples, planar)?;
+        let colour = colour(input, directory, &codec, photometric, sample_format, samples, planar)?;
         if colour != Colour::Keep {
             // A sign has no meaning for colours.
-            stored = Stored::Uint(8);
+            sample_format = SampleFormat::Uint(8);
         }
         match codec {
-            Codec::Jpeg(_) | Codec::WebP if !matches!(stored.bits(), 8) => {
-                return Err(refuse(format!("{} of {} samples", codec.name(), stored.name())));
+            Codec::Jpeg(_) | Codec::WebP if !matches!(sample_format.bits(), 8) => {
+                return Err(refuse(format!("{} of {} samples", codec.name(), sample_format.name())));
             }
-            Codec::Fax4 if (stored, samples) != (Stored::Uint(1), 1) => {
-                return Err(refuse(format!("fax of {samples} {} samples", stored.name())));
+            Codec::Fax4 if (sample_format, samples) != (SampleFormat::Uint(1), 1) => {
+                return Err(refuse(format!("fax of {samples} {} samples", sample_format.name())));
             }
             _ => {}
         }
 
         let (planes, together) = if planar { (samples, 1) } else { (1, samples) };
-        let row_bits = |pixels: u64| pixels * (stored.bits() * together) as u64;
+        let row_bits = |pixels: u64| pixels * (sample_format.bits() * together) as u64;
         let raw = codec == Codec::None && !matches!(colour, Colour::Blocks(..));
         let layout = Layout::read(input, directory, planes as u64, raw, row_bits)?;
         if codec == Codec::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
@@ -117,10 +124,10 @@ impl Image {
             workers: Mutex::default(),
             parallel: (input.memory / 2 / chunk.max(1)).clamp(1, threads) as usize,
             channels: colour.channels(samples),
-            hole: vec![0; stored.sample().size()],
-            lowest_first: first(266, 1)? == 2 && !codec.ignores_fill_order(),
+            hole: vec![0; sample_format.sample().size()],
+            lowest_first: first(tag::FILL_ORDER, 1)? == 2 && !codec.ignores_fill_order(),
             layout,
-            stored,
+            sample_format,
             codec,
             photometric,
             colour,
@@ -131,7 +138,7 @@ impl Image {
 
     /// Bytes of a pixel as [`Image::read`] gives it.
     pub(super) fn pixel_bytes(&self) -> usize {
-        self.stored.sample().size() * self.channels
+        self.sample_format.sample().size() * self.channels
     }
 
     /// Reads a region within the image into `out`, which has just room for it.
@@ -143,6 +150,7 @@ impl Image {
         if self.parallel == rayon::current_num_threads() {
             return jobs.into_par_iter().try_for_each(|job| self.run(input, job));
         }
+        // Every job at work holds a decoded chunk: as many at a time as the memory allows.
         while !jobs.is_empty() {
             let few = jobs.split_off(jobs.len().saturating_sub(self.parallel));
             few.into_par_iter().try_for_each(|job| self.run(input, job))?;
@@ -207,7 +215,7 @@ impl Image {
 
     /// Decodes a chunk into `worker.chunk`; `false` if it is a hole.
     fn decode(&self, input: &Input, worker: &mut Worker, job: &Job<'_>, plane: u64) -> Result<bool> {
-        let Place::At(offset, count) = self.layout.place(plane, job.across, job.down) else {
+        let ChunkLocation::At(offset, count) = self.layout.location(plane, job.across, job.down) else {
             return Ok(false);
         };
         let place = || self.layout.name(plane, job.across, job.down);
@@ -215,7 +223,7 @@ impl Image {
         // Tiles at the bottom should have rows beyond the image, but some writers leave them out.
         let rows = self.layout.region(job.across, job.down).height as usize;
         let samples = if self.layout.planes > 1 { 1 } else { self.samples };
-        let row_bytes = (width * samples * self.stored.bits()).div_ceil(8);
+        let row_bytes = (width * samples * self.sample_format.bits()).div_ceil(8);
         let (packed_rows, packed_row_bytes) = self.colour.packed(width, rows, row_bytes);
         let Worker { states, raw, chunk, .. } = worker;
         set_len(chunk, packed_rows * packed_row_bytes);
@@ -245,7 +253,7 @@ impl Image {
                 input.corrupt(place(), found, format!("{} bytes of samples", chunk.len()))
             })?;
         }
-        if let Some(size) = self.stored.bytes() {
+        if let Some(size) = self.sample_format.bytes() {
             predictor::restore(self.predictor, chunk, packed_row_bytes, size, samples, input.big_endian);
         }
         self.colour.convert(chunk, width, rows, samples);
@@ -263,22 +271,22 @@ impl Image {
     ) -> Result<()> {
         let planar = self.layout.planes > 1;
         let samples = if planar { 1 } else { self.channels };
-        let row_bytes = (self.layout.chunk_width as usize * samples * self.stored.bits()).div_ceil(8);
+        let row_bytes = (self.layout.chunk_width as usize * samples * self.sample_format.bits()).div_ceil(8);
         let left = (job.part.x - job.across * self.layout.chunk_width) as usize * samples;
         let top = (job.part.y - job.down * self.layout.chunk_height) as usize;
-        let size = self.stored.sample().size();
+        let size = self.sample_format.sample().size();
         for (from, to) in chunk.chunks_exact(row_bytes).skip(top).zip(&mut job.rows) {
             let done = if planar {
                 set_len(buffer, job.part.width as usize * size);
-                let done = self.stored.widen(from, left, buffer);
-                let places = to.chunks_exact_mut(size).skip(plane as usize).step_by(self.channels);
+                let done = self.sample_format.widen(from, left, buffer);
+                let targets = to.chunks_exact_mut(size).skip(plane as usize).step_by(self.channels);
                 buffer
                     .chunks_exact(size)
-                    .zip(places)
-                    .for_each(|(sample, place)| place.copy_from_slice(sample));
+                    .zip(targets)
+                    .for_each(|(sample, target)| target.copy_from_slice(sample));
                 done
             } else {
-                self.stored.widen(from, left, to)
+                self.sample_format.widen(from, left, to)
             };
             done.map_err(|number| {
                 let place = self.layout.name(plane, job.across, job.down);
@@ -303,41 +311,46 @@ fn colour(
     directory: &Directory<'_>,
     codec: &Codec,
     photometric: u64,
-    stored: Stored,
+    sample_format: SampleFormat,
     samples: usize,
     planar: bool,
 ) -> Result<Colour> {
-    let bytes = matches!(stored, Stored::Uint(8) | Stored::Int(8));
+    let bytes = matches!(sample_format, SampleFormat::Uint(8) | SampleFormat::Int(8));
     let refuse = |what: &str| Err(input.unsupported(what));
     match photometric {
-        6 if samples == 3 && bytes && !planar => {
+        photometric::YCBCR if samples == 3 && bytes && !planar => {
             if matches!(codec, Codec::Jpeg(_)) {
                 return Ok(Colour::Jpeg);
             }
-            let (h, v) = match directory.numbers(530)?.as_deref() {
+            let (h, v) = match directory.numbers(tag::YCBCR_SUB_SAMPLING)?.as_deref() {
                 None => (2, 2),
                 Some(&[h @ (1 | 2 | 4), v @ (1 | 2 | 4), ..]) => (h as usize, v as usize),
                 Some(other) => {
-                    return Err(input.corrupt("tag 530", format!("{other:?}"), "1, 2 or 4, twice"));
+                    let tag = tag::YCBCR_SUB_SAMPLING;
+                    return Err(input.corrupt(
+                        format!("tag {tag}"),
+                        format!("{other:?}"),
+                        "1, 2 or 4, twice",
+                    ));
                 }
             };
-            if codec.has_predictor() && directory.number(317)?.unwrap_or(1) != 1 {
+            if codec.has_predictor() && directory.number(tag::PREDICTOR)?.unwrap_or(1) != 1 {
                 return refuse("subsampled colour with a predictor");
             }
-            let range = directory.doubles(532)?;
+            let range = directory.doubles(tag::REFERENCE_BLACK_WHITE)?;
             if !range.is_empty() && range != [0.0, 255.0, 128.0, 255.0, 128.0, 255.0] {
                 return refuse("colour that does not use the full range (tag 532)");
             }
-            let shares = match directory.doubles(529)?.as_slice() {
+            let shares = match directory.doubles(tag::YCBCR_COEFFICIENTS)?.as_slice() {
                 &[red, green, blue] if green != 0.0 => [red, green, blue].map(|share| share as f32),
                 _ => [0.299, 0.587, 0.114],
             };
             Ok(Colour::Blocks(Yuv::new(shares), h, v))
         }
-        6 => refuse("luma and chroma other than 3 samples of 8 bits"),
-        5 if samples >= 4 && bytes && planar => refuse("inks in planes of their own"),
-        5 if samples >= 4 && bytes => Ok(Colour::Cmyk),
-        8..=10 => refuse("CIE L*a*b* colour"),
+        photometric::YCBCR => refuse("luma and chroma other than 3 samples of 8 bits"),
+        photometric::SEPARATED if samples >= 4 && bytes && planar => refuse("inks in planes of their own"),
+        photometric::SEPARATED if samples >= 4 && bytes => Ok(Colour::Cmyk),
+        photometric::CIELAB..=photometric::ITULAB => refuse("CIE L*a*b* colour"),
         _ => Ok(Colour::Keep),
     }
 }

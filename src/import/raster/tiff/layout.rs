@@ -1,6 +1,7 @@
-//! How an image is cut into chunks (strips or tiles), and where they stand in the file.
+//! Division of an image into chunks (strips or tiles), and their locations in the file.
 
 use super::ifd::{Directory, Input};
+use super::spec::tag;
 use crate::Result;
 use crate::space::Region;
 
@@ -24,16 +25,17 @@ pub(super) struct Layout {
     counts: Option<Vec<u64>>,
 }
 
-/// Where a chunk's bytes stand in the file.
-pub(super) enum Place {
-    /// From this offset on, in so many bytes where the file tells.
+/// Location of a chunk's bytes in the file.
+pub(super) enum ChunkLocation {
+    /// Offset, and number of bytes where the file tells.
     At(u64, Option<u64>),
-    /// Nowhere: the chunk was never written.
+    /// None: the chunk was never written.
     Hole,
 }
 
 impl Layout {
-    /// Reads the size and the chunk tables. `row_bits` gives the bits of so many pixels of one plane's row.
+    /// Reads the size and the chunk tables. `row_bits` gives the bits of a number of pixels in
+    /// a row of one plane.
     pub(super) fn read(
         input: &Input,
         directory: &Directory<'_>,
@@ -50,23 +52,26 @@ impl Layout {
                 }
             }
         };
-        let (width, height) = (size(256, "image width")?, size(257, "image length")?);
-        let tiled = directory.has(322);
+        let (width, height) =
+            (size(tag::IMAGE_WIDTH, "image width")?, size(tag::IMAGE_LENGTH, "image length")?);
+        let tiled = directory.has(tag::TILE_WIDTH);
         let (chunk_width, rows) = if tiled {
-            (size(322, "tile width")?, size(323, "tile length")?)
+            (size(tag::TILE_WIDTH, "tile width")?, size(tag::TILE_LENGTH, "tile length")?)
         } else {
-            let rows = directory.number(278)?.unwrap_or(height).min(height);
+            let rows = directory.number(tag::ROWS_PER_STRIP)?.unwrap_or(height).min(height);
             if rows == 0 {
-                return Err(input.corrupt("tag 278 (rows per strip)", "0", "at least 1"));
+                let place = format!("tag {} (rows per strip)", tag::ROWS_PER_STRIP);
+                return Err(input.corrupt(place, "0", "at least 1"));
             }
             (width, rows)
         };
         // Some writers put the tables of tiles into the tags meant for strips.
         let table = |tile: u16, strip: u16| if tiled && directory.has(tile) { tile } else { strip };
-        let Some(offsets) = directory.numbers(table(324, 273))? else {
-            return Err(input.corrupt("directory", "no chunk offsets", "tag 273 or 324"));
+        let Some(offsets) = directory.numbers(table(tag::TILE_OFFSETS, tag::STRIP_OFFSETS))? else {
+            let expected = format!("tag {} or {}", tag::STRIP_OFFSETS, tag::TILE_OFFSETS);
+            return Err(input.corrupt("directory", "no chunk offsets", expected));
         };
-        let counts = directory.numbers(table(325, 279))?;
+        let counts = directory.numbers(table(tag::TILE_BYTE_COUNTS, tag::STRIP_BYTE_COUNTS))?;
         // Old writers of a single strip saw no need to tell its length.
         let counts = counts.filter(|counts| offsets.len() > 1 || offsets == [0] || counts != &[0]);
 
@@ -120,17 +125,17 @@ impl Layout {
         Region::new(x, y, self.chunk_width.min(self.width - x), self.chunk_height.min(self.height - y))
     }
 
-    /// Where a chunk stands in the file.
-    pub(super) fn place(&self, plane: u64, across: u64, down: u64) -> Place {
+    /// Location of a chunk in the file.
+    pub(super) fn location(&self, plane: u64, across: u64, down: u64) -> ChunkLocation {
         let strips_down = if self.pieces == 1 { self.down() } else { self.down().div_ceil(self.pieces) };
         let strip = (plane * strips_down + down / self.pieces) * self.across() + across;
         let offset = self.offsets[strip as usize];
         let count = self.counts.as_ref().map(|counts| counts[strip as usize]);
         if count == Some(0) || offset == 0 && count.is_none() {
-            return Place::Hole;
+            return ChunkLocation::Hole;
         }
         let skip = (down % self.pieces).saturating_mul(self.piece_bytes);
-        Place::At(offset.saturating_add(skip), count.map(|count| count.saturating_sub(skip)))
+        ChunkLocation::At(offset.saturating_add(skip), count.map(|count| count.saturating_sub(skip)))
     }
 
     /// The chunk in words, for messages.

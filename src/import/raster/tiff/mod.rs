@@ -10,13 +10,15 @@ mod image;
 mod layout;
 mod predictor;
 mod samples;
+mod spec;
 
 use std::path::Path;
 
 use self::colour::Colour;
 use self::ifd::{Directory, Input};
 use self::image::Image;
-use self::samples::Stored;
+use self::samples::SampleFormat;
+use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
 use super::{OpenOptions, Order, Pixels, Raster, RasterInfo};
 use crate::space::Region;
@@ -97,14 +99,16 @@ impl Tiff {
 fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
     for directory in input.chain(next) {
         let directory = directory?;
-        let is = |tag: u16, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
-        // Bit 2 of the new subfile type is "mask", bit 0 "of an overview".
-        let wanted = is(254, 4)? && is(256, image.layout.width)? && is(257, image.layout.height)?;
+        let is = |tag, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
+        // Bit 2 of NewSubfileType is "mask", bit 0 "of an overview".
+        let wanted = is(tag::NEW_SUBFILE_TYPE, 4)?
+            && is(tag::IMAGE_WIDTH, image.layout.width)?
+            && is(tag::IMAGE_LENGTH, image.layout.height)?;
         if wanted {
             let mask = Image::new(input, &directory)?;
-            return match mask.stored {
-                Stored::Uint(1..=8) => Ok(Some(mask)),
-                stored => Err(input.unsupported(format!("a mask of {} samples", stored.name()))),
+            return match mask.sample_format {
+                SampleFormat::Uint(1..=8) => Ok(Some(mask)),
+                format => Err(input.unsupported(format!("a mask of {} samples", format.name()))),
             };
         }
     }
@@ -112,14 +116,20 @@ fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
 }
 
 fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
-    let Image { layout, stored, channels, .. } = image;
-    let nodata = gdal::nodata(directory, stored.sample())?;
+    let Image { layout, sample_format, channels, .. } = image;
+    let nodata = gdal::nodata(directory, sample_format.sample())?;
     let metadata = gdal::metadata(directory, *channels)?;
-    let colours = if *channels == 1 { colour_map(directory, *stored)? } else { None };
-    let kind = match (stored, image.photometric) {
+    let colours = if *channels == 1 { colour_map(directory, *sample_format)? } else { None };
+    let kind = match (sample_format, image.photometric) {
         _ if colours.is_some() => Some(Kind::Categorical),
-        (Stored::Uint(1), _) => Some(Kind::Categorical),
-        (Stored::Uint(2..=8) | Stored::Int(8), 0 | 1 | 3 | 4) => None,
+        (SampleFormat::Uint(1), _) => Some(Kind::Categorical),
+        (
+            SampleFormat::Uint(2..=8) | SampleFormat::Int(8),
+            photometric::WHITE_IS_ZERO
+            | photometric::BLACK_IS_ZERO
+            | photometric::RGB_PALETTE
+            | photometric::TRANSPARENCY_MASK,
+        ) => None,
         _ => Some(Kind::Continuous),
     };
     let mut palette = colours.or_else(|| ramp(image));
@@ -139,8 +149,8 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
     Ok(RasterInfo {
         width: layout.width,
         height: layout.height,
-        sample: stored.sample(),
-        stored_sample: stored.name(),
+        sample: sample_format.sample(),
+        stored_sample: sample_format.name(),
         channels: *channels,
         alpha: alpha(directory, image)?,
         frame,
@@ -161,16 +171,16 @@ fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
     if image.colour == Colour::Cmyk {
         return Ok(Some(3));
     }
-    let extra = directory.numbers(338)?.unwrap_or_default();
+    let extra = directory.numbers(tag::EXTRA_SAMPLES)?.unwrap_or_default();
     // Extra samples are the last ones of a pixel; 1 and 2 are opacity, multiplied in or not.
-    let place = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
-    Ok(place.and_then(|place| (image.channels + place).checked_sub(extra.len())))
+    let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
+    Ok(index.and_then(|index| (image.channels + index).checked_sub(extra.len())))
 }
 
 /// The colours of a one-channel image, if it has a colour map.
-fn colour_map(directory: &Directory<'_>, stored: Stored) -> Result<Option<Palette>> {
-    let map = match (stored, directory.numbers(320)?) {
-        (Stored::Uint(bits @ 1..=16), Some(map)) if map.len() == 3 << bits => map,
+fn colour_map(directory: &Directory<'_>, sample_format: SampleFormat) -> Result<Option<Palette>> {
+    let map = match (sample_format, directory.numbers(tag::COLOR_MAP)?) {
+        (SampleFormat::Uint(bits @ 1..=16), Some(map)) if map.len() == 3 << bits => map,
         _ => return Ok(None),
     };
     // The map has 16 bits; some writers put 8 there, or shift them up.
@@ -187,8 +197,8 @@ fn colour_map(directory: &Directory<'_>, stored: Stored) -> Result<Option<Palett
 
 /// Grey levels, where a viewer would get them wrong from the samples alone: when 0 is white, and bits.
 fn ramp(image: &Image) -> Option<Palette> {
-    let Stored::Uint(bits @ 1..=8) = image.stored else { return None };
-    let white_is_zero = image.photometric == 0;
+    let SampleFormat::Uint(bits @ 1..=8) = image.sample_format else { return None };
+    let white_is_zero = image.photometric == photometric::WHITE_IS_ZERO;
     if image.channels != 1 || !(white_is_zero || bits == 1) {
         return None;
     }
@@ -201,9 +211,13 @@ fn ramp(image: &Image) -> Option<Palette> {
 /// Texts worth keeping.
 fn tags(directory: &Directory<'_>, items: Vec<(String, String)>) -> Result<Vec<(String, String)>> {
     let mut tags = Vec::new();
-    for (tag, name) in
-        [(270, "description"), (305, "software"), (306, "date"), (315, "artist"), (33432, "copyright")]
-    {
+    for (tag, name) in [
+        (tag::IMAGE_DESCRIPTION, "description"),
+        (tag::SOFTWARE, "software"),
+        (tag::DATE_TIME, "date"),
+        (tag::ARTIST, "artist"),
+        (tag::COPYRIGHT, "copyright"),
+    ] {
         if let Some(text) = directory.text(tag)?.filter(|text| !text.is_empty()) {
             tags.push((name.to_string(), text));
         }

@@ -1,6 +1,6 @@
 //! Undoing the predictors, which store differences between neighbours in a row.
 
-/// How a row was made easier to compress.
+/// Filter that was applied to rows before compression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Predictor {
     None,
@@ -19,6 +19,8 @@ pub(super) fn restore(
     channels: usize,
     big_endian: bool,
 ) {
+    // Horizontal differences are between samples as numbers, so that their bytes are put in order first. The
+    // floating-point predictor has the highest bytes first whatever the byte order of the file.
     if big_endian && size > 1 && predictor != Predictor::Float {
         match size {
             2 => rows.as_chunks_mut::<2>().0.iter_mut().for_each(|sample| sample.reverse()),

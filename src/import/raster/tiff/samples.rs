@@ -2,29 +2,29 @@
 
 use crate::value::SampleType;
 
-/// The type of a file's samples, with its bits.
+/// Type of a file's samples, with its number of bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stored {
+pub(super) enum SampleFormat {
     Uint(u8),
     Int(u8),
     Float(u8),
 }
 
-impl Stored {
-    /// From the tags SampleFormat and BitsPerSample; the words name what we cannot read.
-    pub(super) fn new(format: u64, bits: u64) -> Result<Stored, String> {
+impl SampleFormat {
+    /// The format of the tags SampleFormat and BitsPerSample; the error names one that cannot be read.
+    pub(super) fn new(format: u64, bits: u64) -> Result<SampleFormat, String> {
         match (format, bits) {
             // 4 is "undefined", which readers take for unsigned.
-            (1 | 4, 1..=32 | 64) => Ok(Stored::Uint(bits as u8)),
-            (2, 8 | 16 | 32 | 64) => Ok(Stored::Int(bits as u8)),
-            (3, 16 | 24 | 32 | 64) => Ok(Stored::Float(bits as u8)),
+            (1 | 4, 1..=32 | 64) => Ok(SampleFormat::Uint(bits as u8)),
+            (2, 8 | 16 | 32 | 64) => Ok(SampleFormat::Int(bits as u8)),
+            (3, 16 | 24 | 32 | 64) => Ok(SampleFormat::Float(bits as u8)),
             (5 | 6, _) => Err(format!("complex samples of {bits} bits")),
             _ => Err(format!("samples of {bits} bits in format {format}")),
         }
     }
 
     pub(super) fn bits(self) -> usize {
-        let (Stored::Uint(bits) | Stored::Int(bits) | Stored::Float(bits)) = self;
+        let (SampleFormat::Uint(bits) | SampleFormat::Int(bits) | SampleFormat::Float(bits)) = self;
         bits.into()
     }
 
@@ -32,7 +32,7 @@ impl Stored {
     /// meaning. Integers of 24 bits are: their highest byte comes first in any file.
     pub(super) fn bytes(self) -> Option<usize> {
         match self {
-            Stored::Uint(24) => None,
+            SampleFormat::Uint(24) => None,
             _ => self.bits().is_multiple_of(8).then_some(self.bits() / 8),
         }
     }
@@ -40,12 +40,12 @@ impl Stored {
     /// The type that holds all such samples.
     pub(super) fn sample(self) -> SampleType {
         match self {
-            Stored::Uint(1..=8) => SampleType::U8,
-            Stored::Uint(9..=16) => SampleType::U16,
-            Stored::Uint(17..=32) => SampleType::U32,
-            Stored::Int(8 | 16) => SampleType::I16,
-            Stored::Int(32) => SampleType::I32,
-            Stored::Float(16 | 24 | 32) => SampleType::F32,
+            SampleFormat::Uint(1..=8) => SampleType::U8,
+            SampleFormat::Uint(9..=16) => SampleType::U16,
+            SampleFormat::Uint(17..=32) => SampleType::U32,
+            SampleFormat::Int(8 | 16) => SampleType::I16,
+            SampleFormat::Int(32) => SampleType::I32,
+            SampleFormat::Float(16 | 24 | 32) => SampleType::F32,
             _ => SampleType::F64,
         }
     }
@@ -53,10 +53,10 @@ impl Stored {
     /// The type in words: "uint12".
     pub(super) fn name(self) -> String {
         match self {
-            Stored::Uint(bits) => format!("uint{bits}"),
-            Stored::Int(bits) => format!("int{bits}"),
-            Stored::Float(16) => "half".into(),
-            Stored::Float(bits) => format!("float{bits}"),
+            SampleFormat::Uint(bits) => format!("uint{bits}"),
+            SampleFormat::Int(bits) => format!("int{bits}"),
+            SampleFormat::Float(16) => "half".into(),
+            SampleFormat::Float(bits) => format!("float{bits}"),
         }
     }
 
@@ -69,17 +69,17 @@ impl Stored {
             None => row,
         };
         match self {
-            Stored::Uint(8 | 16 | 32) | Stored::Int(16 | 32) | Stored::Float(32 | 64) => {
+            SampleFormat::Uint(8 | 16 | 32) | SampleFormat::Int(16 | 32) | SampleFormat::Float(32 | 64) => {
                 out.copy_from_slice(row);
             }
-            Stored::Int(8) => each(row, out, |[byte]| (byte as i8 as i16).to_le_bytes()),
-            Stored::Float(16) => {
+            SampleFormat::Int(8) => each(row, out, |[byte]| (byte as i8 as i16).to_le_bytes()),
+            SampleFormat::Float(16) => {
                 each(row, out, |half| half::f16::from_le_bytes(half).to_f32().to_le_bytes());
             }
-            Stored::Float(24) => each(row, out, |[a, b, c]| float24(a, b, c).to_le_bytes()),
-            Stored::Uint(64) | Stored::Int(64) => return wide(self, row, out),
-            Stored::Uint(bits) => unpack(row, bits.into(), first, out),
-            Stored::Int(_) | Stored::Float(_) => unreachable!("refused by Stored::new"),
+            SampleFormat::Float(24) => each(row, out, |[a, b, c]| float24(a, b, c).to_le_bytes()),
+            SampleFormat::Uint(64) | SampleFormat::Int(64) => return wide(self, row, out),
+            SampleFormat::Uint(bits) => unpack(row, bits.into(), first, out),
+            SampleFormat::Int(_) | SampleFormat::Float(_) => unreachable!("refused by SampleFormat::new"),
         }
         Ok(())
     }
@@ -93,11 +93,11 @@ fn each<const N: usize, const M: usize>(row: &[u8], out: &mut [u8], map: impl Fn
 }
 
 /// 64-bit integers become f64 where that loses nothing.
-fn wide(stored: Stored, row: &[u8], out: &mut [u8]) -> Result<(), String> {
+fn wide(format: SampleFormat, row: &[u8], out: &mut [u8]) -> Result<(), String> {
     for (from, to) in row.as_chunks::<8>().0.iter().zip(out.as_chunks_mut::<8>().0) {
         // Through i128, as a cast from f64 saturates: u64::MAX would seem to survive the way there and back.
-        let exact = match stored {
-            Stored::Int(_) => i64::from_le_bytes(*from).into(),
+        let exact = match format {
+            SampleFormat::Int(_) => i64::from_le_bytes(*from).into(),
             _ => i128::from(u64::from_le_bytes(*from)),
         };
         let float = exact as f64;

@@ -19,8 +19,8 @@ pub(super) struct Materials(HashMap<Vec<u8>, [u8; 3]>);
 const MOST_BYTES: u64 = 4 << 20;
 
 impl Materials {
-    /// Reads the libraries that a file names. They lie beside it or below; what is missing or broken gives no colours,
-    /// since the shape is the same without them. If vertices have colours, materials do not count.
+    /// Reads the libraries that a file names. They lie beside it or below; what is missing or broken gives no
+    /// colours, since the shape is the same without them. If vertices have colours, materials do not count.
     pub(super) fn read(source: &Source, scan: &Scan) -> Materials {
         let mut materials = Materials::default();
         if scan.coloured > 0 {

@@ -13,7 +13,7 @@ use super::vertices::{Coordinates, Table, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
 use crate::Result;
 
-/// How much more memory than the file's length a file takes that is read at once.
+/// Ratio of the memory that a file takes when read at once to its length.
 const WHOLE_FACTOR: u64 = 4;
 
 struct Obj {
@@ -119,7 +119,7 @@ impl Obj {
     }
 }
 
-/// The vertex that a corner such as `7`, `7/1`, `7//3` or `-1/-1` is at, where so many are known before it.
+/// Index of the vertex of a corner such as `7`, `7/1`, `7//3` or `-1/-1`; `known` vertices come before it.
 fn index(word: &[u8], known: u64) -> Option<u64> {
     let word = word.split(|byte| *byte == b'/').next()?;
     match text::whole(word)? {

@@ -1,4 +1,4 @@
-//! What an OBJ file says, statement by statement, and what is known after going through it once.
+//! Statements of an OBJ file, and a summary of them from a first pass.
 
 use std::borrow::Cow;
 
@@ -98,7 +98,7 @@ impl<'a> Items<'a> {
     }
 }
 
-/// What is known of a file after its first reading.
+/// Summary of a file from its first pass.
 pub(super) struct Scan {
     pub(super) has_objects: bool,
     pub(super) parts: Parts,
@@ -173,7 +173,7 @@ impl Scan {
     }
 }
 
-/// A vertex's place, which a fourth number divides, and its colour.
+/// Coordinates of a vertex, which a fourth number divides, and its colour.
 pub(super) fn vertex(mut words: Words<'_>) -> Option<([f64; 3], Option<[u8; 3]>)> {
     let mut numbers = [0.0; 7];
     let mut count = 0;

@@ -1,7 +1,7 @@
 //! OBJ files that fit the memory, read at once by the `tobj` crate.
 //!
-//! That crate gets the statements that matter, made uniform: it takes lines for faces and groups for objects, loses
-//! names behind blanks, and refuses comments behind numbers.
+//! That crate gets the statements that matter, made uniform: it takes lines for faces and groups for objects,
+//! loses names behind blanks, and refuses comments behind numbers.
 
 use std::io::{BufReader, Read};
 
@@ -84,15 +84,15 @@ impl Piece {
     }
 }
 
-/// Statements as text for the crate: vertices, faces of bare vertex numbers, and an object, named by the part's number
-/// and the material's colour, wherever one of these changes.
+/// Statements as text for the crate: vertices, faces of bare vertex numbers, and an object, named by the
+/// part's number and the material's colour, wherever one of these changes.
 struct Feed<'a> {
     items: Items<'a>,
     scan: &'a Scan,
     materials: &'a Materials,
     last: Option<(usize, usize)>,
     text: Vec<u8>,
-    /// How much of the text has been taken.
+    /// Bytes of the text that have been taken.
     at: usize,
 }
 

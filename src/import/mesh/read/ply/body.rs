@@ -3,7 +3,7 @@
 use super::super::text::{Words, line_number, real, shown, whole};
 use super::header::{Element, Encoding, Property, Scalar};
 
-/// Why a number could not be read.
+/// Reason why a number could not be read.
 #[derive(Debug)]
 pub(super) struct Fault {
     /// Line or byte.
@@ -29,7 +29,7 @@ pub(super) trait Body {
     /// Something wrong with what was read last.
     fn fault(&self, found: String, expected: &'static str) -> Box<Fault>;
 
-    /// Where the next number is looked for.
+    /// Offset of the next number.
     fn offset(&self) -> usize;
 
     /// The length of a list.
@@ -177,7 +177,7 @@ impl<const BIG: bool> Body for Binary<'_, BIG> {
     }
 }
 
-/// What can be done with numbers of any encoding.
+/// Operation on a body that is generic over the encoding of its numbers.
 pub(super) trait Visit {
     type Output;
 

@@ -4,7 +4,7 @@ use super::super::source::Source;
 use super::super::text::{Lines, shown, whole, words};
 use crate::{Error, Result};
 
-/// How numbers are written behind the header.
+/// Encoding of the numbers behind the header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -55,17 +55,17 @@ impl Scalar {
     }
 }
 
-/// One of the things that an element has.
+/// Property of an element.
 #[derive(Clone, Debug)]
 pub(super) struct Property {
     pub(super) name: String,
-    /// For a list, the type of its length.
+    /// Type of the length of a list; `None` for a single number.
     pub(super) length: Option<Scalar>,
     /// The type of the number or of the list's items.
     pub(super) scalar: Scalar,
 }
 
-/// So many things of the same kind.
+/// Element of the file: `count` records with the same properties.
 #[derive(Clone, Debug)]
 pub(super) struct Element {
     pub(super) name: String,
@@ -74,12 +74,12 @@ pub(super) struct Element {
 }
 
 impl Element {
-    /// The place of a property that is a single number, by any of its names.
+    /// Index of a property that is a single number, by any of its names.
     pub(super) fn number(&self, names: &[&str]) -> Option<usize> {
         self.properties.iter().position(|p| p.length.is_none() && names.contains(&p.name.as_str()))
     }
 
-    /// The places of red, green and blue.
+    /// Indices of red, green and blue.
     pub(super) fn colour(&self) -> Option<[usize; 3]> {
         Some([
             self.number(&["red", "diffuse_red"])?,
@@ -108,7 +108,7 @@ impl Element {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
-    /// Where the elements start in the file.
+    /// Offset of the first element in the file.
     pub(super) body: usize,
 }
 
@@ -193,7 +193,8 @@ impl Header {
         }
     }
 
-    /// Whether the file can hold as many elements as it says: later on, counts are as good as the file is long.
+    /// Whether the file can hold as many elements as it says: later on, counts are as good as the file is
+    /// long.
     fn check_size(&self, source: &Source) -> Result<()> {
         let there = (source.bytes().len() - self.body) as u128;
         let mut needed = 0;

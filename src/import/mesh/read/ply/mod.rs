@@ -19,12 +19,12 @@ struct Ply {
     encoding: Encoding,
     vertices: Lookup,
     faces: Element,
-    /// Where the first face is.
+    /// Offset of the first face.
     start: usize,
     degenerate: u64,
 }
 
-/// Where vertices are looked up.
+/// Location of the vertices while faces are read.
 enum Lookup {
     /// In the file itself.
     File(Range<usize>, Layout),
@@ -71,7 +71,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
             at = end;
         } else if number < vertex.max(face) {
             at = visit(header.encoding, source.bytes(), at, Skip(element))
-                .map_err(|fault| told(&source, &element.name, *fault))?;
+                .map_err(|fault| corrupt(&source, &element.name, *fault))?;
         }
     }
     let (Some(vertices), Some(bounds)) = (lookup, bounds.get()) else { return Err(source.no_vertices()) };
@@ -96,7 +96,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
 }
 
 /// An error among things of some kind.
-fn told(source: &Source, what: &str, fault: Fault) -> Error {
+fn corrupt(source: &Source, what: &str, fault: Fault) -> Error {
     source.corrupt(format!("{what}, {}", fault.place), fault.found, fault.expected)
 }
 
@@ -127,7 +127,8 @@ fn vertices(
     };
     let (position, colour) = ([x, y, z], element.colour());
     if let Some(layout) = layout(encoding, element, position, colour) {
-        // The header's check has seen that the file is long enough, if nothing of variable length comes before.
+        // The header's check has seen that the file is long enough, if nothing of variable length comes
+        // before.
         let length = element.count as usize * layout.stride;
         let bytes = source.bytes();
         let Some(end) = start.checked_add(length).filter(|end| *end <= bytes.len()) else {
@@ -154,7 +155,7 @@ fn not_finite(source: &Source, number: u64, point: [f64; 3]) -> Error {
     source.corrupt(format!("vertex {number}"), format!("{point:?}"), "finite coordinates")
 }
 
-/// How vertices stand in the file, if they can be looked up there.
+/// Layout of the vertices in the file, if they can be looked up there.
 fn layout(
     encoding: Encoding,
     element: &Element,
@@ -162,8 +163,8 @@ fn layout(
     colour: Option<[usize; 3]>,
 ) -> Option<Layout> {
     let stride = element.fixed_size()?;
-    let offset = |place: usize| element.properties[..place].iter().map(|p| p.scalar.size()).sum();
-    let scalar = |place: usize| element.properties[place].scalar;
+    let offset = |index: usize| element.properties[..index].iter().map(|p| p.scalar.size()).sum();
+    let scalar = |index: usize| element.properties[index].scalar;
     let coordinates = match (scalar(position[0]), encoding) {
         (_, Encoding::Ascii) => return None,
         (Scalar::F32, Encoding::Little) => Coordinates::F32,
@@ -172,8 +173,8 @@ fn layout(
         (Scalar::F64, Encoding::Big) => Coordinates::F64Big,
         _ => return None,
     };
-    let is_same = position.iter().all(|place| scalar(*place) == scalar(position[0]));
-    let has_bytes = colour.iter().flatten().all(|place| scalar(*place) == Scalar::U8);
+    let is_same = position.iter().all(|index| scalar(*index) == scalar(position[0]));
+    let has_bytes = colour.iter().flatten().all(|index| scalar(*index) == Scalar::U8);
     (is_same && has_bytes).then(|| Layout {
         stride,
         coordinates,
@@ -207,23 +208,23 @@ impl Visit for CopyVertices<'_> {
 
     fn visit(self, mut body: impl Body) -> Result<(Vertices, usize)> {
         let properties = &self.element.properties;
-        let is_single = self.position.iter().all(|place| properties[*place].scalar == Scalar::F32);
+        let is_single = self.position.iter().all(|index| properties[*index].scalar == Scalar::F32);
         let coordinates = if is_single { Coordinates::F32 } else { Coordinates::F64 };
         let is_coloured = self.colour.is_some();
         let mut vertices = VerticesBuilder::new(self.source.path(), coordinates, is_coloured, self.memory);
         for number in 0..self.element.count {
             self.source.passed(number);
             let (mut point, mut colour) = ([0.0; 3], [0; 3]);
-            for (place, property) in properties.iter().enumerate() {
-                let told = |fault: Box<Fault>| told(self.source, &format!("vertex {number}"), *fault);
+            for (index, property) in properties.iter().enumerate() {
+                let corrupt = |fault: Box<Fault>| corrupt(self.source, &format!("vertex {number}"), *fault);
                 if property.length.is_some() {
-                    body.skip_property(property).map_err(told)?;
+                    body.skip_property(property).map_err(corrupt)?;
                     continue;
                 }
-                let value = body.number(property.scalar).map_err(told)?;
-                if let Some(axis) = self.position.iter().position(|axis| *axis == place) {
+                let value = body.number(property.scalar).map_err(corrupt)?;
+                if let Some(axis) = self.position.iter().position(|axis| *axis == index) {
                     point[axis] = value;
-                } else if let Some(at) = self.colour.iter().flatten().position(|at| *at == place) {
+                } else if let Some(at) = self.colour.iter().flatten().position(|at| *at == index) {
                     colour[at] = channel(value, property.scalar);
                 }
             }
@@ -237,7 +238,7 @@ impl Visit for CopyVertices<'_> {
     }
 }
 
-/// What a property of faces is for.
+/// Role of a property of faces.
 #[derive(Clone, Copy)]
 enum Role {
     Corners,
@@ -246,7 +247,7 @@ enum Role {
     Other,
 }
 
-/// What the properties of faces are for.
+/// Roles of the properties of faces, in their order.
 struct Roles(Vec<Role>);
 
 impl Roles {
@@ -262,8 +263,8 @@ impl Roles {
         };
         let mut roles = vec![Role::Other; faces.properties.len()];
         roles[corners] = Role::Corners;
-        for (at, place) in faces.colour().iter().flatten().enumerate() {
-            roles[*place] = Role::Colour(at);
+        for (channel, index) in faces.colour().iter().flatten().enumerate() {
+            roles[*index] = Role::Colour(channel);
         }
         Ok(Roles(roles))
     }
@@ -288,18 +289,18 @@ impl Visit for ReadFaces<'_, '_> {
             self.source.passed(number);
             corners.clear();
             let mut colour = [0; 3];
-            let told = |fault: Box<Fault>| told(self.source, &format!("face {number}"), *fault);
+            let corrupt = |fault: Box<Fault>| corrupt(self.source, &format!("face {number}"), *fault);
             for (role, property) in roles.iter().zip(&self.element.properties) {
                 match (role, property.length) {
                     (Role::Corners, Some(length)) => {
                         read_corners(&mut body, length, property.scalar, self.vertices, &mut corners)
-                            .map_err(told)?;
+                            .map_err(corrupt)?;
                     }
                     (Role::Colour(at), None) => {
-                        let value = body.number(property.scalar).map_err(told)?;
+                        let value = body.number(property.scalar).map_err(corrupt)?;
                         colour[*at] = channel(value, property.scalar);
                     }
-                    _ => body.skip_property(property).map_err(told)?,
+                    _ => body.skip_property(property).map_err(corrupt)?,
                 }
             }
             if has_face_colours {

@@ -1,12 +1,13 @@
-//! What tests say of a face and an octant, and how often each test decided.
+//! Outcomes of the tests of a face against an octant, and how many of them each test decided.
 
 /// The test that gave the answer; the paper's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// 1: the face's bounds and the octant.
     Boxes,
-    /// 2: the face's plane and the octant. More than the paper's: not only a plane along a wall, but every plane that
-    /// does not pass through the octant's inside ends here, also what the paper's (4) and (5) reject in test 4.
+    /// 2: the face's plane and the octant. More than the paper's: not only a plane along a wall, but every
+    /// plane that does not pass through the octant's inside ends here, also what the paper's (4) and (5)
+    /// reject in test 4.
     Planes,
     /// 3: the face's vertices and the octant: (1) and (2).
     Vertices,
@@ -18,16 +19,16 @@ pub enum Stage {
     Triangles,
 }
 
-/// Whether a face cuts an octant, and how that was found.
+/// Outcome of testing a face against an octant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Verdict {
+pub struct Intersection {
     /// Whether the face has a point in common with the octant's inside.
     pub cuts: bool,
     /// The test that decided.
     pub stage: Stage,
 }
 
-/// How many questions each test decided.
+/// Numbers of outcomes by the test that decided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stages {
     /// Faces that do not cut the octant, in the order of [`Stage`].
@@ -37,14 +38,13 @@ pub struct Stages {
 }
 
 impl Stages {
-    /// Counts a verdict.
-    pub fn count(&mut self, verdict: Verdict) {
-        let side = if verdict.cuts { &mut self.cutting } else { &mut self.apart };
-        side[verdict.stage as usize] += 1;
+    /// Counts the outcome of one test.
+    pub fn count(&mut self, found: Intersection) {
+        let side = if found.cuts { &mut self.cutting } else { &mut self.apart };
+        side[found.stage as usize] += 1;
     }
 
-    /// The tests that decided anything: their names, and how often they found that a face does not cut the octant, and that
-    /// it does.
+    /// Tests that decided anything: name, outcomes without an intersection, and with one.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64, u64)> {
         let names = ["boxes", "planes", "vertices", "section", "holes", "triangles"];
         let counts = self.apart.into_iter().zip(self.cutting);
@@ -52,7 +52,7 @@ impl Stages {
         all.filter(|(_, apart, cutting)| apart + cutting > 0)
     }
 
-    /// Adds what was counted elsewhere.
+    /// Adds the counts of another walk.
     pub fn add(&mut self, other: &Stages) {
         for stage in 0..6 {
             self.apart[stage] += other.apart[stage];
