@@ -2,12 +2,10 @@
 //! tree in memory.
 
 use std::fmt;
-use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::patched::{Patched, PatchedNode};
-use crate::io::{Mapped, Positioned, ReadBackend};
 use crate::query::{Statistics, source_statistics, tally_statistics};
 use crate::space::Bounds;
 use crate::store::autumnal::{self, Autumnal, Commit};
@@ -84,21 +82,13 @@ impl TreeFile {
     /// If it cannot be read, is no tree file, or is damaged.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
         let (name, commit) = split_commit(path);
-        let file = File::open(&name).map_err(Error::io(&*name, "open"))?;
-        let copy = file.try_clone().map_err(Error::io(&*name, "open"))?;
-        let (format, _) = Header::read(&name, &Positioned::of(copy, &name)?)?;
+        let opened = options.open_with_id(&name)?;
+        let (format, _) = Header::read(&name, &*opened.0)?;
         match (format, commit) {
-            (TreeFormat::Goblin, None) => {
-                let backend: Box<dyn ReadBackend> = if options.positioned {
-                    Box::new(Positioned::of(file, &name)?)
-                } else {
-                    Box::new(Mapped::of(&file, &name)?)
-                };
-                Ok(Goblin::from_backend(path, backend, options)?.into())
-            }
+            (TreeFormat::Goblin, None) => Ok(Goblin::from_backend(path, opened.0, options)?.into()),
             // There are no commits in it: only a file whose name is all of the path can be meant.
             (TreeFormat::Goblin, Some(_)) => Ok(Goblin::open(path, options)?.into()),
-            (TreeFormat::Autumnal, _) => Ok(Autumnal::open(path, options)?.into()),
+            (TreeFormat::Autumnal, _) => Ok(Autumnal::of_opened(path, opened, options)?.into()),
         }
     }
 

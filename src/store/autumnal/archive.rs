@@ -60,7 +60,7 @@ pub(super) struct Archive {
 }
 
 /// Bytes of a file, and which file it is.
-pub(super) type OpenFile = (Box<dyn ReadBackend>, FileId);
+pub(crate) type OpenFile = (Box<dyn ReadBackend>, FileId);
 
 /// Times that slots are read when none is whole: a writer may have been at both, one after the other.
 const MAX_ATTEMPTS: u32 = 100;

@@ -1,10 +1,11 @@
 //! Reads one commit of an Autumnal file.
 
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-use super::archive::{Archive, newest_meta};
+use super::archive::{Archive, OpenFile, newest_meta};
 use super::commit::{Commit, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
 use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, RELATIVE, RecordLayout};
@@ -77,8 +78,20 @@ impl Autumnal {
     /// # Errors
     /// If it cannot be read, is no Autumnal file, is damaged, or has no such commit.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Autumnal> {
+        let (file_path, _) = split_commit(path);
+        Autumnal::of_opened(path, options.open_with_id(&file_path)?, options)
+    }
+
+    /// Opens a commit of a file whose bytes are open already.
+    ///
+    /// # Errors
+    /// As [`Autumnal::open`].
+    pub(crate) fn of_opened(path: &Path, opened: OpenFile, options: &OpenOptions) -> Result<Autumnal> {
         let (file_path, number) = split_commit(path);
-        let archive = Archive::open(&file_path, &|| options.open_with_id(&file_path), options.check)?;
+        // If a writer was too fast, the file is opened again by its name.
+        let first = Cell::new(Some(opened));
+        let open = || first.take().map_or_else(|| options.open_with_id(&file_path), Ok);
+        let archive = Archive::open(&file_path, &open, options.check)?;
         let commit = number.map_or_else(|| archive.newest(), |number| archive.commit(number))?;
         let mut tree = Autumnal::new(archive, commit)?;
         tree.opened = number.is_none().then(|| (file_path.into_owned(), options.clone()));
