@@ -73,6 +73,19 @@ const MOST: u64 = 1 << 16;
 /// Only nodes that rays meet are read, and nothing below the level. The picture does not depend on the number
 /// of threads.
 ///
+/// ```
+/// use spinney::export::image::Format;
+/// use spinney::export::{RenderRequest, render};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("ball.png");
+/// let ball = spinney::open("fixtures/v1/ball.goblin")?;
+/// let request = RenderRequest { width: 40, height: 30, ..RenderRequest::default() };
+/// assert_eq!(render(&ball, &request, Output::create(&path)?, Format::Png, &())?, 5);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If the tree is a quadtree or has no such level, a number of the request makes no sense, the format cannot
 /// hold colours of 8 bits, the tree is damaged, or on interruption.

@@ -38,6 +38,21 @@ pub enum Detail {
 /// With [`Detail::Size`], trees of means and of occupancy are averaged over the area of each pixel, others
 /// give the value at its centre. In trees of occupancy, VOID cells are 0.
 ///
+/// ```
+/// use spinney::export::image::Format;
+/// use spinney::export::{Detail, WindowRequest, export_window};
+/// use spinney::{io::Output, space::Bounds};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("part.png");
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let bounds = Bounds { min: [8, 8, 0], max: [40, 40, 1] };
+/// let detail = Detail::Size(16, 16);
+/// let request = WindowRequest { bounds, across: 2, detail, nodata: None, memory: 64 << 20 };
+/// export_window(&map, &request, Output::create(&path)?, Format::Png, &())?;
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If the window is empty, one row needs more memory than is allowed, the format cannot hold the values, the
 /// tree is damaged, or on interruption.

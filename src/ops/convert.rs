@@ -27,6 +27,16 @@ pub fn compact_file(
 /// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
 /// the same.
 ///
+/// ```
+/// use spinney::{io::Output, ops};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("published.goblin");
+/// let history = "fixtures/v1/history.autumn@1";
+/// ops::convert(history.as_ref(), false, Output::create(&path)?, 64 << 20, &())?;
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If the file cannot be read, the output not be written, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {

@@ -112,6 +112,13 @@ pub struct FdRange {
 
 /// Compares two trees, or two commits of one; hands out the runs of cells that differ.
 ///
+/// ```
+/// let [first, second] = ["fixtures/v1/history.autumn@1", "fixtures/v1/history.autumn@2"];
+/// let differences = spinney::ops::diff_files(first.as_ref(), second.as_ref(), &mut |_| Ok(()))?;
+/// assert_eq!(differences.blocks, 9);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If they cannot be read, are of different forms, or `range` fails.
 pub fn diff_files(

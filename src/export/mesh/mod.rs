@@ -97,6 +97,17 @@ pub struct MeshSummary {
 /// PLY files have the cells' values: three or four channels of u8 as colours of faces, classes of u8 or u16
 /// as a property `value`. Faces of different values are not merged then.
 ///
+/// ```
+/// use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("ball.ply");
+/// let ball = spinney::open("fixtures/v1/ball.goblin")?;
+/// export_mesh(&ball, &MeshRequest::default(), Output::create(&path)?, MeshFormat::Ply, &())?;
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the format cannot
 /// hold so many faces or such coordinates; if the output cannot be written; or on interruption.

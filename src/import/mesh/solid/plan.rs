@@ -89,6 +89,20 @@ impl SolidImport {
 
 /// Decides how the tree of some models is built. Several models become one solid.
 ///
+/// ```
+/// use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let [model, tree] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+/// let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// std::fs::write(&model, text).unwrap();
+/// let options = SolidOptions { resolution: Resolution::Cells(64), ..SolidOptions::default() };
+/// plan_models(open_all(&[model], 64 << 20)?, &options)?.build(Output::create(&tree)?, &())?;
+/// assert_eq!(spinney::open(&tree)?.depth(), 6);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
 /// # Errors
 /// If the options do not fit the models, or these have no vertices.
 pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
