@@ -23,8 +23,7 @@
 //! | `find` | the largest blocks of a box above the middle of the values |
 //! | `solid` | volume, surface and centre of an octree |
 
-// Nothing is timed here.
-#[allow(dead_code)]
+#[allow(dead_code)] // nothing is timed here
 mod measuring;
 
 use std::path::Path;

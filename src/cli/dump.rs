@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use super::args::Viewed;
+use super::args::ViewedTree;
 use super::report::print_text;
 
 const EXAMPLES: &str = "Examples:
@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: Viewed,
+    tree: ViewedTree,
     /// Print the DF-expression: G (or M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves
     #[arg(long, conflicts_with = "codes")]
     df: bool,

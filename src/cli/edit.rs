@@ -14,7 +14,7 @@ use spinney::store::autumnal::Editor;
 use spinney::store::file_is_tree;
 
 use super::args::{
-    CommitOptions, Cuboid, OperationName, Part, numbers, parse_cuboid, parse_operation, parse_step,
+    CommitOptions, Cuboid, OperationName, PartOptions, numbers, parse_cuboid, parse_operation, parse_step,
     same_file, to_cells,
 };
 use super::report::Work;
@@ -77,7 +77,7 @@ struct Paste {
 #[command(group = clap::ArgGroup::new("what").required(true))]
 struct Fill {
     #[command(flatten)]
-    part: Part,
+    part: PartOptions,
     /// Box of an octree's cells: corner and edges
     #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, conflicts_with_all = ["window", "bbox"])]
     cuboid: Option<Cuboid>,

@@ -8,7 +8,7 @@ use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
 use spinney::io::Output;
 
 use super::Global;
-use super::args::{Viewed, check_output};
+use super::args::{ViewedTree, check_output};
 use super::report::{Work, report_output};
 
 /// Write the surface of an octree as a mesh
@@ -24,7 +24,7 @@ use super::report::{Work, report_output};
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: Viewed,
+    tree: ViewedTree,
     /// Output: .ply, .obj or .stl; `-` is standard output
     output: PathBuf,
     /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if

@@ -6,7 +6,7 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::query::Condition;
 
-use super::args::{Part, Viewed};
+use super::args::{PartOptions, ViewedTree};
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
@@ -20,11 +20,11 @@ has only one.";
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: Viewed,
+    tree: ViewedTree,
     #[command(flatten)]
     condition: Wanted,
     #[command(flatten)]
-    part: Part,
+    part: PartOptions,
     /// Stop after so many blocks
     #[arg(long)]
     limit: Option<u64>,

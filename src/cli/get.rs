@@ -11,7 +11,7 @@ use spinney::space::Bounds;
 
 use super::Global;
 use super::args::{
-    Cuboid, Part, Slice, Viewed, check_output, level_of, parse_cuboid, parse_size, parse_slice,
+    Cuboid, PartOptions, Slice, ViewedTree, check_output, level_of, parse_cuboid, parse_size, parse_slice,
     picture_format,
 };
 use super::report::Work;
@@ -35,11 +35,11 @@ three dimensions, z, y, x, in .npy and .raw files.";
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: Viewed,
+    tree: ViewedTree,
     /// Output: .png, .tif, .exr, .npy or .raw; `-` is standard output
     output: PathBuf,
     #[command(flatten)]
-    part: Part,
+    part: PartOptions,
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they
     /// were
     #[arg(long, conflicts_with = "size")]

@@ -8,7 +8,7 @@ use spinney::dataset::Dataset;
 use spinney::query::PointSamples;
 use spinney::value::SampleType;
 
-use super::args::{Viewed, level_of, to_cells};
+use super::args::{ViewedTree, level_of, to_cells};
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
@@ -26,7 +26,7 @@ octrees need X,Y,Z.";
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: Viewed,
+    tree: ViewedTree,
     /// Points, X,Y or X,Y,Z; read from standard input if there are none
     #[arg(value_name = "X,Y")]
     points: Vec<String>,

@@ -9,7 +9,7 @@ use spinney::io::Output;
 use spinney::space::Up;
 
 use super::Global;
-use super::args::{Viewed, check_output, numbers, parse_size, picture_format};
+use super::args::{ViewedTree, check_output, numbers, parse_size, picture_format};
 use super::report::{Work, report_output};
 
 const EXAMPLES: &str = "Examples:
@@ -28,7 +28,7 @@ are no larger than a pixel.";
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: Viewed,
+    tree: ViewedTree,
     /// Output: .png, .tif, .npy or .raw; `-` is standard output
     output: PathBuf,
     /// Columns and rows

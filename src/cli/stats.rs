@@ -8,7 +8,7 @@ use spinney::space::{Bounds, is_geographic};
 use spinney::value::Rule;
 
 use super::Global;
-use super::args::{Part, Viewed, level_of};
+use super::args::{PartOptions, ViewedTree, level_of};
 use super::report::statistics::channels_as_json;
 use super::report::{Work, print_json, print_text, solid};
 
@@ -32,9 +32,9 @@ Mercator. Cells of degrees differ in area.";
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: Viewed,
+    tree: ViewedTree,
     #[command(flatten)]
-    part: Part,
+    part: PartOptions,
     /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0
     /// for none
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]

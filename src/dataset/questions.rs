@@ -106,16 +106,10 @@ impl Dataset {
         match self.reader() {
             Reader::View(viewed) => {
                 let counts_classes = self.header().counts_classes();
-                source_statistics(viewed.view(), &self.within(bounds), counts_classes)
+                source_statistics(viewed.view(), &self.header().within_picture(bounds), counts_classes)
             }
             _ => self.file().statistics(bounds),
         }
-    }
-
-    /// The part of a box that is in the picture; all of it if there is no box.
-    fn within(&self, bounds: Option<Bounds>) -> Bounds {
-        let picture = self.header().picture();
-        bounds.map_or(picture, |bounds| bounds.intersect(&picture))
     }
 
     /// Whether some cells of a box may be VOID; `false` is sure. Of views it is cheaper than statistics.
@@ -165,8 +159,12 @@ impl Dataset {
     ) -> Result<()> {
         match self.reader() {
             Reader::Goblin(file) => file.find(condition, bounds, found),
-            Reader::Autumnal(file) => source_find(file, condition, &self.within(bounds), found),
-            Reader::View(viewed) => source_find(viewed.view(), condition, &self.within(bounds), found),
+            Reader::Autumnal(file) => {
+                source_find(file, condition, &self.header().within_picture(bounds), found)
+            }
+            Reader::View(viewed) => {
+                source_find(viewed.view(), condition, &self.header().within_picture(bounds), found)
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{Dataset, Reader};
 use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
-use crate::query::{Field, Filling, Level, Rays, SolidStatistics, measure};
+use crate::query::{Field, Filling, OccupancyLevel, Rays, SolidStatistics, measure};
 use crate::{Progress, Result};
 
 impl Dataset {
@@ -36,10 +36,10 @@ impl Dataset {
     pub fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>> {
         let (filling, is_finest) = (self.filling(), level == self.depth());
         let field = match self.reader() {
-            Reader::Goblin(file) => Field::new(Level::new(file, level, filling, is_finest)?),
-            Reader::Autumnal(file) => Field::new(Level::new(file, level, filling, is_finest)?),
+            Reader::Goblin(file) => Field::new(OccupancyLevel::new(file, level, filling, is_finest)?),
+            Reader::Autumnal(file) => Field::new(OccupancyLevel::new(file, level, filling, is_finest)?),
             Reader::View(viewed) => {
-                Field::new(Level::new(Box::new(viewed.at(level)?), level, filling, is_finest)?)
+                Field::new(OccupancyLevel::new(Box::new(viewed.at(level)?), level, filling, is_finest)?)
             }
         };
         Ok(Box::new(field))

@@ -193,7 +193,7 @@ impl TreeFile {
     pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let picture = self.header().picture();
         let counts_classes = self.header().counts_classes();
-        let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let bounds = self.header().within_picture(bounds);
         match self {
             TreeFile::Goblin(file) => file.statistics(Some(bounds)),
             TreeFile::Autumnal(file) => {

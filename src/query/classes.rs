@@ -2,7 +2,7 @@
 
 use zerocopy::IntoBytes;
 
-use super::count::{Count, Subtree};
+use super::count::{Count, CountSubtree};
 use super::walk::Zone;
 use crate::Result;
 use crate::store::container::subtree::{BadSkip, each_leaf};
@@ -28,7 +28,7 @@ pub(super) struct Classes {
     last: usize,
     /// Cells of each value that is one byte, still to be added.
     bytes: Box<[u64; 256]>,
-    subtree: Subtree<Classes>,
+    subtree: CountSubtree<Classes>,
 }
 
 struct Class {

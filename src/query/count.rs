@@ -15,7 +15,7 @@ use crate::value::{Native, Sample, Tally, Value, ValueType, erase, native, with_
 
 /// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to
 /// a `T`.
-pub(super) type Subtree<T> = fn(&mut T, &[u8], u8) -> Result<(), BadSkip>;
+pub(super) type CountSubtree<T> = fn(&mut T, &[u8], u8) -> Result<(), BadSkip>;
 
 /// Statistics in the making.
 pub(super) trait Count {
@@ -55,7 +55,7 @@ struct Counter<V: Native> {
     sums: V::TotalSums,
     squares: V::TotalSums,
     /// Depends on the fan-out, as nothing else here does.
-    subtree: Subtree<Counter<V>>,
+    subtree: CountSubtree<Counter<V>>,
 }
 
 impl<V: Native> Counter<V> {

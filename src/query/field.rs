@@ -1,7 +1,7 @@
 //! One level of an octree as a field of occupancy: cells, densities between them, and gradients, looked up at
 //! random but cheaply where one is near the last.
 
-use super::occupancy::{BRICK, BRICK_CELLS, Block, Occupancy, SIDE};
+use super::occupancy::{BRICK, BRICK_CELLS, Occupancy, OccupancyBlock, SIDE};
 use crate::Result;
 
 /// Bricks that are kept: one slot for each number that a brick's coordinates are hashed to.
@@ -36,7 +36,7 @@ impl<'a> Field<'a> {
     }
 
     /// The largest uniform block that a cell inside the tree's space lies in.
-    pub(super) fn block(&mut self, cell: [u32; 3]) -> Result<Block> {
+    pub(super) fn block(&mut self, cell: [u32; 3]) -> Result<OccupancyBlock> {
         self.cells.block(cell)
     }
 

@@ -69,8 +69,7 @@ impl Goblin {
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
         let header = self.header();
-        let picture = header.picture();
-        let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let bounds = header.within_picture(bounds);
         let mut search = Search::new(header.form, header.depth(), condition, found);
         let walked = walk(self, &bounds, &mut search);
         search.finish(walked)

@@ -2,7 +2,7 @@
 
 use zerocopy::IntoBytes;
 
-use super::count::{Subtree, number_of};
+use super::count::{CountSubtree, number_of};
 use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 use crate::Result;
 use crate::space::{Bounds, Code};
@@ -65,7 +65,7 @@ struct Histogram {
     bins: Bins,
     /// The first sample of a value.
     number: fn(Value) -> f64,
-    subtree: Subtree<Bins>,
+    subtree: CountSubtree<Bins>,
 }
 
 impl Histogram {

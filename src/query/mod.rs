@@ -23,7 +23,7 @@ pub(crate) use field::Field;
 pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};
 pub(crate) use histogram::source_histogram;
-pub(crate) use occupancy::{Filling, Level};
+pub(crate) use occupancy::{Filling, OccupancyLevel};
 pub use points::PointSamples;
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;

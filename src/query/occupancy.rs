@@ -53,7 +53,7 @@ impl Filling {
 
 /// A uniform block of cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Block {
+pub(crate) struct OccupancyBlock {
     /// First cell along each axis.
     pub(super) min: [u32; 3],
     /// Cells along each axis.
@@ -78,7 +78,7 @@ pub(crate) trait Occupancy: Send {
     ///
     /// # Errors
     /// If the source fails.
-    fn block(&mut self, cell: [u32; 3]) -> Result<Block>;
+    fn block(&mut self, cell: [u32; 3]) -> Result<OccupancyBlock>;
 
     /// Writes the occupancy of the cells of a brick, x fastest, then y, then z.
     ///
@@ -94,7 +94,7 @@ type Node<P> = <<P as Deref>::Target as Source>::Node;
 ///
 /// It caches the path to the node that was found last, so that a neighbour costs no more than the levels from
 /// the common ancestor down.
-pub(crate) struct Level<P: Deref<Target: Source>> {
+pub(crate) struct OccupancyLevel<P: Deref<Target: Source>> {
     source: P,
     value_type: ValueType,
     level: u8,
@@ -109,17 +109,27 @@ pub(crate) struct Level<P: Deref<Target: Source>> {
     last: [u32; 3],
 }
 
-impl<P: Deref<Target: Source>> Level<P> {
+impl<P: Deref<Target: Source>> OccupancyLevel<P> {
     /// A level of an octree; `is_finest` if there is nothing finer anywhere, also not behind the source.
     ///
     /// # Errors
     /// If the source fails, is a quadtree, or has no such level.
-    pub(crate) fn new(source: P, level: u8, filling: Filling, is_finest: bool) -> Result<Level<P>> {
+    pub(crate) fn new(source: P, level: u8, filling: Filling, is_finest: bool) -> Result<OccupancyLevel<P>> {
         check_octree(source.form())?;
         check_level(level, source.depth())?;
         let (root, value_type) = (source.root()?, source.form().value);
         let path = (0..level).map(|_| no_children()).collect();
-        Ok(Level { source, value_type, level, filling, is_finest, root, path, known: 0, last: [0; 3] })
+        Ok(OccupancyLevel {
+            source,
+            value_type,
+            level,
+            filling,
+            is_finest,
+            root,
+            path,
+            known: 0,
+            last: [0; 3],
+        })
     }
 
     /// The node of level `deepest` that a cell lies in, or the uniform block of a higher level, and its
@@ -153,7 +163,7 @@ impl<P: Deref<Target: Source>> Level<P> {
     }
 }
 
-impl<P: Deref<Target: Source> + Send> Occupancy for Level<P> {
+impl<P: Deref<Target: Source> + Send> Occupancy for OccupancyLevel<P> {
     fn level(&self) -> u8 {
         self.level
     }
@@ -162,12 +172,12 @@ impl<P: Deref<Target: Source> + Send> Occupancy for Level<P> {
         self.is_finest
     }
 
-    fn block(&mut self, cell: [u32; 3]) -> Result<Block> {
+    fn block(&mut self, cell: [u32; 3]) -> Result<OccupancyBlock> {
         let (cells, filling, value_type) = (self.level, self.filling, self.value_type);
         let (found, level) = self.find(cell, cells)?;
         let value = found.value();
         let height = cells - level;
-        Ok(Block {
+        Ok(OccupancyBlock {
             min: cell.map(|cell| cell >> height << height),
             side: 1 << height,
             fill: filling.fill(value),

@@ -6,7 +6,7 @@
 //! whole numbers for the cells so that rounding can neither skip a block nor stay in one.
 
 use super::field::Field;
-use super::occupancy::{Block, HALF};
+use super::occupancy::{HALF, OccupancyBlock};
 use crate::Result;
 
 /// The surface is where the density between cells is this; at levels above the finest it is where it is this.
@@ -148,7 +148,7 @@ impl Rays for Field<'_> {
 
 /// A block on a ray's way.
 struct Step {
-    block: Block,
+    block: OccupancyBlock,
     /// The cell in which the ray enters it.
     cell: [u32; 3],
     /// Distances at which the ray enters and leaves.

@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 
 use super::check_level;
 use super::field::Field;
-use super::occupancy::{Filling, HALF, Level, check_octree};
+use super::occupancy::{Filling, HALF, OccupancyLevel, check_octree};
 use crate::parallel::{self, Pool};
 use crate::space::{Bounds, Frame};
 use crate::tree::{Child, Children, Source, no_children};
@@ -120,7 +120,7 @@ pub(crate) fn measure<S: Source>(
     let fields = Pool::new();
     let parts = parallel::map(&tasks, |task| {
         progress.check()?;
-        let make = || Ok(Field::new(Level::new(source, level, filling, false)?));
+        let make = || Ok(Field::new(OccupancyLevel::new(source, level, filling, false)?));
         fields.with(make, |field| {
             let mut gather = Gather { source, filling, areas, field, sums: Sums::default() };
             match task {

@@ -46,7 +46,7 @@ impl Goblin {
     pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let header = self.header();
         let picture = header.picture();
-        let bounds = bounds.map_or(picture, |bounds| bounds.intersect(&picture));
+        let bounds = header.within_picture(bounds);
         // A box that has the whole picture has the whole tree: the rest is VOID.
         let space = Bounds::space(header.form.dimension, header.depth());
         let mut gather = Gather::new(header.form, header.counts_classes());

@@ -8,17 +8,32 @@ use std::{fs, thread};
 use assert_cmd::Command;
 use assert_cmd::assert::Assert;
 
-pub fn spinney(arguments: &[&str]) -> Assert {
-    Command::cargo_bin("spinney").unwrap().args(arguments).assert()
+/// The program with arguments, not running yet.
+pub fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::cargo_bin("spinney").unwrap();
+    command.args(arguments);
+    command
 }
 
-/// What a run that succeeds prints.
+/// A run of the program.
+pub fn spinney(arguments: &[&str]) -> Assert {
+    command(arguments).assert()
+}
+
+/// Output of a run that succeeds.
 pub fn stdout(arguments: &[&str]) -> String {
     String::from_utf8(spinney(arguments).success().get_output().stdout.clone()).unwrap()
 }
 
 pub fn stderr(assert: Assert) -> String {
     String::from_utf8(assert.get_output().stderr.clone()).unwrap()
+}
+
+/// Complaint of a run that fails; never a panic.
+pub fn complaint(arguments: &[&str], code: i32) -> String {
+    let text = stderr(spinney(arguments).code(code));
+    assert!(!text.contains("panicked") && !text.is_empty(), "{text}");
+    text
 }
 
 /// Starts a program with the signals that end it as they are by default.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use spinney::import::raster::{self, OpenOptions, Pixels, RasterInfo};
+use spinney::import::raster::{self, Pixels, RasterInfo, RasterOptions};
 use spinney::space::Region;
 use spinney::value::{Kind, SampleType};
 
@@ -11,7 +11,7 @@ use crate::island::{self, COLOURS, HEIGHT, WIDTH};
 
 fn read(name: &str) -> (RasterInfo, Pixels) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
-    let mut raster = raster::open(&path, &OpenOptions::default()).unwrap();
+    let mut raster = raster::open(&path, &RasterOptions::default()).unwrap();
     let info = raster.info().clone();
     let mut pixels = Pixels::default();
     raster.read(Region::new(0, 0, info.width, info.height), &mut pixels).unwrap();

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::import::raster::{self, ImportOptions, OpenOptions, Pixels, Raster, RasterInfo, plan};
+use spinney::import::raster::{self, ImportOptions, Pixels, Raster, RasterInfo, RasterOptions, plan};
 use spinney::io::Output;
 use spinney::space::{Code, Region};
 use spinney::store;
@@ -86,7 +86,7 @@ const LARGEST: u64 = 10_000_000;
 /// too large.
 fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let opened = |bands: &Option<Vec<usize>>| {
-        let raster = raster::open(path, &OpenOptions::default())?;
+        let raster = raster::open(path, &RasterOptions::default())?;
         match bands {
             Some(bands) => raster::select(raster, bands),
             None => Ok(raster),

@@ -4,7 +4,9 @@ use std::collections::HashMap;
 
 use assert_cmd::Command;
 use spinney::dataset::Dataset;
-use spinney::export::mesh::{Attribute, MeshFormat, MeshRequest, MeshSummary, export_blocks, export_mesh};
+use spinney::export::mesh::{
+    FaceAttribute, MeshFormat, MeshRequest, MeshSummary, export_blocks, export_mesh,
+};
 use spinney::io::Output;
 use spinney::query::cell_blocks::Carry;
 use spinney::space::Frame;
@@ -175,7 +177,7 @@ struct Job {
     level: u8,
     frame: Frame,
     carry: Carry,
-    attribute: Attribute,
+    attribute: FaceAttribute,
     smooth: bool,
     triangles: bool,
 }
@@ -186,7 +188,7 @@ impl Job {
             level,
             frame: Frame::identity(),
             carry: Carry::Nothing,
-            attribute: Attribute::None,
+            attribute: FaceAttribute::None,
             smooth: false,
             triangles: false,
         }
@@ -414,7 +416,7 @@ fn frames_turn_nothing_inside_out() {
     for (matrix, words) in [(frames[4], "single precision"), (flat, "flat")] {
         let error = export_blocks(
             &mut *blocks,
-            Attribute::None,
+            FaceAttribute::None,
             &Frame { matrix, ..Frame::identity() },
             &MeshRequest::default(),
             Output::create(&folder.path().join("a.stl")).unwrap(),
@@ -478,7 +480,7 @@ fn colours_and_values_stand_at_faces() {
     });
     let tree = tree_of(6, &cells, Rule::Mean);
     for smooth in [false, true] {
-        let job = Job { carry: Carry::Value, attribute: Attribute::Colour, smooth, ..Job::new(6) };
+        let job = Job { carry: Carry::Value, attribute: FaceAttribute::Colour, smooth, ..Job::new(6) };
         let read = job.run(&tree, MeshFormat::Ply);
         read.check_closed("colours");
         for (face, told) in read.faces.iter().zip(&read.told) {
@@ -488,7 +490,7 @@ fn colours_and_values_stand_at_faces() {
     }
     let cells = Cells::random(oct(SampleType::U16, 1), 3, [50, 20, 34], 500, true);
     let tree = tree_of(6, &cells, Rule::Majority);
-    let job = Job { carry: Carry::Value, attribute: Attribute::Short, ..Job::new(6) };
+    let job = Job { carry: Carry::Value, attribute: FaceAttribute::Short, ..Job::new(6) };
     let read = job.run(&tree, MeshFormat::Ply);
     read.check_closed("values");
     let (volume, areas) = expected(cells.size, |cell| cells.get(cell).is_some());

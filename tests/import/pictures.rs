@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use spinney::export::image::{Format, ImageSpec, create};
-use spinney::import::raster::{OpenOptions, Order, Pixels, RasterInfo, open};
+use spinney::import::raster::{Order, Pixels, RasterInfo, RasterOptions, open};
 use spinney::io::Output;
 use spinney::space::{Frame, Region};
 use spinney::value::{Kind, Palette, SampleType, ValueType};
@@ -52,7 +52,7 @@ fn write(path: &Path, format: Format, spec: &ImageSpec, bytes: &[u8], valid: Opt
 }
 
 /// Reads a picture in bands of unequal heights.
-fn read(path: &Path, options: &OpenOptions) -> Result<(RasterInfo, Pixels)> {
+fn read(path: &Path, options: &RasterOptions) -> Result<(RasterInfo, Pixels)> {
     let mut raster = open(path, options)?;
     let info = raster.info().clone();
     let mut all = Pixels::default();
@@ -99,7 +99,7 @@ fn png_and_exr_round_trips() {
                     continue;
                 }
                 written.unwrap();
-                let (info, pixels) = read(&path, &OpenOptions::default()).unwrap();
+                let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
                 assert_eq!((info.width, info.height), (19, 45));
                 assert_eq!((info.sample, info.channels), (sample, usize::from(channels)));
                 assert_eq!(info.alpha, spec.alpha.then_some(usize::from(channels) - 1));
@@ -160,7 +160,7 @@ fn png_palette_keeps_colours_and_void() {
     let mut spec = spec(4, 1, SampleType::U8, 1);
     spec.palette = Some(Palette { colours: colours.clone() });
     write(&path, Format::Png, &spec, &[0, 1, 2, 3], None).unwrap();
-    let (info, pixels) = read(&path, &OpenOptions::default()).unwrap();
+    let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!(info.palette.unwrap().colours[..3], colours);
     assert_eq!((info.kind, &pixels.bytes[..]), (Some(Kind::Categorical), &[0, 1, 2, 3][..]));
     assert!(pixels.valid.unwrap().iter().all(|valid| *valid));
@@ -169,7 +169,7 @@ fn png_palette_keeps_colours_and_void() {
     assert!(matches!(write(&path, Format::Png, &spec, &[0; 4], None), Err(Error::Unsupported { .. })));
     spec.nodata = Some(3.0);
     write(&path, Format::Png, &spec, &[0, 3, 2, 3], Some(&[true, false, true, false])).unwrap();
-    let (_, pixels) = read(&path, &OpenOptions::default()).unwrap();
+    let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((pixels.bytes, pixels.valid), (vec![0, 3, 2, 3], Some(vec![true, false, true, false])));
 }
 
@@ -187,7 +187,7 @@ fn png_void_becomes_opacity() {
         let mut spec = spec(2, 1, SampleType::U16, channels);
         spec.void = true;
         write(&path, Format::Png, &spec, &le_u16(given), Some(&[true, false])).unwrap();
-        let (info, pixels) = read(&path, &OpenOptions::default()).unwrap();
+        let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
         assert_eq!(pixels.bytes, le_u16(expected));
         assert_eq!(info.alpha, Some(info.channels - 1));
     }
@@ -207,7 +207,7 @@ fn png_colour_key_and_text() {
         encoder.write_header().unwrap().write_image_data(data).unwrap();
     };
     write_keyed(png::ColorType::Grayscale, png::BitDepth::Four, &[0, 9], &[0x93]);
-    let (info, pixels) = read(&path, &OpenOptions::default()).unwrap();
+    let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((pixels.bytes, pixels.valid), (vec![9, 3], Some(vec![false, true])));
     assert_eq!(info.stored_sample, "uint4");
     let tag = |name: &str, text: &str| (name.to_string(), text.to_string());
@@ -215,27 +215,27 @@ fn png_colour_key_and_text() {
 
     let key = [0, 1, 0, 2, 3, 4];
     write_keyed(png::ColorType::Rgb, png::BitDepth::Sixteen, &key, &[0, 1, 0, 2, 3, 4, 0, 1, 0, 2, 4, 3]);
-    let (_, pixels) = read(&path, &OpenOptions::default()).unwrap();
+    let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!(pixels.bytes, le_u16([1, 2, 0x304, 1, 2, 0x403]));
     assert_eq!(pixels.valid, Some(vec![false, true]));
 }
 
 #[test]
 fn interlaced_pngs_need_memory() {
-    let (rows, pixels) = read(&fixture("rows.png"), &OpenOptions::default()).unwrap();
-    let (adam7, same) = read(&fixture("adam7.png"), &OpenOptions::default()).unwrap();
+    let (rows, pixels) = read(&fixture("rows.png"), &RasterOptions::default()).unwrap();
+    let (adam7, same) = read(&fixture("adam7.png"), &RasterOptions::default()).unwrap();
     assert_eq!((rows.order, adam7.order), (Order::Bands, Order::Bands));
     assert_eq!(pixels, same);
-    let (_, grey) = read(&fixture("adam7_grey2.png"), &OpenOptions::default()).unwrap();
+    let (_, grey) = read(&fixture("adam7_grey2.png"), &RasterOptions::default()).unwrap();
     assert!(grey.bytes.len() == 220 && grey.bytes.iter().all(|&grey| grey < 4));
     assert!(grey.bytes.contains(&1) && grey.bytes.contains(&2));
-    let little = OpenOptions { memory: 300, ..OpenOptions::default() };
+    let little = RasterOptions { memory: 300, ..RasterOptions::default() };
     assert!(matches!(open(&fixture("adam7.png"), &little), Err(Error::TooLarge { .. })));
 }
 
 #[test]
 fn jpeg_and_webp() {
-    let (_, original) = read(&fixture("rows.png"), &OpenOptions::default()).unwrap();
+    let (_, original) = read(&fixture("rows.png"), &RasterOptions::default()).unwrap();
     for (name, channels, alpha, far) in [
         ("rgb.jpg", 3, None, 40),
         ("progressive.jpg", 3, None, 40),
@@ -245,7 +245,7 @@ fn jpeg_and_webp() {
         ("lossy.webp", 3, None, 80),
         ("alpha.webp", 4, Some(3), 255),
     ] {
-        let (info, pixels) = read(&fixture(name), &OpenOptions::default()).unwrap();
+        let (info, pixels) = read(&fixture(name), &RasterOptions::default()).unwrap();
         assert_eq!((info.width, info.height, info.channels, info.alpha), (20, 11, channels, alpha), "{name}");
         assert_eq!(pixels.bytes.len(), 220 * channels);
         let difference = pixels.bytes.iter().zip(&original.bytes).map(|(a, b)| a.abs_diff(*b)).max();
@@ -253,10 +253,10 @@ fn jpeg_and_webp() {
         if let Some(alpha) = alpha {
             assert!([9, 10].map(|x| pixels.bytes[4 * x + alpha]) == [255, 40]);
         }
-        let little = OpenOptions { memory: 219, ..OpenOptions::default() };
+        let little = RasterOptions { memory: 219, ..RasterOptions::default() };
         assert!(matches!(open(&fixture(name), &little), Err(Error::TooLarge { .. })), "{name}");
         // Any part at any time.
-        let mut raster = open(&fixture(name), &OpenOptions::default()).unwrap();
+        let mut raster = open(&fixture(name), &RasterOptions::default()).unwrap();
         let mut part = Pixels::default();
         raster.read(Region::new(3, 4, 2, 1), &mut part).unwrap();
         assert_eq!(part.bytes, pixels.bytes[(4 * 20 + 3) * channels..][..2 * channels]);
@@ -270,7 +270,7 @@ fn world_files_place_pictures() {
     for (name, world) in [("rgb.jpg", "rgb.jgw"), ("rows.png", "rows.pgw"), ("lossy.webp", "lossy.wld")] {
         fs::copy(fixture(name), folder.path().join(name)).unwrap();
         fs::write(folder.path().join(world), "2\n0\n0\n-2\n101\n199\n").unwrap();
-        let raster = open(&folder.path().join(name), &OpenOptions::default()).unwrap();
+        let raster = open(&folder.path().join(name), &RasterOptions::default()).unwrap();
         assert_eq!(raster.info().frame, Frame::planar([2.0, 0.0, 100.0, 0.0, -2.0, 200.0]));
     }
 }
@@ -281,7 +281,7 @@ fn hgt_tiles() {
     let path = folder.path().join("N46E008.hgt");
     fs::write(&path, (0..1201 * 1201u32).flat_map(|i| (i as u16).to_be_bytes()).collect::<Vec<u8>>())
         .unwrap();
-    let mut raster = open(&path, &OpenOptions::default()).unwrap();
+    let mut raster = open(&path, &RasterOptions::default()).unwrap();
     let frame = &raster.info().frame;
     let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
     assert!(near(frame.to_world([0.5, 0.5, 0.0]), [8.0, 47.0, 0.0]));
@@ -292,14 +292,14 @@ fn hgt_tiles() {
     assert_eq!(pixels.bytes, le_u16([2407, 2408, 3608, 3609]));
 
     fs::write(&path, [0; 100]).unwrap();
-    assert!(matches!(open(&path, &OpenOptions::default()), Err(Error::Corrupt { .. })));
+    assert!(matches!(open(&path, &RasterOptions::default()), Err(Error::Corrupt { .. })));
 }
 
 #[test]
 fn what_is_no_raster_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
-    let options = OpenOptions::default();
+    let options = RasterOptions::default();
     assert!(matches!(open(&path, &options), Err(Error::Io { .. })));
     assert!(matches!(open(folder.path(), &options), Err(Error::Io { .. })));
     fs::write(&path, "").unwrap();
@@ -325,7 +325,7 @@ fn small_files(folder: &Path) -> Vec<PathBuf> {
 fn truncated_files_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged");
-    let options = OpenOptions { memory: 1 << 20, ..OpenOptions::default() };
+    let options = RasterOptions { memory: 1 << 20, ..RasterOptions::default() };
     for file in small_files(folder.path()) {
         let bytes = fs::read(&file).unwrap();
         // Everywhere in the headers and at the end, in places between.
@@ -342,7 +342,7 @@ fn truncated_files_are_errors() {
 fn altered_files_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged");
-    let options = OpenOptions { memory: 1 << 20, ..OpenOptions::default() };
+    let options = RasterOptions { memory: 1 << 20, ..RasterOptions::default() };
     let mut seed = 1u64;
     let mut random = |below: usize| {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -375,14 +375,14 @@ fn exr_conformance_files() {
         return;
     };
     for file in files.map(|file| file.unwrap().path()) {
-        match read(&file, &OpenOptions::default()) {
+        match read(&file, &RasterOptions::default()) {
             Ok((info, pixels)) => {
                 let bytes = info.width * info.height * (info.sample.size() * info.channels) as u64;
                 assert_eq!(pixels.bytes.len() as u64, bytes, "{}", file.display());
                 // A part in the middle is the same, whatever the blocks.
                 let part = Region::new(info.width / 3, info.height / 3, info.width / 2, info.height / 2);
                 let mut alone = Pixels::default();
-                open(&file, &OpenOptions::default()).unwrap().read(part, &mut alone).unwrap();
+                open(&file, &RasterOptions::default()).unwrap().read(part, &mut alone).unwrap();
                 let pixel = info.sample.size() * info.channels;
                 let row = |y: u64| &pixels.bytes[(y * info.width + part.x) as usize * pixel..];
                 let cut = (part.y..part.bottom()).flat_map(|y| &row(y)[..part.width as usize * pixel]);

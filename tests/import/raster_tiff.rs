@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use sha2::{Digest, Sha256};
-use spinney::import::raster::{self, OpenOptions, Order, Pixels, Raster, RasterInfo};
+use spinney::import::raster::{self, Order, Pixels, Raster, RasterInfo, RasterOptions};
 use spinney::space::Region;
 use spinney::value::{Kind, SampleType};
 use spinney::{Error, Result};
@@ -150,7 +150,7 @@ fn close(a: f64, b: f64) -> bool {
 
 /// What is different from the expected, if anything.
 fn differences(expected: &Expected<'_>, path: &Path) -> Result<Vec<String>> {
-    let mut raster = raster::open(path, &OpenOptions::default())?;
+    let mut raster = raster::open(path, &RasterOptions::default())?;
     let info = raster.info().clone();
     let mut wrong = Vec::new();
     let mut check = |what: &str, same: bool, found: String| {
@@ -200,7 +200,7 @@ fn files_read_as_gdal_reads_them() {
         let path = folder.join(file);
         let Some(expected) = Expected::parse(line) else {
             // GDAL gives up on these, or they are too large: what matters is that we come to an end.
-            let read = raster::open(&path, &OpenOptions::default()).and_then(|mut raster| {
+            let read = raster::open(&path, &RasterOptions::default()).and_then(|mut raster| {
                 let info = raster.info().clone();
                 let region = Region::new(0, 0, info.width.min(2000), info.height.min(2000));
                 raster.read(region, &mut Pixels::default())
@@ -225,7 +225,7 @@ fn files_read_as_gdal_reads_them() {
 /// Opens a file made by hand and reads it all.
 fn whole(bytes: &[u8], memory: u64) -> Result<(RasterInfo, Pixels)> {
     let file = on_disk(bytes);
-    let mut raster = raster::open(file.path(), &OpenOptions { memory, ..OpenOptions::default() })?;
+    let mut raster = raster::open(file.path(), &RasterOptions { memory, ..RasterOptions::default() })?;
     let info = raster.info().clone();
     let mut pixels = Pixels::default();
     raster.read(Region::new(0, 0, info.width, info.height), &mut pixels)?;
@@ -356,7 +356,7 @@ fn missing_data_are_an_error_that_names_the_place() {
     // The second strip's place in the table, which is the first value out of line.
     bytes[8 + 16 + 4..8 + 16 + 8].copy_from_slice(&1000u32.to_le_bytes());
     let file = on_disk(&bytes);
-    let mut raster = raster::open(file.path(), &OpenOptions::default()).unwrap();
+    let mut raster = raster::open(file.path(), &RasterOptions::default()).unwrap();
     let mut pixels = Pixels::default();
     raster.read(Region::new(0, 0, 4, 2), &mut pixels).unwrap();
     assert_eq!(pixels.bytes, [1; 8]);

@@ -5,13 +5,13 @@ use std::path::Path;
 use crate::common::command::is_alone;
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use spinney::Result;
-use spinney::import::raster::{self, OpenOptions, Pixels};
+use spinney::import::raster::{self, Pixels, RasterOptions};
 use spinney::space::Region;
 
 /// Opens and reads what may be anything.
 fn read(bytes: &[u8]) -> Result<Pixels> {
     let file = on_disk(bytes);
-    let options = OpenOptions { memory: 4 << 20, ..OpenOptions::default() };
+    let options = RasterOptions { memory: 4 << 20, ..RasterOptions::default() };
     let mut raster = raster::open(file.path(), &options)?;
     let info = raster.info();
     let region = Region::new(0, 0, info.width.min(200), info.height.min(200));

@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use spinney::dataset;
 use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::import::raster::{self, ImportOptions, OpenOptions, Pixels};
+use spinney::import::raster::{self, ImportOptions, Pixels, RasterOptions};
 use spinney::io::Output;
 use spinney::ops::{self, Chain, Operation, Prefer};
 use spinney::space::Region;
@@ -86,7 +86,7 @@ impl Bench {
         let file = self.path(&format!("{}.goblin", self.made));
         let import = raster::plan(std::slice::from_ref(&path), options).unwrap();
         import.build(Output::create(&file).unwrap(), &()).unwrap();
-        let mut raster = raster::open(&path, &OpenOptions::default()).unwrap();
+        let mut raster = raster::open(&path, &RasterOptions::default()).unwrap();
         let info = raster.info().clone();
         assert_eq!(info.channels, 1, "{name}");
         let mut pixels = Pixels::default();

@@ -3,36 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command as Process, Stdio};
 
-use assert_cmd::Command;
 use serde_json::Value as Json;
 use spinney::import::raster::{self, Pixels};
 use spinney::space::Region;
 use spinney::value::{Kind, Rule};
 use tempfile::TempDir;
 
+use crate::common::command::{command, complaint, stdout};
 use crate::common::{CLASSIC, Cells, OCT, goblin_bytes};
 
-fn spinney(arguments: &[&str]) -> Command {
-    let mut command = Command::cargo_bin("spinney").unwrap();
-    command.args(arguments);
-    command
-}
-
-/// What a run that succeeds prints.
-fn output(arguments: &[&str]) -> String {
-    String::from_utf8(spinney(arguments).assert().success().get_output().stdout.clone()).unwrap()
-}
-
 fn json(arguments: &[&str]) -> Json {
-    serde_json::from_str(&output(arguments)).unwrap()
-}
-
-/// What a run that fails complains about; never a panic.
-fn complaint(arguments: &[&str], code: i32) -> String {
-    let assert = spinney(arguments).assert().code(code);
-    let text = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
-    assert!(!text.contains("panicked") && !text.is_empty(), "{text}");
-    text
+    serde_json::from_str(&stdout(arguments)).unwrap()
 }
 
 fn fixture(name: &str) -> String {
@@ -53,7 +34,7 @@ impl Trees {
         let (classic, octree) = (path("classic.goblin"), path("octree.goblin"));
         let picture = fixture("classic.png");
         let rule = ["--rule", "dominant", "--kind", "categorical"];
-        spinney(&["build", "-q", &picture, "-o", &classic])
+        command(&["build", "-q", &picture, "-o", &classic])
             .args(rule)
             .assert()
             .success()
@@ -84,7 +65,7 @@ fn samples(path: &Path) -> Vec<u8> {
 #[test]
 fn dump_gives_the_literature_back() {
     let trees = Trees::new();
-    let table = output(&["dump", &trees.classic]);
+    let table = stdout(&["dump", &trees.classic]);
     let rows: Vec<Vec<i32>> = table
         .lines()
         .map(|line| line.split_whitespace().map(|word| word.parse().unwrap()).collect())
@@ -103,10 +84,10 @@ fn dump_gives_the_literature_back() {
         [10, 1, 2, 1, 1, 11],
     ];
     assert_eq!(rows, expected);
-    assert!(output(&["dump", &trees.classic, "--df"]).starts_with("GG1G1333"));
-    let codes = output(&["dump", &trees.classic, "--codes"]);
+    assert!(stdout(&["dump", &trees.classic, "--df"]).starts_with("GG1G1333"));
+    let codes = stdout(&["dump", &trees.classic, "--codes"]);
     assert_eq!(codes.lines().count(), 31);
-    assert!(output(&["dump", &trees.octree, "--df"]).starts_with('M'));
+    assert!(stdout(&["dump", &trees.octree, "--df"]).starts_with('M'));
     assert!(complaint(&["dump", &trees.octree, "--most", "1"], 1).contains("at most 1"));
     complaint(&["dump", &trees.classic, "--df", "--codes"], 2);
 }
@@ -114,7 +95,7 @@ fn dump_gives_the_literature_back() {
 #[test]
 fn info_tells_what_is_there() {
     let trees = Trees::new();
-    let text = output(&["info", &trees.classic]);
+    let text = stdout(&["info", &trees.classic]);
     assert!(text.contains("8 x 8") && text.contains("dominant") && text.contains("quadtree"), "{text}");
     let info = json(&["info", &trees.classic, "--json"]);
     assert_eq!(info["size"], serde_json::json!([8, 8]));
@@ -125,11 +106,11 @@ fn info_tells_what_is_there() {
         sections.values().map(|bytes| bytes.as_u64().unwrap()).sum::<u64>(),
         info["bytes"].as_u64().unwrap()
     );
-    assert!(output(&["info", &trees.octree]).contains("12 x 9 x 10"));
+    assert!(stdout(&["info", &trees.octree]).contains("12 x 9 x 10"));
     assert_eq!(json(&["info", &trees.octree, "--json"])["tree"], "octree");
     for name in ["ball", "classes", "classic", "elevation", "rgb", "segments"] {
         let file = fixture(&format!("v1/{name}.goblin"));
-        assert!(output(&["info", &file]).contains("level "), "{name}");
+        assert!(stdout(&["info", &file]).contains("level "), "{name}");
         assert!(json(&["info", &file, "--json"])["depth"].is_u64(), "{name}");
     }
 }
@@ -138,28 +119,28 @@ fn info_tells_what_is_there() {
 fn get_writes_what_was_read() {
     let trees = Trees::new();
     for name in ["a.png", "a.tif"] {
-        spinney(&["get", "-q", &trees.classic, &trees.name(name)]).assert().success().stdout("");
+        command(&["get", "-q", &trees.classic, &trees.name(name)]).assert().success().stdout("");
         assert_eq!(samples(&trees.path(name)), CLASSIC.as_flattened(), "{name}");
         let window = ["--window", "3,1,4,2"];
-        spinney(&["get", &trees.classic, &trees.name(name)]).args(window).assert().success();
+        command(&["get", &trees.classic, &trees.name(name)]).args(window).assert().success();
         assert_eq!(samples(&trees.path(name)), [3, 3, 3, 1, 3, 3, 2, 1], "{name}");
-        spinney(&["get", &trees.classic, &trees.name(name), "--level", "1"]).assert().success();
+        command(&["get", &trees.classic, &trees.name(name), "--level", "1"]).assert().success();
         assert_eq!(samples(&trees.path(name)), [1, 1, 1, 2], "{name}");
-        spinney(&["get", &trees.classic, &trees.name(name), "--size", "16x16"]).assert().success();
+        command(&["get", &trees.classic, &trees.name(name), "--size", "16x16"]).assert().success();
         let large = samples(&trees.path(name));
         assert!((0..256).all(|i| large[i] == CLASSIC[i / 32][i % 16 / 2]), "{name}");
     }
-    spinney(&["get", &trees.classic, &trees.name("a.raw")]).assert().success();
+    command(&["get", &trees.classic, &trees.name("a.raw")]).assert().success();
     assert_eq!(std::fs::read(trees.path("a.raw")).unwrap(), CLASSIC.as_flattened());
-    spinney(&["get", &trees.classic, &trees.name("a.npy")]).assert().success();
+    command(&["get", &trees.classic, &trees.name("a.npy")]).assert().success();
     let array = std::fs::read(trees.path("a.npy")).unwrap();
     assert!(array.starts_with(b"\x93NUMPY") && array.ends_with(CLASSIC.as_flattened()));
-    let run = spinney(&["get", &trees.classic, "-", "--format", "raw"]).assert().success();
+    let run = command(&["get", &trees.classic, "-", "--format", "raw"]).assert().success();
     assert_eq!(run.get_output().stdout, CLASSIC.as_flattened());
     let elevation = fixture("v1/elevation.goblin");
-    spinney(&["get", &elevation, &trees.name("a.exr"), "--level", "4"]).assert().success();
+    command(&["get", &elevation, &trees.name("a.exr"), "--level", "4"]).assert().success();
     assert!(!samples(&trees.path("a.exr")).is_empty());
-    let run = spinney(&["get", &trees.octree, "-", "--format", "raw", "--slice", "9"]).assert().success();
+    let run = command(&["get", &trees.octree, "-", "--format", "raw", "--slice", "9"]).assert().success();
     assert_eq!(run.get_output().stdout.len(), 12 * 9);
 }
 
@@ -168,10 +149,10 @@ fn boxes_are_in_world_coordinates() {
     let trees = Trees::new();
     let (placed, part) = (trees.name("placed.goblin"), trees.name("part.raw"));
     let transform = ["--transform", "10,0,1000,0,-10,2000", "--kind", "categorical"];
-    spinney(&["build", "-q", &fixture("classic.png"), "-o", &placed]).args(transform).assert().success();
-    spinney(&["get", &placed, &part, "--bbox", "1030,1970,1070,1990"]).assert().success();
+    command(&["build", "-q", &fixture("classic.png"), "-o", &placed]).args(transform).assert().success();
+    command(&["get", &placed, &part, "--bbox", "1030,1970,1070,1990"]).assert().success();
     assert_eq!(std::fs::read(&part).unwrap(), [3, 3, 3, 1, 3, 3, 2, 1]);
-    assert_eq!(output(&["point", &placed, "--", "1035,1995", "-5,7"]), "3\nvoid\n");
+    assert_eq!(stdout(&["point", &placed, "--", "1035,1995", "-5,7"]), "3\nvoid\n");
     assert!(complaint(&["get", &placed, &part, "--bbox", "0,0,10,10"], 1).contains("1000,1920,1080,2000"));
     complaint(&["get", &placed, &part, "--bbox", "10,0,0,10"], 1);
 }
@@ -213,25 +194,25 @@ fn get_refuses_what_makes_no_sense() {
 #[test]
 fn points() {
     let trees = Trees::new();
-    assert_eq!(output(&["point", "--cells", &trees.classic, "3,0", "0,0", "8,0"]), "3\n1\nvoid\n");
-    assert_eq!(output(&["point", "--cells", &trees.classic, "--level", "1", "7,7"]), "2\n");
-    assert_eq!(output(&["point", "--cells", &trees.classic, "--", "-1,0"]), "void\n");
+    assert_eq!(stdout(&["point", "--cells", &trees.classic, "3,0", "0,0", "8,0"]), "3\n1\nvoid\n");
+    assert_eq!(stdout(&["point", "--cells", &trees.classic, "--level", "1", "7,7"]), "2\n");
+    assert_eq!(stdout(&["point", "--cells", &trees.classic, "--", "-1,0"]), "void\n");
     let bulk = "0,0\n3 0\n7;6\n100,100\n";
-    spinney(&["point", "--cells", &trees.classic])
+    command(&["point", "--cells", &trees.classic])
         .write_stdin(bulk)
         .assert()
         .success()
         .stdout("1\n3\n2\nvoid\n");
     let many = "3,0\n".repeat(1_500_000);
-    let run = spinney(&["point", "--cells", &trees.classic]).write_stdin(many).assert().success();
+    let run = command(&["point", "--cells", &trees.classic]).write_stdin(many).assert().success();
     assert!(run.get_output().stdout == "3\n".repeat(1_500_000).into_bytes());
-    let run = spinney(&["point", "--cells", &trees.classic]).write_stdin("0,0\n\nhere\n").assert().code(1);
+    let run = command(&["point", "--cells", &trees.classic]).write_stdin("0,0\n\nhere\n").assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
     assert!(text.contains("standard input, line 3: `here`"), "{text}");
     assert!(complaint(&["point", &trees.classic, "1,1", "1,2,3,4"], 1).contains("point 2: `1,2,3,4`"));
     complaint(&["point", &trees.classic, "nan,1"], 1);
     complaint(&["point", &trees.classic, "--level", "4", "1,1"], 1);
-    assert_eq!(output(&["point", "--cells", &trees.octree, "0,0,10", "12,0,0"]), "void\nvoid\n");
+    assert_eq!(stdout(&["point", "--cells", &trees.octree, "0,0,10", "12,0,0"]), "void\nvoid\n");
 }
 
 #[test]
@@ -245,15 +226,15 @@ fn statistics() {
     }
     let part = json(&["stats", &trees.classic, "--json", "--window", "3,1,4,2"]);
     assert_eq!((&part["cells"], &part["channels"][0]["mean"]), (&8.into(), &2.375.into()));
-    let text = output(&["stats", &trees.classic]);
+    let text = stdout(&["stats", &trees.classic]);
     assert!(text.contains("cells      64") && text.contains("area       unknown: no EPSG number"), "{text}");
     let degrees = trees.name("degrees.goblin");
     let place = ["--epsg", "4326", "--transform", "1,0,7,0,-1,50", "--kind", "categorical"];
-    spinney(&["build", "-q", &fixture("classic.png"), "-o", &degrees]).args(place).assert().success();
-    let text = output(&["stats", &degrees]);
+    command(&["build", "-q", &fixture("classic.png"), "-o", &degrees]).args(place).assert().success();
+    let text = stdout(&["stats", &degrees]);
     assert!(text.contains("area       unknown: cells of degrees"), "{text}");
     assert!(json(&["stats", &degrees, "--json"])["area_m2"].is_null());
-    assert!(output(&["stats", &trees.octree]).contains("channel 1"));
+    assert!(stdout(&["stats", &trees.octree]).contains("channel 1"));
     assert!(json(&["stats", &trees.octree, "--json"])["histogram"].as_array().unwrap().len() == 16);
     let bins = |bins: &str| json(&["stats", &trees.octree, "--json", "--bins", bins])["histogram"].clone();
     assert_eq!((bins("0").as_array().unwrap().len(), bins("65536").as_array().unwrap().len()), (0, 65536));
@@ -264,7 +245,7 @@ fn statistics() {
 fn searches() {
     let trees = Trees::new();
     let covered = |arguments: &[&str]| {
-        let lines = output(arguments);
+        let lines = stdout(arguments);
         let blocks = lines.lines().map(|line| serde_json::from_str::<Json>(line).unwrap());
         let area = |block: Json| block["size"][0].as_u64().unwrap() * block["size"][1].as_u64().unwrap();
         blocks.map(area).sum::<u64>()
@@ -274,8 +255,8 @@ fn searches() {
     assert_eq!(covered(&["find", &trees.classic, "--class", "3", "--json"]), count(|class| class == 3));
     assert_eq!(covered(&["find", &trees.classic, "--above", "1", "--json"]), count(|class| class > 1));
     assert_eq!(covered(&["find", &trees.classic, "--below", "2", "--json"]), count(|class| class < 2));
-    assert_eq!(output(&["find", &trees.classic, "--class", "1", "--limit", "2"]).lines().count(), 2);
-    assert_eq!(output(&["find", &trees.classic, "--class", "9"]), "");
+    assert_eq!(stdout(&["find", &trees.classic, "--class", "1", "--limit", "2"]).lines().count(), 2);
+    assert_eq!(stdout(&["find", &trees.classic, "--class", "9"]), "");
     complaint(&["find", &trees.classic], 2);
     complaint(&["find", &trees.classic, "--class", "1", "--above", "1"], 2);
 }
@@ -300,18 +281,18 @@ fn a_closed_pipe_is_no_failure_to_tell_about() {
 #[test]
 fn verify_tells_good_from_damaged() {
     let trees = Trees::new();
-    spinney(&["verify", &trees.classic]).assert().code(0);
-    spinney(&["verify", &trees.octree]).assert().code(0);
+    command(&["verify", &trees.classic]).assert().code(0);
+    command(&["verify", &trees.octree]).assert().code(0);
     let mut bytes = std::fs::read(&trees.classic).unwrap();
     bytes[60] ^= 1;
     let bad = trees.name("bad.goblin");
     std::fs::write(&bad, bytes).unwrap();
-    let run = spinney(&["verify", &bad]).assert().code(1);
+    let run = command(&["verify", &bad]).assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stdout).into_owned();
     assert!(text.lines().any(|line| line.contains("segment")), "{text}");
     // A file that cannot be opened does not keep the others from being checked.
     let missing = trees.name("missing.goblin");
-    let run = spinney(&["verify", &missing, &bad, &trees.classic]).assert().code(1);
+    let run = command(&["verify", &missing, &bad, &trees.classic]).assert().code(1);
     let (out, err) = (run.get_output().stdout.clone(), run.get_output().stderr.clone());
     let (out, err) = (String::from_utf8(out).unwrap(), String::from_utf8(err).unwrap());
     assert!(err.lines().count() == 1 && err.contains(&missing), "{err}");
@@ -321,7 +302,7 @@ fn verify_tells_good_from_damaged() {
 #[test]
 fn help_has_examples() {
     for command in ["build", "info", "get", "point", "stats", "find", "dump", "verify"] {
-        let text = output(&[command, "--help"]);
+        let text = stdout(&[command, "--help"]);
         assert!(text.contains("Examples:") && text.contains(&format!("  spinney {command} ")), "{command}");
     }
 }
@@ -329,7 +310,7 @@ fn help_has_examples() {
 #[test]
 fn completions_for_every_shell() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
-        assert!(output(&["completions", shell]).contains("spinney"), "{shell}");
+        assert!(stdout(&["completions", shell]).contains("spinney"), "{shell}");
     }
     complaint(&["completions", "csh"], 2);
 }

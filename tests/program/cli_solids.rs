@@ -2,32 +2,14 @@
 
 use std::path::Path;
 
-use assert_cmd::Command;
 use serde_json::Value as Json;
 use spinney::import::raster::{self, Pixels};
 use spinney::space::Region;
 use spinney::value::{Kind, Rule};
 use tempfile::TempDir;
 
+use crate::common::command::{command, complaint, stdout};
 use crate::common::{Cells, OCT, QUAD, as_byte, byte, goblin_bytes, made};
-
-fn spinney(arguments: &[&str]) -> Command {
-    let mut command = Command::cargo_bin("spinney").unwrap();
-    command.args(arguments);
-    command
-}
-
-fn output(arguments: &[&str]) -> String {
-    String::from_utf8(spinney(arguments).assert().success().get_output().stdout.clone()).unwrap()
-}
-
-/// What a run that fails complains about; never a panic.
-fn complaint(arguments: &[&str], code: i32) -> String {
-    let assert = spinney(arguments).assert().code(code);
-    let text = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
-    assert!(!text.contains("panicked") && !text.is_empty(), "{text}");
-    text
-}
 
 /// A folder with trees to ask.
 struct Trees {
@@ -86,24 +68,24 @@ fn array(path: &str) -> (String, Vec<u8>) {
 fn slices() {
     let trees = Trees::new();
     let out = trees.name("slice.png");
-    spinney(&["get", &trees.block, &out, "--slice", "z=2"]).assert().success().stdout("");
+    command(&["get", &trees.block, &out, "--slice", "z=2"]).assert().success().stdout("");
     let (size, pixels) = picture(&out);
     assert_eq!((size, pixels.iter().filter(|pixel| **pixel == 255).count()), ([10, 9], 24));
     // Upright slices stand: the block is on the ground.
-    spinney(&["get", &trees.block, &out, "--slice", "y=4"]).assert().success();
+    command(&["get", &trees.block, &out, "--slice", "y=4"]).assert().success();
     let (size, pixels) = picture(&out);
     assert_eq!((size, &pixels[..20], &pixels[42..48]), ([10, 5], &[0; 20][..], &[255; 6][..]));
-    spinney(&["get", &trees.block, &out, "--slice", "x=2", "--window", "0,1,6,3"]).assert().success();
+    command(&["get", &trees.block, &out, "--slice", "x=2", "--window", "0,1,6,3"]).assert().success();
     let row = [0, 255, 255, 255, 255, 0];
     assert_eq!(picture(&out), ([6, 3], [[0; 6], row, row].concat()));
     let raw = trees.name("slice.raw");
-    spinney(&["get", &trees.block, &raw, "--slice", "x=2", "--window", "0,1,6,3"]).assert().success();
+    command(&["get", &trees.block, &raw, "--slice", "x=2", "--window", "0,1,6,3"]).assert().success();
     assert_eq!(std::fs::read(&raw).unwrap(), [row, row, [0; 6]].concat());
-    spinney(&["get", &trees.block, &out, "--slice", "x=5", "--level", "2"]).assert().success();
+    command(&["get", &trees.block, &out, "--slice", "x=5", "--level", "2"]).assert().success();
     assert_eq!(picture(&out).0, [3, 2]);
-    spinney(&["get", &trees.block, &out, "--slice", "x=5", "--size", "90x50"]).assert().success();
+    command(&["get", &trees.block, &out, "--slice", "x=5", "--size", "90x50"]).assert().success();
     assert_eq!(picture(&out).0, [90, 50]);
-    spinney(&["get", &trees.block, &out, "--slice", "z=2.5", "--world"]).assert().success();
+    command(&["get", &trees.block, &out, "--slice", "z=2.5", "--world"]).assert().success();
     assert!(complaint(&["get", &trees.block, &out, "--slice", "z=2.5"], 1).contains("--world"));
     assert!(complaint(&["get", &trees.block, &out, "--slice", "y=9"], 1).contains("slices 0 to 8"));
     assert!(complaint(&["get", &trees.block, &out, "--slice", "y=9.5", "--world"], 1).contains("outside"));
@@ -120,7 +102,7 @@ fn slices() {
 fn boxes_and_whole_octrees() {
     let trees = Trees::new();
     let out = trees.name("box.npy");
-    spinney(&["get", &trees.numbers, &out, "--box", "3,2,1,5,4,6", "--nodata", "200"]).assert().success();
+    command(&["get", &trees.numbers, &out, "--box", "3,2,1,5,4,6", "--nodata", "200"]).assert().success();
     let (shape, samples) = array(&out);
     assert_eq!(shape, "(6, 4, 5)");
     let mut expected = Vec::new();
@@ -128,21 +110,21 @@ fn boxes_and_whole_octrees() {
         expected.extend((3..8).map(|x| trees.cells.get([x, y, z]).map_or(200, as_byte)));
     }
     assert_eq!(samples, expected);
-    spinney(&["get", &trees.block, &out]).assert().success();
+    command(&["get", &trees.block, &out]).assert().success();
     let (shape, samples) = array(&out);
     assert_eq!(
         (shape.as_str(), samples.iter().map(|n| u64::from(*n)).sum::<u64>()),
         ("(5, 9, 10)", 72 * 255)
     );
-    spinney(&["get", &trees.block, &out, "--level", "2"]).assert().success();
+    command(&["get", &trees.block, &out, "--level", "2"]).assert().success();
     assert_eq!(array(&out).0, "(2, 3, 3)");
-    spinney(&["get", &trees.block, &out, "--box", "0,0,0,1,1,1", "--level", "0"]).assert().success();
+    command(&["get", &trees.block, &out, "--box", "0,0,0,1,1,1", "--level", "0"]).assert().success();
     assert_eq!(array(&out), ("(1, 1, 1)".into(), vec![(72.0f64 * 255.0 / 4096.0).round() as u8]));
-    spinney(&["get", &trees.block, &out, "--box", "1.5,0,0,1,1,2.5", "--world"]).assert().success();
+    command(&["get", &trees.block, &out, "--box", "1.5,0,0,1,1,2.5", "--world"]).assert().success();
     assert_eq!(array(&out), ("(3, 1, 2)".into(), vec![0; 6]));
-    spinney(&["get", &trees.block, &out, "--window", "2,1,3,2"]).assert().success();
+    command(&["get", &trees.block, &out, "--window", "2,1,3,2"]).assert().success();
     assert_eq!(array(&out).0, "(5, 2, 3)");
-    spinney(&["get", &trees.block, &out, "--slice", "0"]).assert().success();
+    command(&["get", &trees.block, &out, "--slice", "0"]).assert().success();
     assert_eq!(array(&out).0, "(9, 10)");
     let refuse = |options: &[&str], code: i32| {
         complaint(&[&["get", &trees.block, &trees.name("never.npy")], options].concat(), code)
@@ -165,9 +147,9 @@ fn boxes_and_whole_octrees() {
 #[test]
 fn points_of_octrees() {
     let trees = Trees::new();
-    assert_eq!(output(&["point", &trees.block, "2.5,1.5,0.5", "2.5,1.5,3.5"]), "255\nvoid\n");
-    assert_eq!(output(&["point", "--cells", &trees.block, "7,4,2", "8,4,2"]), "255\nvoid\n");
-    assert_eq!(output(&["point", "--cells", "--level", "0", &trees.block, "7,4,2"]), "4\n");
+    assert_eq!(stdout(&["point", &trees.block, "2.5,1.5,0.5", "2.5,1.5,3.5"]), "255\nvoid\n");
+    assert_eq!(stdout(&["point", "--cells", &trees.block, "7,4,2", "8,4,2"]), "255\nvoid\n");
+    assert_eq!(stdout(&["point", "--cells", "--level", "0", &trees.block, "7,4,2"]), "4\n");
     assert!(complaint(&["point", &trees.block, "1,2"], 1).contains("`1,2` is not X,Y,Z"));
     let mut input = String::new();
     let mut expected = String::new();
@@ -176,15 +158,15 @@ fn points_of_octrees() {
         input += &format!("{} {} {}\n", cell[0], cell[1], cell[2]);
         expected += &trees.cells.get(cell).map_or("void\n".into(), |number| format!("{}\n", as_byte(number)));
     }
-    spinney(&["point", "--cells", &trees.numbers]).write_stdin(input).assert().success().stdout(expected);
+    command(&["point", "--cells", &trees.numbers]).write_stdin(input).assert().success().stdout(expected);
     let turned = ["point", "--cells", "--view", "mirror=x", &trees.block, "2,1,0", "1,1,0"];
-    assert_eq!(output(&turned), "255\nvoid\n");
+    assert_eq!(stdout(&turned), "255\nvoid\n");
 }
 
 #[test]
 fn statistics_of_solids() {
     let trees = Trees::new();
-    let json = |arguments: &[&str]| -> Json { serde_json::from_str(&output(arguments)).unwrap() };
+    let json = |arguments: &[&str]| -> Json { serde_json::from_str(&stdout(arguments)).unwrap() };
     let found = json(&["stats", &trees.block, "--json"]);
     let solid = &found["solid"];
     assert_eq!((&solid["volume"], &solid["level"]), (&72.0.into(), &4.into()));
@@ -194,11 +176,11 @@ fn statistics_of_solids() {
     let coarse = json(&["stats", &trees.block, "--json", "--level", "3"]);
     assert_eq!(coarse["solid"]["level"], 3);
     assert!((coarse["solid"]["volume"].as_f64().unwrap() - 72.0).abs() < 0.5);
-    let text = output(&["stats", &trees.block]);
+    let text = stdout(&["stats", &trees.block]);
     assert!(text.contains("volume   72 (72.000 cells") && text.contains("108 of blocks"), "{text}");
     // What is no solid is told of as before.
     assert!(json(&["stats", &trees.numbers, "--json"])["solid"].is_null());
-    assert!(!output(&["stats", &trees.numbers]).contains("solid"));
+    assert!(!stdout(&["stats", &trees.numbers]).contains("solid"));
     let present = trees.cells.cells.iter().flatten().count() as f64;
     assert_eq!(json(&["stats", &trees.numbers, "--json", "--solid"])["solid"]["volume"], present);
     let turned = json(&["stats", &trees.block, "--json", "--view", "scale=2,2,2", "--view", "rotate=90,x"]);
@@ -215,7 +197,7 @@ fn pictures_of_solids() {
     let trees = Trees::new();
     let out = trees.name("solid.png");
     let render = |options: &[&str]| {
-        spinney(&[&["render", "-q", &trees.block, &out], options].concat())
+        command(&[&["render", "-q", &trees.block, &out], options].concat())
             .assert()
             .success()
             .stdout("")
@@ -254,6 +236,6 @@ fn pictures_of_solids() {
             .contains("input and the output")
     );
     assert!(!Path::new(&never).exists());
-    let text = output(&["render", "--help"]);
+    let text = stdout(&["render", "--help"]);
     assert!(text.contains("Examples:") && text.contains("  spinney render ") && text.contains("1024x768"));
 }

@@ -21,9 +21,9 @@ pub(crate) use global::Global;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory};
 pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{check_output, parse_size, picture_format, same_file};
-pub(crate) use part::Part;
+pub(crate) use part::PartOptions;
 pub(crate) use slice::{Slice, parse_slice};
-pub(crate) use viewed::{Viewed, parse_step};
+pub(crate) use viewed::{ViewedTree, parse_step};
 
 /// Reads exactly `N` numbers with commas between them.
 pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {

@@ -10,7 +10,7 @@ use super::{NO_INVERSE, numbers};
 /// A part of a picture; all of it if neither is given.
 #[derive(Args, Clone, Debug, Default)]
 #[group(multiple = false)]
-pub(crate) struct Part {
+pub(crate) struct PartOptions {
     /// Window in cells: first column, first row, columns, rows
     #[arg(long, value_name = "COL,ROW,W,H", value_parser = four::<u64>)]
     window: Option<[u64; 4]>,
@@ -19,7 +19,7 @@ pub(crate) struct Part {
     bbox: Option<[f64; 4]>,
 }
 
-impl Part {
+impl PartOptions {
     /// The cells of the deepest level that are meant; `None`: all.
     pub(crate) fn bounds(&self, tree: &Dataset) -> Result<Option<Bounds>> {
         match self.bbox {

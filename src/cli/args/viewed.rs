@@ -10,7 +10,7 @@ use super::super::open;
 
 /// A tree file, and the steps that it is seen through.
 #[derive(Args, Clone, Debug)]
-pub(crate) struct Viewed {
+pub(crate) struct ViewedTree {
     /// Tree file
     pub(crate) file: PathBuf,
     /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is
@@ -19,7 +19,7 @@ pub(crate) struct Viewed {
     steps: Vec<Step>,
 }
 
-impl Viewed {
+impl ViewedTree {
     /// Opens the file, once, with or without steps.
     pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
         let tree = open(&self.file)?;

@@ -30,7 +30,7 @@ use super::report::{Work, report_built};
 /// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
 /// its winding field where it is not. Several models become one solid.
 ///
-/// What does not fit into --memory goes to a temporary file beside the output.
+/// Data that do not fit into --memory go to a temporary file beside the output.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

@@ -7,7 +7,7 @@ use flate2::write::ZlibEncoder;
 use rayon::prelude::*;
 
 use super::seekable::Seekable;
-use super::tiff_tags::{self, Field, tag, tag_value};
+use super::tiff_tags::{self, IfdField, tag, tag_value};
 use super::{ImageSpec, RowWriter, Rows};
 use crate::io::Output;
 use crate::value::{Palette, SampleType};
@@ -30,7 +30,7 @@ struct Tiff {
     offsets: Vec<u64>,
     sizes: Vec<u64>,
     /// All tags but those of the strips.
-    tags: Vec<(u16, Field)>,
+    tags: Vec<(u16, IfdField)>,
 }
 
 /// Transform of rows before compression.
@@ -97,8 +97,8 @@ fn palette(spec: &ImageSpec) -> Option<&Palette> {
     spec.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
 }
 
-fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16, Field)> {
-    use Field::{Long, Short};
+fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16, IfdField)> {
+    use IfdField::{Long, Short};
     let channels = usize::from(spec.value.channels);
     let sample_format = match spec.value.sample {
         SampleType::U8 | SampleType::U16 | SampleType::U32 => tag_value::FORMAT_UNSIGNED,
@@ -236,8 +236,8 @@ impl RowWriter for Tiff {
             output.append(&[0])?;
         }
         let words = |numbers: Vec<u64>| match big {
-            true => Field::Long8(numbers),
-            false => Field::Long(numbers.into_iter().map(|number| number as u32).collect()),
+            true => IfdField::Long8(numbers),
+            false => IfdField::Long(numbers.into_iter().map(|number| number as u32).collect()),
         };
         tags.push((tag::STRIP_OFFSETS, words(offsets)));
         tags.push((tag::STRIP_BYTE_COUNTS, words(sizes)));

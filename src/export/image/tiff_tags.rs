@@ -73,7 +73,7 @@ mod field_type {
 }
 
 /// A tag's value.
-pub(super) enum Field {
+pub(super) enum IfdField {
     Ascii(String),
     Short(Vec<u16>),
     Long(Vec<u32>),
@@ -81,16 +81,16 @@ pub(super) enum Field {
     Long8(Vec<u64>),
 }
 
-impl Field {
+impl IfdField {
     /// The type's number, the count of its numbers and their bytes.
     fn encode(&self) -> (u16, u64, Vec<u8>) {
         use field_type::{ASCII, DOUBLE, LONG, LONG8, SHORT};
         match self {
-            Field::Ascii(text) => (ASCII, text.len() as u64 + 1, text.bytes().chain([0]).collect()),
-            Field::Short(v) => (SHORT, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
-            Field::Long(v) => (LONG, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
-            Field::Double(v) => (DOUBLE, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
-            Field::Long8(v) => (LONG8, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            IfdField::Ascii(text) => (ASCII, text.len() as u64 + 1, text.bytes().chain([0]).collect()),
+            IfdField::Short(v) => (SHORT, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            IfdField::Long(v) => (LONG, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            IfdField::Double(v) => (DOUBLE, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            IfdField::Long8(v) => (LONG8, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
         }
     }
 }
@@ -107,7 +107,7 @@ pub(super) fn word(number: u64, big: bool) -> Vec<u8> {
 }
 
 /// The bytes of a directory that will stand at `at`, and of the values that are too long for it.
-pub(super) fn directory(mut tags: Vec<(u16, Field)>, at: u64, big: bool) -> Vec<u8> {
+pub(super) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, big: bool) -> Vec<u8> {
     tags.sort_by_key(|(number, _)| *number);
     let (count_bytes, word_bytes) = if big { (8, 8) } else { (2, 4) };
     let entries_bytes = tags.len() * (4 + 2 * word_bytes);
@@ -135,7 +135,7 @@ pub(super) fn directory(mut tags: Vec<(u16, Field)>, at: u64, big: bool) -> Vec<
 }
 
 /// GeoTIFF's tags.
-pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, Field)> {
+pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
     let mut tags = geo_keys(frame);
     if frame.is_identity() {
         return tags;
@@ -144,17 +144,17 @@ pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, Field)> {
     let origin = if frame.pixel_is_point { [0.5, 0.5, 0.0] } else { [0.0; 3] };
     let [a, b, c, d, e, f] = frame.shifted(origin).affine();
     if b == 0.0 && d == 0.0 && a > 0.0 && e < 0.0 {
-        tags.push((tag::MODEL_PIXEL_SCALE, Field::Double(vec![a, -e, 0.0])));
-        tags.push((tag::MODEL_TIEPOINT, Field::Double(vec![0.0, 0.0, 0.0, c, f, 0.0])));
+        tags.push((tag::MODEL_PIXEL_SCALE, IfdField::Double(vec![a, -e, 0.0])));
+        tags.push((tag::MODEL_TIEPOINT, IfdField::Double(vec![0.0, 0.0, 0.0, c, f, 0.0])));
     } else {
         let matrix = [[a, b, 0.0, c], [d, e, 0.0, f], [0.0; 4], [0.0, 0.0, 0.0, 1.0]];
-        tags.push((tag::MODEL_TRANSFORMATION, Field::Double(matrix.concat())));
+        tags.push((tag::MODEL_TRANSFORMATION, IfdField::Double(matrix.concat())));
     }
     tags
 }
 
 /// The tags that name the coordinate system.
-fn geo_keys(frame: &Frame) -> Vec<(u16, Field)> {
+fn geo_keys(frame: &Frame) -> Vec<(u16, IfdField)> {
     let epsg = frame.epsg.and_then(|code| u16::try_from(code).ok());
     let mut keys: Vec<[u16; 4]> = Vec::new();
     // An entry is a key, the tag that has its value (0: the entry itself has it), the count and the value, or
@@ -185,24 +185,24 @@ fn geo_keys(frame: &Frame) -> Vec<(u16, Field)> {
         let plain = |c: char| if c.is_ascii() && c != '|' && c != '\0' { c } else { '?' };
         let text: String = name.chars().take(1000).map(plain).chain(['|']).collect();
         keys.push([geo_key::CITATION, tag::GEO_ASCII_PARAMS, text.len() as u16, 0]);
-        tags.push((tag::GEO_ASCII_PARAMS, Field::Ascii(text)));
+        tags.push((tag::GEO_ASCII_PARAMS, IfdField::Ascii(text)));
     }
     if !keys.is_empty() {
         keys.sort();
         let count = keys.len() as u16;
         keys.insert(0, [geo_key::DIRECTORY_VERSION, geo_key::KEY_REVISION, geo_key::MINOR_REVISION, count]);
-        tags.push((tag::GEO_KEY_DIRECTORY, Field::Short(keys.concat())));
+        tags.push((tag::GEO_KEY_DIRECTORY, IfdField::Short(keys.concat())));
     }
     tags
 }
 
 /// GDAL's tag for nodata.
-pub(super) fn nodata_tag(number: f64) -> (u16, Field) {
-    (tag::GDAL_NODATA, Field::Ascii(if number.is_nan() { "nan".into() } else { number.to_string() }))
+pub(super) fn nodata_tag(number: f64) -> (u16, IfdField) {
+    (tag::GDAL_NODATA, IfdField::Ascii(if number.is_nan() { "nan".into() } else { number.to_string() }))
 }
 
 /// GDAL's tag for names of bands, if any has one.
-pub(super) fn band_names_tag(names: &[String]) -> Option<(u16, Field)> {
+pub(super) fn band_names_tag(names: &[String]) -> Option<(u16, IfdField)> {
     let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let mut xml = String::from("<GDALMetadata>\n");
     for (band, name) in names.iter().enumerate().filter(|(_, name)| !name.is_empty()) {
@@ -212,18 +212,18 @@ pub(super) fn band_names_tag(names: &[String]) -> Option<(u16, Field)> {
             &format!("  <Item name=\"DESCRIPTION\" sample=\"{band}\" role=\"description\">{name}</Item>\n");
     }
     xml += "</GDALMetadata>\n";
-    names.iter().any(|name| !name.is_empty()).then_some((tag::GDAL_METADATA, Field::Ascii(xml)))
+    names.iter().any(|name| !name.is_empty()).then_some((tag::GDAL_METADATA, IfdField::Ascii(xml)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn find(tags: &[(u16, Field)], wanted: u16) -> Option<Vec<f64>> {
+    fn find(tags: &[(u16, IfdField)], wanted: u16) -> Option<Vec<f64>> {
         let field = tags.iter().find(|(number, _)| *number == wanted)?;
         match &field.1 {
-            Field::Double(numbers) => Some(numbers.clone()),
-            Field::Short(numbers) => Some(numbers.iter().map(|&n| f64::from(n)).collect()),
+            IfdField::Double(numbers) => Some(numbers.clone()),
+            IfdField::Short(numbers) => Some(numbers.iter().map(|&n| f64::from(n)).collect()),
             _ => None,
         }
     }
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn long_values_stand_behind_the_directory() {
-        let tags = vec![(300, Field::Short(vec![7, 8, 9])), (256, Field::Long(vec![5]))];
+        let tags = vec![(300, IfdField::Short(vec![7, 8, 9])), (256, IfdField::Long(vec![5]))];
         let bytes = directory(tags, 100, false);
         let expected: [&[u8]; 5] = [
             &[2, 0],

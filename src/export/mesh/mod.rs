@@ -36,7 +36,7 @@ use crate::space::Frame;
 use crate::value::{Kind, Rule, SampleType};
 use crate::{Error, Progress, Result};
 
-pub use ply::Attribute;
+pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 
 /// Kind of surface, and level of detail.
@@ -121,15 +121,15 @@ pub fn export_mesh(
     let level = request.level.unwrap_or(tree.depth());
     let header = tree.header();
     let attribute = match (header.form.value.sample, header.form.value.channels) {
-        _ if format != MeshFormat::Ply || header.rule == Rule::Occupancy => Attribute::None,
-        (SampleType::U8, 3 | 4) => Attribute::Colour,
-        _ if header.kind != Kind::Categorical || !can_carry_value(header.form.value) => Attribute::None,
-        (SampleType::U8, _) => Attribute::Byte,
-        _ => Attribute::Short,
+        _ if format != MeshFormat::Ply || header.rule == Rule::Occupancy => FaceAttribute::None,
+        (SampleType::U8, 3 | 4) => FaceAttribute::Colour,
+        _ if header.kind != Kind::Categorical || !can_carry_value(header.form.value) => FaceAttribute::None,
+        (SampleType::U8, _) => FaceAttribute::Byte,
+        _ => FaceAttribute::Short,
     };
     let carry = match attribute {
-        Attribute::None if request.smooth && header.rule == Rule::Occupancy => Carry::Coverage,
-        Attribute::None => Carry::Nothing,
+        FaceAttribute::None if request.smooth && header.rule == Rule::Occupancy => Carry::Coverage,
+        FaceAttribute::None => Carry::Nothing,
         _ => Carry::Value,
     };
     let mut blocks = tree.cell_blocks(level, carry)?;
@@ -144,7 +144,7 @@ pub fn export_mesh(
 /// As [`export_mesh`].
 pub fn export_blocks(
     blocks: &mut dyn CellBlocks,
-    attribute: Attribute,
+    attribute: FaceAttribute,
     frame: &Frame,
     request: &MeshRequest,
     output: Output,
@@ -155,7 +155,7 @@ pub fn export_blocks(
     let carry = blocks.carry();
     let sink: Box<dyn Sink> = match format {
         MeshFormat::Ply => {
-            let attribute = if carry == Carry::Value { attribute } else { Attribute::None };
+            let attribute = if carry == Carry::Value { attribute } else { FaceAttribute::None };
             Box::new(ply::Ply::new(output, attribute, precision != Precision::Single)?)
         }
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),

@@ -52,7 +52,7 @@ struct Nets<'a, 'b> {
 }
 
 /// A block and the layer of cells before it.
-struct Field {
+struct CellLayer {
     /// A block and its neighbours, by step: those before it along the axes whose bit is set.
     blocks: Vec<Arc<Block>>,
     /// Solid cells: bit x of row `z * WIDE + y`.
@@ -60,8 +60,8 @@ struct Field {
     has_coverage: bool,
 }
 
-impl Field {
-    fn read(blocks: &mut dyn CellBlocks, at: [u32; 3], has_coverage: bool) -> Result<Field> {
+impl CellLayer {
+    fn read(blocks: &mut dyn CellBlocks, at: [u32; 3], has_coverage: bool) -> Result<CellLayer> {
         let before = |step: i64| [0, 1, 2].map(|axis| i64::from(at[axis]) - (step >> axis & 1));
         let blocks: Result<Vec<_>> = (0..8).map(|step| blocks.block(before(step))).collect();
         let blocks = blocks?;
@@ -74,7 +74,7 @@ impl Field {
                 solid[z * WIDE + y] = u64::from(own) << 1 | u64::from(before >> (CELLS - 1));
             }
         }
-        Ok(Field { blocks, solid, has_coverage })
+        Ok(CellLayer { blocks, solid, has_coverage })
     }
 
     fn is_solid(&self, [x, y, z]: [usize; 3]) -> bool {
@@ -136,7 +136,7 @@ impl Field {
 
 impl Nets<'_, '_> {
     fn write_block(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3]) -> Result<()> {
-        let field = Field::read(blocks, block, self.has_coverage)?;
+        let field = CellLayer::read(blocks, block, self.has_coverage)?;
         for z in 0..CELLS {
             for y in 0..CELLS {
                 let mut mixed = field.mixed(y, z);
@@ -154,7 +154,7 @@ impl Nets<'_, '_> {
         Ok(())
     }
 
-    fn write_vertex(&mut self, field: &Field, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
+    fn write_vertex(&mut self, field: &CellLayer, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
         let name = name(block, cube.map(|cube| cube as i64));
         let middle = field.middle(cube);
         // The first corner is the centre of the cell before the one that gives the name.
@@ -173,7 +173,7 @@ impl Nets<'_, '_> {
     }
 
     /// The quadrangles around the edges that meet in a cube's first corner: all cubes around them are there.
-    fn write_faces(&mut self, field: &Field, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
+    fn write_faces(&mut self, field: &CellLayer, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
         let is_solid = field.is_solid(cube);
         for axis in 0..3 {
             let mut end = cube;

@@ -8,7 +8,7 @@ use crate::{Error, Result};
 
 /// Property of each face: an attribute of the cell behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Attribute {
+pub enum FaceAttribute {
     /// Nothing.
     None,
     /// Its colour: properties `red`, `green`, `blue`.
@@ -22,7 +22,7 @@ pub enum Attribute {
 /// The numbers of vertices and faces stand before them: both wait in temporary files.
 pub(super) struct Ply {
     output: Output,
-    attribute: Attribute,
+    attribute: FaceAttribute,
     double: bool,
     vertices: u64,
     faces: u64,
@@ -33,7 +33,7 @@ pub(super) struct Ply {
 
 impl Ply {
     /// Starts a file, with coordinates of double precision, or of single.
-    pub(super) fn new(mut output: Output, attribute: Attribute, double: bool) -> Result<Ply> {
+    pub(super) fn new(mut output: Output, attribute: FaceAttribute, double: bool) -> Result<Ply> {
         let (vertex_spill, face_spill) = (Spill::new(&mut output)?, Spill::new(&mut output)?);
         let bytes = Vec::new();
         Ok(Ply { output, attribute, double, vertices: 0, faces: 0, vertex_spill, face_spill, bytes })
@@ -44,10 +44,10 @@ impl Ply {
         // Some readers know signed indices only: indices are declared as such as long as they fit.
         let index = if self.vertices > i32::MAX as u64 { "uint" } else { "int" };
         let attribute = match self.attribute {
-            Attribute::None => "",
-            Attribute::Colour => "property uchar red\nproperty uchar green\nproperty uchar blue\n",
-            Attribute::Byte => "property uchar value\n",
-            Attribute::Short => "property ushort value\n",
+            FaceAttribute::None => "",
+            FaceAttribute::Colour => "property uchar red\nproperty uchar green\nproperty uchar blue\n",
+            FaceAttribute::Byte => "property uchar value\n",
+            FaceAttribute::Short => "property ushort value\n",
         };
         format!(
             "ply\nformat binary_little_endian 1.0\ncomment made by spinney\nelement vertex {}\n\
@@ -88,10 +88,10 @@ impl Sink for Ply {
             self.bytes.extend((corner.index as u32).to_le_bytes());
         }
         match self.attribute {
-            Attribute::None => {}
-            Attribute::Colour => self.bytes.extend(&attribute.to_be_bytes()[1..]),
-            Attribute::Byte => self.bytes.push(attribute as u8),
-            Attribute::Short => self.bytes.extend((attribute as u16).to_le_bytes()),
+            FaceAttribute::None => {}
+            FaceAttribute::Colour => self.bytes.extend(&attribute.to_be_bytes()[1..]),
+            FaceAttribute::Byte => self.bytes.push(attribute as u8),
+            FaceAttribute::Short => self.bytes.extend((attribute as u16).to_le_bytes()),
         }
         self.face_spill.write(&self.bytes)
     }

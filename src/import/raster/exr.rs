@@ -12,7 +12,7 @@ use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData};
 use half::f16;
 
-use super::{OpenOptions, Order, Pixels, Raster, RasterInfo};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
@@ -45,7 +45,7 @@ struct Exr {
     cache_limit: u64,
 }
 
-pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "open"))?);
     let meta = guard(path, "EXR header", || {
         let fail = |error| exr_error(path, "EXR header", error);
@@ -179,7 +179,7 @@ fn choose_channels(path: &Path, header: &Header, layer: &Layer) -> Result<(Sampl
 }
 
 /// Width and height of a block, checked against the memory.
-fn block_size(path: &Path, header: &Header, options: &OpenOptions) -> Result<[u64; 2]> {
+fn block_size(path: &Path, header: &Header, options: &RasterOptions) -> Result<[u64; 2]> {
     let exr::math::Vec2(width, height) = header.max_block_pixel_size();
     let (width, height) = (width as u64, height as u64);
     if width == 0 || height == 0 {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{OpenOptions, Order, RasterInfo};
+use super::{Order, RasterInfo, RasterOptions};
 use crate::space::{Frame, Region};
 use crate::value::SampleType;
 use crate::{Error, Result};
@@ -45,7 +45,7 @@ impl RasterInfo {
     }
 }
 
-impl OpenOptions {
+impl RasterOptions {
     /// Fails if `needed` bytes for `what` are more than allowed.
     pub(super) fn check_memory(&self, path: &Path, what: &str, needed: u64) -> Result<()> {
         if needed <= self.memory {

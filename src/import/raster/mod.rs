@@ -107,7 +107,7 @@ pub trait Raster: Send {
 
 /// Options for opening a raster.
 #[derive(Clone, Debug)]
-pub struct OpenOptions {
+pub struct RasterOptions {
     /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
     /// no other way.
     pub memory: u64,
@@ -115,9 +115,9 @@ pub struct OpenOptions {
     pub layer: Option<String>,
 }
 
-impl Default for OpenOptions {
+impl Default for RasterOptions {
     fn default() -> Self {
-        OpenOptions { memory: 192 << 20, layer: None }
+        RasterOptions { memory: 192 << 20, layer: None }
     }
 }
 
@@ -125,7 +125,7 @@ impl Default for OpenOptions {
 ///
 /// # Errors
 /// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
-pub fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let magic = first_bytes(path)?;
     match magic.as_slice() {
         [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),

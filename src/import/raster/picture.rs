@@ -12,7 +12,7 @@ use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::errors::DecodeErrors;
 
-use super::{OpenOptions, Pixels, Raster, RasterInfo, worldfile};
+use super::{Pixels, Raster, RasterInfo, RasterOptions, worldfile};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
@@ -33,7 +33,7 @@ impl Picture {
     /// up to three times as much and WebP up to twice.
     fn open(
         path: &Path,
-        options: &OpenOptions,
+        options: &RasterOptions,
         mut info: RasterInfo,
         decode: fn(&Path, &RasterInfo) -> Result<Vec<u8>>,
     ) -> Result<Box<dyn Raster>> {
@@ -73,7 +73,7 @@ impl Raster for Picture {
     }
 }
 
-pub(super) fn open_jpeg(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+pub(super) fn open_jpeg(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let bytes = std::fs::metadata(path).map_err(Error::io(path, "read the size of"))?.len();
     options.check_memory(path, "the compressed picture", bytes)?;
     let info = with_jpeg(path, |bytes, decoder| {
@@ -165,7 +165,7 @@ fn jpeg_error(path: &Path, error: &DecodeErrors) -> Error {
     }
 }
 
-pub(super) fn open_webp(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+pub(super) fn open_webp(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let info = with_webp(path, |decoder| {
         if decoder.has_animation() {
             return Err(Error::unsupported(path, "an animated WebP", "extract one picture of it"));

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use super::validity::as_stored;
-use super::{OpenOptions, Pixels, Raster, RasterInfo, bands, mosaic, open};
+use super::{Pixels, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
 use crate::space::{Dimension, Frame, Region};
 use crate::store::{BuildOptions, Metadata, depth_for};
 use crate::value::{Kind, Rule, SampleType, ValueType};
@@ -117,7 +117,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
 fn open_inputs(inputs: &[PathBuf], options: &ImportOptions, memory: u64) -> Result<Vec<Box<dyn Raster>>> {
     // Readers rarely need their share, but all together must not need more than half of the memory.
     let share = memory / 2 / inputs.len().max(1) as u64;
-    let open_options = OpenOptions { memory: share, layer: options.layer.clone() };
+    let open_options = RasterOptions { memory: share, layer: options.layer.clone() };
     let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
         let raster = open(path, &open_options)?;
         let raster = match &options.bands {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Limits, Reader};
 
-use super::{OpenOptions, Order, Pixels, Raster, RasterInfo, worldfile};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, worldfile};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::{Kind, Palette, SampleType};
@@ -33,7 +33,7 @@ enum Void {
     Colour(Vec<u8>),
 }
 
-pub(super) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let file = File::open(path).map_err(Error::io(path, "open"))?;
     let (reader, row_bytes) = guard(path, "PNG header", || {
         let limits = Limits { bytes: usize::try_from(options.memory).unwrap_or(usize::MAX) };

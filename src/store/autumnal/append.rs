@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use super::commit::{Commit, Written};
 use super::extents::{ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
-use super::layout::{MAX_RECORD, RecordBuffer, RecordLayout};
+use super::layout::{MAX_RECORD, PointeredLayout, RecordBuffer};
 use super::meta::Meta;
 use super::share::{DedupTable, hash};
 use crate::io::{ReadBackend, WriteBackend};
@@ -31,7 +31,7 @@ pub(super) struct NewRecord<'a> {
 pub(super) struct Appender {
     pub(super) backend: Box<dyn WriteBackend>,
     path: PathBuf,
-    layout: RecordLayout,
+    layout: PointeredLayout,
     /// Offset in the file of the buffer's first byte.
     start: u64,
     /// Bytes that are not written yet.
@@ -56,7 +56,7 @@ impl Appender {
     pub(super) fn new(
         backend: Box<dyn WriteBackend>,
         path: PathBuf,
-        layout: RecordLayout,
+        layout: PointeredLayout,
         end: u64,
         share: Option<u64>,
     ) -> Appender {

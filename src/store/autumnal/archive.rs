@@ -9,7 +9,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::commit::Commit;
 use super::extents::{Extents, FIRST_EXTENT, PAGE};
-use super::layout::RecordLayout;
+use super::layout::PointeredLayout;
 use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE};
 use crate::io::{FileId, ReadBackend};
 use crate::store::container::{Header, TreeFormat};
@@ -36,7 +36,7 @@ pub(super) const fn pointer_bytes(share: bool) -> (u8, u8) {
 }
 
 /// The first page of a file.
-pub(super) fn first_page(header: &Header, layout: &RecordLayout, share: bool) -> Vec<u8> {
+pub(super) fn first_page(header: &Header, layout: &PointeredLayout, share: bool) -> Vec<u8> {
     let mut page = header.to_bytes(TreeFormat::Autumnal);
     page.resize(POINTERS as usize, 0);
     let (relative, absolute) = (layout.relative, layout.absolute);
@@ -51,7 +51,7 @@ pub(super) fn first_page(header: &Header, layout: &RecordLayout, share: bool) ->
 #[derive(Clone)]
 pub(super) struct Archive {
     pub(super) header: Header,
-    pub(super) layout: RecordLayout,
+    pub(super) layout: PointeredLayout,
     /// Whether equal subtrees are stored once.
     pub(super) share: bool,
     pub(super) extents: Arc<Extents>,
@@ -109,7 +109,7 @@ impl Archive {
         // A slot whose commit ends behind these bytes does not count, since it may have been written after
         // they were opened: the other one is taken, if that is whole.
         let Some(meta) = newest_meta(&*bytes)? else { return Ok(None) };
-        let layout = RecordLayout::new(header.form, raw.relative, raw.absolute);
+        let layout = PointeredLayout::new(header.form, raw.relative, raw.absolute);
         let extents = Arc::new(Extents::new(path, bytes, meta.end, check)?);
         Ok(Some(Archive { header, layout, share: raw.share != 0, extents, meta, file }))
     }

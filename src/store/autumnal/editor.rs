@@ -9,7 +9,7 @@ use super::archive::{Archive, OpenFile, first_page, pointer_bytes};
 use super::builder::{Mode, RecordBuilder, shape};
 use super::commit::{Commit, Note, Root, Written};
 use super::extents::{ExtentKind, Extents, FIRST_EXTENT};
-use super::layout::RecordLayout;
+use super::layout::PointeredLayout;
 use super::meta::Meta;
 use super::reader::Autumnal;
 use crate::io::{FileBackend, LockedFile, WriteBackend};
@@ -22,7 +22,7 @@ use crate::{Error, Progress, Result};
 /// A file that is being edited by this process and by nobody else, until this is dropped.
 ///
 /// [`Editor::tree`] is the tree with all edits so far; edits are sources made of it (see [`crate::ops`]),
-/// which [`Editor::replace`] makes the tree. Where a source hands out nodes of the file as they are, these
+/// which becomes the tree ([`apply_edits`](crate::ops::apply_edits)). Where a source hands out nodes of the file as they are, these
 /// are kept and not looked into: an edit takes time and room proportional to what changes, plus the tree's
 /// depth. Nothing is seen by readers before [`Editor::commit`]; what is not committed is as if it had never
 /// been.
@@ -80,7 +80,7 @@ impl Editor {
         options: &BuildOptions,
     ) -> Result<Editor> {
         let (relative, absolute) = pointer_bytes(options.share);
-        let layout = RecordLayout::new(header.form, relative, absolute);
+        let layout = PointeredLayout::new(header.form, relative, absolute);
         let mut pages = first_page(&header, &layout, options.share);
         pages.resize(FIRST_EXTENT as usize, 0);
         backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
@@ -116,7 +116,7 @@ impl Editor {
     /// # Errors
     /// If they are not, the source or writing fails, or on interruption. After a failed write nothing more
     /// can be written; the last commit is whole.
-    pub fn replace<S: ReusableSource>(&mut self, source: &S, progress: &dyn Progress) -> Result<()> {
+    pub(crate) fn replace<S: ReusableSource>(&mut self, source: &S, progress: &dyn Progress) -> Result<()> {
         let (form, expected) = (source.form(), self.draft.form());
         if form != expected {
             return Err(Error::invalid("source", form.to_string(), format!("{expected}, as the file")));

@@ -29,7 +29,7 @@ pub(super) type RecordBuffer = [u8; MAX_RECORD + MAX_VALUE_SIZE];
 
 /// Layout of the records of a file.
 #[derive(Clone)]
-pub(super) struct RecordLayout {
+pub(super) struct PointeredLayout {
     /// Quadtree or octree, and the type of the values.
     pub(super) form: Form,
     /// Bytes of a value.
@@ -43,13 +43,13 @@ pub(super) struct RecordLayout {
     field_bytes: Box<[u16; FOUR_STATES]>,
 }
 
-impl RecordLayout {
+impl PointeredLayout {
     /// The layout with pointers of so many bytes, 1 to 8.
-    pub(super) fn new(form: Form, relative: u8, absolute: u8) -> RecordLayout {
+    pub(super) fn new(form: Form, relative: u8, absolute: u8) -> PointeredLayout {
         let width = form.width();
         let size = |state: usize| [0, width, usize::from(relative), usize::from(absolute)][state & 3] as u16;
         let field_bytes = std::array::from_fn(|states| (0..4).map(|child| size(states >> (2 * child))).sum());
-        RecordLayout {
+        PointeredLayout {
             form,
             width,
             state_bytes: form.children() / 4,
@@ -237,7 +237,7 @@ mod tests {
     fn records_come_back() {
         for dimension in [Dimension::Quad, Dimension::Oct] {
             for value in [ValueType::new(SampleType::U8, 3), ValueType::new(SampleType::F32, 4)] {
-                let layout = RecordLayout::new(Form::new(dimension, value), 2, 6);
+                let layout = PointeredLayout::new(Form::new(dimension, value), 2, 6);
                 let leaf = |number: u8| Value::from_bytes(&vec![number; value.size()]);
                 let inner = |node| Child::Inner { representative: Value::ZERO, node };
                 let all = [

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::archive::{Archive, OpenFile, newest_meta};
 use super::commit::{Commit, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
-use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, RELATIVE, RecordLayout};
+use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, PointeredLayout, RELATIVE};
 use super::zone::{BadZone, Zone, records, zone_height};
 use crate::io::FileId;
 use crate::space::Code;
@@ -53,7 +53,7 @@ const ZONE_RECORDS: usize = 16;
 const FIRST_ZONE_READ: usize = 256;
 
 /// A record as it stands in the file.
-pub(super) struct Record<B> {
+pub(super) struct PointeredRecord<B> {
     pub(super) address: u64,
     /// Two bits per child.
     pub(super) states: u32,
@@ -61,7 +61,7 @@ pub(super) struct Record<B> {
     pub(super) bytes: B,
 }
 
-impl<B> Record<B> {
+impl<B> PointeredRecord<B> {
     /// State of one child: VOID, LEAF, RELATIVE or ABSOLUTE.
     #[inline]
     pub(super) fn state(&self, step: usize) -> u8 {
@@ -70,7 +70,7 @@ impl<B> Record<B> {
 }
 
 /// One that was asked for by itself.
-type OneRecord<'a> = Record<Cow<'a, [u8]>>;
+type OneRecord<'a> = PointeredRecord<Cow<'a, [u8]>>;
 
 impl Autumnal {
     /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest.
@@ -205,7 +205,7 @@ impl Autumnal {
     }
 
     #[inline]
-    pub(super) fn layout(&self) -> &RecordLayout {
+    pub(super) fn layout(&self) -> &PointeredLayout {
         &self.archive.layout
     }
 
@@ -236,13 +236,17 @@ impl Autumnal {
     }
 
     #[inline(always)] // the heart of every descent
-    pub(super) fn record_in<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<Record<A::Bytes>> {
+    pub(super) fn record_in<'a, A: ByteAccess<'a>>(
+        &self,
+        access: A,
+        node: Node,
+    ) -> Result<PointeredRecord<A::Bytes>> {
         let Node { address, .. } = node;
         let bytes = access.bytes(address, MAX_RECORD)?;
         let layout = self.layout();
         match layout.states(&bytes) {
             Some(states) if layout.record_size(states) <= bytes.len() => {
-                Ok(Record { address, states, bytes })
+                Ok(PointeredRecord { address, states, bytes })
             }
             _ => Err(self.cut_short(address)),
         }
@@ -268,13 +272,13 @@ impl Autumnal {
 
     /// The value of a child that is a LEAF.
     #[inline]
-    pub(super) fn leaf<B: Deref<Target = [u8]>>(&self, record: &Record<B>, step: usize) -> Value {
+    pub(super) fn leaf<B: Deref<Target = [u8]>>(&self, record: &PointeredRecord<B>, step: usize) -> Value {
         self.value_in(&record.bytes, self.layout().field(record.states, step))
     }
 
     /// A child that is INNER, of a node with so many levels below it.
     #[inline]
-    pub(super) fn inner<B>(&self, record: &Record<B>, height: u8, step: usize) -> Result<Node>
+    pub(super) fn inner<B>(&self, record: &PointeredRecord<B>, height: u8, step: usize) -> Result<Node>
     where
         B: Deref<Target = [u8]>,
     {
@@ -284,7 +288,13 @@ impl Autumnal {
 
     /// The node that the pointer in a field leads to, of a node with so many levels below it.
     #[inline]
-    pub(super) fn follow<B>(&self, record: &Record<B>, at: usize, state: u8, height: u8) -> Result<Node>
+    pub(super) fn follow<B>(
+        &self,
+        record: &PointeredRecord<B>,
+        at: usize,
+        state: u8,
+        height: u8,
+    ) -> Result<Node>
     where
         B: Deref<Target = [u8]>,
     {
@@ -406,7 +416,7 @@ impl Autumnal {
         &self,
         access: A,
         node: Node,
-        record: &Record<A::Bytes>,
+        record: &PointeredRecord<A::Bytes>,
     ) -> Result<()> {
         let claimed = self.records_below(access, node)?;
         let dimension = self.layout().form.dimension;

@@ -86,6 +86,12 @@ impl Header {
         Bounds::picture(self.extent)
     }
 
+    /// The part of a box that is in the picture; all of the picture if there is no box.
+    pub fn within_picture(&self, bounds: Option<Bounds>) -> Bounds {
+        let picture = self.picture();
+        bounds.map_or(picture, |bounds| bounds.intersect(&picture))
+    }
+
     /// Layout of the tree's records in segments.
     pub fn record_layout(&self) -> RecordLayout {
         RecordLayout::new(self.form)

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Bytes of segments, up to a limit; those not used for longest give way.
-pub(super) struct Cache {
+pub(super) struct SegmentCache {
     /// Bytes that may be held.
     limit: u64,
     /// Bytes that are held.
@@ -22,10 +22,10 @@ struct Cached {
     bytes: Arc<Vec<u8>>,
 }
 
-impl Cache {
+impl SegmentCache {
     /// Holds at most so many bytes, but always the segment that was put last.
-    pub(super) fn new(limit: u64) -> Cache {
-        Cache { limit, held: 0, time: 0, segments: HashMap::new(), by_time: BTreeMap::new() }
+    pub(super) fn new(limit: u64) -> SegmentCache {
+        SegmentCache { limit, held: 0, time: 0, segments: HashMap::new(), by_time: BTreeMap::new() }
     }
 
     /// The bytes of a segment, if they are held.
@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn what_was_not_used_for_longest_gives_way() {
-        let mut cache = Cache::new(10);
+        let mut cache = SegmentCache::new(10);
         let bytes = |length: usize| Arc::new(vec![0; length]);
         (0..3).for_each(|index| cache.put(index, bytes(3)));
         assert!(cache.get(0).is_some());

@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard, PoisonError};
 
-use super::cache::Cache;
+use super::cache::SegmentCache;
 use super::directory::SegmentLocation;
 use super::reader::Goblin;
 use super::segment::{COUNT_SIZE, Segment};
@@ -126,7 +126,7 @@ impl Goblin {
         Ok(bytes)
     }
 
-    fn cache(&self) -> MutexGuard<'_, Cache> {
+    fn cache(&self) -> MutexGuard<'_, SegmentCache> {
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
-use super::cache::Cache;
+use super::cache::SegmentCache;
 use super::directory::entry_size;
 use super::locate::descend_in;
 use super::reader::Goblin;
@@ -76,7 +76,7 @@ impl Goblin {
             checked,
             checked_bytes: AtomicU64::new(0),
             check: options.check,
-            cache: Mutex::new(Cache::new(options.cache)),
+            cache: Mutex::new(SegmentCache::new(options.cache)),
         })
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
-use super::cache::Cache;
+use super::cache::SegmentCache;
 use super::directory::{Entry, show_sums};
 use super::locate::Descend;
 use super::trailer::{Section, Trailer};
@@ -41,7 +41,7 @@ pub struct Goblin {
     pub(super) checked_bytes: AtomicU64,
     /// Whether each segment's checksum is checked when it is used first.
     pub(super) check: bool,
-    pub(super) cache: Mutex<Cache>,
+    pub(super) cache: Mutex<SegmentCache>,
 }
 
 impl Goblin {

@@ -25,11 +25,11 @@ pub struct Polygon {
     points: Vec<[i64; 3]>,
     ring_ends: Vec<usize>,
     bounds: Box3,
-    shape: Shape,
+    shape: Surface,
 }
 
 #[derive(Clone, Debug)]
-enum Shape {
+enum Surface {
     Planar(Plane),
     Bent(Vec<[u32; 3]>),
 }
@@ -61,20 +61,20 @@ impl Polygon {
             return Err(Flaw::NoArea);
         };
         let shape = if points.iter().all(|point| plane.contains(point)) {
-            Shape::Planar(plane)
+            Surface::Planar(plane)
         } else {
             let mut triangles = Vec::new();
             if !triangulator.triangulate(points, ring_ends, &mut triangles) {
                 return Err(Flaw::NotSimple);
             }
-            Shape::Bent(triangles)
+            Surface::Bent(triangles)
         };
         Ok(Polygon { points: points.to_vec(), ring_ends: ring_ends.to_vec(), bounds, shape })
     }
 
     /// Whether all corners are exactly in one plane.
     pub fn is_planar(&self) -> bool {
-        matches!(self.shape, Shape::Planar(_))
+        matches!(self.shape, Surface::Planar(_))
     }
 
     /// The least box around the face.
@@ -91,11 +91,11 @@ impl Polygon {
             return decided(false, Stage::Boxes);
         }
         match &self.shape {
-            Shape::Planar(plane) if !plane.cuts(octant) => decided(false, Stage::Planes),
+            Surface::Planar(plane) if !plane.cuts(octant) => decided(false, Stage::Planes),
             // (2) and the part of (1) that does not ask for a plane.
             _ if self.points.iter().any(|point| octant.has_inside(point)) => decided(true, Stage::Vertices),
-            Shape::Planar(plane) => self.cuts_by_section(plane, octant),
-            Shape::Bent(triangles) => {
+            Surface::Planar(plane) => self.cuts_by_section(plane, octant),
+            Surface::Bent(triangles) => {
                 let corners = |triangle: &[u32; 3]| triangle.map(|corner| self.points[corner as usize]);
                 let cuts = triangles.iter().any(|t| triangle::cuts(&corners(t), octant.min, octant.max));
                 decided(cuts, Stage::Triangles)

@@ -10,15 +10,15 @@ use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 
 use super::corners::{Corners, MOST_CORNERS};
+use super::model_file::ModelFile;
 use super::parts::Parts;
-use super::source::Source;
 use super::text::{line_number, shown};
-use super::vertices::{Bounds, Coordinates, Table, Vertices, VerticesBuilder};
+use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
 use crate::{Error, Result};
 
 struct CityJson {
-    source: Source,
+    source: ModelFile,
     info: ModelInfo,
     memory: u64,
     degenerate: u64,
@@ -31,7 +31,7 @@ struct Document<'a> {
     kind: Option<String>,
     version: Option<String>,
     transform: Option<Transform>,
-    metadata: Option<Metadata>,
+    metadata: Option<CityMetadata>,
     #[serde(borrow, rename = "CityObjects")]
     objects: Option<&'a RawValue>,
     #[serde(borrow)]
@@ -45,7 +45,7 @@ struct Transform {
 }
 
 #[derive(Deserialize)]
-struct Metadata {
+struct CityMetadata {
     #[serde(rename = "referenceSystem")]
     reference_system: Option<String>,
 }
@@ -58,7 +58,7 @@ fn epsg(reference: &str) -> Option<u32> {
 
 /// Goes through all values of a file; each comes with the transform that holds for it.
 fn documents(
-    source: &Source,
+    source: &ModelFile,
     mut each: impl FnMut(&Document<'_>, Option<Transform>) -> Result<()>,
 ) -> Result<()> {
     let mut transform = None;
@@ -89,7 +89,7 @@ fn documents(
 }
 
 /// An error in JSON, found in a text that starts in some line of the file.
-fn not_json(source: &Source, first_line: u64, error: &serde_json::Error) -> Error {
+fn not_json(source: &ModelFile, first_line: u64, error: &serde_json::Error) -> Error {
     let text = error.to_string();
     let what = text.rsplit_once(" at line").map_or(text.as_str(), |(what, _)| what);
     let place = format!("line {}, column {}", first_line + (error.line() as u64).max(1) - 1, error.column());
@@ -98,14 +98,14 @@ fn not_json(source: &Source, first_line: u64, error: &serde_json::Error) -> Erro
 }
 
 /// An error in a part of a file.
-fn not_json_there(source: &Source, text: &RawValue, error: &serde_json::Error) -> Error {
+fn not_json_there(source: &ModelFile, text: &RawValue, error: &serde_json::Error) -> Error {
     let offset = text.get().as_ptr() as usize - source.bytes().as_ptr() as usize;
     not_json(source, line_number(source.bytes(), offset), error)
 }
 
 /// Walks through a part of a file, which leaves errors that are not about JSON in `failure`.
 fn walk<'a>(
-    source: &Source,
+    source: &ModelFile,
     text: &'a RawValue,
     failure: &mut Option<Error>,
     seed: impl FnOnce(&mut Option<Error>, &mut Json<'a>) -> Result<(), serde_json::Error>,
@@ -130,9 +130,9 @@ fn keep<E: serde::de::Error>(failure: &mut Option<Error>, result: Result<()>) ->
 
 /// The list of vertices.
 struct ReadVertices<'a> {
-    source: &'a Source,
+    source: &'a ModelFile,
     transform: Option<Transform>,
-    bounds: &'a mut Bounds,
+    bounds: &'a mut VertexBounds,
     vertices: &'a mut VerticesBuilder,
     failure: &'a mut Option<Error>,
 }
@@ -164,10 +164,10 @@ impl<'de> Visitor<'de> for ReadVertices<'_> {
 }
 
 fn read_vertices(
-    source: &Source,
+    source: &ModelFile,
     document: &Document<'_>,
     transform: Option<Transform>,
-    bounds: &mut Bounds,
+    bounds: &mut VertexBounds,
     memory: u64,
 ) -> Result<Vertices> {
     let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, false, memory);
@@ -181,7 +181,7 @@ fn read_vertices(
 
 /// The names of all city objects.
 struct ReadNames<'a> {
-    source: &'a Source,
+    source: &'a ModelFile,
     parts: &'a mut Parts,
     failure: &'a mut Option<Error>,
 }
@@ -301,7 +301,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for Geometries<'a> {
 
 /// Hands out the surfaces of all city objects.
 struct ReadObjects<'a, 'b> {
-    source: &'a Source,
+    source: &'a ModelFile,
     vertices: Table<'a>,
     corners: &'b mut Corners,
     /// The part that the next object is.
@@ -345,7 +345,7 @@ impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
 /// Lists of lists down to the numbers of vertices: level 1 is a ring, 2 a surface, beyond that are shells and
 /// solids.
 struct Boundaries<'a, 'b> {
-    source: &'a Source,
+    source: &'a ModelFile,
     name: &'b str,
     vertices: Table<'a>,
     corners: &'b mut Corners,
@@ -410,8 +410,8 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
     }
 }
 
-pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
-    let mut bounds = Bounds::new();
+pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
+    let mut bounds = VertexBounds::new();
     let mut parts = Parts::new(memory);
     let (mut count, mut version, mut crs) = (0, None, None);
     documents(&source, |document, transform| {
@@ -450,7 +450,7 @@ impl Model for CityJson {
     fn faces(&mut self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
         let (source, mut corners, mut part) = (&self.source, Corners::default(), 0);
         documents(source, |document, transform| {
-            let vertices = read_vertices(source, document, transform, &mut Bounds::new(), self.memory)?;
+            let vertices = read_vertices(source, document, transform, &mut VertexBounds::new(), self.memory)?;
             let Some(text) = document.objects else { return Ok(()) };
             walk(source, text, &mut None, |failure, json| {
                 json.deserialize_map(ReadObjects {

@@ -2,18 +2,18 @@
 
 mod cityjson;
 mod corners;
+mod model_file;
 mod obj;
 mod off;
 mod parts;
 mod ply;
-mod source;
 mod stl;
 mod text;
 mod vertices;
 
 use std::path::{Path, PathBuf};
 
-use self::source::Source;
+use self::model_file::ModelFile;
 use super::{Face, Model, ModelInfo};
 use crate::{Error, Result};
 
@@ -27,7 +27,7 @@ use crate::{Error, Result};
 /// # Errors
 /// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
 pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
-    let source = Source::open(path)?;
+    let source = ModelFile::open(path)?;
     match format(&source) {
         Some(Format::Ply) => ply::open(source, memory),
         Some(Format::Stl) => stl::open(source, memory),
@@ -52,7 +52,7 @@ enum Format {
     Obj,
 }
 
-fn format(source: &Source) -> Option<Format> {
+fn format(source: &ModelFile) -> Option<Format> {
     let bytes = source.bytes();
     let extension = source.path().extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {

@@ -1,16 +1,16 @@
 //! OFF: numbered vertices and polygons over them as text, either of them coloured.
 
 use super::corners::{Corners, MOST_CORNERS, WHITE};
-use super::source::Source;
+use super::model_file::ModelFile;
 use super::text::{Lines, line_number, real, shown, whole, words};
-use super::vertices::{Bounds, Coordinates, Vertices, VerticesBuilder};
+use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
 use crate::{Error, Result};
 
 struct Off {
-    source: Source,
+    source: ModelFile,
     info: ModelInfo,
-    header: Header,
+    header: OffHeader,
     vertices: Vertices,
     /// Offset of the first face.
     start: usize,
@@ -18,7 +18,7 @@ struct Off {
 }
 
 #[derive(Clone, Copy)]
-struct Header {
+struct OffHeader {
     has_normals: bool,
     has_colours: bool,
     vertices: u64,
@@ -45,8 +45,8 @@ fn content<'a>(lines: &mut Lines<'a>) -> Option<&'a [u8]> {
         .find(|line| !line.is_empty())
 }
 
-impl Header {
-    fn read(source: &Source) -> Result<Header> {
+impl OffHeader {
+    fn read(source: &ModelFile) -> Result<OffHeader> {
         let mut lines = Lines::new(source.bytes(), 0);
         let mut line = content(&mut lines).unwrap_or_default();
         let mut prefix: &[u8] = b"";
@@ -68,7 +68,7 @@ impl Header {
             return Err(source.corrupt(place, shown(line), "the numbers of vertices and faces"));
         };
         let (has_colours, has_normals) = (prefix.contains(&b'C'), prefix.contains(&b'N'));
-        let header = Header { has_normals, has_colours, vertices, faces, body: lines.offset };
+        let header = OffHeader { has_normals, has_colours, vertices, faces, body: lines.offset };
         // "0 0 0\n" for a vertex, "0\n" for a face; the last line need not be ended.
         let (there, needed) =
             (source.bytes().len() - header.body, u128::from(vertices) * 6 + u128::from(faces) * 2);
@@ -81,12 +81,12 @@ impl Header {
 }
 
 /// The next vertex or face of a file. Reading the next line again after an error tells its number.
-fn next<'a>(source: &Source, lines: &mut Lines<'a>, what: &str, number: u64) -> Result<&'a [u8]> {
+fn next<'a>(source: &ModelFile, lines: &mut Lines<'a>, what: &str, number: u64) -> Result<&'a [u8]> {
     content(lines)
         .ok_or_else(|| source.corrupt(format!("{what} {number}"), "the end of the file", "more lines"))
 }
 
-fn wrong(source: &Source, lines: &Lines<'_>, what: &str, line: &[u8], expected: &str) -> Error {
+fn wrong(source: &ModelFile, lines: &Lines<'_>, what: &str, line: &[u8], expected: &str) -> Error {
     let place = format!("{what}, line {}", line_number(source.bytes(), lines.offset.saturating_sub(1)));
     source.corrupt(place, shown(line), expected)
 }
@@ -100,10 +100,10 @@ fn colour(words: &[&[u8]]) -> Option<[u8; 3]> {
     Some([channel(words[0])?, channel(words[1])?, channel(words[2])?])
 }
 
-pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
-    let header = Header::read(&source)?;
+pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
+    let header = OffHeader::read(&source)?;
     let mut lines = Lines::new(source.bytes(), header.body);
-    let mut bounds = Bounds::new();
+    let mut bounds = VertexBounds::new();
     let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, header.has_colours, memory);
     for number in 0..header.vertices {
         source.passed(number);

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::source::Source;
+use super::model_file::ModelFile;
 use crate::{Error, Result};
 
 /// Names, each once, numbered in the order in which they come first.
@@ -19,7 +19,7 @@ impl Parts {
         Parts { names: Vec::new(), numbers: HashMap::new(), bytes: 0, limit: memory.max(1 << 20) }
     }
 
-    fn make_room(&mut self, source: &Source, copies: u64, name: &str) -> Result<()> {
+    fn make_room(&mut self, source: &ModelFile, copies: u64, name: &str) -> Result<()> {
         // The text and what the containers take for it.
         self.bytes += copies * (name.len() as u64 + 48);
         if self.bytes > self.limit || self.names.len() >= u32::MAX as usize {
@@ -35,7 +35,7 @@ impl Parts {
     }
 
     /// The number of the part with a name; a new one if there is none.
-    pub(super) fn number(&mut self, source: &Source, name: &[u8]) -> Result<u32> {
+    pub(super) fn number(&mut self, source: &ModelFile, name: &[u8]) -> Result<u32> {
         let name = String::from_utf8_lossy(name);
         if let Some(number) = self.numbers.get(&*name) {
             return Ok(*number);
@@ -53,7 +53,7 @@ impl Parts {
     }
 
     /// A part that is not the same as any other, even if they share the name.
-    pub(super) fn push(&mut self, source: &Source, name: String) -> Result<()> {
+    pub(super) fn push(&mut self, source: &ModelFile, name: String) -> Result<()> {
         self.make_room(source, 1, &name)?;
         self.names.push(name);
         Ok(())

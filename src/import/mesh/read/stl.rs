@@ -1,10 +1,10 @@
 //! STL: facets that each stand alone, as text or binary.
 
 use super::corners::Corners;
+use super::model_file::ModelFile;
 use super::parts::Parts;
-use super::source::Source;
 use super::text::{Lines, real, shown, words};
-use super::vertices::Bounds;
+use super::vertices::VertexBounds;
 use super::{Face, Model, ModelInfo};
 use crate::Result;
 
@@ -18,7 +18,7 @@ const FACET: usize = 50;
 type Each<'a> = &'a mut dyn FnMut([[f64; 3]; 3], u32) -> Result<()>;
 
 struct Stl {
-    source: Source,
+    source: ModelFile,
     info: ModelInfo,
     is_text: bool,
     parts: Parts,
@@ -49,9 +49,9 @@ fn length(facets: u32) -> u64 {
     HEADER as u64 + u64::from(facets) * FACET as u64
 }
 
-pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
+pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let is_text = !is_binary(source.bytes()) && is_text(source.bytes());
-    let (mut bounds, mut faces) = (Bounds::new(), 0);
+    let (mut bounds, mut faces) = (VertexBounds::new(), 0);
     let mut parts = Parts::new(memory);
     read(&source, is_text, &mut parts, &mut |corners, _| {
         corners.iter().for_each(|corner| bounds.add(*corner));
@@ -73,11 +73,11 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
     Ok(Box::new(Stl { source, info, is_text, parts, degenerate: 0 }))
 }
 
-fn read(source: &Source, is_text: bool, parts: &mut Parts, each: Each<'_>) -> Result<()> {
+fn read(source: &ModelFile, is_text: bool, parts: &mut Parts, each: Each<'_>) -> Result<()> {
     if is_text { read_text(source, parts, each) } else { read_binary(source, each) }
 }
 
-fn read_binary(source: &Source, each: Each<'_>) -> Result<()> {
+fn read_binary(source: &ModelFile, each: Each<'_>) -> Result<()> {
     let bytes = source.bytes();
     let Some(count) = announced(bytes) else {
         return Err(source.corrupt("STL header", format!("{} bytes", bytes.len()), "84 bytes, or `solid`"));
@@ -102,7 +102,7 @@ fn read_binary(source: &Source, each: Each<'_>) -> Result<()> {
     Ok(())
 }
 
-fn read_text(source: &Source, parts: &mut Parts, each: Each<'_>) -> Result<()> {
+fn read_text(source: &ModelFile, parts: &mut Parts, each: Each<'_>) -> Result<()> {
     let mut part = None;
     let mut is_in_facet = false;
     let mut corners: Vec<[f64; 3]> = Vec::new();

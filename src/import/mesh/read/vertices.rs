@@ -19,7 +19,7 @@ pub(super) enum Coordinates {
 
 /// Layout of vertices in bytes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
+pub(super) struct VertexLayout {
     /// Bytes from one vertex to the next.
     pub(super) stride: usize,
     pub(super) coordinates: Coordinates,
@@ -29,9 +29,9 @@ pub(super) struct Layout {
     pub(super) colour: Option<[usize; 3]>,
 }
 
-impl Layout {
+impl VertexLayout {
     /// Layout without gaps, as [`Vertices`] keeps them.
-    fn packed(coordinates: Coordinates, is_coloured: bool) -> Layout {
+    fn packed(coordinates: Coordinates, is_coloured: bool) -> VertexLayout {
         let size = match coordinates {
             Coordinates::F32 | Coordinates::F32Big => 4,
             Coordinates::F64 | Coordinates::F64Big => 8,
@@ -39,7 +39,7 @@ impl Layout {
         let position = [0, size, 2 * size];
         let end = 3 * size;
         let colour = is_coloured.then_some([end, end + 1, end + 2]);
-        Layout { stride: end + if is_coloured { 3 } else { 0 }, coordinates, position, colour }
+        VertexLayout { stride: end + if is_coloured { 3 } else { 0 }, coordinates, position, colour }
     }
 }
 
@@ -47,13 +47,13 @@ impl Layout {
 #[derive(Clone, Copy)]
 pub(super) struct Table<'a> {
     bytes: &'a [u8],
-    layout: Layout,
+    layout: VertexLayout,
     count: u64,
 }
 
 impl<'a> Table<'a> {
     /// The vertices in some bytes, as many as there are whole ones.
-    pub(super) fn new(bytes: &'a [u8], layout: Layout) -> Table<'a> {
+    pub(super) fn new(bytes: &'a [u8], layout: VertexLayout) -> Table<'a> {
         Table { bytes, layout, count: (bytes.len() / layout.stride) as u64 }
     }
 
@@ -94,11 +94,11 @@ impl<'a> Table<'a> {
 
 /// The box around points.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bounds([[f64; 3]; 2]);
+pub(super) struct VertexBounds([[f64; 3]; 2]);
 
-impl Bounds {
-    pub(super) fn new() -> Bounds {
-        Bounds([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]])
+impl VertexBounds {
+    pub(super) fn new() -> VertexBounds {
+        VertexBounds([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]])
     }
 
     /// Makes the box hold a point, too.
@@ -120,7 +120,7 @@ impl Bounds {
 /// Vertices in the order in which a file has them.
 pub(super) struct Vertices {
     storage: Storage,
-    layout: Layout,
+    layout: VertexLayout,
 }
 
 enum Storage {
@@ -140,7 +140,7 @@ impl Vertices {
 
 /// Collects [`Vertices`].
 pub(super) struct VerticesBuilder {
-    layout: Layout,
+    layout: VertexLayout,
     /// Vertices that are not on disk yet.
     bytes: Vec<u8>,
     /// Bytes to keep in memory.
@@ -158,7 +158,7 @@ impl VerticesBuilder {
     ///
     /// Coordinates must be one of the little-endian kinds.
     pub(super) fn new(path: &Path, coordinates: Coordinates, is_coloured: bool, memory: u64) -> Self {
-        let layout = Layout::packed(coordinates, is_coloured);
+        let layout = VertexLayout::packed(coordinates, is_coloured);
         let budget = usize::try_from(memory).unwrap_or(usize::MAX).max(CHUNK);
         VerticesBuilder { layout, bytes: Vec::new(), budget, file: None, path: path.to_path_buf() }
     }

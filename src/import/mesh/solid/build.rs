@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use super::closure::Closure;
 use super::field::WindingField;
 use super::grid::Triangle;
-use super::inside::{Attribute, Fill, Inside};
+use super::inside::{Attribute, FillOptions, Inside};
 use super::plan::SolidImport;
 use super::source::Solid;
 use super::triangles::{Collector, Triangles};
@@ -88,7 +88,7 @@ impl SolidImport {
         let mut read = self.read(&folder, progress)?;
         let (inside, decided) = self.inside(&mut read, &folder)?;
         let options = &self.options;
-        let fill = Fill {
+        let fill = FillOptions {
             grid: self.grid.clone(),
             lattice: self.lattice,
             boundary: options.boundary,

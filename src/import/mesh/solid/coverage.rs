@@ -51,13 +51,13 @@ impl Coverage {
             let corner = |corner: [i32; 3]| -> Point {
                 std::array::from_fn(|axis| (corner[axis] as i64 - min[axis] as i64) as f64 * scale)
             };
-            coverage.clip(Polygon::triangle(triangle.corners.map(corner)), 3, [0; 3], true);
+            coverage.clip(ClippedPolygon::triangle(triangle.corners.map(corner)), 3, [0; 3], true);
         }
         coverage
     }
 
     /// Cuts a polygon into what lies in each of the cells, one of the first `axes` axes after the other.
-    fn clip(&mut self, polygon: Polygon, axes: usize, cell: [usize; 3], is_cut: bool) {
+    fn clip(&mut self, polygon: ClippedPolygon, axes: usize, cell: [usize; 3], is_cut: bool) {
         let Some(axis) = axes.checked_sub(1) else { return self.add(&polygon, cell, is_cut) };
         let side = 1usize << self.height;
         let (low, high) = polygon.range(axis);
@@ -88,7 +88,7 @@ impl Coverage {
     }
 
     /// Adds what lies in one cell.
-    fn add(&mut self, polygon: &Polygon, cell: [usize; 3], is_cut: bool) {
+    fn add(&mut self, polygon: &ClippedPolygon, cell: [usize; 3], is_cut: bool) {
         let points = polygon.points();
         let Some((first, others)) = points.split_first().filter(|(_, others)| others.len() > 1) else {
             return;
@@ -199,16 +199,16 @@ fn minus(a: Point, b: Point) -> Point {
 /// since rounding may make a polygon that is parallel to a plane cross it more than twice; what does not fit
 /// then has no area to speak of.)
 #[derive(Clone, Copy)]
-struct Polygon {
+struct ClippedPolygon {
     points: [Point; 12],
     len: usize,
 }
 
-impl Polygon {
-    const NONE: Polygon = Polygon { points: [[0.0; 3]; 12], len: 0 };
+impl ClippedPolygon {
+    const NONE: ClippedPolygon = ClippedPolygon { points: [[0.0; 3]; 12], len: 0 };
 
-    fn triangle(corners: [Point; 3]) -> Polygon {
-        let mut polygon = Polygon::NONE;
+    fn triangle(corners: [Point; 3]) -> ClippedPolygon {
+        let mut polygon = ClippedPolygon::NONE;
         corners.into_iter().for_each(|corner| polygon.push(corner));
         polygon
     }
@@ -231,8 +231,8 @@ impl Polygon {
 
     /// Clips the polygon at a plane across an axis: the parts below and above it (Sutherland and Hodgman,
     /// 1974).
-    fn split(&self, axis: usize, plane: f64) -> (Polygon, Polygon) {
-        let (mut below, mut above) = (Polygon::NONE, Polygon::NONE);
+    fn split(&self, axis: usize, plane: f64) -> (ClippedPolygon, ClippedPolygon) {
+        let (mut below, mut above) = (ClippedPolygon::NONE, ClippedPolygon::NONE);
         let Some(mut from) = self.points().last().copied() else { return (below, above) };
         for to in self.points() {
             let (a, b) = (from[axis] - plane, to[axis] - plane);

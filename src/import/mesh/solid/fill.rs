@@ -8,7 +8,7 @@ use super::bits::{Bits, Pyramid};
 use super::coverage::Coverage;
 use super::crossing::{Lattice, Projected};
 use super::grid::Triangle;
-use super::inside::{Attribute, Boundary, FULL, Fill, Inside, State};
+use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use crate::import::mesh::face::triangle;
 
 /// Crossing of a line with a triangle.
@@ -168,7 +168,13 @@ pub(super) fn each_run(
 }
 
 /// Coverage of the cells of a block, exact; `None` where that does not follow from the faces.
-fn covered(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state: State) -> Option<Pyramid> {
+fn covered(
+    fill: &FillOptions,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+    state: State,
+) -> Option<Pyramid> {
     if !matches!(fill.inside, Inside::Winding) {
         return None;
     }
@@ -193,7 +199,13 @@ fn covered(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state
 }
 
 /// Coverage of the cells of a block, by many points in each cell.
-fn sampled(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, mut state: State) -> Pyramid {
+fn sampled(
+    fill: &FillOptions,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+    mut state: State,
+) -> Pyramid {
     let samples = Lattice::new(SAMPLES, fill.grid.fraction);
     let (mut at, to) = (fill.lattice.first(min), samples.first(min));
     // From the first centre to the first sample.
@@ -282,7 +294,13 @@ impl Counts {
 
 /// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state`
 /// is that of its first lattice point.
-pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: u8, state: State) -> Pyramid {
+pub(super) fn block(
+    fill: &FillOptions,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+    state: State,
+) -> Pyramid {
     if fill.boundary == Boundary::Coverage && !fill.surface {
         let exact = covered(fill, triangles, min, height, state);
         return exact.unwrap_or_else(|| sampled(fill, triangles, min, height, state));
@@ -301,7 +319,7 @@ pub(super) fn block(fill: &Fill, triangles: &[Triangle], min: [i32; 3], height: 
 
 /// Cells and values of a block while it is filled.
 pub(super) struct Painter<'a> {
-    fill: &'a Fill,
+    fill: &'a FillOptions,
     pub(super) cells: Bits,
     pub(super) values: Option<Vec<u32>>,
 }
@@ -319,7 +337,7 @@ struct Cut {
 }
 
 impl<'a> Painter<'a> {
-    pub(super) fn new(fill: &'a Fill, height: u8) -> Self {
+    pub(super) fn new(fill: &'a FillOptions, height: u8) -> Self {
         let values = (fill.attribute != Attribute::Occupancy).then(|| vec![0; 1 << (3 * height)]);
         Painter { fill, cells: Bits::new(height), values }
     }

@@ -91,7 +91,7 @@ pub(super) enum Inside {
 
 /// Parameters for filling nodes.
 #[derive(Clone, Debug)]
-pub(super) struct Fill {
+pub(super) struct FillOptions {
     pub(super) grid: Grid,
     pub(super) lattice: Lattice,
     pub(super) boundary: Boundary,
@@ -101,7 +101,7 @@ pub(super) struct Fill {
     pub(super) inside: Inside,
 }
 
-impl Fill {
+impl FillOptions {
     /// Grid steps along a cell.
     pub(super) fn cell(&self) -> i32 {
         self.grid.cell()

@@ -13,13 +13,13 @@ use super::coverage::Coverage;
 use super::field::{DOUBT, LocalField, WindingField};
 use super::fill::{Painter, each_run};
 use super::grid::Triangle;
-use super::inside::{Attribute, Boundary, FULL, Fill, State};
+use super::inside::{Attribute, Boundary, FULL, FillOptions, State};
 use crate::import::mesh::face::triangle;
 
 /// The cells of a block by a winding field; also how many cells without a face it could not tell apart from
 /// others for sure.
 pub(super) fn block(
-    fill: &Fill,
+    fill: &FillOptions,
     field: &WindingField,
     triangles: &[Triangle],
     min: [i32; 3],
@@ -38,7 +38,7 @@ pub(super) fn block(
 }
 
 struct Open<'a> {
-    fill: &'a Fill,
+    fill: &'a FillOptions,
     field: &'a WindingField,
     min: [i32; 3],
     painter: Painter<'a>,

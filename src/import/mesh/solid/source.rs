@@ -8,9 +8,9 @@ use super::bits::{Content, Pyramid};
 use super::crossing::Projected;
 use super::fill;
 use super::grid::Triangle;
-use super::inside::{Attribute, FULL, Fill, Inside, State};
+use super::inside::{Attribute, FULL, FillOptions, Inside, State};
 use super::open;
-use super::triangles::{Sorter, Triangles};
+use super::triangles::{OctantSorter, Triangles};
 use crate::Result;
 use crate::import::mesh::face::triangle;
 use crate::import::mesh::{Intersection, Stage, Stages};
@@ -30,10 +30,10 @@ pub(super) struct Counters {
 /// A solid, or its surface, of values made from attributes.
 pub(super) struct Solid {
     form: Form,
-    pub(super) fill: Fill,
+    pub(super) fill: FillOptions,
     /// Triangles that are taken to memory at once.
     held: usize,
-    root: Region,
+    root: UpperNode,
     /// The value of an attribute.
     value: fn(u32) -> Value,
     pub(super) counters: Counters,
@@ -41,7 +41,7 @@ pub(super) struct Solid {
 
 /// A node above the blocks.
 #[derive(Clone, Debug)]
-pub(super) struct Region {
+pub(super) struct UpperNode {
     level: u8,
     /// Position among the nodes of its level.
     position: [u32; 3],
@@ -53,7 +53,7 @@ pub(super) struct Region {
 /// A node of a solid.
 #[derive(Clone)]
 pub(super) enum Node {
-    Region(Arc<Region>),
+    Region(Arc<UpperNode>),
     /// Node of a block of cells: `above` levels over them, and its position among the block's nodes there.
     Cells {
         block: Arc<Pyramid>,
@@ -78,12 +78,12 @@ impl Solid {
     /// The solid of these triangles; up to `held` of them are taken to memory at once.
     pub(super) fn new(
         form: Form,
-        fill: Fill,
+        fill: FillOptions,
         triangles: Triangles,
         held: usize,
         value: fn(u32) -> Value,
     ) -> Result<Self> {
-        let root = Region { level: 0, position: [0; 3], triangles, state: State::default() };
+        let root = UpperNode { level: 0, position: [0; 3], triangles, state: State::default() };
         let mut solid = Solid { form, fill, held, root, value, counters: Counters::default() };
         if !solid.fill.surface {
             solid.root.state = solid.outside_in()?;
@@ -109,20 +109,20 @@ impl Solid {
     }
 
     /// Grid coordinates of a region's first corner, and its width.
-    fn bounds(&self, region: &Region) -> ([i32; 3], i32) {
+    fn bounds(&self, region: &UpperNode) -> ([i32; 3], i32) {
         let width = self.fill.cell() << (self.fill.grid.depth - region.level);
         (region.position.map(|position| (i64::from(position) * i64::from(width)) as i32), width)
     }
 
     /// Whether a region is divided into regions and not filled as a block: as long as it is too large for
     /// one, or has more triangles than fit into memory.
-    fn is_split(&self, region: &Region) -> bool {
+    fn is_split(&self, region: &UpperNode) -> bool {
         let height = self.fill.grid.depth - region.level;
         height > BLOCK || (height > 1 && region.triangles.len() > self.held)
     }
 
     /// The eight regions of a region.
-    fn split(&self, region: &Region) -> Result<Vec<Region>> {
+    fn split(&self, region: &UpperNode) -> Result<Vec<UpperNode>> {
         let triangles = match &region.triangles {
             spilled if spilled.len() <= self.held => spilled.clone().held()?,
             spilled => spilled.clone(),
@@ -132,7 +132,7 @@ impl Solid {
         let middle = min.map(|min| min + half);
         let lines = Lines::new(self.fill.lattice.first(min), half);
         let mut events = Events::default();
-        let mut sorter = Sorter::of(&triangles);
+        let mut sorter = OctantSorter::of(&triangles);
         let mut stages = Stages::default();
         let wide = |at: [i32; 3]| at.map(i64::from);
         triangles.each(|number, triangle| {
@@ -170,7 +170,7 @@ impl Solid {
         self.counters.stages.lock().expect("nobody panics with this lock").add(&stages);
         let mut states = [region.state; 8];
         events.apply(&mut states, Lines::leads);
-        let regions = sorter.finish()?.into_iter().enumerate().map(|(child, triangles)| Region {
+        let regions = sorter.finish()?.into_iter().enumerate().map(|(child, triangles)| UpperNode {
             level: region.level + 1,
             position: std::array::from_fn(|axis| 2 * region.position[axis] + (child as u32 >> axis & 1)),
             triangles,
@@ -180,7 +180,7 @@ impl Solid {
     }
 
     /// Node of a region as its parent has it: void, a leaf, or an inner node.
-    fn child(&self, region: Region) -> Child<Node> {
+    fn child(&self, region: UpperNode) -> Child<Node> {
         let is_inner = !region.triangles.is_empty();
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
             let (min, width) = self.bounds(&region);
@@ -209,7 +209,7 @@ impl Solid {
     }
 
     /// The block of a region.
-    fn block(&self, region: &Region) -> Result<Pyramid> {
+    fn block(&self, region: &UpperNode) -> Result<Pyramid> {
         let (min, _) = self.bounds(region);
         let mut triangles: Vec<Triangle> = Vec::with_capacity(region.triangles.len());
         region.triangles.each(|_, triangle| {

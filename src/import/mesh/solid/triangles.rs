@@ -138,15 +138,15 @@ fn decode(bytes: &[u8]) -> Triangle {
 }
 
 /// Writes one list to a log.
-pub(super) struct Spill {
+pub(super) struct TriangleSpill {
     list: Spilled,
     buffer: Vec<u8>,
 }
 
-impl Spill {
-    pub(super) fn new(log: &Arc<Log>) -> Spill {
+impl TriangleSpill {
+    pub(super) fn new(log: &Arc<Log>) -> TriangleSpill {
         let list = Spilled { log: log.clone(), chunks: Vec::new(), count: 0 };
-        Spill { list, buffer: Vec::new() }
+        TriangleSpill { list, buffer: Vec::new() }
     }
 
     pub(super) fn push(&mut self, triangle: &Triangle) -> Result<()> {
@@ -181,7 +181,7 @@ pub(super) struct Collector {
     limit: usize,
     folder: PathBuf,
     held: Vec<Triangle>,
-    spill: Option<Spill>,
+    spill: Option<TriangleSpill>,
 }
 
 impl Collector {
@@ -195,7 +195,7 @@ impl Collector {
         }
         self.held.push(triangle);
         if self.held.len() > self.limit {
-            let mut spill = Spill::new(&Log::create(&self.folder)?);
+            let mut spill = TriangleSpill::new(&Log::create(&self.folder)?);
             std::mem::take(&mut self.held).iter().try_for_each(|triangle| spill.push(triangle))?;
             self.spill = Some(spill);
         }
@@ -214,17 +214,17 @@ impl Collector {
 }
 
 /// Sorts triangles into eight lists that lie where the list they come from lies.
-pub(super) enum Sorter {
+pub(super) enum OctantSorter {
     Held(Arc<Vec<Triangle>>, [Vec<u32>; 8]),
-    Spilled(Vec<Spill>),
+    Spilled(Vec<TriangleSpill>),
 }
 
-impl Sorter {
-    pub(super) fn of(list: &Triangles) -> Sorter {
+impl OctantSorter {
+    pub(super) fn of(list: &Triangles) -> OctantSorter {
         match list {
-            Triangles::Held(all, _) => Sorter::Held(all.clone(), Default::default()),
+            Triangles::Held(all, _) => OctantSorter::Held(all.clone(), Default::default()),
             Triangles::Spilled(spilled) => {
-                Sorter::Spilled((0..8).map(|_| Spill::new(&spilled.log)).collect())
+                OctantSorter::Spilled((0..8).map(|_| TriangleSpill::new(&spilled.log)).collect())
             }
         }
     }
@@ -232,20 +232,20 @@ impl Sorter {
     #[inline]
     pub(super) fn push(&mut self, child: usize, number: u32, triangle: &Triangle) -> Result<()> {
         match self {
-            Sorter::Held(_, picked) => {
+            OctantSorter::Held(_, picked) => {
                 picked[child].push(number);
                 Ok(())
             }
-            Sorter::Spilled(spills) => spills[child].push(triangle),
+            OctantSorter::Spilled(spills) => spills[child].push(triangle),
         }
     }
 
     pub(super) fn finish(self) -> Result<Vec<Triangles>> {
         match self {
-            Sorter::Held(all, picked) => {
+            OctantSorter::Held(all, picked) => {
                 Ok(picked.into_iter().map(|picked| Triangles::Held(all.clone(), picked)).collect())
             }
-            Sorter::Spilled(spills) => spills.into_iter().map(Spill::finish).collect(),
+            OctantSorter::Spilled(spills) => spills.into_iter().map(TriangleSpill::finish).collect(),
         }
     }
 }

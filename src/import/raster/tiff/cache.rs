@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Chunks by number; those not used for longest go when there are too many bytes.
-pub(super) struct Cache {
+pub(super) struct ChunkCache {
     limit: u64,
     held: u64,
     clock: u64,
@@ -12,10 +12,10 @@ pub(super) struct Cache {
     by_age: BTreeMap<u64, u64>,
 }
 
-impl Cache {
+impl ChunkCache {
     /// An empty cache for `limit` bytes.
-    pub(super) fn new(limit: u64) -> Cache {
-        Cache { limit, held: 0, clock: 0, chunks: HashMap::new(), by_age: BTreeMap::new() }
+    pub(super) fn new(limit: u64) -> ChunkCache {
+        ChunkCache { limit, held: 0, clock: 0, chunks: HashMap::new(), by_age: BTreeMap::new() }
     }
 
     pub(super) fn get(&mut self, chunk: u64) -> Option<Arc<Vec<u8>>> {
@@ -54,7 +54,7 @@ mod tests {
 
     #[test]
     fn chunks_not_used_for_longest_go_first() {
-        let mut cache = Cache::new(20);
+        let mut cache = ChunkCache::new(20);
         let chunk = |byte| Arc::new(vec![byte; 10]);
         assert!(cache.put(1, chunk(1)).is_empty());
         assert!(cache.put(2, chunk(2)).is_empty());

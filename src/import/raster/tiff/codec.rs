@@ -14,7 +14,7 @@ use super::spec::{compression as scheme, photometric, tag};
 
 /// Compression of chunks.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Codec {
+pub(super) enum Compression {
     None,
     Deflate,
     Zstd,
@@ -28,7 +28,7 @@ pub(super) enum Codec {
 
 /// The shape of a decoded chunk.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Shape {
+pub(super) struct ChunkShape {
     /// Pixels of a row.
     pub(super) width: usize,
     pub(super) rows: usize,
@@ -48,18 +48,18 @@ pub(super) struct States {
     lzw: Option<weezl::decode::Decoder>,
 }
 
-impl Codec {
+impl Compression {
     /// The codec of the tag Compression; the error names one that cannot be read.
-    pub(super) fn new(compression: u64, jpeg_tables: Option<Vec<u8>>) -> Result<Codec, String> {
+    pub(super) fn new(compression: u64, jpeg_tables: Option<Vec<u8>>) -> Result<Compression, String> {
         Ok(match compression {
-            scheme::NONE => Codec::None,
-            scheme::LZW => Codec::Lzw,
-            scheme::JPEG => Codec::Jpeg(jpeg_tables.unwrap_or_default()),
-            scheme::ADOBE_DEFLATE | scheme::DEFLATE => Codec::Deflate,
-            scheme::CCITT_GROUP_4 => Codec::Fax4,
-            scheme::PACK_BITS => Codec::PackBits,
-            scheme::ZSTD => Codec::Zstd,
-            scheme::WEBP => Codec::WebP,
+            scheme::NONE => Compression::None,
+            scheme::LZW => Compression::Lzw,
+            scheme::JPEG => Compression::Jpeg(jpeg_tables.unwrap_or_default()),
+            scheme::ADOBE_DEFLATE | scheme::DEFLATE => Compression::Deflate,
+            scheme::CCITT_GROUP_4 => Compression::Fax4,
+            scheme::PACK_BITS => Compression::PackBits,
+            scheme::ZSTD => Compression::Zstd,
+            scheme::WEBP => Compression::WebP,
             other => {
                 let name = match other {
                     2 => "CCITT RLE",
@@ -82,25 +82,25 @@ impl Codec {
     /// The name in words.
     pub(super) fn name(&self) -> &'static str {
         match self {
-            Codec::None => "uncompressed",
-            Codec::Deflate => "deflate",
-            Codec::Zstd => "zstd",
-            Codec::Lzw => "lzw",
-            Codec::PackBits => "packbits",
-            Codec::Fax4 => "group 4 fax",
-            Codec::WebP => "webp",
-            Codec::Jpeg(_) => "jpeg",
+            Compression::None => "uncompressed",
+            Compression::Deflate => "deflate",
+            Compression::Zstd => "zstd",
+            Compression::Lzw => "lzw",
+            Compression::PackBits => "packbits",
+            Compression::Fax4 => "group 4 fax",
+            Compression::WebP => "webp",
+            Compression::Jpeg(_) => "jpeg",
         }
     }
 
     /// Whether the predictor tag has a meaning; other codecs have none, whatever the tag says.
     pub(super) fn has_predictor(&self) -> bool {
-        matches!(self, Codec::Deflate | Codec::Zstd | Codec::Lzw)
+        matches!(self, Compression::Deflate | Compression::Zstd | Compression::Lzw)
     }
 
     /// Whether the codec makes whole bytes of its own from the bits, so that FillOrder has no meaning.
     pub(super) fn ignores_fill_order(&self) -> bool {
-        matches!(self, Codec::Jpeg(_) | Codec::WebP)
+        matches!(self, Compression::Jpeg(_) | Compression::WebP)
     }
 
     /// Decodes a chunk, of which `out` is filled. The words say what is wrong with it.
@@ -108,25 +108,25 @@ impl Codec {
         &self,
         states: &mut States,
         raw: &[u8],
-        shape: Shape,
+        shape: ChunkShape,
         out: &mut [u8],
     ) -> Result<(), String> {
         match self {
-            Codec::None => {
+            Compression::None => {
                 let samples = raw.get(..out.len()).ok_or_else(|| format!("only {} bytes", raw.len()))?;
                 out.copy_from_slice(samples);
                 Ok(())
             }
-            Codec::Deflate => inflate(states, raw, out),
-            Codec::Zstd => unzstd(states, raw, out),
-            Codec::Lzw => unlzw(states, raw, out),
-            Codec::PackBits | Codec::Fax4 => self.by_crate(raw, shape, out),
-            Codec::WebP => {
+            Compression::Deflate => inflate(states, raw, out),
+            Compression::Zstd => unzstd(states, raw, out),
+            Compression::Lzw => unlzw(states, raw, out),
+            Compression::PackBits | Compression::Fax4 => self.by_crate(raw, shape, out),
+            Compression::WebP => {
                 let (width, rows) = webp_size(raw).ok_or("no WebP header")?;
                 same_size(shape, width, rows)?;
-                self.by_crate(raw, Shape { rows, ..shape }, out)
+                self.by_crate(raw, ChunkShape { rows, ..shape }, out)
             }
-            Codec::Jpeg(tables) => {
+            Compression::Jpeg(tables) => {
                 let frame = JpegFrame::find(raw).ok_or("no JPEG frame header")?;
                 if frame.bits != 8 {
                     return Err(format!(
@@ -141,18 +141,18 @@ impl Codec {
                 if !tables.is_empty() && (tables.len() < 4 || raw.len() < 2) {
                     return Err("too short JPEG tables".into());
                 }
-                self.by_crate(raw, Shape { rows: frame.rows, ..shape }, out)
+                self.by_crate(raw, ChunkShape { rows: frame.rows, ..shape }, out)
             }
         }
     }
 
     /// Decodes with the `tiff` crate.
-    fn by_crate(&self, raw: &[u8], shape: Shape, out: &mut [u8]) -> Result<(), String> {
-        let Shape { width, rows, samples, row_bytes, .. } = shape;
+    fn by_crate(&self, raw: &[u8], shape: ChunkShape, out: &mut [u8]) -> Result<(), String> {
+        let ChunkShape { width, rows, samples, row_bytes, .. } = shape;
         let (compression, width, bits, samples) = match self {
-            Codec::Fax4 => (scheme::CCITT_GROUP_4, width, 1, 1),
-            Codec::Jpeg(_) => (scheme::JPEG, width, 8, samples),
-            Codec::WebP => (scheme::WEBP, width, 8, samples),
+            Compression::Fax4 => (scheme::CCITT_GROUP_4, width, 1, 1),
+            Compression::Jpeg(_) => (scheme::JPEG, width, 8, samples),
+            Compression::WebP => (scheme::WEBP, width, 8, samples),
             _ => (scheme::PACK_BITS, row_bytes, 8, 1),
         };
         let file = one_strip(raw, [width, rows, bits, compression as usize, samples], self.tables());
@@ -173,7 +173,7 @@ impl Codec {
     }
 
     fn tables(&self) -> &[u8] {
-        if let Codec::Jpeg(tables) = self { tables } else { &[] }
+        if let Compression::Jpeg(tables) = self { tables } else { &[] }
     }
 }
 
@@ -236,7 +236,7 @@ fn unlzw(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String> 
     Ok(())
 }
 
-fn same_size(shape: Shape, width: usize, rows: usize) -> Result<(), String> {
+fn same_size(shape: ChunkShape, width: usize, rows: usize) -> Result<(), String> {
     if width == shape.width && (shape.rows..=shape.max_rows).contains(&rows) {
         return Ok(());
     }

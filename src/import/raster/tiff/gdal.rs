@@ -29,7 +29,7 @@ pub(super) fn nodata(directory: &Directory<'_>, sample: SampleType) -> Result<Op
 
 /// Content of the tag GDAL_METADATA.
 #[derive(Default)]
-pub(super) struct Metadata {
+pub(super) struct GdalMetadata {
     /// By channel.
     pub(super) band_names: Vec<String>,
     /// By channel.
@@ -40,11 +40,11 @@ pub(super) struct Metadata {
 }
 
 /// Reads the metadata of a file with `channels` channels.
-pub(super) fn metadata(directory: &Directory<'_>, channels: usize) -> Result<Metadata> {
-    let mut metadata = Metadata {
+pub(super) fn metadata(directory: &Directory<'_>, channels: usize) -> Result<GdalMetadata> {
+    let mut metadata = GdalMetadata {
         band_names: vec![String::new(); channels],
         scale_offset: vec![(1.0, 0.0); channels],
-        ..Metadata::default()
+        ..GdalMetadata::default()
     };
     let text = directory.text(tag::GDAL_METADATA)?.unwrap_or_default();
     for (attributes, value) in elements(&text, "Item") {

@@ -4,11 +4,11 @@ use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use super::cache::Cache;
-use super::codec::{Codec, Shape, States};
+use super::cache::ChunkCache;
+use super::codec::{ChunkShape, Compression, States};
 use super::colour::{Colour, Yuv};
 use super::ifd::{Directory, Input};
-use super::layout::{ChunkLocation, Layout};
+use super::layout::{ChunkLayout, ChunkLocation};
 use super::predictor::{self, Predictor};
 use super::samples::SampleFormat;
 use super::spec::{photometric, tag};
@@ -17,11 +17,11 @@ use crate::{Error, Result};
 
 /// One image of the file.
 pub(super) struct Image {
-    pub(super) layout: Layout,
+    pub(super) layout: ChunkLayout,
     pub(super) sample_format: SampleFormat,
     /// Samples of a pixel as [`Image::read`] gives them.
     pub(super) channels: usize,
-    pub(super) codec: Codec,
+    pub(super) codec: Compression,
     pub(super) photometric: u64,
     pub(super) colour: Colour,
     /// The sample of chunks that were never written.
@@ -31,7 +31,7 @@ pub(super) struct Image {
     predictor: Predictor,
     /// Bits stand in bytes from the lowest up.
     lowest_first: bool,
-    cache: Mutex<Cache>,
+    cache: Mutex<ChunkCache>,
     workers: Mutex<Vec<Worker>>,
     /// Chunks that may be decoded at once.
     parallel: usize,
@@ -80,8 +80,8 @@ impl Image {
         let mut sample_format =
             SampleFormat::new(same(tag::SAMPLE_FORMAT, 1)?, same(tag::BITS_PER_SAMPLE, 1)?)
                 .map_err(|what| input.odd_samples(what))?;
-        let codec =
-            Codec::new(first(tag::COMPRESSION, 1)?, directory.bytes(tag::JPEG_TABLES)?).map_err(refuse)?;
+        let codec = Compression::new(first(tag::COMPRESSION, 1)?, directory.bytes(tag::JPEG_TABLES)?)
+            .map_err(refuse)?;
         let photometric = first(tag::PHOTOMETRIC_INTERPRETATION, photometric::BLACK_IS_ZERO)?;
         let planar = samples > 1 && first(tag::PLANAR_CONFIGURATION, 1)? == 2;
         let predictor = match first(tag::PREDICTOR, 1)? {
@@ -97,10 +97,10 @@ impl Image {
             sample_format = SampleFormat::Uint(8);
         }
         match codec {
-            Codec::Jpeg(_) | Codec::WebP if !matches!(sample_format.bits(), 8) => {
+            Compression::Jpeg(_) | Compression::WebP if !matches!(sample_format.bits(), 8) => {
                 return Err(refuse(format!("{} of {} samples", codec.name(), sample_format.name())));
             }
-            Codec::Fax4 if (sample_format, samples) != (SampleFormat::Uint(1), 1) => {
+            Compression::Fax4 if (sample_format, samples) != (SampleFormat::Uint(1), 1) => {
                 return Err(refuse(format!("fax of {samples} {} samples", sample_format.name())));
             }
             _ => {}
@@ -108,9 +108,9 @@ impl Image {
 
         let (planes, together) = if planar { (samples, 1) } else { (1, samples) };
         let row_bits = |pixels: u64| pixels * (sample_format.bits() * together) as u64;
-        let raw = codec == Codec::None && !matches!(colour, Colour::Blocks(..));
-        let layout = Layout::read(input, directory, planes as u64, raw, row_bits)?;
-        if codec == Codec::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
+        let raw = codec == Compression::None && !matches!(colour, Colour::Blocks(..));
+        let layout = ChunkLayout::read(input, directory, planes as u64, raw, row_bits)?;
+        if codec == Compression::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
             return Err(refuse("fax of more than 65535 columns, or rows in a strip,".into()));
         }
         let chunk = row_bits(layout.chunk_width).div_ceil(8).saturating_mul(layout.chunk_height);
@@ -120,7 +120,7 @@ impl Image {
         }
         let threads = rayon::current_num_threads() as u64;
         Ok(Image {
-            cache: Mutex::new(Cache::new(input.memory / 4)),
+            cache: Mutex::new(ChunkCache::new(input.memory / 4)),
             workers: Mutex::default(),
             parallel: (input.memory / 2 / chunk.max(1)).clamp(1, threads) as usize,
             channels: colour.channels(samples),
@@ -160,7 +160,7 @@ impl Image {
 
     /// The chunks that a region touches, each with the rows of `out` that it fills.
     fn jobs<'a>(&self, region: Region, out: &'a mut [u8]) -> Vec<Job<'a>> {
-        let Layout { chunk_width, chunk_height, .. } = self.layout;
+        let ChunkLayout { chunk_width, chunk_height, .. } = self.layout;
         let columns = region.x / chunk_width..region.right().div_ceil(chunk_width);
         let mut rows = out.chunks_exact_mut(region.width as usize * self.pixel_bytes());
         let mut jobs = Vec::new();
@@ -227,7 +227,7 @@ impl Image {
         let (packed_rows, packed_row_bytes) = self.colour.packed(width, rows, row_bytes);
         let Worker { states, raw, chunk, .. } = worker;
         set_len(chunk, packed_rows * packed_row_bytes);
-        if self.codec == Codec::None {
+        if self.codec == Compression::None {
             if let Some(count) = count.filter(|count| *count < chunk.len() as u64) {
                 let found = format!("{count} bytes");
                 return Err(input.corrupt(place(), found, format!("{} bytes of samples", chunk.len())));
@@ -248,7 +248,8 @@ impl Image {
                 raw.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
             }
             let max_rows = self.layout.chunk_height as usize;
-            let shape = Shape { width, rows: packed_rows, max_rows, samples, row_bytes: packed_row_bytes };
+            let shape =
+                ChunkShape { width, rows: packed_rows, max_rows, samples, row_bytes: packed_row_bytes };
             self.codec.decode(states, raw, shape, chunk).map_err(|found| {
                 input.corrupt(place(), found, format!("{} bytes of samples", chunk.len()))
             })?;
@@ -309,7 +310,7 @@ fn set_len(buffer: &mut Vec<u8>, len: usize) {
 fn colour(
     input: &Input,
     directory: &Directory<'_>,
-    codec: &Codec,
+    codec: &Compression,
     photometric: u64,
     sample_format: SampleFormat,
     samples: usize,
@@ -319,7 +320,7 @@ fn colour(
     let refuse = |what: &str| Err(input.unsupported(what));
     match photometric {
         photometric::YCBCR if samples == 3 && bytes && !planar => {
-            if matches!(codec, Codec::Jpeg(_)) {
+            if matches!(codec, Compression::Jpeg(_)) {
                 return Ok(Colour::Jpeg);
             }
             let (h, v) = match directory.numbers(tag::YCBCR_SUB_SAMPLING)?.as_deref() {

@@ -9,7 +9,7 @@ use crate::space::Region;
 const PIECE: u64 = 1 << 20;
 
 /// The grid of chunks of an image.
-pub(super) struct Layout {
+pub(super) struct ChunkLayout {
     pub(super) width: u64,
     pub(super) height: u64,
     /// Columns and rows of a chunk; tiles may reach over the image's edges.
@@ -33,7 +33,7 @@ pub(super) enum ChunkLocation {
     Hole,
 }
 
-impl Layout {
+impl ChunkLayout {
     /// Reads the size and the chunk tables. `row_bits` gives the bits of a number of pixels in
     /// a row of one plane.
     pub(super) fn read(
@@ -42,7 +42,7 @@ impl Layout {
         planes: u64,
         raw: bool,
         row_bits: impl Fn(u64) -> u64,
-    ) -> Result<Layout> {
+    ) -> Result<ChunkLayout> {
         let size = |tag: u16, name: &str| -> Result<u64> {
             match directory.number(tag)? {
                 Some(n @ 1..=0x7fff_ffff) => Ok(n),
@@ -77,7 +77,7 @@ impl Layout {
 
         let row_bytes = row_bits(chunk_width).div_ceil(8);
         let chunk_height = if raw && !tiled { piece_rows(rows, row_bytes, rows == height) } else { rows };
-        let layout = Layout {
+        let layout = ChunkLayout {
             width,
             height,
             chunk_width,

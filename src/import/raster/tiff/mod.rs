@@ -20,13 +20,13 @@ use self::image::Image;
 use self::samples::SampleFormat;
 use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
-use super::{OpenOptions, Order, Pixels, Raster, RasterInfo};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use crate::space::Region;
 use crate::value::{Kind, Palette};
 use crate::{Error, Result};
 
 /// Opens a TIFF file, of which the first image counts.
-pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<Box<dyn Raster>> {
+pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (input, first) = Input::open(path, options.memory)?;
     let (directory, next) = input.directory(first)?;
     let mut image = Image::new(&input, &directory)?;

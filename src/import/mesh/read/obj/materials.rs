@@ -6,7 +6,7 @@ use std::io::{BufReader, Read};
 use std::path::{Component, Path};
 
 use super::super::corners::WHITE;
-use super::super::source::Source;
+use super::super::model_file::ModelFile;
 use super::scan::{Scan, channel};
 use crate::Error;
 use crate::import::guard::guard;
@@ -21,7 +21,7 @@ const MOST_BYTES: u64 = 4 << 20;
 impl Materials {
     /// Reads the libraries that a file names. They lie beside it or below; what is missing or broken gives no
     /// colours, since the shape is the same without them. If vertices have colours, materials do not count.
-    pub(super) fn read(source: &Source, scan: &Scan) -> Materials {
+    pub(super) fn read(source: &ModelFile, scan: &Scan) -> Materials {
         let mut materials = Materials::default();
         if scan.coloured > 0 {
             return materials;

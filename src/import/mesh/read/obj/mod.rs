@@ -7,7 +7,7 @@ mod whole;
 use self::materials::Materials;
 use self::scan::{Item, Items, Scan};
 use super::corners::{Corners, MOST_CORNERS};
-use super::source::Source;
+use super::model_file::ModelFile;
 use super::text::{self, Lines, shown};
 use super::vertices::{Coordinates, Table, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
@@ -17,7 +17,7 @@ use crate::Result;
 const WHOLE_FACTOR: u64 = 4;
 
 struct Obj {
-    source: Source,
+    source: ModelFile,
     info: ModelInfo,
     scan: Scan,
     materials: Materials,
@@ -41,7 +41,7 @@ pub(super) fn is_likely(bytes: &[u8]) -> bool {
     })
 }
 
-pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
+pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let length = source.bytes().len() as u64;
     let mut scan = Scan::of(&source, memory, None)?;
     let materials = Materials::read(&source, &scan);
@@ -76,7 +76,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
 impl Obj {
     /// Reads faces from the file.
     fn stream(
-        source: &Source,
+        source: &ModelFile,
         scan: &mut Scan,
         materials: &Materials,
         vertices: Table<'_>,

@@ -3,10 +3,10 @@
 use std::borrow::Cow;
 
 use super::super::corners::WHITE;
+use super::super::model_file::ModelFile;
 use super::super::parts::Parts;
-use super::super::source::Source;
 use super::super::text::{Lines, Words, real, shown, words};
-use super::super::vertices::{Bounds, VerticesBuilder};
+use super::super::vertices::{VertexBounds, VerticesBuilder};
 use crate::Result;
 
 /// Longest statement over several lines.
@@ -27,7 +27,7 @@ pub(super) enum Item<'a> {
 
 /// Goes through the statements of a file.
 pub(super) struct Items<'a> {
-    source: &'a Source,
+    source: &'a ModelFile,
     lines: Lines<'a>,
     /// Lines so far.
     count: u64,
@@ -40,7 +40,7 @@ pub(super) struct Items<'a> {
 }
 
 impl<'a> Items<'a> {
-    pub(super) fn new(source: &'a Source, has_objects: bool) -> Items<'a> {
+    pub(super) fn new(source: &'a ModelFile, has_objects: bool) -> Items<'a> {
         let lines = Lines::new(source.bytes(), 0);
         Items { source, lines, count: 0, has_objects, part: b"mesh", material: b"", joined: Vec::new() }
     }
@@ -108,7 +108,7 @@ pub(super) struct Scan {
     pub(super) faces: u64,
     /// Runs of faces with the same part and material.
     pub(super) pieces: u64,
-    pub(super) bounds: Bounds,
+    pub(super) bounds: VertexBounds,
     /// Names of files with materials, none of them if faces have no material.
     pub(super) libraries: Vec<Vec<u8>>,
 }
@@ -118,7 +118,11 @@ const MOST_LIBRARIES: usize = 64;
 
 impl Scan {
     /// Reads everything but the corners of faces, and puts the vertices into a store if there is one.
-    pub(super) fn of(source: &Source, memory: u64, mut store: Option<&mut VerticesBuilder>) -> Result<Scan> {
+    pub(super) fn of(
+        source: &ModelFile,
+        memory: u64,
+        mut store: Option<&mut VerticesBuilder>,
+    ) -> Result<Scan> {
         let has_objects = Lines::new(source.bytes(), 0).any(|line| words(line).next() == Some(b"o"));
         let mut scan = Scan {
             has_objects,
@@ -127,7 +131,7 @@ impl Scan {
             coloured: 0,
             faces: 0,
             pieces: 0,
-            bounds: Bounds::new(),
+            bounds: VertexBounds::new(),
             libraries: Vec::new(),
         };
         let mut last = None;

@@ -6,7 +6,7 @@
 use std::io::{BufReader, Read};
 
 use super::super::corners::{Corners, MOST_CORNERS};
-use super::super::source::Source;
+use super::super::model_file::ModelFile;
 use super::materials::Materials;
 use super::scan::{Item, Items, Scan, channel};
 use crate::import::guard::guard;
@@ -21,7 +21,7 @@ pub(super) struct Piece {
 }
 
 /// All pieces of a file, or nothing if it has something that the crate does not take.
-pub(super) fn read(source: &Source, scan: &Scan, materials: &Materials) -> Option<Vec<Piece>> {
+pub(super) fn read(source: &ModelFile, scan: &Scan, materials: &Materials) -> Option<Vec<Piece>> {
     let feed = Feed {
         items: Items::new(source, scan.has_objects),
         scan,

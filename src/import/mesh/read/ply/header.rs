@@ -1,6 +1,6 @@
 //! The header of a PLY file: which elements with which properties follow.
 
-use super::super::source::Source;
+use super::super::model_file::ModelFile;
 use super::super::text::{Lines, shown, whole, words};
 use crate::{Error, Result};
 
@@ -105,7 +105,7 @@ impl Element {
 
 /// A PLY header.
 #[derive(Debug)]
-pub(super) struct Header {
+pub(super) struct PlyHeader {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
     /// Offset of the first element in the file.
@@ -115,8 +115,8 @@ pub(super) struct Header {
 /// Longest header; with it the elements and properties are bounded.
 const MOST_BYTES: usize = 1 << 20;
 
-impl Header {
-    pub(super) fn read(source: &Source) -> Result<Header> {
+impl PlyHeader {
+    pub(super) fn read(source: &ModelFile) -> Result<PlyHeader> {
         let start = &source.bytes()[..source.bytes().len().min(MOST_BYTES)];
         let mut lines = Lines::new(start, 0);
         lines.next();
@@ -184,7 +184,7 @@ impl Header {
                     // Where the lines end with CR alone, a LF that follows is a number's first byte.
                     let is_bare = start.get(3) == Some(&b'\r') && start.get(4) != Some(&b'\n');
                     let body = if is_bare { line_start + line.len() + 1 } else { lines.offset };
-                    let header = Header { encoding, elements, body: body.min(source.bytes().len()) };
+                    let header = PlyHeader { encoding, elements, body: body.min(source.bytes().len()) };
                     header.check_size(source)?;
                     return Ok(header);
                 }
@@ -195,7 +195,7 @@ impl Header {
 
     /// Whether the file can hold as many elements as it says: later on, counts are as good as the file is
     /// long.
-    fn check_size(&self, source: &Source) -> Result<()> {
+    fn check_size(&self, source: &ModelFile) -> Result<()> {
         let there = (source.bytes().len() - self.body) as u128;
         let mut needed = 0;
         for element in &self.elements {

@@ -6,15 +6,15 @@ mod header;
 use std::ops::Range;
 
 use self::body::{Body, Fault, Read, Visit, visit};
-use self::header::{Element, Encoding, Header, Scalar};
+use self::header::{Element, Encoding, PlyHeader, Scalar};
 use super::corners::{Corners, MOST_CORNERS};
-use super::source::Source;
-use super::vertices::{Bounds, Coordinates, Layout, Table, Vertices, VerticesBuilder};
+use super::model_file::ModelFile;
+use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
 use crate::{Error, Result};
 
 struct Ply {
-    source: Source,
+    source: ModelFile,
     info: ModelInfo,
     encoding: Encoding,
     vertices: Lookup,
@@ -27,12 +27,12 @@ struct Ply {
 /// Location of the vertices while faces are read.
 enum Lookup {
     /// In the file itself.
-    File(Range<usize>, Layout),
+    File(Range<usize>, VertexLayout),
     Store(Vertices),
 }
 
 impl Lookup {
-    fn table<'a>(&'a self, source: &'a Source) -> Table<'a> {
+    fn table<'a>(&'a self, source: &'a ModelFile) -> Table<'a> {
         match self {
             Lookup::File(range, layout) => Table::new(&source.bytes()[range.clone()], *layout),
             Lookup::Store(vertices) => vertices.table(),
@@ -40,8 +40,8 @@ impl Lookup {
     }
 }
 
-pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
-    let header = Header::read(&source)?;
+pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
+    let header = PlyHeader::read(&source)?;
     let Some(vertex) = header.element("vertex") else {
         return Err(source.corrupt("PLY header", "no `element vertex`", "a mesh"));
     };
@@ -60,7 +60,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
     let mut at = header.body;
     let mut start = at;
     let mut lookup = None;
-    let mut bounds = Bounds::new();
+    let mut bounds = VertexBounds::new();
     for (number, element) in header.elements.iter().enumerate().take(vertex.max(face) + 1) {
         if number == face {
             start = at;
@@ -96,7 +96,7 @@ pub(super) fn open(source: Source, memory: u64) -> Result<Box<dyn Model>> {
 }
 
 /// An error among things of some kind.
-fn corrupt(source: &Source, what: &str, fault: Fault) -> Error {
+fn corrupt(source: &ModelFile, what: &str, fault: Fault) -> Error {
     source.corrupt(format!("{what}, {}", fault.place), fault.found, fault.expected)
 }
 
@@ -114,12 +114,12 @@ impl Visit for Skip<'_> {
 
 /// Checks all vertices and makes them ready for being looked up; also gives the offset behind them.
 fn vertices(
-    source: &Source,
+    source: &ModelFile,
     encoding: Encoding,
     element: &Element,
     start: usize,
     memory: u64,
-    bounds: &mut Bounds,
+    bounds: &mut VertexBounds,
 ) -> Result<(Lookup, usize)> {
     let [x, y, z] = ["x", "y", "z"].map(|name| element.number(&[name]));
     let (Some(x), Some(y), Some(z)) = (x, y, z) else {
@@ -151,7 +151,7 @@ fn vertices(
     Ok((Lookup::Store(vertices), end))
 }
 
-fn not_finite(source: &Source, number: u64, point: [f64; 3]) -> Error {
+fn not_finite(source: &ModelFile, number: u64, point: [f64; 3]) -> Error {
     source.corrupt(format!("vertex {number}"), format!("{point:?}"), "finite coordinates")
 }
 
@@ -161,7 +161,7 @@ fn layout(
     element: &Element,
     position: [usize; 3],
     colour: Option<[usize; 3]>,
-) -> Option<Layout> {
+) -> Option<VertexLayout> {
     let stride = element.fixed_size()?;
     let offset = |index: usize| element.properties[..index].iter().map(|p| p.scalar.size()).sum();
     let scalar = |index: usize| element.properties[index].scalar;
@@ -175,7 +175,7 @@ fn layout(
     };
     let is_same = position.iter().all(|index| scalar(*index) == scalar(position[0]));
     let has_bytes = colour.iter().flatten().all(|index| scalar(*index) == Scalar::U8);
-    (is_same && has_bytes).then(|| Layout {
+    (is_same && has_bytes).then(|| VertexLayout {
         stride,
         coordinates,
         position: position.map(offset),
@@ -195,12 +195,12 @@ fn channel(number: f64, scalar: Scalar) -> u8 {
 
 /// Reads vertices into a store; the outcome is that and the offset behind them.
 struct CopyVertices<'a> {
-    source: &'a Source,
+    source: &'a ModelFile,
     element: &'a Element,
     position: [usize; 3],
     colour: Option<[usize; 3]>,
     memory: u64,
-    bounds: &'a mut Bounds,
+    bounds: &'a mut VertexBounds,
 }
 
 impl Visit for CopyVertices<'_> {
@@ -251,7 +251,7 @@ enum Role {
 struct Roles(Vec<Role>);
 
 impl Roles {
-    fn of(source: &Source, faces: &Element) -> Result<Roles> {
+    fn of(source: &ModelFile, faces: &Element) -> Result<Roles> {
         let names = ["vertex_indices", "vertex_index"];
         let corners = faces
             .properties
@@ -272,7 +272,7 @@ impl Roles {
 
 /// Reads faces and hands them out; the outcome is the number of those that were left out.
 struct ReadFaces<'a, 'b> {
-    source: &'a Source,
+    source: &'a ModelFile,
     element: &'a Element,
     vertices: Table<'a>,
     each: &'b mut dyn FnMut(&Face<'_>) -> Result<()>,

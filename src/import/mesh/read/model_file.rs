@@ -8,13 +8,13 @@ use crate::io::{Mapped, ReadBackend};
 use crate::{Error, Result};
 
 /// A mapped file that is not empty.
-pub(super) struct Source {
+pub(super) struct ModelFile {
     path: PathBuf,
     map: Mapped,
 }
 
-impl Source {
-    pub(super) fn open(path: &Path) -> Result<Source> {
+impl ModelFile {
+    pub(super) fn open(path: &Path) -> Result<ModelFile> {
         let about = fs::metadata(path).map_err(Error::io(path, "open"))?;
         if about.is_dir() {
             return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
@@ -29,7 +29,7 @@ impl Source {
         if about.len() == 0 {
             return Err(Error::corrupt(path, "the whole file", "no bytes", "a mesh"));
         }
-        Ok(Source { path: path.to_path_buf(), map: Mapped::open(path)? })
+        Ok(ModelFile { path: path.to_path_buf(), map: Mapped::open(path)? })
     }
 
     pub(super) fn path(&self) -> &Path {
