@@ -17,7 +17,7 @@ fn main() -> spinney::Result<()> {
     let file = std::env::temp_dir().join("questions.goblin");
 
     // What is in the picture decides how it is averaged; every option can say otherwise.
-    let import = plan(&[input], &ImportOptions::default())?;
+    let import = plan(&[input], &ImportOptions::new())?;
     import.build(Output::create(&file)?, &())?;
 
     let tree = open(&file, &Default::default())?;

@@ -221,12 +221,10 @@ impl Picture {
             "{}: is no tree file, and pictures cannot be pasted into octrees",
             path.display()
         );
-        let options = ImportOptions {
-            kind: Some(header.kind),
-            rule: Some(header.rule),
-            memory: Some(memory),
-            ..ImportOptions::default()
-        };
+        let mut options = ImportOptions::new();
+        options.kind = Some(header.kind);
+        options.rule = Some(header.rule);
+        options.memory = Some(memory);
         let beside = file.parent().filter(|folder| !folder.as_os_str().is_empty());
         let folder =
             tempfile::Builder::new().prefix("spinney-").tempdir_in(beside.unwrap_or(Path::new(".")))?;

@@ -56,7 +56,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     };
     let tree = args.tree.open()?;
     check_output([args.tree.file.as_path()], &args.output)?;
-    let request = MeshRequest { level: args.level, smooth: args.smooth, triangles: args.triangles };
+    let mut request = MeshRequest::new();
+    request.level = args.level;
+    request.smooth = args.smooth;
+    request.triangles = args.triangles;
     let work = Work::start(global, "cells")?;
     let output = Output::create(&args.output)?;
     let summary = export_mesh(&tree, &request, output, format, &work)

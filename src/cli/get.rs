@@ -65,9 +65,6 @@ pub(crate) struct Args {
     nodata: Option<f64>,
 }
 
-/// Bytes of the output to hold at a time.
-const MEMORY: u64 = 64 << 20;
-
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
     let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .exr, .npy or .raw")?;
@@ -89,7 +86,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         Some((width, height)) => Detail::Size(width, height),
         None => Detail::Level(args.level.unwrap_or(tree.depth())),
     };
-    let request = WindowRequest { bounds, across, detail, nodata: args.nodata, memory: MEMORY };
+    let mut request = WindowRequest::new(bounds, detail);
+    (request.across, request.nodata) = (across, args.nodata);
     let progress = Work::start(global, "pixels")?;
     let output = Output::create(&args.output)?;
     export_window(&tree, &request, output, format, &progress)
@@ -108,7 +106,8 @@ fn array(args: &Args, tree: &Dataset, format: Format, global: &Global) -> Result
             Bounds { min: part.min.map(|cell| cell >> shift), max }
         }
     };
-    let request = ArrayRequest { bounds, level, nodata: args.nodata, memory: MEMORY };
+    let mut request = ArrayRequest::new(bounds, level);
+    request.nodata = args.nodata;
     let progress = Work::start(global, "cells")?;
     let output = Output::create(&args.output)?;
     export_array(tree, &request, output, format, &progress)

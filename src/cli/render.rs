@@ -100,18 +100,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", args.tree.file.display());
     let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
     check_output([args.tree.file.as_path()], &args.output)?;
-    let request = RenderRequest {
-        width: args.size.0,
-        height: args.size.1,
-        azimuth: args.from[0],
-        elevation: args.from[1],
-        zoom: args.zoom,
-        projection: if args.orthographic { Projection::Orthographic } else { Projection::Perspective },
-        up: args.up,
-        level: args.level,
-        background: args.background.0,
-        samples: args.samples,
-    };
+    let mut request = RenderRequest::new(args.size.0, args.size.1);
+    [request.azimuth, request.elevation] = args.from;
+    request.zoom = args.zoom;
+    if args.orthographic {
+        request.projection = Projection::Orthographic;
+    }
+    request.up = args.up;
+    request.level = args.level;
+    request.background = args.background.0;
+    request.samples = args.samples;
     let work = Work::start(global, "pixels")?;
     let output = Output::create(&args.output)?;
     let level = render(&tree, &request, output, format, &work)

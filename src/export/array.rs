@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::image::{Format, array_header};
-use super::window::fill_for;
+use super::window::{DEFAULT_MEMORY, fill_for};
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::space::Bounds;
@@ -12,6 +12,7 @@ use crate::{Error, Progress, Result};
 
 /// A box of an octree, and its level of detail.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ArrayRequest {
     /// Cells of `level`.
     pub bounds: Bounds,
@@ -22,6 +23,13 @@ pub struct ArrayRequest {
     pub nodata: Option<f64>,
     /// Bytes to hold at a time; what one row of cells needs must fit.
     pub memory: u64,
+}
+
+impl ArrayRequest {
+    /// A box of a level's cells, written with 64 MiB of memory.
+    pub fn new(bounds: Bounds, level: u8) -> ArrayRequest {
+        ArrayRequest { bounds, level, nodata: None, memory: DEFAULT_MEMORY }
+    }
 }
 
 /// Writes a box of an octree as NPY (an array of shape z, y, x) or as its samples alone, x fastest, then y,

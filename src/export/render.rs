@@ -15,6 +15,7 @@ use crate::{Error, Progress, Result};
 
 /// Size, camera and background of a picture of a solid.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct RenderRequest {
     /// Columns.
     pub width: u64,
@@ -38,11 +39,12 @@ pub struct RenderRequest {
     pub samples: u32,
 }
 
-impl Default for RenderRequest {
-    fn default() -> Self {
+impl RenderRequest {
+    /// A picture of so many columns and rows, from the south-west and above.
+    pub fn new(width: u64, height: u64) -> RenderRequest {
         RenderRequest {
-            width: 1024,
-            height: 768,
+            width,
+            height,
             azimuth: 215.0,
             elevation: 30.0,
             zoom: 1.0,
@@ -81,7 +83,7 @@ const MOST: u64 = 1 << 16;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("ball.png");
 /// let ball = spinney::open("fixtures/v1/ball.goblin")?;
-/// let request = RenderRequest { width: 40, height: 30, ..RenderRequest::default() };
+/// let request = RenderRequest::new(40, 30);
 /// assert_eq!(render(&ball, &request, Output::create(&path)?, Format::Png, &())?, 5);
 /// # Ok::<(), spinney::Error>(())
 /// ```

@@ -9,6 +9,7 @@ use crate::{Error, Progress, Result};
 
 /// A window of a tree, and its level of detail.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct WindowRequest {
     /// Cells of the deepest level; those beyond the picture are VOID. Along `across` the first counts.
     pub bounds: Bounds,
@@ -22,6 +23,16 @@ pub struct WindowRequest {
     pub nodata: Option<f64>,
     /// Bytes to hold at a time; what one row of the output needs must fit.
     pub memory: u64,
+}
+
+/// Bytes that exports hold at a time if nothing is said.
+pub(super) const DEFAULT_MEMORY: u64 = 64 << 20;
+
+impl WindowRequest {
+    /// A window seen from above, written with 64 MiB of memory.
+    pub fn new(bounds: Bounds, detail: Detail) -> WindowRequest {
+        WindowRequest { bounds, across: 2, detail, nodata: None, memory: DEFAULT_MEMORY }
+    }
 }
 
 /// Resolution of the output.
@@ -47,8 +58,7 @@ pub enum Detail {
 /// # let path = folder.path().join("part.png");
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
 /// let bounds = Bounds { min: [8, 8, 0], max: [40, 40, 1] };
-/// let detail = Detail::Size(16, 16);
-/// let request = WindowRequest { bounds, across: 2, detail, nodata: None, memory: 64 << 20 };
+/// let request = WindowRequest::new(bounds, Detail::Size(16, 16));
 /// export_window(&map, &request, Output::create(&path)?, Format::Png, &())?;
 /// # Ok::<(), spinney::Error>(())
 /// ```

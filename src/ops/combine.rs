@@ -1,7 +1,5 @@
 //! Set operations and their kin: several trees over the same space merged into one.
 
-use std::mem;
-
 use smallvec::SmallVec;
 
 use super::affine::{View, ViewNode};
@@ -64,6 +62,21 @@ pub struct OpenNode {
     nodes: Nodes,
 }
 
+/// A tree's node and its children; those of a uniform node are all as it is.
+struct Below<'a> {
+    tree: usize,
+    node: &'a Child<ViewNode>,
+    children: Option<&'a Children<ViewNode>>,
+}
+
+impl<'a> Below<'a> {
+    /// One of the children, with the number of the tree.
+    #[inline]
+    fn child(&self, step: usize) -> (usize, &'a Child<ViewNode>) {
+        (self.tree, self.children.map_or(self.node, |children| &children[step]))
+    }
+}
+
 impl Combined {
     /// Combines views of one form and depth, whose pictures lie within `extent`.
     ///
@@ -111,8 +124,8 @@ impl Combined {
     }
 
     /// Whether both of two trees have one node of one file.
-    fn is_one_node(&self, nodes: &[(usize, Child<ViewNode>)]) -> bool {
-        let kept = |(tree, child): &(usize, Child<ViewNode>)| match child {
+    fn is_one_node(&self, nodes: &[(usize, &Child<ViewNode>)]) -> bool {
+        let kept = |(tree, child): &(usize, &Child<ViewNode>)| match child {
             Child::Inner { node, .. } => self.views[*tree].kept(node),
             _ => None,
         };
@@ -135,7 +148,7 @@ impl Combined {
     }
 
     /// Resolves a node from the trees' nodes there.
-    fn resolve(&self, code: Code, nodes: &[(usize, Child<ViewNode>)]) -> Resolution {
+    fn resolve(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Resolution {
         // Two commits of a file share the records of all that has not changed between them: no need to read
         // those.
         if self.is_one_node(nodes)
@@ -149,8 +162,8 @@ impl Combined {
             (Operation::Over, [(_, Child::Inner { .. })]) => Resolution::Take(0),
             (Operation::Over, _) => Resolution::Split,
             // A complement may have no second tree.
-            (Operation::Set { .. }, [first]) => self.resolve_two(code, &first.1, &Child::Void),
-            (_, [first, second]) => self.resolve_two(code, &first.1, &second.1),
+            (Operation::Set { .. }, [first]) => self.resolve_two(code, first.1, &Child::Void),
+            (_, [first, second]) => self.resolve_two(code, first.1, second.1),
             (operation, nodes) => {
                 operation.join().map_or(Resolution::Split, |join| self.resolve_many(join, nodes))
             }
@@ -183,7 +196,7 @@ impl Combined {
     }
 
     /// Resolves a node of one tree, or of more than two, where values are joined: VOID where one of them is.
-    fn resolve_many(&self, join: Join, nodes: &[(usize, Child<ViewNode>)]) -> Resolution {
+    fn resolve_many(&self, join: Join, nodes: &[(usize, &Child<ViewNode>)]) -> Resolution {
         let mut result: Option<Value> = None;
         let mut inner = false;
         for (_, child) in nodes {
@@ -216,24 +229,50 @@ impl Combined {
         (inside, outside)
     }
 
+    /// The children of a tree's node, read into `children` if there are any.
+    #[inline]
+    fn below<'a>(
+        &self,
+        (tree, node): &'a (usize, Child<ViewNode>),
+        children: &'a mut Children<ViewNode>,
+    ) -> Result<Below<'a>> {
+        let children = match node {
+            Child::Inner { node, .. } => {
+                self.views[*tree].children(node, children)?;
+                Some(&*children)
+            }
+            _ => None,
+        };
+        Ok(Below { tree: *tree, node, children })
+    }
+
     /// A node of the result, from the trees' nodes there.
-    fn merge(&self, code: Code, mut nodes: Nodes) -> Child<CombinedNode> {
+    fn merge(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
         if self.operation == Operation::Over {
             // The first LEAF hides all trees below it; INNER nodes above it may still have VOID cells.
-            nodes.retain(|(_, child)| !matches!(child, Child::Void));
-            if let Some(first) = nodes.iter().position(|(_, child)| matches!(child, Child::Leaf(_))) {
-                nodes.truncate(first + 1);
+            let present = nodes.iter().filter(|(_, child)| !matches!(child, Child::Void));
+            let mut seen: SmallVec<[(usize, &Child<ViewNode>); 2]> = present.copied().collect();
+            if let Some(first) = seen.iter().position(|(_, child)| matches!(child, Child::Leaf(_))) {
+                seen.truncate(first + 1);
             }
+            return self.resolved(code, &seen);
         }
-        match self.resolve(code, &nodes) {
+        self.resolved(code, nodes)
+    }
+
+    /// A node of the result, from those of the trees' nodes that matter to it.
+    #[inline]
+    fn resolved(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
+        match self.resolve(code, nodes) {
             Resolution::Void => Child::Void,
             Resolution::Leaf(value) => Child::Leaf(value),
             Resolution::Take(index) => {
-                let (tree, child) = nodes.swap_remove(index);
-                child.map_node(|node| CombinedNode::Same(tree, node))
+                let (tree, child) = nodes[index];
+                child.clone().map_node(|node| CombinedNode::Same(tree, node))
             }
             Resolution::Split => {
                 let representative = nodes.iter().find_map(|(_, child)| child.value()).unwrap_or_default();
+                let nodes = nodes.iter().map(|(tree, child)| (*tree, (*child).clone())).collect();
                 Child::Inner { representative, node: CombinedNode::Open(Box::new(OpenNode { code, nodes })) }
             }
         }
@@ -252,8 +291,9 @@ impl Source for Combined {
     }
 
     fn root(&self) -> Result<Child<CombinedNode>> {
-        let nodes = self.views.iter().enumerate().map(|(tree, view)| Ok((tree, view.root()?)));
-        Ok(self.merge(Code::root(self.form.dimension), nodes.collect::<Result<Nodes>>()?))
+        let roots = self.views.iter().map(View::root).collect::<Result<Vec<_>>>()?;
+        let nodes: Vec<_> = roots.iter().enumerate().collect();
+        Ok(self.merge(Code::root(self.form.dimension), &nodes))
     }
 
     fn children(&self, node: &CombinedNode, children: &mut Children<CombinedNode>) -> Result<()> {
@@ -264,29 +304,33 @@ impl Source for Combined {
             }
             CombinedNode::Open(open) => (open.code, &open.nodes),
         };
-        // Only INNER nodes have children that must be asked for; those of the others are all alike.
-        let mut below: SmallVec<[Children<ViewNode>; 2]> = SmallVec::new();
-        for (tree, child) in nodes {
-            if let Child::Inner { node, .. } = child {
-                below.push(no_children());
-                let buffer = below.last_mut().expect("just pushed");
-                self.views[*tree].children(node, buffer)?;
+        let results = || (0..self.form.children()).map(|step| (step, code.child(step)));
+        // One or two, as nearly always, take no lists.
+        match &nodes[..] {
+            [node] => {
+                let mut below = no_children();
+                let below = self.below(node, &mut below)?;
+                for (step, code) in results() {
+                    children[step] = self.merge(code, &[below.child(step)]);
+                }
             }
-        }
-        for (step, child) in children[..self.form.children()].iter_mut().enumerate() {
-            let mut below = below.iter_mut();
-            let at_step = nodes.iter().map(|(tree, node)| {
-                let child = match node {
-                    Child::Void => Child::Void,
-                    Child::Leaf(value) => Child::Leaf(*value),
-                    // Each is used once, so that it need not be copied.
-                    Child::Inner { .. } => {
-                        below.next().map_or(Child::Void, |below| mem::take(&mut below[step]))
-                    }
-                };
-                (*tree, child)
-            });
-            *child = self.merge(code.child(step), at_step.collect());
+            [first, second] => {
+                let (mut below_first, mut below_second) = (no_children(), no_children());
+                let below_first = self.below(first, &mut below_first)?;
+                let below_second = self.below(second, &mut below_second)?;
+                for (step, code) in results() {
+                    children[step] = self.merge(code, &[below_first.child(step), below_second.child(step)]);
+                }
+            }
+            _ => {
+                let mut below = vec![no_children(); nodes.len()];
+                let below = nodes.iter().zip(&mut below).map(|(node, children)| self.below(node, children));
+                let below = below.collect::<Result<Vec<_>>>()?;
+                for (step, code) in results() {
+                    let nodes: Vec<_> = below.iter().map(|below| below.child(step)).collect();
+                    children[step] = self.merge(code, &nodes);
+                }
+            }
         }
         Ok(())
     }

@@ -226,6 +226,12 @@ pub fn options(rule: Rule, kind: Kind, depth: u8) -> BuildOptions {
     BuildOptions::new(kind, depth).rule(rule).memory(64 << 20)
 }
 
+/// Options, or anything else, with a change.
+pub fn with<T>(mut it: T, change: impl FnOnce(&mut T)) -> T {
+    change(&mut it);
+    it
+}
+
 /// Makes a file of cells, by way of slabs; its name says which format it has.
 pub fn write_cells(path: &Path, cells: &Cells, options: &BuildOptions) {
     let nodata = value(cells.form.value, 250);

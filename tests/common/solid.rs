@@ -11,7 +11,7 @@ use spinney::store::goblin::Goblin;
 use spinney::tree::Source;
 use spinney::value::Value;
 
-use super::{Random, cells_of};
+use super::{Random, cells_of, with};
 
 pub type Point = [f64; 3];
 pub type Triangle = [Point; 3];
@@ -103,7 +103,7 @@ pub fn build(model: Box<dyn Model>, options: &SolidOptions) -> (Goblin, SolidRep
 
 /// Cells of a space whose cells are the model's units.
 pub fn unit_cells(depth: u8) -> SolidOptions {
-    SolidOptions { resolution: Resolution::Like(Frame::identity(), depth), ..SolidOptions::default() }
+    with(SolidOptions::new(), |it| it.resolution = Resolution::Like(Frame::identity(), depth))
 }
 
 /// All cells, x fastest, then y, then z.

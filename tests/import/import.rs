@@ -11,7 +11,7 @@ use spinney::tree::{Child, Source};
 use spinney::value::SampleType;
 use spinney::{Error, Result};
 
-use crate::common::{children, quad, shared_data};
+use crate::common::{children, quad, shared_data, with};
 
 /// All pixels of a raster, and which are not VOID.
 fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
@@ -103,7 +103,10 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
         assert!(refused.is_some_and(|error| error.contains("--band")), "{}", path.display());
     }
     let target = folder.join("t.goblin");
-    let options = ImportOptions { bands: bands.clone(), memory, ..ImportOptions::default() };
+    let options = with(ImportOptions::new(), |it| {
+        it.bands = bands.clone();
+        it.memory = memory;
+    });
     let import = plan(&[path.to_path_buf()], &options).unwrap();
     let (value, metadata) = (import.value_type(), import.options().metadata.clone());
     let built = import.build(Output::create(&target).unwrap(), &());
@@ -162,14 +165,13 @@ fn picture(folder: &Path, name: &str, [width, height]: [u32; 2]) -> PathBuf {
 fn options_overrule_the_file() {
     let temp = tempfile::tempdir().unwrap();
     let path = picture(temp.path(), "p.tif", [300, 200]);
-    let options = ImportOptions {
-        nodata: Some(7.0),
-        depth: Some(12),
-        epsg: Some(3857),
-        transform: Some([2.0, 0.0, 10.0, 0.0, -2.0, 20.0]),
-        rule: Some(spinney::value::Rule::Max),
-        ..ImportOptions::default()
-    };
+    let options = with(ImportOptions::new(), |it| {
+        it.nodata = Some(7.0);
+        it.depth = Some(12);
+        it.epsg = Some(3857);
+        it.transform = Some([2.0, 0.0, 10.0, 0.0, -2.0, 20.0]);
+        it.rule = Some(spinney::value::Rule::Max);
+    });
     let import = plan(std::slice::from_ref(&path), &options).unwrap();
     let text: String =
         import.description().iter().map(|(heading, text)| format!("{heading}: {text}\n")).collect();
@@ -191,14 +193,14 @@ fn options_overrule_the_file() {
 
     let refused = |options: ImportOptions| plan(std::slice::from_ref(&path), &options).err();
     let is_invalid = |error: Option<Error>| matches!(error, Some(Error::Invalid { .. }));
-    assert!(is_invalid(refused(ImportOptions { depth: Some(8), ..options.clone() })));
-    assert!(is_invalid(refused(ImportOptions { depth: Some(30), ..options.clone() })));
-    assert!(is_invalid(refused(ImportOptions { transform: Some([0.0; 6]), ..options.clone() })));
-    assert!(is_invalid(refused(ImportOptions { bands: Some(vec![2]), ..options.clone() })));
+    assert!(is_invalid(refused(with(options.clone(), |it| it.depth = Some(8)))));
+    assert!(is_invalid(refused(with(options.clone(), |it| it.depth = Some(30)))));
+    assert!(is_invalid(refused(with(options.clone(), |it| it.transform = Some([0.0; 6])))));
+    assert!(is_invalid(refused(with(options.clone(), |it| it.bands = Some(vec![2])))));
     assert!(is_invalid(plan(&[], &options).err()));
     // A number that the samples cannot be is no nodata number at all.
     let import =
-        plan(std::slice::from_ref(&path), &ImportOptions { nodata: Some(-1.0), ..options.clone() }).unwrap();
+        plan(std::slice::from_ref(&path), &with(options.clone(), |it| it.nodata = Some(-1.0))).unwrap();
     assert_eq!(import.options().metadata.nodata, None);
     assert!(import.description().iter().any(|(_, text)| text.contains("u16 cannot hold -1")));
 }

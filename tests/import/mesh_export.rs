@@ -14,7 +14,7 @@ use spinney::store::{build_tree, depth_for};
 use spinney::value::{Kind, Rule, SampleType, Value};
 
 use crate::common::{
-    Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin_bytes, made, oct, opened, options,
+    Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin_bytes, made, oct, opened, options, with,
 };
 
 /// A mesh as it stands in a file.
@@ -198,7 +198,11 @@ impl Job {
         let mut blocks = tree.cell_blocks(self.level, self.carry).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mesh");
-        let request = MeshRequest { level: None, smooth: self.smooth, triangles: self.triangles };
+        let request = with(MeshRequest::new(), |it| {
+            it.level = None;
+            it.smooth = self.smooth;
+            it.triangles = self.triangles;
+        });
         let summary = export_blocks(
             &mut *blocks,
             self.attribute,

@@ -10,7 +10,7 @@ use spinney::io::Output;
 use spinney::space::Bounds;
 use spinney::store::OpenOptions;
 
-use crate::common::shared_data;
+use crate::common::{shared_data, with};
 
 fn build(inputs: &[PathBuf], options: &SolidOptions) -> (Dataset, SolidReport) {
     let folder = tempfile::tempdir().unwrap();
@@ -49,8 +49,10 @@ fn volumes_and_areas_of_closed_models_are_right() {
             continue;
         }
         let of = |cells, boundary| {
-            let options =
-                SolidOptions { resolution: Resolution::Cells(cells), boundary, ..SolidOptions::default() };
+            let options = with(SolidOptions::new(), |it| {
+                it.resolution = Resolution::Cells(cells);
+                it.boundary = boundary;
+            });
             let (tree, report) = build(std::slice::from_ref(&path), &options);
             assert_eq!(report.inside, InsideTest::Closed, "{name}");
             let solid = tree.solid(tree.depth(), &()).unwrap();
@@ -79,10 +81,10 @@ fn broken_models_are_filled_as_whole_ones() {
         ("armadillo.ply", "bad_duplicate_faces.ply", InsideTest::Closed, 1.0),
     ];
     for (whole, broken, decided, share) in cases {
-        let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };
+        let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cells(128));
         let (whole, _) = build(&[mesh.join(whole)], &options);
         let like = Resolution::Like(whole.metadata().frame.clone(), 7);
-        let (other, report) = build(&[mesh.join(broken)], &SolidOptions { resolution: like, ..options });
+        let (other, report) = build(&[mesh.join(broken)], &with(options, |it| it.resolution = like));
         assert_eq!(report.inside, decided, "{broken}");
         // Which of 128 x 128 x 128 cells there are.
         let there = |tree: &Dataset| {
@@ -100,7 +102,7 @@ fn broken_models_are_filled_as_whole_ones() {
 fn overlapping_bodies_are_one_solid() {
     let Some(data) = shared_data() else { return };
     let mesh = data.join("mesh");
-    let options = SolidOptions { resolution: Resolution::Cells(128), ..SolidOptions::default() };
+    let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cells(128));
     let (both, report) = build(&[mesh.join("bad_two_armadillos_overlap.ply")], &options);
     assert_eq!(report.inside, InsideTest::Closed);
     let one = 0.06861869387;
@@ -111,17 +113,16 @@ fn overlapping_bodies_are_one_solid() {
 fn buildings_become_parts() {
     let Some(data) = shared_data() else { return };
     let city = data.join("mesh/cityjson/rotterdam_subset.json");
-    let options = SolidOptions {
-        resolution: Resolution::Cell(1.0),
-        attribute: Attribute::Part,
-        ..SolidOptions::default()
-    };
+    let options = with(SolidOptions::new(), |it| {
+        it.resolution = Resolution::Cell(1.0);
+        it.attribute = Attribute::Part;
+    });
     let (tree, report) = build(&[city], &options);
     assert!(report.faces > 200, "{report:?}");
     assert_eq!(tree.metadata().class_names.len(), 16);
     // Only the other file tells its coordinate system.
     assert_eq!(tree.metadata().frame.epsg, None);
-    let options = SolidOptions { resolution: Resolution::Cells(64), ..SolidOptions::default() };
+    let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cells(64));
     let (tree, _) = build(&[data.join("mesh/cityjson/delft.json")], &options);
     assert_eq!(tree.metadata().frame.epsg, Some(7415));
 }

@@ -1,6 +1,6 @@
 //! Solids made of meshes, against brute force: winding numbers at every cell's centre.
 
-use spinney::import::mesh::{Attribute, Boundary, InsideTest, SolidOptions, plan_models};
+use spinney::import::mesh::{Attribute, Boundary, InsideTest, plan_models};
 use spinney::io::Output;
 use spinney::ops::{Operation, Prefer};
 use spinney::space::{Code, Dimension};
@@ -10,12 +10,12 @@ use spinney::value::Value;
 use crate::common::solid::{
     Point, Polygons, Triangle, build, cells, cuboid, plain, tetrahedra, unit_cells, winding,
 };
-use crate::common::{Random, as_byte, byte, combined, view_of_file};
+use crate::common::{Random, as_byte, byte, combined, view_of_file, with};
 
 #[test]
 fn boxes_on_the_grid_become_their_cells() {
     for boundary in [Boundary::Full, Boundary::Centre, Boundary::Coverage] {
-        let options = SolidOptions { boundary, ..unit_cells(7) };
+        let options = with(unit_cells(7), |it| it.boundary = boundary);
         let (tree, report) = build(plain(&cuboid([8.0, 16.0, 64.0], [72.0, 80.0, 96.0])), &options);
         assert_eq!((report.inside, report.triangles, report.displacement), (InsideTest::Closed, 12, 0.0));
         let found = cells(&tree);
@@ -139,7 +139,7 @@ fn coverage_is_what_a_solid_has_of_each_cell() {
         ([upright(a), upright(overlapping)].concat(), Box::new(minus), SAMPLED),
     ];
     for (number, (triangles, expected, tolerance)) in cases.into_iter().enumerate() {
-        let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
+        let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
         let (tree, report) = build(plain(&triangles), &options);
         assert_eq!(report.inside, InsideTest::Closed);
         for (i, value) in cells(&tree).into_iter().enumerate() {
@@ -171,7 +171,7 @@ fn coverage_of_foam_adds_up() {
             triangles.extend(cuboid(low, low.map(|at| at + size)));
             expected += size.powi(3);
         }
-        let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(3) };
+        let options = with(unit_cells(3), |it| it.boundary = Boundary::Coverage);
         let (tree, _) = build(plain(&triangles), &options);
         let found =
             cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
@@ -191,7 +191,7 @@ fn coverage_adds_up_to_the_volume() {
                 / 6.0
         };
         let expected = triangles.iter().map(volume).sum::<f64>().abs();
-        let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
+        let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
         let (tree, _) = build(plain(&triangles), &options);
         let found =
             cells(&tree).into_iter().flatten().map(|value| f64::from(as_byte(value)) / 255.0).sum::<f64>();
@@ -204,9 +204,9 @@ fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
     // Of a box off the grid the cells that are cut are known.
     let (low, high) = ([3.25, 4.5, 5.0], [20.5, 9.75, 11.0]);
     let triangles = cuboid(low, high);
-    let options = SolidOptions { boundary: Boundary::Full, ..unit_cells(5) };
+    let options = with(unit_cells(5), |it| it.boundary = Boundary::Full);
     let (full, _) = build(plain(&triangles), &options);
-    let (shell, report) = build(plain(&triangles), &SolidOptions { surface: true, ..unit_cells(5) });
+    let (shell, report) = build(plain(&triangles), &with(unit_cells(5), |it| it.surface = true));
     assert_eq!(report.inside, InsideTest::Surface);
     for (i, (full, shell)) in cells(&full).into_iter().zip(cells(&shell)).enumerate() {
         let cell = [i % 32, i / 32 % 32, i / 32 / 32].map(|x| x as f64);
@@ -225,10 +225,10 @@ fn parts_and_colours_are_kept() {
     let faces: Vec<_> = coloured(cuboid([2.0; 3], [10.0; 3]), 0, [200, 10, 10])
         .chain(coloured(cuboid([10.0, 2.0, 2.0], [30.0, 10.0, 10.0]), 1, [10, 200, 10]))
         .collect();
-    let options = SolidOptions { attribute: Attribute::Part, ..unit_cells(5) };
+    let options = with(unit_cells(5), |it| it.attribute = Attribute::Part);
     let (tree, _) = build(Polygons::of_triangles(faces.clone()), &options);
     assert_eq!(tree.metadata().class_names[&2], "part 1");
-    let options = SolidOptions { attribute: Attribute::Colour, ..unit_cells(5) };
+    let options = with(unit_cells(5), |it| it.attribute = Attribute::Colour);
     let (colours, _) = build(Polygons::of_triangles(faces), &options);
     for (i, (part, colour)) in cells(&tree).into_iter().zip(cells(&colours)).enumerate() {
         let [x, y, z] = [i % 32, i / 32 % 32, i / 32 / 32];
@@ -264,7 +264,7 @@ fn flipped_faces_are_parity_and_holes_a_field() {
     assert_eq!((report.inside, report.duplicates), (InsideTest::Open, 1));
     assert!(cells(&turned) == cells(&tree));
     // As far as cells lie inside, away from the hole.
-    let options = SolidOptions { boundary: Boundary::Coverage, ..unit_cells(6) };
+    let options = with(unit_cells(6), |it| it.boundary = Boundary::Coverage);
     let shifted: Vec<Triangle> =
         triangles.iter().map(|corners| corners.map(|at| at.map(|x| x + 0.25))).collect();
     let (covered, _) = build(plain(&shifted), &options);
@@ -280,7 +280,7 @@ fn memory_and_threads_do_not_change_the_bytes() {
     let mut first: Option<Vec<u8>> = None;
     for (memory, threads) in [(256 << 20, 1), (256 << 20, 3), (40_000, 2), (20_000, 1)] {
         let path = folder.path().join("solid.goblin");
-        let options = SolidOptions { memory, ..unit_cells(9) };
+        let options = with(unit_cells(9), |it| it.memory = memory);
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let import = plan_models(vec![plain(&triangles)], &options).unwrap();
         pool.install(|| import.build(Output::create(&path).unwrap(), &())).unwrap();

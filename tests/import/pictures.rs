@@ -10,6 +10,8 @@ use spinney::space::{Frame, Region};
 use spinney::value::{Kind, Palette, SampleType, ValueType};
 use spinney::{Error, Result};
 
+use crate::common::with;
+
 fn spec(width: u64, height: u64, sample: SampleType, channels: u8) -> ImageSpec {
     ImageSpec {
         width,
@@ -229,7 +231,7 @@ fn interlaced_pngs_need_memory() {
     let (_, grey) = read(&fixture("adam7_grey2.png"), &RasterOptions::default()).unwrap();
     assert!(grey.bytes.len() == 220 && grey.bytes.iter().all(|&grey| grey < 4));
     assert!(grey.bytes.contains(&1) && grey.bytes.contains(&2));
-    let little = RasterOptions { memory: 300, ..RasterOptions::default() };
+    let little = with(RasterOptions::new(), |it| it.memory = 300);
     assert!(matches!(open(&fixture("adam7.png"), &little), Err(Error::TooLarge { .. })));
 }
 
@@ -253,7 +255,7 @@ fn jpeg_and_webp() {
         if let Some(alpha) = alpha {
             assert!([9, 10].map(|x| pixels.bytes[4 * x + alpha]) == [255, 40]);
         }
-        let little = RasterOptions { memory: 219, ..RasterOptions::default() };
+        let little = with(RasterOptions::new(), |it| it.memory = 219);
         assert!(matches!(open(&fixture(name), &little), Err(Error::TooLarge { .. })), "{name}");
         // Any part at any time.
         let mut raster = open(&fixture(name), &RasterOptions::default()).unwrap();
@@ -325,7 +327,7 @@ fn small_files(folder: &Path) -> Vec<PathBuf> {
 fn truncated_files_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged");
-    let options = RasterOptions { memory: 1 << 20, ..RasterOptions::default() };
+    let options = with(RasterOptions::new(), |it| it.memory = 1 << 20);
     for file in small_files(folder.path()) {
         let bytes = fs::read(&file).unwrap();
         // Everywhere in the headers and at the end, in places between.
@@ -342,7 +344,7 @@ fn truncated_files_are_errors() {
 fn altered_files_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("damaged");
-    let options = RasterOptions { memory: 1 << 20, ..RasterOptions::default() };
+    let options = with(RasterOptions::new(), |it| it.memory = 1 << 20);
     let mut seed = 1u64;
     let mut random = |below: usize| {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

@@ -9,6 +9,8 @@ use spinney::space::Region;
 use spinney::value::{Kind, SampleType};
 use spinney::{Error, Result};
 
+use crate::common::with;
+
 /// Files that GDAL reads and we refuse, and why.
 const REFUSED: [(&str, &str); 16] = [
     ("image_tiff/big_g4.tif", "the fax decoder takes at most 65535 rows of a strip"),
@@ -225,7 +227,7 @@ fn files_read_as_gdal_reads_them() {
 /// Opens a file made by hand and reads it all.
 fn whole(bytes: &[u8], memory: u64) -> Result<(RasterInfo, Pixels)> {
     let file = on_disk(bytes);
-    let mut raster = raster::open(file.path(), &RasterOptions { memory, ..RasterOptions::default() })?;
+    let mut raster = raster::open(file.path(), &with(RasterOptions::new(), |it| it.memory = memory))?;
     let info = raster.info().clone();
     let mut pixels = Pixels::default();
     raster.read(Region::new(0, 0, info.width, info.height), &mut pixels)?;

@@ -8,10 +8,12 @@ use spinney::Result;
 use spinney::import::raster::{self, Pixels, RasterOptions};
 use spinney::space::Region;
 
+use crate::common::with;
+
 /// Opens and reads what may be anything.
 fn read(bytes: &[u8]) -> Result<Pixels> {
     let file = on_disk(bytes);
-    let options = RasterOptions { memory: 4 << 20, ..RasterOptions::default() };
+    let options = with(RasterOptions::new(), |it| it.memory = 4 << 20);
     let mut raster = raster::open(file.path(), &options)?;
     let info = raster.info();
     let region = Region::new(0, 0, info.width.min(200), info.height.min(200));

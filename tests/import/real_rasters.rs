@@ -17,7 +17,7 @@ use spinney::space::Region;
 use spinney::value::{Kind, SampleType, Value};
 use tempfile::TempDir;
 
-use crate::common::{Cells, made, quad, shared_data};
+use crate::common::{Cells, made, quad, shared_data, with};
 
 /// Samples of any type, as numbers.
 type Grid = Cells;
@@ -197,7 +197,11 @@ fn export(file: &Path, void: f64) -> PathBuf {
     let tree = dataset::open(file, &Default::default()).unwrap();
     let bounds = tree.header().picture();
     let detail = Detail::Level(tree.depth());
-    let request = WindowRequest { bounds, detail, across: 2, nodata: Some(void), memory: MEMORY };
+    let request = with(WindowRequest::new(bounds, detail), |it| {
+        it.across = 2;
+        it.nodata = Some(void);
+        it.memory = MEMORY;
+    });
     export_window(&tree, &request, Output::create(&out).unwrap(), Format::Npy, &()).unwrap();
     out
 }
@@ -249,7 +253,7 @@ fn majority(values: &[f64]) -> f64 {
 /// Windows, symmetries and scalings of one raster.
 fn one_raster(name: &str, kind: Kind) {
     let Some(mut bench) = Bench::new() else { return };
-    let tree = bench.build(name, &ImportOptions { kind: Some(kind), ..ImportOptions::default() });
+    let tree = bench.build(name, &with(ImportOptions::new(), |it| it.kind = Some(kind)));
     let [w, h, _] = tree.grid.size.map(|cells| cells as i64);
     let same = [w as u64, h as u64];
     let across = [h as u64, w as u64];
@@ -364,7 +368,7 @@ fn land_cover_of_two_years() {
     let names = ["nlcd_zion/nlcd.tif", "nlcd_zion/nlcd2011.tif"];
     // The second file tells its coordinate system by parameters, that of the first by number. Under two numbers they
     // are refused.
-    let epsg = |number| ImportOptions { epsg: Some(number), ..ImportOptions::default() };
+    let epsg = |number| with(ImportOptions::new(), |it| it.epsg = Some(number));
     let [a, b] = [bench.build(names[0], &epsg(26912)), bench.build(names[1], &epsg(6367))];
     let error = bench.combine(Operation::Over, &a, &b).unwrap_err().to_string();
     assert!(error.contains("EPSG:26912") && error.contains("EPSG:6367"), "{error}");
@@ -377,8 +381,7 @@ fn land_cover_of_two_years() {
 fn elevations_of_two_places() {
     let Some(mut bench) = Bench::new() else { return };
     let names = ["srtm3/N46E008.tif", "srtm3/N49W123.tif"];
-    let options =
-        ImportOptions { transform: Some([1.0, 0.0, 0.0, 0.0, -1.0, 0.0]), ..ImportOptions::default() };
+    let options = with(ImportOptions::new(), |it| it.transform = Some([1.0, 0.0, 0.0, 0.0, -1.0, 0.0]));
     let [a, b] = names.map(|name| bench.build(name, &options));
     two_rasters(&mut bench, "whole metres", &a, &b, [-32768.0, 32767.0]);
     bench.ask_numpy();

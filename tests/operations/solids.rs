@@ -15,7 +15,8 @@ use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value};
 
 use crate::common::{
-    Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, opened, value_types, write_goblin,
+    Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, opened, value_types, with,
+    write_goblin,
 };
 
 /// Blocks and dust, full where there is something.
@@ -129,7 +130,7 @@ fn many_points_in_several_segments_below_each_other() {
 fn array(tree: &Dataset, level: u8, bounds: Bounds, format: Format, memory: u64) -> spinney::Result<Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a");
-    let request = ArrayRequest { bounds, level, nodata: None, memory };
+    let request = with(ArrayRequest::new(bounds, level), |it| it.memory = memory);
     export_array(tree, &request, Output::create(&path)?, format, &())?;
     Ok(std::fs::read(path).unwrap())
 }
@@ -179,7 +180,10 @@ fn slice(tree: &Dataset, across: usize, place: u64, detail: Detail, name: &str) 
     let path = folder.path().join(name);
     let mut bounds = tree.header().picture();
     (bounds.min[across], bounds.max[across]) = (place, place + 1);
-    let request = WindowRequest { bounds, across, detail, nodata: None, memory: 3000 };
+    let request = with(WindowRequest::new(bounds, detail), |it| {
+        it.across = across;
+        it.memory = 3000;
+    });
     let format = spinney::export::image::format_of(&path).unwrap();
     export_window(tree, &request, Output::create(&path).unwrap(), format, &()).unwrap();
     if name.ends_with("raw") { std::fs::read(path).unwrap() } else { samples(&path).1 }
@@ -457,15 +461,12 @@ fn picture(tree: &Dataset, request: &RenderRequest) -> (u8, [u64; 3], Vec<u8>) {
 fn the_silhouette_of_a_ball_is_a_disc() {
     let file = solid(&ball(6, 25.0));
     for (azimuth, elevation) in [(0.0, 0.0), (215.0, 30.0), (90.0, 90.0)] {
-        let request = RenderRequest {
-            width: 120,
-            height: 90,
-            azimuth,
-            elevation,
-            background: None,
-            projection: Projection::Orthographic,
-            ..RenderRequest::default()
-        };
+        let request = with(RenderRequest::new(120, 90), |it| {
+            it.azimuth = azimuth;
+            it.elevation = elevation;
+            it.background = None;
+            it.projection = Projection::Orthographic;
+        });
         let (level, size, pixels) = picture(&file, &request);
         assert_eq!((level, size), (6, [120, 90, 4]));
         let area: f64 = pixels.chunks(4).map(|pixel| f64::from(pixel[3]) / 255.0).sum();
@@ -487,7 +488,7 @@ fn the_silhouette_of_a_ball_is_a_disc() {
 #[test]
 fn pictures_depend_on_what_is_asked_only() {
     let file = solid(&ball(6, 25.0));
-    let request = RenderRequest { width: 40, height: 30, ..RenderRequest::default() };
+    let request = RenderRequest::new(40, 30);
     let (level, size, pixels) = picture(&file, &request);
     assert_eq!((level, size), (5, [40, 30, 3]));
     assert_eq!(pixels[..3], [255; 3]);
@@ -495,21 +496,28 @@ fn pictures_depend_on_what_is_asked_only() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         assert!(pool.install(|| picture(&file, &request)).2 == pixels);
     }
-    let small = RenderRequest { width: 8, height: 8, ..request.clone() };
+    let small = with(request.clone(), |it| {
+        it.width = 8;
+        it.height = 8;
+    });
     assert!(picture(&file, &small).0 <= 4);
-    let fine = RenderRequest { level: Some(6), zoom: 2.0, background: Some([9, 8, 7]), ..request.clone() };
+    let fine = with(request.clone(), |it| {
+        it.level = Some(6);
+        it.zoom = 2.0;
+        it.background = Some([9, 8, 7]);
+    });
     let (level, _, zoomed) = picture(&file, &fine);
     let seen =
         |pixels: &[u8], background: [u8; 3]| pixels.chunks(3).filter(|pixel| *pixel != background).count();
     assert_eq!(level, 6);
     assert!(seen(&zoomed, [9, 8, 7]) > 2 * seen(&pixels, [255; 3]));
     let bad: [RenderRequest; 6] = [
-        RenderRequest { width: 0, ..request.clone() },
-        RenderRequest { height: 1 << 20, ..request.clone() },
-        RenderRequest { level: Some(7), ..request.clone() },
-        RenderRequest { elevation: 91.0, ..request.clone() },
-        RenderRequest { zoom: 0.0, ..request.clone() },
-        RenderRequest { samples: 0, ..request.clone() },
+        with(request.clone(), |it| it.width = 0),
+        with(request.clone(), |it| it.height = 1 << 20),
+        with(request.clone(), |it| it.level = Some(7)),
+        with(request.clone(), |it| it.elevation = 91.0),
+        with(request.clone(), |it| it.zoom = 0.0),
+        with(request.clone(), |it| it.samples = 0),
     ];
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");
@@ -531,7 +539,7 @@ fn colours_and_classes_are_seen() {
     let red =
         made(form, [8, 8, 8], |[x, y, z]| (x > 1 && y > 1 && z > 1).then(|| Value::from([200u8, 20, 20])));
     let file = dataset(&red, Rule::Mean, Kind::Continuous);
-    let request = RenderRequest { width: 30, height: 30, ..RenderRequest::default() };
+    let request = RenderRequest::new(30, 30);
     let (_, _, pixels) = picture(&file, &request);
     let middle = &pixels[(15 * 30 + 15) * 3..][..3];
     assert!(middle[0] > 100 && middle[0] > 2 * middle[1], "{middle:?}");

@@ -48,8 +48,12 @@ impl PictureArgs {
     pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
         let PictureArgs { kind, rule, band, nodata, transform, layer } = self.clone();
         let Common { depth, epsg, memory, share } = *common;
-        let memory = Some(memory.bytes);
-        ImportOptions { kind, rule, bands: band, nodata, depth, epsg, transform, layer, memory, share }
+        let mut options = ImportOptions::new();
+        (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
+        (options.depth, options.epsg, options.share) = (depth, epsg, share);
+        (options.transform, options.layer) = (transform, layer);
+        options.memory = Some(memory.bytes);
+        options
     }
 }
 

@@ -90,17 +90,16 @@ impl SolidArgs {
         check_output(self.like.as_deref(), output)?;
         let models = mesh::open_all(inputs, memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
-        let options = SolidOptions {
-            resolution: self.resolution(depth, unit.as_deref())?,
-            boundary: self.boundary.unwrap_or_default(),
-            attribute: self.attribute.unwrap_or_default(),
-            surface: self.surface,
-            up: self.up.unwrap_or_default(),
-            unit: self.unit.clone().or(unit),
-            epsg,
-            memory: memory.bytes,
-            share,
-        };
+        let mut options = SolidOptions::new();
+        options.resolution = self.resolution(depth, unit.as_deref())?;
+        options.boundary = self.boundary.unwrap_or_default();
+        options.attribute = self.attribute.unwrap_or_default();
+        options.surface = self.surface;
+        options.up = self.up.unwrap_or_default();
+        options.unit = self.unit.clone().or(unit);
+        options.epsg = epsg;
+        options.memory = memory.bytes;
+        options.share = share;
         if self.surface && self.boundary.is_some() {
             bail!(
                 "--boundary: says which cells belong to a solid; with --surface all that the surface cuts do"

@@ -41,6 +41,7 @@ use sink::{Mesh, Sink};
 
 /// Kind of surface, and level of detail.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct MeshRequest {
     /// Level whose cells are meant; the tree's depth if not given. INNER nodes of the level count by their
     /// representatives: solid if at least half full in trees of [`Rule::Occupancy`], always in others.
@@ -49,6 +50,13 @@ pub struct MeshRequest {
     pub smooth: bool,
     /// Triangles only, also where the format knows polygons.
     pub triangles: bool,
+}
+
+impl MeshRequest {
+    /// The faces of the finest cells.
+    pub fn new() -> MeshRequest {
+        MeshRequest::default()
+    }
 }
 
 /// A mesh format.

@@ -107,6 +107,7 @@ pub trait Raster: Send {
 
 /// Options for opening a raster.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct RasterOptions {
     /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
     /// no other way.
@@ -118,6 +119,13 @@ pub struct RasterOptions {
 impl Default for RasterOptions {
     fn default() -> Self {
         RasterOptions { memory: 192 << 20, layer: None }
+    }
+}
+
+impl RasterOptions {
+    /// The first layer, read with 192 MiB of memory.
+    pub fn new() -> RasterOptions {
+        RasterOptions::default()
     }
 }
 

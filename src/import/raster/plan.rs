@@ -15,6 +15,7 @@ pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
 /// Options for an import; the files decide those that are `None`.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct ImportOptions {
     /// Kind of the samples: continuous or categorical.
     pub kind: Option<Kind>,
@@ -37,6 +38,13 @@ pub struct ImportOptions {
     pub memory: Option<u64>,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
+}
+
+impl ImportOptions {
+    /// All that the files say.
+    pub fn new() -> ImportOptions {
+        ImportOptions::default()
+    }
 }
 
 /// Files that are open and understood, ready to be built: see [`Import::build`].

@@ -27,6 +27,7 @@ pub enum Resolution {
 
 /// Options for building a solid.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct SolidOptions {
     /// Resolution of the cells.
     pub resolution: Resolution,
@@ -64,6 +65,13 @@ impl Default for SolidOptions {
     }
 }
 
+impl SolidOptions {
+    /// A solid whose longest side has 256 cells.
+    pub fn new() -> SolidOptions {
+        SolidOptions::default()
+    }
+}
+
 /// Models that are open and understood, ready to be built: see [`SolidImport::build`].
 pub struct SolidImport {
     pub(super) models: Vec<Box<dyn Model>>,
@@ -97,7 +105,8 @@ impl SolidImport {
 /// # let [model, tree] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
 /// let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
 /// std::fs::write(&model, text).unwrap();
-/// let options = SolidOptions { resolution: Resolution::Cells(64), ..SolidOptions::default() };
+/// let mut options = SolidOptions::new();
+/// options.resolution = Resolution::Cells(64);
 /// plan_models(open_all(&[model], 64 << 20)?, &options)?.build(Output::create(&tree)?, &())?;
 /// assert_eq!(spinney::open(&tree)?.depth(), 6);
 /// # Ok::<(), spinney::Error>(())
