@@ -65,6 +65,16 @@ pub enum Error {
         /// Who has it, as far as is known.
         holder: String,
     },
+    /// The file that is being edited is no longer at its path: it was moved, removed or replaced.
+    #[error("{}: {what} while it was edited; the edits are not in the file of that name{}", path.display(), now_at(file))]
+    Moved {
+        /// The path at which it was opened.
+        path: PathBuf,
+        /// The fate of the file: "was removed", "was replaced by another file".
+        what: &'static str,
+        /// The place of the edited file, if it has one that is known.
+        file: Option<PathBuf>,
+    },
     /// An earlier write or sync failed, so that nobody knows what is on the disk: whoever edits the file must
     /// open it again.
     #[error("{}: nothing more can be written, an earlier write or sync failed; open the file again, its last commit is whole", path.display())]
@@ -85,6 +95,11 @@ pub enum Error {
     /// The user interrupted the work; nothing was left behind.
     #[error("interrupted; no output was written")]
     Interrupted,
+}
+
+/// For messages: where a file is now.
+fn now_at(file: &Option<PathBuf>) -> String {
+    file.as_ref().map_or(String::new(), |file| format!(", but in {}", file.display()))
 }
 
 impl Error {

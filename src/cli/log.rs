@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use spinney::store::autumnal::History;
 
-use super::report::{commit, print_json, print_text};
+use super::report::{commit, print_json, print_text, warn};
 
 const EXAMPLES: &str = "Examples:
   spinney log map.autumn
@@ -28,6 +28,9 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let file = History::open(&args.file, &Default::default())?;
+    if let Some(remark) = file.remark() {
+        warn(&format!("{}: {remark}", args.file.display()));
+    }
     let commits = file.commits().take(args.most.unwrap_or(usize::MAX));
     if args.json {
         let commits = commits.map(|entry| Ok(commit::as_json(&entry?))).collect::<Result<Vec<_>>>()?;

@@ -15,6 +15,7 @@ mod info;
 mod log;
 mod point;
 mod publish;
+mod recover;
 mod render;
 mod report;
 mod revert;
@@ -74,6 +75,7 @@ enum Command {
     Log(log::Args),
     Diff(diff::Args),
     Revert(revert::Args),
+    Recover(recover::Args),
     Compact(compact::Args),
     Publish(publish::Args),
     Verify(verify::Args),
@@ -98,6 +100,7 @@ impl Command {
             Command::Log(args) => log::run(&args),
             Command::Diff(args) => diff::run(&args, global),
             Command::Revert(args) => revert::run(&args, global),
+            Command::Recover(args) => recover::run(&args, global),
             Command::Compact(args) => compact::run(&args, global),
             Command::Publish(args) => publish::run(&args, global),
             Command::Verify(args) => return verify::run(&args, global),
@@ -107,9 +110,13 @@ impl Command {
     }
 }
 
-/// Opens a tree file of any type.
+/// Opens a tree file of any type, and tells what is to be known about it.
 fn open(path: &Path) -> Result<Dataset> {
-    Ok(spinney::dataset::open(path, &Default::default())?)
+    let tree = spinney::dataset::open(path, &Default::default())?;
+    if let Some(remark) = tree.remark() {
+        report::warn(&format!("{}: {remark}", path.display()));
+    }
+    Ok(tree)
 }
 
 /// Runs the program with the arguments that it was given.

@@ -24,6 +24,9 @@ pub(crate) struct Args {
     /// Tree files
     #[arg(required = true)]
     files: Vec<PathBuf>,
+    /// Check the trees of the newest commits only, or of those that are named (FILE@N)
+    #[arg(long)]
+    quick: bool,
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
@@ -31,7 +34,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     let mut good = true;
     for file in &args.files {
         let tree = spinney::dataset::open(file, &Default::default());
-        let findings = match tree.and_then(|tree| tree.verify(DEFAULT_MEMORY, &work)) {
+        let verified = tree.and_then(|tree| match args.quick {
+            true => tree.verify_quickly(DEFAULT_MEMORY, &work),
+            false => tree.verify(DEFAULT_MEMORY, &work),
+        });
+        let findings = match verified {
             Ok(findings) => findings,
             Err(Error::Interrupted) => return Err(Error::Interrupted.into()),
             Err(error) => {

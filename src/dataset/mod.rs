@@ -202,12 +202,31 @@ impl Dataset {
         Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
     }
 
+    /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
+    pub fn remark(&self) -> Option<&'static str> {
+        match self.file() {
+            TreeFile::Autumnal(file) => file.remark(),
+            _ => None,
+        }
+    }
+
     /// Checks all of the file: see [`Goblin::verify`] and [`Autumnal::verify`].
     ///
     /// # Errors
     /// If the file cannot be read, or on interruption.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         self.file().verify(memory, progress)
+    }
+
+    /// Checks all of the file but the trees of older commits.
+    ///
+    /// # Errors
+    /// As [`Dataset::verify`].
+    pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        match self.file() {
+            TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),
+            file => file.verify(memory, progress),
+        }
     }
 }
 

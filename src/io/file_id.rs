@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io;
+use std::path::Path;
 
 use super::platform::device_and_inode;
 
@@ -16,7 +17,19 @@ impl FileId {
     /// # Errors
     /// If the system cannot tell.
     pub fn of(file: &File) -> io::Result<FileId> {
-        Ok(device_and_inode(file)?.map_or_else(FileId::unique, |(device, inode)| FileId(device, inode)))
+        Ok(FileId::from_metadata(&file.metadata()?))
+    }
+
+    /// The identity of the file that a path leads to now.
+    ///
+    /// # Errors
+    /// If there is none, or the system cannot tell.
+    pub(crate) fn at(path: &Path) -> io::Result<FileId> {
+        Ok(FileId::from_metadata(&std::fs::metadata(path)?))
+    }
+
+    fn from_metadata(metadata: &std::fs::Metadata) -> FileId {
+        device_and_inode(metadata).map_or_else(FileId::unique, |(device, inode)| FileId(device, inode))
     }
 
     /// An identity that nothing else has: for bytes in memory.

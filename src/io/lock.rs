@@ -5,6 +5,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use super::file_id::FileId;
+use super::platform::path_of;
 use super::read::ReadBackend;
 use super::write::{FileBackend, WriteBackend};
 use crate::{Error, Result};
@@ -68,6 +69,17 @@ impl WriteBackend for LockedFile {
 
     fn id(&self) -> FileId {
         self.0.id()
+    }
+
+    fn check_place(&self) -> Result<()> {
+        let FileBackend { file, path } = &self.0;
+        let what = match FileId::at(path) {
+            Ok(there) if there == self.id() || there.is_unique() => return Ok(()),
+            Ok(_) => "was replaced by another file",
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => "was moved or removed",
+            Err(cause) => return Err(Error::io(path, "look at the file")(cause)),
+        };
+        Err(Error::Moved { path: path.clone(), what, file: path_of(file) })
     }
 }
 

@@ -12,14 +12,20 @@ use crate::{Error, Result};
 /// A file is written under a temporary name in the target's folder and takes the target's place only in
 /// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it.
 /// Dropping the output without committing removes the temporary file; if the process is killed, the next
-/// output of that name does.
+/// output of that name does. Where the name is a symbolic link, what it leads to is made or replaced.
 pub struct Output {
     path: PathBuf,
     sink: Sink,
 }
 
 enum Sink {
-    File(BufWriter<tempfile::NamedTempFile>),
+    File {
+        file: BufWriter<tempfile::NamedTempFile>,
+        /// The place of the file, which the path may lead to by symbolic links.
+        target: PathBuf,
+        /// Whether a file that is there by the end is an error.
+        must_be_new: bool,
+    },
     /// Standard output, a device or a pipe: there is nothing to take the place of.
     Stream(BufWriter<Box<dyn Write + Send>>),
 }
@@ -42,9 +48,10 @@ impl Output {
             let stream = File::options().write(true).open(path).map_err(Error::io(path, "open"))?;
             Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(stream)))
         } else {
+            let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
             let file =
-                temporary(path).map_err(Error::io(path, "create a temporary file beside the target"))?;
-            Sink::File(BufWriter::with_capacity(BUFFER, file))
+                temporary(&target).map_err(Error::io(path, "create a temporary file beside the target"))?;
+            Sink::File { file: BufWriter::with_capacity(BUFFER, file), target, must_be_new: false }
         };
         Ok(Output { path: path.to_path_buf(), sink })
     }
@@ -57,31 +64,46 @@ impl Output {
     /// Whether bytes go to a file, which can be overwritten in place while it is being made.
     pub fn file_mut(&mut self) -> Option<&mut File> {
         match &mut self.sink {
-            Sink::File(file) => Some(file.get_mut().as_file_mut()),
+            Sink::File { file, .. } => Some(file.get_mut().as_file_mut()),
             Sink::Stream(_) => None,
+        }
+    }
+
+    /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
+    pub fn keep_existing(&mut self) {
+        if let Sink::File { must_be_new, .. } = &mut self.sink {
+            *must_be_new = true;
         }
     }
 
     /// Puts the finished file in its place, on the disk and not only in the system's memory.
     ///
     /// An existing file's permissions are kept; a new file gets the usual ones.
+    ///
+    /// # Errors
+    /// If that fails, or there is a file that must be kept: see [`Output::keep_existing`]. The new one is gone
+    /// then.
     pub fn commit(self) -> Result<()> {
         let path = self.path;
         match self.sink {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
-            Sink::File(file) => {
+            Sink::File { file, target, must_be_new } => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
                 // The bytes are durable before the name leads to them; the folder comes last, which makes the
                 // rename durable.
                 file.as_file().sync_all().map_err(Error::io(&path, "sync"))?;
-                // Following a symbolic link keeps the link and replaces what it points to.
-                let target = std::fs::canonicalize(&path).unwrap_or_else(|_| path.clone());
-                let same_folder = folder(&target) == folder(&path)
-                    || std::fs::canonicalize(folder(&path)).is_ok_and(|f| f == folder(&target));
-                let target = if same_folder { target } else { path.clone() };
-                file.persist(&target).map_err(|e| Error::io(&path, "put in place")(e.error))?;
+                // (One step, so that no file can appear between a look and the renaming.)
+                let persisted =
+                    if must_be_new { file.persist_noclobber(&target) } else { file.persist(&target) };
+                persisted.map_err(|failed| match failed.error {
+                    cause if must_be_new && cause.kind() == io::ErrorKind::AlreadyExists => {
+                        let advice = "nothing was written; choose another name, or remove that file first";
+                        Error::unsupported(&path, "replacing a file that has appeared meanwhile", advice)
+                    }
+                    cause => Error::io(&path, "put in place")(cause),
+                })?;
                 sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
             }
         }
@@ -91,14 +113,14 @@ impl Output {
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.sink {
-            Sink::File(file) => file.write(bytes),
+            Sink::File { file, .. } => file.write(bytes),
             Sink::Stream(out) => out.write(bytes),
         }
     }
 
     fn flush(&mut self) -> io::Result<()> {
         match &mut self.sink {
-            Sink::File(file) => file.flush(),
+            Sink::File { file, .. } => file.flush(),
             Sink::Stream(out) => out.flush(),
         }
     }
@@ -109,9 +131,43 @@ const RANDOM: usize = 6;
 
 const SUFFIX: &str = ".partial";
 
+/// Bytes of a file's name that its temporary file's name has as well: with all that surrounds them they fit
+/// where names may have 255 bytes.
+const MAX_PREFIX: usize = 200;
+
+/// Symbolic links that are followed one after the other, as many as the system follows.
+const MAX_LINKS: usize = 40;
+
+/// The file that a path leads to by symbolic links; it need not be there.
+fn follow_links(path: &Path) -> io::Result<PathBuf> {
+    let mut target = path.to_path_buf();
+    for _ in 0..MAX_LINKS {
+        match std::fs::read_link(&target) {
+            // (An absolute one replaces the folder.)
+            Ok(next) => target = folder(&target).join(next),
+            // No link, or nothing there.
+            Err(_) => return Ok(target),
+        }
+    }
+    Err(io::Error::other("too many symbolic links"))
+}
+
+/// The beginning of the names of temporary files for a target.
+fn prefix(target: &Path) -> String {
+    let name = target.file_name().unwrap_or_default();
+    let text = name.to_string_lossy();
+    if text.len() <= MAX_PREFIX {
+        return format!(".{text}.");
+    }
+    // Long names may begin alike: a hash tells them apart.
+    let hash = xxhash_rust::xxh3::xxh3_64(name.as_encoded_bytes());
+    let end = (0..=MAX_PREFIX - 17).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+    format!(".{}~{hash:016x}.", &text[..end])
+}
+
 /// A file beside the target, with a lock that tells others that it is being written.
 fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
-    let prefix = format!(".{}.", target.file_name().unwrap_or_default().to_string_lossy());
+    let prefix = prefix(target);
     let folder = folder(target);
     remove_left_behind(folder, &prefix);
     loop {

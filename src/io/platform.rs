@@ -2,9 +2,9 @@
 //!
 //! Tested on Linux; macOS is Unix to this page, and Windows has what its interfaces offer for the same.
 
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Reads bytes at an offset of a file, whatever its cursor.
 #[cfg(unix)]
@@ -48,18 +48,34 @@ pub(crate) fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io
     Ok(())
 }
 
-/// Device and inode of an open file; `None` where the system has no such numbers.
-pub(super) fn device_and_inode(file: &File) -> io::Result<Option<(u64, u64)>> {
+/// Device and inode of a file; `None` where the system has no such numbers.
+pub(super) fn device_and_inode(metadata: &Metadata) -> Option<(u64, u64)> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;
-        let metadata = file.metadata()?;
-        Ok(Some((metadata.dev(), metadata.ino())))
+        Some((metadata.dev(), metadata.ino()))
     }
     #[cfg(not(unix))]
     {
+        let _ = metadata;
+        None
+    }
+}
+
+/// The place of an open file, whatever happened to its name since; `None` if it has none any more, or the
+/// system does not tell.
+pub(super) fn path_of(file: &File) -> Option<PathBuf> {
+    #[cfg(target_os = "linux")]
+    {
+        use std::os::fd::AsRawFd;
+        let path = std::fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd())).ok()?;
+        // (That of a removed file has " (deleted)" behind its name, and does not lead anywhere.)
+        path.exists().then_some(path)
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
         let _ = file;
-        Ok(None)
+        None
     }
 }
 

@@ -33,6 +33,14 @@ pub trait WriteBackend: Send {
 
     /// The identity of the file.
     fn id(&self) -> FileId;
+
+    /// Makes sure that readers find what was written: that the file is still at its path.
+    ///
+    /// # Errors
+    /// If it is not.
+    fn check_place(&self) -> Result<()> {
+        Ok(())
+    }
 }
 
 /// A file. Written with ordinary positioned writes, never through a mapping.

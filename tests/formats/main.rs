@@ -9,6 +9,7 @@ mod island;
 
 mod autumnal;
 mod autumnal_crash;
+mod autumnal_damage;
 mod autumnal_edits;
 mod autumnal_hostile;
 #[cfg(unix)]

@@ -33,6 +33,11 @@ pub(crate) fn complain(error: &anyhow::Error) {
     let _ = writeln!(io::stderr(), "spinney: {error:#}");
 }
 
+/// Writes a line about something that is no failure, but should be known.
+pub(crate) fn warn(text: &str) {
+    let _ = writeln!(io::stderr(), "warning    {text}");
+}
+
 /// Writes a part of the result.
 pub(crate) fn print_text(text: &str) -> Result<()> {
     Ok(io::stdout().write_all(text.as_bytes())?)

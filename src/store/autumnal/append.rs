@@ -5,7 +5,7 @@ use std::mem;
 use std::path::PathBuf;
 
 use super::commit::{Commit, Written};
-use super::extents::{ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
+use super::extents::{EXTENT_MAGIC, ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
 use super::layout::{MAX_RECORD, PointeredLayout, RecordBuffer};
 use super::meta::Meta;
 use super::share::{DedupTable, hash};
@@ -137,6 +137,13 @@ impl Appender {
         self.poison_unless("sync", synced)
     }
 
+    /// Makes sure that the file is still where its readers look for it.
+    fn check_place(&mut self) -> Result<()> {
+        let checked = self.backend.check_place();
+        self.is_poisoned = checked.is_err();
+        checked
+    }
+
     /// After a failure nobody knows what is on the disk, and trying again would not tell: nothing more is
     /// written.
     fn refuse_poisoned(&self) -> Result<()> {
@@ -161,12 +168,25 @@ impl Appender {
     }
 
     fn write_record(&mut self, record: NewRecord<'_>) -> Result<u64> {
-        let NewRecord { representative, children, zone } = record;
+        let zone = record.zone;
         self.open_extent(ExtentKind::Records)?;
-        let address = self.position();
-        let size = self.layout.encode(address, representative, children, &mut self.record);
-        self.buffer.extend_from_slice(&self.record[..size]);
-        self.buffer.extend_from_slice(zone);
+        let mut address = self.position();
+        let mut size = self.encode_record(address, record);
+        // Readers go back from a record to the nearest head of an extent. Values can look like one, at a place
+        // where one could be: no record of the extent may start behind that.
+        if let Some(place) = self.magic_since(address) {
+            if place < address {
+                // It is there with this record's first bytes.
+                self.buffer.truncate((address - self.start) as usize);
+                self.close_extent();
+                self.open_extent(ExtentKind::Records)?;
+                address = self.position();
+                size = self.encode_record(address, record);
+            }
+            if self.magic_since(address).is_some() {
+                self.close_extent();
+            }
+        }
         self.written.records += 1;
         self.written.bytes += (size + zone.len()) as u64;
         if !self.layout.can_point_to(address) {
@@ -174,6 +194,28 @@ impl Appender {
             return Err(Error::unsupported(&self.path, "a file too long for its pointers", advice));
         }
         Ok(address)
+    }
+
+    /// Appends a record to the buffer, and tells its size without the zone.
+    fn encode_record(&mut self, address: u64, record: NewRecord<'_>) -> usize {
+        let NewRecord { representative, children, zone } = record;
+        let size = self.layout.encode(address, representative, children, &mut self.record);
+        self.buffer.extend_from_slice(&self.record[..size]);
+        self.buffer.extend_from_slice(zone);
+        size
+    }
+
+    /// The first place where an extent could start and whose first bytes, of which at least one lies behind
+    /// `address`, are those of a head.
+    fn magic_since(&self, address: u64) -> Option<u64> {
+        let (length, end) = (EXTENT_MAGIC.len() as u64, self.position());
+        let first = (address + 1).saturating_sub(length).next_multiple_of(SECTOR);
+        // (The open extent's own head is not written yet.)
+        (first..end).step_by(SECTOR as usize).find(|place| {
+            place
+                .checked_sub(self.start)
+                .is_some_and(|at| self.buffer[at as usize..].starts_with(&EXTENT_MAGIC))
+        })
     }
 
     /// The content of a record, which is the same wherever it stands: INNER children are told by their
@@ -274,8 +316,12 @@ impl Appender {
         // The slot must not become durable before what it names; and nobody may hear of a commit that is not
         // durable.
         self.sync()?;
+        // Nor of one that is in a file that nobody finds: before the slot there is no commit yet, and after it
+        // there is one where the file is now.
+        self.check_place()?;
         self.write_at("write the meta slot", meta.offset(), &meta.to_bytes())?;
         self.sync()?;
+        self.check_place()?;
         // A torn write of the next commit must not damage a page of this one, which is durable.
         self.start = self.start.next_multiple_of(PAGE);
         self.written = Written::default();

@@ -10,7 +10,8 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 use super::commit::Commit;
 use super::extents::{Extents, FIRST_EXTENT, PAGE};
 use super::layout::PointeredLayout;
-use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE};
+use super::meta::Meta;
+use super::newest::{Look, Newest, find_newest};
 use crate::io::{FileId, ReadBackend};
 use crate::store::container::{Header, TreeFormat};
 use crate::{Error, Result};
@@ -47,45 +48,17 @@ pub(super) fn first_page(header: &Header, layout: &PointeredLayout, share: bool)
     page
 }
 
-/// A file as it was when it was opened, with all commits up to the newest.
-#[derive(Clone)]
-pub(super) struct Archive {
-    pub(super) header: Header,
-    pub(super) layout: PointeredLayout,
-    /// Whether equal subtrees are stored once.
-    pub(super) share: bool,
-    pub(super) extents: Arc<Extents>,
-    pub(super) meta: Meta,
-    pub(super) file: FileId,
+/// The content of the header page.
+struct Pages {
+    header: Header,
+    layout: PointeredLayout,
+    share: bool,
 }
 
-/// Bytes of a file, and which file it is.
-pub(crate) type OpenFile = (Box<dyn ReadBackend>, FileId);
-
-/// Times that slots are read when none is whole: a writer may have been at both, one after the other.
-const MAX_ATTEMPTS: u32 = 100;
-
-impl Archive {
-    /// Opens a file; `open` is called again if a writer was too fast.
-    pub(super) fn open(path: &Path, open: &dyn Fn() -> Result<OpenFile>, check: bool) -> Result<Archive> {
-        for attempt in 0..MAX_ATTEMPTS {
-            // From the header on: by now there may be another file of that name.
-            if let Some(archive) = Archive::read(path, open()?, check)? {
-                return Ok(archive);
-            }
-            std::thread::sleep(Duration::from_micros(u64::from(attempt) * 10));
-        }
-        Err(no_meta(path))
-    }
-
-    /// Opens a file that is in memory, where nobody writes.
-    pub(super) fn of_bytes(path: &Path, bytes: Vec<u8>) -> Result<Archive> {
-        Archive::read(path, (Box::new(bytes), FileId::unique()), true)?.ok_or_else(|| no_meta(path))
-    }
-
-    /// Opens what a file holds; `None` if neither slot is whole.
-    fn read(path: &Path, (bytes, file): OpenFile, check: bool) -> Result<Option<Archive>> {
-        let (format, header) = Header::read(path, &*bytes)?;
+impl Pages {
+    /// Reads and checks the page.
+    fn read(path: &Path, bytes: &dyn ReadBackend) -> Result<Pages> {
+        let (format, header) = Header::read(path, bytes)?;
         if format != TreeFormat::Autumnal {
             let advice =
                 "`spinney publish` makes an Autumnal file of it, which can be edited and has a history";
@@ -106,22 +79,103 @@ impl Archive {
             let found = format!("pointers of {} and {} bytes", raw.relative, raw.absolute);
             return Err(corrupt("header", &found, "1 to 4 and at most 8 bytes, with their checksum"));
         }
-        // A slot whose commit ends behind these bytes does not count, since it may have been written after
-        // they were opened: the other one is taken, if that is whole.
-        let Some(meta) = newest_meta(&*bytes)? else { return Ok(None) };
         let layout = PointeredLayout::new(header.form, raw.relative, raw.absolute);
-        let extents = Arc::new(Extents::new(path, bytes, meta.end, check)?);
-        Ok(Some(Archive { header, layout, share: raw.share != 0, extents, meta, file }))
+        Ok(Pages { header, layout, share: raw.share != 0 })
+    }
+
+    fn archive(self, extents: Extents, meta: Meta, newest: Newest, file: FileId) -> Archive {
+        let Pages { header, layout, share } = self;
+        Archive { header, layout, share, extents: Arc::new(extents), meta, newest, file }
+    }
+}
+
+/// A file as it was when it was opened, with all commits up to the newest.
+#[derive(Clone)]
+pub(super) struct Archive {
+    pub(super) header: Header,
+    pub(super) layout: PointeredLayout,
+    /// Whether equal subtrees are stored once.
+    pub(super) share: bool,
+    pub(super) extents: Arc<Extents>,
+    /// The slot of the newest commit that can be read.
+    pub(super) meta: Meta,
+    /// Anything about the newest commit that whoever uses the file should know.
+    pub(super) newest: Newest,
+    pub(super) file: FileId,
+}
+
+/// Bytes of a file, and which file it is.
+pub(crate) type OpenFile = (Box<dyn ReadBackend>, FileId);
+
+/// Times that slots are read when none is whole: a writer may have been at both, one after the other.
+const MAX_ATTEMPTS: u32 = 100;
+
+/// Looks at a slot that is damaged, or leads to what is not there, after which it is believed: what it leads to
+/// is written before it, so that a second look at a file that is being written finds it.
+const ENOUGH_ATTEMPTS: u32 = 3;
+
+impl Archive {
+    /// Opens a file; `open` is called again if a writer was too fast.
+    pub(super) fn open(path: &Path, open: &dyn Fn() -> Result<OpenFile>, check: bool) -> Result<Archive> {
+        for attempt in 0..MAX_ATTEMPTS {
+            // From the header on: by now there may be another file of that name.
+            if let Some(archive) = Archive::read(path, open()?, check, attempt)? {
+                return Ok(archive);
+            }
+            std::thread::sleep(Duration::from_micros(u64::from(attempt) * 10));
+        }
+        Err(no_meta(path))
+    }
+
+    /// Opens a file that is in memory, where nobody writes.
+    pub(super) fn of_bytes(path: &Path, bytes: Vec<u8>) -> Result<Archive> {
+        Archive::read(path, (Box::new(bytes), FileId::unique()), true, MAX_ATTEMPTS)?
+            .ok_or_else(|| no_meta(path))
+    }
+
+    /// Opens what a file holds; `None` if it should be looked at again, since a writer may have been at it.
+    fn read(path: &Path, (bytes, file): OpenFile, check: bool, attempt: u32) -> Result<Option<Archive>> {
+        let pages = Pages::read(path, &*bytes)?;
+        // A slot whose commit ends behind these bytes may have been written after they were opened.
+        let (bytes, meta, newest) = match find_newest(path, bytes)? {
+            Look::Nothing(Some(error)) if attempt >= ENOUGH_ATTEMPTS => return Err(error),
+            Look::Nothing(_) => return Ok(None),
+            Look::Found(bytes, meta, newest) if newest == Newest::Good || attempt >= ENOUGH_ATTEMPTS => {
+                (bytes, meta, newest)
+            }
+            Look::Found(..) => return Ok(None),
+        };
+        let extents = Extents::new(path, bytes, meta.end, check)?;
+        Ok(Some(pages.archive(extents, meta, newest, file)))
+    }
+
+    /// Opens a file up to a commit whose slot is not there.
+    pub(super) fn at(path: &Path, (bytes, file): OpenFile, meta: Meta) -> Result<Archive> {
+        let pages = Pages::read(path, &*bytes)?;
+        let extents = Extents::new(path, bytes, meta.end, true)?;
+        Ok(pages.archive(extents, meta, Newest::Good, file))
+    }
+
+    /// A remark on the file that whoever reads it should know.
+    pub(super) fn remark(&self) -> Option<&'static str> {
+        let remark = "the meta slot of its newest commit is damaged; the commit was found behind the one before, and \
+                      the next edit mends the slot";
+        (self.newest == Newest::BehindSlot).then_some(remark)
     }
 
     /// The newest commit.
     pub(super) fn newest(&self) -> Result<Commit> {
+        self.newest.check(&self.extents)?;
         Commit::read(&self.extents, self.meta.commit)
     }
 
-    /// The commit with a number.
+    /// The commit with a number, which may be older than one that is damaged.
     pub(super) fn commit(&self, number: u64) -> Result<Commit> {
-        let mut commit = self.newest()?;
+        let mut commit = Commit::read(&self.extents, self.meta.commit)?;
+        if commit.number < number {
+            // It may be the one that cannot be read.
+            self.newest.check(&self.extents)?;
+        }
         // By jumps as long as they do not lead too far, else step by step. (Both lead back in the file, so
         // that there is an end whatever the commits say.)
         while commit.number > number && commit.previous != 0 {
@@ -145,21 +199,4 @@ impl Archive {
 fn no_meta(path: &Path) -> Error {
     let found = "none that is whole and fits the file";
     Error::corrupt(path, "meta slots", found, "one (is the file cut short?)")
-}
-
-/// The newer of the slots that are whole.
-pub(super) fn newest_meta(bytes: &dyn ReadBackend) -> Result<Option<Meta>> {
-    let mut newest: Option<Meta> = None;
-    // (A file may have been cut since somebody looked at its length.)
-    if bytes.len() < FIRST_EXTENT {
-        return Ok(None);
-    }
-    for offset in SLOT_OFFSETS {
-        if let Some(meta) = Meta::from_bytes(&bytes.read(offset, SLOT_SIZE)?, bytes.len())
-            && newest.is_none_or(|newest| newest.sequence < meta.sequence)
-        {
-            newest = Some(meta);
-        }
-    }
-    Ok(newest)
 }

@@ -3,6 +3,7 @@
 use super::append::{Appender, NewRecord};
 use super::commit::Root;
 use super::reader::{Autumnal, Node};
+use super::verified::Verified;
 use super::zone::{Zone, zone_height};
 use crate::Result;
 use crate::space::{Code, Dimension};
@@ -25,7 +26,7 @@ pub(super) enum Mode<'a> {
     /// They are written, unless the file has them.
     Write(&'a mut Appender),
     /// All of them should be in the file, and those that are not are findings.
-    Check(&'a mut Vec<Finding>),
+    Check(&'a mut Vec<Finding>, &'a Verified),
 }
 
 /// A node and all that is below it, which is in the file.
@@ -147,11 +148,16 @@ impl<'a> RecordBuilder<'a> {
         if let (Some(base), Some(old)) = (self.base, old)
             && is_same(base, old, record)?
         {
+            if let Mode::Check(_, verified) = &self.mode
+                && !record.zone.is_empty()
+            {
+                verified.insert(old);
+            }
             return Ok(old.address);
         }
         match &mut self.mode {
             Mode::Write(appender) => appender.record(record),
-            Mode::Check(findings) => {
+            Mode::Check(findings, _) => {
                 let place = format!("node {code}");
                 let problem = "its record, or its zone, is not what the leaves below make it";
                 findings.push(Finding { place, problem: problem.into() });

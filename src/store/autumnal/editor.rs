@@ -11,6 +11,7 @@ use super::commit::{Commit, Note, Root, Written};
 use super::extents::{ExtentKind, Extents, FIRST_EXTENT};
 use super::layout::PointeredLayout;
 use super::meta::Meta;
+use super::newest::Newest;
 use super::reader::Autumnal;
 use crate::io::{FileBackend, LockedFile, WriteBackend};
 use crate::store::builder::{BuildOptions, Fill, ReusableSource, TreeSink, walk};
@@ -57,12 +58,15 @@ impl Editor {
     /// # Errors
     /// As [`Editor::open`].
     pub fn on(mut backend: Box<dyn WriteBackend>, path: &Path, memory: u64) -> Result<Editor> {
+        // Between opening the file and locking it another one may have taken its place.
+        backend.check_place()?;
         let archive = Archive::open(path, &|| open_file(&*backend), true)?;
+        // Nothing is written to a file whose newest commit is damaged: it would be lost for good.
+        let newest = archive.newest()?;
         // Perhaps the newest slot was written and never became durable: what comes next stands on it.
         let meta = archive.meta;
         backend.write(meta.offset(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
         backend.sync().map_err(Error::io(path, "sync"))?;
-        let newest = archive.newest()?;
         let share = archive.share.then_some(memory / 4);
         let appender = Appender::new(backend, path.to_path_buf(), archive.layout.clone(), meta.end, share);
         let draft = Arc::new(Autumnal::new(archive, newest.clone())?);
@@ -87,7 +91,15 @@ impl Editor {
         let (bytes, file) = open_file(&*backend)?;
         let meta = Meta { sequence: 0, commit: 0, end: FIRST_EXTENT };
         let extents = Arc::new(Extents::new(&path, bytes, FIRST_EXTENT, true)?);
-        let archive = Archive { header, layout: layout.clone(), share: options.share, extents, meta, file };
+        let archive = Archive {
+            header,
+            layout: layout.clone(),
+            share: options.share,
+            extents,
+            meta,
+            newest: Newest::Good,
+            file,
+        };
         let commit = Commit {
             number: 0,
             note: Note::default(),
@@ -251,6 +263,6 @@ impl Editor {
 }
 
 /// The bytes that a backend has now, and which file it is.
-fn open_file(backend: &dyn WriteBackend) -> Result<OpenFile> {
+pub(super) fn open_file(backend: &dyn WriteBackend) -> Result<OpenFile> {
     Ok((backend.reader()?, backend.id()))
 }

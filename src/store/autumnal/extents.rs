@@ -9,6 +9,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout, Unaligned};
 
+use super::meta::Slot;
+use super::newest::slots;
 use crate::io::ReadBackend;
 use crate::{Error, Result};
 
@@ -31,7 +33,8 @@ const MAX_WHOLE: u64 = 16 << 20;
 /// Bytes that are read at a time where only their checksum is wanted.
 const CHECK_BYTES: u64 = 1 << 20;
 
-const MAGIC: [u8; 4] = *b"Extt";
+/// First bytes of an extent.
+pub(super) const EXTENT_MAGIC: [u8; 4] = *b"Extt";
 
 /// The content of an extent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +63,7 @@ struct RawHead {
 /// The head of an extent that starts at `start`.
 pub(super) fn head(kind: ExtentKind, start: u64, payload: &[u8]) -> [u8; HEAD_SIZE] {
     let mut raw = RawHead {
-        magic: MAGIC,
+        magic: EXTENT_MAGIC,
         kind: kind as u8,
         zero: [0; 3],
         start: start.into(),
@@ -159,6 +162,16 @@ impl Extents {
         Ok(Extents { path: path.to_path_buf(), backend, end, verified, check })
     }
 
+    /// Both meta slots as they are now.
+    pub(super) fn slots(&self) -> Result<[Slot; 2]> {
+        slots(&*self.backend)
+    }
+
+    /// Gives the backend back.
+    pub(super) fn into_backend(self) -> Box<dyn ReadBackend> {
+        self.backend
+    }
+
     pub(super) fn file_size(&self) -> u64 {
         self.backend.len()
     }
@@ -231,7 +244,7 @@ impl Extents {
         let bytes = self.backend.read(start, HEAD_SIZE)?;
         let Ok(raw) = RawHead::ref_from_bytes(&bytes) else { return Ok(None) };
         let fits = raw.length.get() <= self.end - start - HEAD_SIZE as u64;
-        let is_head = raw.magic == MAGIC
+        let is_head = raw.magic == EXTENT_MAGIC
             && raw.start.get() == start
             && fits
             && raw.head_checksum.get() == crc32c::crc32c(&bytes[..HEAD_SIZE - 4]);

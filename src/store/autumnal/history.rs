@@ -26,6 +26,11 @@ impl History {
         &self.archive.header
     }
 
+    /// A remark on the file that whoever reads it should know.
+    pub fn remark(&self) -> Option<&'static str> {
+        self.archive.remark()
+    }
+
     /// Whether equal subtrees are stored once.
     pub fn is_shared(&self) -> bool {
         self.archive.share
@@ -40,14 +45,15 @@ impl History {
         self.archive.commit(number)
     }
 
-    /// All commits, the newest first.
+    /// All commits, the newest first. Where newer ones are damaged, an error comes last that says so.
     pub fn commits(&self) -> impl Iterator<Item = Result<Commit>> + '_ {
         let mut next = Some(self.archive.meta.commit);
-        std::iter::from_fn(move || {
+        let commits = std::iter::from_fn(move || {
             let commit = Commit::read(&self.archive.extents, next.take()?);
             // After an error there is no next one.
             next = commit.as_ref().ok().map(|commit| commit.previous).filter(|previous| *previous != 0);
             Some(commit)
-        })
+        });
+        commits.chain(self.archive.newest.check(&self.archive.extents).err().map(Err))
     }
 }

@@ -54,13 +54,26 @@ impl Meta {
         raw.as_bytes().try_into().expect("as long as it is")
     }
 
-    /// A slot, if it is whole and makes sense in a file of so many bytes.
-    pub(super) fn from_bytes(bytes: &[u8], file_length: u64) -> Option<Meta> {
-        let raw = RawMeta::ref_from_bytes(bytes).ok()?;
+    /// What stands in the slot at an offset.
+    pub(super) fn from_bytes(bytes: &[u8], offset: u64) -> Slot {
+        let Ok(raw) = RawMeta::ref_from_bytes(bytes) else { return Slot::Damaged };
+        if bytes.iter().all(|byte| *byte == 0) {
+            return Slot::Empty;
+        }
         let good = raw.magic == MAGIC && raw.checksum.get() == crc32c::crc32c(&bytes[..SLOT_SIZE - 4]);
         let meta = Meta { sequence: raw.sequence.get(), commit: raw.commit.get(), end: raw.end.get() };
         let fits =
-            meta.sequence > 0 && (FIRST_EXTENT..meta.end).contains(&meta.commit) && meta.end <= file_length;
-        (good && fits).then_some(meta)
+            meta.sequence > 0 && meta.offset() == offset && (FIRST_EXTENT..meta.end).contains(&meta.commit);
+        if good && fits { Slot::Whole(meta) } else { Slot::Damaged }
     }
+}
+
+/// Content of a slot's page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Slot {
+    /// Nothing was ever written there, or it was lost.
+    Empty,
+    Whole(Meta),
+    /// Half a slot, as a crash leaves it, or one that was damaged since.
+    Damaged,
 }

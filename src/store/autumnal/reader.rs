@@ -5,10 +5,11 @@ use std::cell::Cell;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-use super::archive::{Archive, OpenFile, newest_meta};
+use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
 use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, PointeredLayout, RELATIVE};
+use super::newest::{slots, whole};
 use super::zone::{BadZone, Zone, records, zone_height};
 use crate::io::FileId;
 use crate::space::Code;
@@ -20,7 +21,7 @@ use crate::value::{Tally, Value};
 use crate::{Error, Result};
 
 /// An INNER node of an open file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
     /// Offset of its record in the file.
     pub(super) address: u64,
@@ -152,7 +153,7 @@ impl Autumnal {
         let Archive { meta, file, .. } = self.archive;
         let is_same = |other_meta, other: FileId| other_meta == meta && (other == file || other.is_unique());
         let (bytes, current) = options.open_with_id(path)?;
-        if newest_meta(&*bytes)?.is_some_and(|newest| is_same(newest, current)) {
+        if whole(&slots(&*bytes)?).first().is_some_and(|newest| is_same(*newest, current)) {
             return Ok(false);
         }
         let new = Autumnal::open(path, options)?;
@@ -181,6 +182,12 @@ impl Autumnal {
     /// The commit.
     pub fn commit(&self) -> &Commit {
         &self.commit
+    }
+
+    /// A remark on the file that whoever reads it should know: that its newest commit was not found where it
+    /// should be.
+    pub fn remark(&self) -> Option<&'static str> {
+        self.archive.remark()
     }
 
     /// Whether equal subtrees are stored once.

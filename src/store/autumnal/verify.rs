@@ -6,31 +6,72 @@
 use super::builder::{Mode, RecordBuilder, shape};
 use super::commit::Commit;
 use super::extents::{FIRST_EXTENT, PAGE, SECTOR};
+use super::meta::Slot;
 use super::reader::Autumnal;
+use super::verified::{Unverified, Verified};
 use crate::store::builder::{BuildOptions, walk};
 use crate::store::container::{Finding, MAX_FINDINGS};
 use crate::tree::Source;
 use crate::{Error, Progress, Result};
 
 impl Autumnal {
-    /// Checks every checksum of the file, all its commits, and every rule of the tree: pointers that lead to
-    /// records, representatives and zones that agree with the leaves, no uniform INNER node. Takes about as
-    /// long as building; memory is bounded by `memory`.
+    /// Checks every checksum of the file, all its commits, and every rule of their trees: pointers that lead
+    /// to records, representatives and zones that agree with the leaves, no uniform INNER node. What trees,
+    /// and parts of a tree, have in common is looked at once, as far as `memory` allows. Takes about as long
+    /// as building.
     ///
     /// # Errors
     /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
     /// at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        self.verify_trees(true, memory, progress)
+    }
+
+    /// Checks as [`Autumnal::verify`] does, but no trees of other commits than this one.
+    ///
+    /// # Errors
+    /// As [`Autumnal::verify`].
+    pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        self.verify_trees(false, memory, progress)
+    }
+
+    fn verify_trees(&self, all: bool, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
+        self.verify_slots(&mut findings)?;
+        let slots = findings.len();
         self.verify_extents(&mut findings, progress)?;
-        if findings.is_empty() {
+        if findings.len() == slots {
             self.verify_commits(&mut findings)?;
         }
-        if findings.is_empty() {
-            self.verify_tree(&mut findings, memory, progress)?;
+        if findings.len() > slots {
+            findings.truncate(MAX_FINDINGS);
+            return Ok(findings);
+        }
+        let verified = Verified::new(memory / 2);
+        self.verify_tree(&mut findings, &verified, memory / 2, progress)?;
+        let mut next = if all { self.archive.meta.commit } else { 0 };
+        while next != 0 && findings.len() < MAX_FINDINGS {
+            let commit = Commit::read(self.extents(), next)?;
+            next = commit.previous;
+            if commit.number != self.commit.number {
+                let tree = Autumnal::new(self.archive.clone(), commit)?;
+                tree.verify_tree(&mut findings, &verified, memory / 2, progress)?;
+            }
         }
         findings.truncate(MAX_FINDINGS);
         Ok(findings)
+    }
+
+    /// A slot that is not whole does no harm, but something has damaged it.
+    fn verify_slots(&self, findings: &mut Vec<Finding>) -> Result<()> {
+        for (slot, name) in self.extents().slots()?.into_iter().zip(["first", "second"]) {
+            // (The first commit of a file has an empty slot beside its own.)
+            if slot == Slot::Damaged || slot == Slot::Empty && self.archive.meta.sequence > 1 {
+                let problem = "is damaged; the next edit writes it anew".into();
+                findings.push(Finding { place: format!("{name} meta slot"), problem });
+            }
+        }
+        Ok(())
     }
 
     /// Extents lie one behind the other; what was given up may stand between two commits.
@@ -83,25 +124,36 @@ impl Autumnal {
         Ok(())
     }
 
-    fn verify_tree(&self, findings: &mut Vec<Finding>, memory: u64, progress: &dyn Progress) -> Result<()> {
+    /// Checks the commit's tree, but for what was verified already.
+    fn verify_tree(
+        &self,
+        findings: &mut Vec<Finding>,
+        verified: &Verified,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<()> {
         let options = BuildOptions::like(self.header(), memory);
         let form = self.form();
         let mut made = Vec::new();
-        let mode = Mode::Check(&mut made);
+        let mode = Mode::Check(&mut made, verified);
         let mut builder = RecordBuilder::new(form, &options, [u64::MAX; 3], mode, Some(self), None);
-        let walked =
-            walk(self, &options, shape(form.dimension, options.depth), false, &mut builder, progress);
+        let source = Unverified { tree: self, verified };
+        let shape = shape(form.dimension, options.depth);
+        let walked = walk(&source, &options, shape, true, &mut builder, progress);
+        let place = format!("commit {}", self.commit.number);
         let is_good = walked.is_ok();
-        add(findings, "tree".into(), walked)?;
+        add(findings, format!("{place}, tree"), walked)?;
         if is_good {
             let (root, zone) = builder.finish();
             let commit = &self.commit;
             if (&root, zone.records, zone.tally.cells) != (&commit.root, commit.records, commit.cells) {
                 let problem = format!("a root or totals that differ from the tree's: {root:?}");
-                findings.push(Finding { place: format!("commit {}", commit.number), problem });
+                findings.push(Finding { place: place.clone(), problem });
             }
         }
-        findings.append(&mut made);
+        let made = made.into_iter();
+        findings
+            .extend(made.map(|finding| Finding { place: format!("{place}, {}", finding.place), ..finding }));
         Ok(())
     }
 }

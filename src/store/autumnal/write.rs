@@ -39,6 +39,8 @@ pub(super) fn backend(output: &mut Output) -> Result<Box<FileBackend>> {
         let advice = "edit it (see `spinney edit --help`), or remove it first: its history would be lost";
         return Err(Error::unsupported(&path, "replacing an Autumnal file that is there", advice));
     }
+    // The same holds at the end: an edit of a file that appears meanwhile must not be lost either.
+    output.keep_existing();
     let Some(file) = output.file_mut() else {
         return Err(Error::unsupported(&path, "an Autumnal file in a pipe", "write it to a file"));
     };

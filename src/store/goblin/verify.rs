@@ -22,7 +22,7 @@ impl Goblin {
     /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
     /// at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        let mut checker = Checker { file: self, findings: Vec::new(), seen: 0 };
+        let mut checker = Checker { file: self, findings: Vec::new(), seen: 0, records: 0 };
         checker.checksums()?;
         checker.directory();
         // A tree with bytes that are known to be wrong would only say so again, at length.
@@ -43,6 +43,10 @@ impl Goblin {
             let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
             checker.add("directory".into(), found);
         }
+        if self.stored_records() != checker.records {
+            let problem = format!("{} records, the segments have {}", self.stored_records(), checker.records);
+            checker.add("trailer".into(), problem);
+        }
         if self.root_child() != root.child {
             let show = |child| show_child(self.header().form.value, child);
             let (found, made) = (show(self.root_child()), show(root.child));
@@ -61,6 +65,8 @@ struct Checker<'a> {
     findings: Vec<Finding>,
     /// Segments of the file that the tree needs.
     seen: usize,
+    /// Records in those.
+    records: u64,
 }
 
 impl Checker<'_> {
@@ -126,6 +132,7 @@ impl SegmentSink for Checker<'_> {
         self.seen += 1;
         let segment = self.file.segment(index)?;
         let records = segment.records();
+        self.records += (records.len() / size) as u64;
         if records != should.records {
             let pairs = records.chunks_exact(size).zip(should.records.chunks_exact(size));
             let same = pairs.take_while(|(found, made)| found == made).count();

@@ -1,0 +1,36 @@
+//! `spinney recover`: an older commit instead of a damaged one.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use spinney::store::autumnal::recover;
+
+use super::Global;
+use super::report::Work;
+
+const EXAMPLES: &str = "Examples:
+  spinney log map.autumn                             the commits that can be read, and what is wrong
+  cp map.autumn copy.autumn                          what is given up may be of use to somebody
+  spinney recover map.autumn --to 11";
+
+/// Make an older commit the newest, in an Autumnal file whose newest commit is damaged
+///
+/// What comes behind the commit is given up: the next edit writes over it. Files that are not damaged are left
+/// alone; `spinney revert` goes back without losing anything.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// The Autumnal file
+    file: PathBuf,
+    /// The commit's number
+    #[arg(long, value_name = "N")]
+    to: u64,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let work = Work::start(global, "bytes")?;
+    let commit = recover(&args.file, args.to, &work)?;
+    work.finish();
+    global.report("newest", format_args!("commit {}; what came behind it is given up", commit.number));
+    Ok(())
+}

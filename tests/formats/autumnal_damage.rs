@@ -1,0 +1,253 @@
+//! Damage to the newest commit of an Autumnal file, and files that are moved or appear while somebody writes: nothing is
+//! rolled back or lost without a word.
+
+use std::cell::Cell;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use spinney::io::Output;
+use spinney::ops::{Edit, FillRegion, convert, edit};
+use spinney::space::Bounds;
+use spinney::store::OpenOptions;
+use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact, recover};
+use spinney::{Error, Progress};
+use tempfile::TempDir;
+
+/// Offset of the slots, and bytes of one.
+const SLOTS: [usize; 2] = [4096, 8192];
+const SLOT: usize = 40;
+
+/// A corner of the classic picture gets a value.
+fn fill(value: f64) -> Edit {
+    Edit::Fill(FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] }), Some(vec![value]))
+}
+
+/// A file with so many commits.
+fn file(commits: u64) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.autumn");
+    publish(&path);
+    for number in 1..commits {
+        edit(&path, [Ok(fill(number as f64 + 2.0))], Note::default(), 1 << 20, &()).unwrap();
+    }
+    (folder, path)
+}
+
+fn publish(path: &Path) {
+    let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
+    convert(&goblin, false, Output::create(path).unwrap(), 1 << 20, &()).unwrap();
+}
+
+fn open(path: &Path) -> spinney::Result<Autumnal> {
+    Autumnal::open(path, &OpenOptions::new())
+}
+
+fn numbers(path: &Path) -> Vec<Option<u64>> {
+    let history = History::open(path, &OpenOptions::new()).unwrap();
+    history.commits().map(|commit| commit.ok().map(|commit| commit.number)).collect()
+}
+
+/// Where the newest commit's extent starts, and where it ends.
+fn newest(bytes: &[u8]) -> (usize, usize) {
+    let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+    let slot = SLOTS.into_iter().max_by_key(|slot| number(slot + 8)).unwrap();
+    (number(slot + 16) as usize, number(slot + 24) as usize)
+}
+
+#[test]
+fn every_bit_of_every_slot_is_told_or_harmless() {
+    for commits in 1..4 {
+        let (_folder, path) = file(commits);
+        let bytes = std::fs::read(&path).unwrap();
+        let mut mended = 0;
+        for slot in SLOTS {
+            for bit in 0..8 * SLOT {
+                let mut bytes = bytes.clone();
+                bytes[slot + bit / 8] ^= 1 << (bit % 8);
+                let Ok(tree) = Autumnal::from_bytes(bytes) else {
+                    assert_eq!(commits, 1, "bit {bit} of the slot at {slot}");
+                    continue;
+                };
+                assert_eq!(tree.commit().number, commits, "bit {bit} of the slot at {slot}");
+                mended += u32::from(tree.remark().is_some());
+                let findings = tree.verify(1 << 20, &()).unwrap();
+                assert_eq!(findings.len(), 1, "{findings:?}");
+                assert!(findings[0].place.contains("meta slot"), "{findings:?}");
+            }
+        }
+        // Those of the newest slot.
+        assert_eq!(mended, if commits == 1 { 0 } else { 8 * SLOT as u32 });
+    }
+}
+
+#[test]
+fn every_truncation_is_told() {
+    let (_folder, path) = file(3);
+    let bytes = std::fs::read(&path).unwrap();
+    let (_, end) = newest(&bytes);
+    for length in 0..bytes.len() {
+        match Autumnal::from_bytes(bytes[..length].to_vec()) {
+            Ok(tree) => assert!(length >= end && tree.commit().number == 3, "{length} bytes"),
+            Err(error) => assert!(length < end, "{length} bytes: {error}"),
+        }
+    }
+    std::fs::write(&path, &bytes[..end - 1]).unwrap();
+    let error = open(&path).err().unwrap().to_string();
+    assert!(error.contains("cut short") && error.contains("spinney recover"), "{error}");
+    // Older commits are there, and nobody writes over anything.
+    assert_eq!(numbers(&path), [Some(2), Some(1), None]);
+    let older = PathBuf::from(format!("{}@2", path.display()));
+    assert_eq!(open(&older).unwrap().commit().number, 2);
+    assert!(edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).is_err());
+    assert_eq!(std::fs::read(&path).unwrap(), &bytes[..end - 1]);
+}
+
+#[test]
+fn an_editor_mends_a_slot_and_goes_on_from_the_newest_commit() {
+    let (_folder, path) = file(3);
+    let mut bytes = std::fs::read(&path).unwrap();
+    bytes[SLOTS[0] + 8] ^= 64;
+    std::fs::write(&path, &bytes).unwrap();
+    assert!(open(&path).unwrap().remark().is_some());
+    edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).unwrap();
+    let tree = open(&path).unwrap();
+    assert_eq!((tree.commit().number, tree.remark()), (4, None));
+    assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
+    assert_eq!(numbers(&path), [Some(4), Some(3), Some(2), Some(1)]);
+}
+
+#[test]
+fn a_damaged_commit_stops_editors_until_somebody_chooses() {
+    for slots_are_lost in [false, true] {
+        let (_folder, path) = file(4);
+        assert!(matches!(recover(&path, 2, &()), Err(Error::Unsupported { .. })), "nothing is damaged");
+        let mut bytes = std::fs::read(&path).unwrap();
+        let (commit, _) = newest(&bytes);
+        bytes[commit + 40] ^= 1;
+        if slots_are_lost {
+            SLOTS.into_iter().for_each(|slot| bytes[slot] ^= 1);
+        }
+        std::fs::write(&path, &bytes).unwrap();
+        assert!(open(&path).is_err());
+        assert!(edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).is_err());
+        assert_eq!(std::fs::read(&path).unwrap(), bytes, "an edit that is refused writes nothing");
+        assert!(matches!(recover(&path, 4, &()), Err(Error::Corrupt { .. } | Error::Invalid { .. })));
+        assert_eq!(recover(&path, 2, &()).unwrap().number, 2);
+        let tree = open(&path).unwrap();
+        assert_eq!((tree.commit().number, tree.verify(1 << 20, &()).unwrap()), (2, vec![]));
+        edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).unwrap();
+        assert_eq!(numbers(&path), [Some(3), Some(2), Some(1)]);
+        assert_eq!(open(&path).unwrap().verify(1 << 20, &()).unwrap(), []);
+    }
+}
+
+#[test]
+fn a_torn_slot_does_not_bring_back_what_never_was_whole() {
+    let (_folder, path) = file(3);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let (commit, _) = newest(&bytes);
+    // The slot and the commit: two damages.
+    bytes[SLOTS[0] + 8] ^= 64;
+    bytes[commit - 512 + 33] ^= 1;
+    assert!(Autumnal::from_bytes(bytes.clone()).is_err());
+}
+
+/// Somebody who does something while others work.
+struct Meanwhile<F: FnOnce() + Send>(Mutex<Cell<Option<F>>>);
+
+impl<F: FnOnce() + Send> Meanwhile<F> {
+    fn new(action: F) -> Self {
+        Meanwhile(Mutex::new(Cell::new(Some(action))))
+    }
+}
+
+impl<F: FnOnce() + Send> Progress for Meanwhile<F> {
+    fn advance(&self, _: u64, _: u64) {
+        if let Some(action) = self.0.lock().unwrap().take() {
+            action();
+        }
+    }
+}
+
+#[test]
+fn a_file_that_appears_meanwhile_is_not_replaced() {
+    let (folder, path) = file(2);
+    let target = folder.path().join("new.autumn");
+    let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
+    let appear = || {
+        publish(&target);
+        edit(&target, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).unwrap();
+    };
+    let meanwhile = Meanwhile::new(appear);
+    let refused = convert(&goblin, false, Output::create(&target).unwrap(), 1 << 20, &meanwhile).unwrap_err();
+    assert!(refused.to_string().contains("has appeared"), "{refused}");
+    assert_eq!(open(&target).unwrap().commit().number, 2);
+
+    std::fs::remove_file(&target).unwrap();
+    let meanwhile = Meanwhile::new(appear);
+    let output = Output::create(&target).unwrap();
+    compact(&path, &Keep::Last(1), false, output, 1 << 20, &meanwhile).unwrap_err();
+    assert_eq!(open(&target).unwrap().commit().number, 2);
+    let names: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names.len(), 2, "nothing is left behind: {names:?}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_commit_in_a_file_that_was_moved_fails_and_says_where_it_is() {
+    let (folder, path) = file(2);
+    let elsewhere = folder.path().join("elsewhere.autumn");
+    let begun = |path: &Path| {
+        let mut editor = Editor::open(path, 1 << 20).unwrap();
+        spinney::ops::apply_edits(&mut editor, &mut [Ok(fill(9.0))].into_iter(), &()).unwrap();
+        editor
+    };
+    // Replaced: the edited file has no name any more.
+    let mut editor = begun(&path);
+    publish(&elsewhere);
+    std::fs::rename(&elsewhere, &path).unwrap();
+    match editor.commit(Note::default()) {
+        Err(Error::Moved { file: None, what, .. }) => assert!(what.contains("replaced"), "{what}"),
+        other => panic!("{other:?}"),
+    }
+    assert!(editor.commit(Note::default()).is_err());
+    assert_eq!(numbers(&path), [Some(1)]);
+    // Moved: it has another one.
+    let mut editor = begun(&path);
+    std::fs::rename(&path, &elsewhere).unwrap();
+    let error = editor.commit(Note::default()).unwrap_err();
+    assert!(cfg!(not(target_os = "linux")) || error.to_string().contains("elsewhere.autumn"), "{error}");
+    assert_eq!(numbers(&elsewhere), [Some(1)]);
+}
+
+/// Changes a byte of the extent that starts at an offset, and makes its checksums right again.
+fn reseal(bytes: &mut [u8], start: usize, at: usize) {
+    let length = u64::from_le_bytes(bytes[start + 16..start + 24].try_into().unwrap()) as usize;
+    bytes[start + 32 + at] ^= 1;
+    let checksum = crc32c::crc32c(&bytes[start + 32..start + 32 + length]);
+    bytes[start + 24..start + 28].copy_from_slice(&checksum.to_le_bytes());
+    let checksum = crc32c::crc32c(&bytes[start..start + 28]);
+    bytes[start + 28..start + 32].copy_from_slice(&checksum.to_le_bytes());
+}
+
+#[test]
+fn verification_looks_at_the_trees_of_all_commits() {
+    let (_folder, path) = file(3);
+    let bytes = std::fs::read(&path).unwrap();
+    let mut only_older = 0;
+    // The records of the first commit, some of which the newest one has as well.
+    for at in 0..69 {
+        let mut bytes = bytes.clone();
+        reseal(&mut bytes, 3 * 4096, at);
+        let Ok(tree) = Autumnal::from_bytes(bytes) else { continue };
+        let quick = tree.verify_quickly(1 << 20, &()).unwrap();
+        let all = tree.verify(1 << 20, &()).unwrap();
+        // (Some leaves can have any value.)
+        if quick.is_empty() && !all.is_empty() {
+            assert!(all[0].place.contains("commit 1") || all[0].place.contains("commit 2"), "{all:?}");
+            only_older += 1;
+        }
+    }
+    assert!(only_older > 10, "{only_older}");
+}
