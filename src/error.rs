@@ -65,6 +65,14 @@ pub enum Error {
         /// Who has it, as far as is known.
         holder: String,
     },
+    /// The file was changed by somebody else while it was read.
+    #[error("{}: {what} while it was read: the answer may be of the one state or the other, or of both; ask again", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// The change: "was overwritten", "was cut short".
+        what: &'static str,
+    },
     /// The file that is being edited is no longer at its path: it was moved, removed or replaced.
     #[error("{}: {what} while it was edited; the edits are not in the file of that name{}", path.display(), now_at(file))]
     Moved {

@@ -210,6 +210,17 @@ impl Dataset {
         }
     }
 
+    /// Makes sure that the file still is what it was when it was opened (an Autumnal file may have got more
+    /// commits), so that all answers since are of one state. One look at the file's length and time: to be
+    /// asked once after a batch of questions, not for each.
+    ///
+    /// # Errors
+    /// If somebody has overwritten the file or cut it short; files that were renamed or removed stay as they
+    /// are for those who have them open.
+    pub fn check_unchanged(&self) -> Result<()> {
+        self.file().check_unchanged()
+    }
+
     /// Checks all of the file: see [`Goblin::verify`] and [`Autumnal::verify`].
     ///
     /// # Errors

@@ -5,6 +5,8 @@ use std::fs::File;
 use std::ops::Deref;
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::SystemTime;
 
 use super::platform::read_exact_at;
 use crate::{Error, Result};
@@ -22,11 +24,51 @@ pub trait ReadBackend: Send + Sync {
     /// All bytes, where they can be seen without copying.
     fn bytes(&self) -> Option<&[u8]>;
 
+    /// Length and time of modification of the file as it is now; `None` where nobody can change the bytes.
+    ///
+    /// # Errors
+    /// If the system cannot tell.
+    fn stamp(&self) -> Result<Option<Stamp>> {
+        Ok(None)
+    }
+
     /// Some bytes; the range must lie within the length.
     ///
     /// # Errors
     /// If they cannot be read.
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>>;
+}
+
+/// Length and time of modification of a file: where they are the same, its bytes are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
+    /// Bytes.
+    pub length: u64,
+    /// Time of the last change of a byte. (Renaming and linking do not count.)
+    pub modified: SystemTime,
+}
+
+impl Stamp {
+    fn of(file: &File, path: &Path) -> Result<Option<Stamp>> {
+        let stamp = file
+            .metadata()
+            .and_then(|metadata| Ok(Stamp { length: metadata.len(), modified: metadata.modified()? }));
+        stamp.map(Some).map_err(Error::io(path, "look at the file"))
+    }
+}
+
+/// Whether files are read by positioned reads where nobody says how.
+static POSITIONED: AtomicBool = AtomicBool::new(false);
+
+/// Makes positioned reads the default of this process, instead of mapping files: for programs whose files are on
+/// network folders, or may be cut short by others.
+pub fn prefer_positioned_reads() {
+    POSITIONED.store(true, Ordering::Relaxed);
+}
+
+/// Whether files are read by positioned reads where nobody says how.
+pub(crate) fn positioned_reads_are_preferred() -> bool {
+    POSITIONED.load(Ordering::Relaxed)
 }
 
 impl ReadBackend for Vec<u8> {
@@ -48,7 +90,11 @@ impl ReadBackend for Vec<u8> {
 /// If another process truncates the file, touching a lost page kills this one (SIGBUS); files that Spinney
 /// publishes are replaced by renaming, which is safe. For untrusted writers and network folders use
 /// [`Positioned`].
-pub struct Mapped(memmap2::Mmap);
+pub struct Mapped {
+    map: memmap2::Mmap,
+    file: File,
+    path: std::path::PathBuf,
+}
 
 impl Mapped {
     /// Maps a file.
@@ -73,7 +119,8 @@ impl Mapped {
         // slices of it are only ever read as plain integers. Truncation is the documented risk above.
         #[allow(unsafe_code)]
         let map = unsafe { memmap2::Mmap::map(file) }.map_err(Error::io(path, "map"))?;
-        Ok(Mapped(map))
+        let file = file.try_clone().map_err(Error::io(path, "open"))?;
+        Ok(Mapped { map, file, path: path.to_path_buf() })
     }
 
     /// Gives the memory behind all pages back to the system, which reads them anew when they are looked at
@@ -84,7 +131,7 @@ impl Mapped {
             // SAFETY: pages of a read-only mapping of a file have nothing that is not in the file; they come
             // back as they were, or as the file is by then, which the mapping allows for anyway.
             #[allow(unsafe_code)]
-            let done = unsafe { self.0.unchecked_advise(memmap2::UncheckedAdvice::DontNeed) };
+            let done = unsafe { self.map.unchecked_advise(memmap2::UncheckedAdvice::DontNeed) };
             // A system that cannot do it has to live with the pages.
             let _ = done;
         }
@@ -93,15 +140,19 @@ impl Mapped {
 
 impl ReadBackend for Mapped {
     fn len(&self) -> u64 {
-        self.0.len() as u64
+        self.map.len() as u64
     }
 
     fn bytes(&self) -> Option<&[u8]> {
-        Some(&self.0)
+        Some(&self.map)
+    }
+
+    fn stamp(&self) -> Result<Option<Stamp>> {
+        Stamp::of(&self.file, &self.path)
     }
 
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
-        Ok(Cow::Borrowed(&self.0[offset as usize..][..length]))
+        Ok(Cow::Borrowed(&self.map[offset as usize..][..length]))
     }
 }
 
@@ -138,6 +189,10 @@ impl ReadBackend for Positioned {
 
     fn bytes(&self) -> Option<&[u8]> {
         None
+    }
+
+    fn stamp(&self) -> Result<Option<Stamp>> {
+        Stamp::of(&self.file, &self.path)
     }
 
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::file_id::FileId;
 use super::platform::write_all_at;
-use super::read::{Mapped, ReadBackend};
-use crate::Result;
+use super::read::{Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
+use crate::{Error, Result};
 
 /// Storage that is written at any offset and made durable: a file, or a stand-in of tests.
 ///
@@ -65,6 +65,10 @@ impl WriteBackend for FileBackend {
     }
 
     fn reader(&self) -> Result<Box<dyn ReadBackend>> {
+        if positioned_reads_are_preferred() {
+            let file = self.file.try_clone().map_err(Error::io(&self.path, "open"))?;
+            return Ok(Box::new(Positioned::of(file, &self.path)?));
+        }
         Ok(Box::new(Mapped::of(&self.file, &self.path)?))
     }
 

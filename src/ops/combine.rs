@@ -335,6 +335,10 @@ impl Source for Combined {
         Ok(())
     }
 
+    fn check_unchanged(&self) -> Result<()> {
+        self.views.iter().try_for_each(View::check_unchanged)
+    }
+
     fn cells(&self, node: &CombinedNode, levels: u8) -> Result<Option<CellBlock>> {
         match node {
             CombinedNode::Same(tree, node) => self.views[*tree].cells(node, levels),

@@ -92,6 +92,10 @@ impl Source for Patched {
         Ok(())
     }
 
+    fn check_unchanged(&self) -> Result<()> {
+        self.file.check_unchanged()
+    }
+
     fn tally(&self, node: &PatchedNode) -> Result<Option<Tally>> {
         match node {
             PatchedNode::Same(node) => self.file.tally(node),

@@ -338,6 +338,15 @@ impl Source for TreeFile {
         }
     }
 
+    fn check_unchanged(&self) -> Result<()> {
+        match self {
+            TreeFile::Goblin(file) => file.check_unchanged(),
+            TreeFile::Autumnal(file) => file.check_unchanged(),
+            TreeFile::Patched(file) => file.check_unchanged(),
+            TreeFile::Memory(_) => Ok(()),
+        }
+    }
+
     fn tally(&self, node: &TreeFileNode) -> Result<Option<Tally>> {
         match (self, node) {
             (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.tally(node),

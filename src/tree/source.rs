@@ -149,6 +149,15 @@ pub trait Source: Sync {
         Ok(false)
     }
 
+    /// Makes sure that what was read is still there: that nobody has changed the file meanwhile. To be asked
+    /// once at the end of a walk.
+    ///
+    /// # Errors
+    /// If it was changed.
+    fn check_unchanged(&self) -> Result<()> {
+        Ok(())
+    }
+
     /// Zone statistics of an INNER node, where the source has them without walking below it.
     ///
     /// # Errors

@@ -388,6 +388,10 @@ impl Source for View {
         }
     }
 
+    fn check_unchanged(&self) -> Result<()> {
+        self.source.check_unchanged()
+    }
+
     fn tally(&self, node: &ViewNode) -> Result<Option<Tally>> {
         match node {
             ViewNode::Same(node) => self.source.tally(node),

@@ -11,7 +11,7 @@ use super::commit::Commit;
 use super::extents::{Extents, FIRST_EXTENT, PAGE};
 use super::layout::PointeredLayout;
 use super::meta::Meta;
-use super::newest::{Look, Newest, find_newest};
+use super::newest::{Look, Newest, find_newest, whole};
 use crate::io::{FileId, ReadBackend};
 use crate::store::container::{Header, TreeFormat};
 use crate::{Error, Result};
@@ -154,6 +154,18 @@ impl Archive {
         let pages = Pages::read(path, &*bytes)?;
         let extents = Extents::new(path, bytes, meta.end, true)?;
         Ok(pages.archive(extents, meta, Newest::Good, file))
+    }
+
+    /// Makes sure that the file still has all that was there when it was opened.
+    pub(super) fn check_unchanged(&self) -> Result<()> {
+        let changed = |what| Err(Error::Changed { path: self.extents.path.clone(), what });
+        if self.extents.stamp()?.is_some_and(|now| now.length < self.extents.end) {
+            return changed("was cut short");
+        }
+        // (A damaged slot is one behind.)
+        let known = self.meta.sequence - u64::from(self.newest == Newest::BehindSlot);
+        let now = whole(&self.extents.slots()?).first().map_or(0, |newest| newest.sequence);
+        if now < known { changed("was overwritten") } else { Ok(()) }
     }
 
     /// A remark on the file that whoever reads it should know.

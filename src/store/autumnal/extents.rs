@@ -11,7 +11,7 @@ use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout, Unaligne
 
 use super::meta::Slot;
 use super::newest::slots;
-use crate::io::ReadBackend;
+use crate::io::{ReadBackend, Stamp};
 use crate::{Error, Result};
 
 /// Extents start at multiples of this: a sector, which disks write whole or not at all.
@@ -165,6 +165,11 @@ impl Extents {
     /// Both meta slots as they are now.
     pub(super) fn slots(&self) -> Result<[Slot; 2]> {
         slots(&*self.backend)
+    }
+
+    /// Length and time of the file as it is now.
+    pub(super) fn stamp(&self) -> Result<Option<Stamp>> {
+        self.backend.stamp()
     }
 
     /// Gives the backend back.

@@ -195,6 +195,15 @@ impl Autumnal {
         self.archive.share
     }
 
+    /// Makes sure that the file still has the commit, and those before it: that it reaches to the commit's end,
+    /// and its newest commit is no older.
+    ///
+    /// # Errors
+    /// If that is not so: somebody has overwritten the file, or cut it short.
+    pub fn check_unchanged(&self) -> Result<()> {
+        self.archive.check_unchanged()
+    }
+
     /// Bytes of the whole file.
     pub fn file_size(&self) -> u64 {
         self.archive.extents.file_size()
@@ -532,6 +541,10 @@ impl Source for Autumnal {
 
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
         self.children_with(node, children, |node| node)
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        Autumnal::check_unchanged(self)
     }
 
     fn tally(&self, node: &Node) -> Result<Option<Tally>> {

@@ -66,6 +66,10 @@ impl Source for Unverified<'_> {
         self.tree.cells(node, levels)
     }
 
+    fn check_unchanged(&self) -> Result<()> {
+        self.tree.check_unchanged()
+    }
+
     fn tally(&self, node: &Node) -> Result<Option<Tally>> {
         self.tree.tally(node)
     }

@@ -64,7 +64,9 @@ pub(in crate::store) fn walk<S: ReusableSource>(
             builder.nodes(source, mem::take(&mut batch), total, progress)?;
         }
     }
-    builder.nodes(source, batch, total, progress)
+    builder.nodes(source, batch, total, progress)?;
+    // What is made of two states of a file must not be kept.
+    source.check_unchanged()
 }
 
 /// Blocks that are built at a time, whatever the memory: at least and at most.

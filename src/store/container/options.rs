@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use crate::io::{FileId, Mapped, Positioned, ReadBackend};
+use crate::io::{FileId, Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
 use crate::{Error, Result};
 
 /// Options of reading a file.
@@ -21,12 +21,13 @@ pub struct OpenOptions {
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        OpenOptions { positioned: false, cache: 64 << 20, check: true }
+        OpenOptions { positioned: positioned_reads_are_preferred(), cache: 64 << 20, check: true }
     }
 }
 
 impl OpenOptions {
-    /// The usual way: mapped, with checks.
+    /// The usual way: mapped, with checks; or what [`prefer_positioned_reads`](crate::io::prefer_positioned_reads)
+    /// has chosen.
     pub fn new() -> OpenOptions {
         OpenOptions::default()
     }

@@ -36,6 +36,8 @@ impl Goblin {
     /// # Errors
     /// As [`Goblin::open`].
     pub fn from_backend(path: &Path, backend: Box<dyn ReadBackend>, options: &OpenOptions) -> Result<Goblin> {
+        // Before anything is read.
+        let stamp = backend.stamp()?;
         let (format, header) = Header::read(path, &*backend)?;
         if format != TreeFormat::Goblin {
             return Err(Error::corrupt(path, "header", "an Autumnal file", "a Goblin file"));
@@ -65,6 +67,7 @@ impl Goblin {
         Ok(Goblin {
             path: path.to_path_buf(),
             backend,
+            stamp,
             layout,
             descend: descend_in(layout),
             root: trailer.root(layout.width),

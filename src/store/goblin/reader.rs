@@ -8,7 +8,7 @@ use super::cache::SegmentCache;
 use super::directory::{Entry, show_sums};
 use super::locate::Descend;
 use super::trailer::{Section, Trailer};
-use crate::io::ReadBackend;
+use crate::io::{ReadBackend, Stamp};
 use crate::store::container::{HEADER_SIZE, Header, Metadata, RecordLayout};
 use crate::tree::Child;
 use crate::value::Tally;
@@ -22,6 +22,8 @@ use crate::{Error, Result};
 pub struct Goblin {
     pub(super) path: PathBuf,
     pub(super) backend: Box<dyn ReadBackend>,
+    /// Length and time of the file when it was opened.
+    pub(super) stamp: Option<Stamp>,
     pub(super) header: Header,
     /// Layout of its records.
     pub(super) layout: RecordLayout,
@@ -69,6 +71,20 @@ impl Goblin {
     /// Georeference, meaning and provenance of the data.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
+    }
+
+    /// Makes sure that the file is what it was when it was opened, so that all answers since are of one state.
+    /// (That another file has got its name does not matter.)
+    ///
+    /// # Errors
+    /// If it was changed.
+    pub fn check_unchanged(&self) -> Result<()> {
+        let changed = |what| Err(Error::Changed { path: self.path.clone(), what });
+        match (self.stamp, self.backend.stamp()?) {
+            (Some(before), Some(now)) if now.length < before.length => changed("was cut short"),
+            (before, now) if before != now => changed("was overwritten"),
+            _ => Ok(()),
+        }
     }
 
     /// Bytes of the whole file.

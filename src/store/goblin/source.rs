@@ -42,6 +42,10 @@ impl Source for Goblin {
         })
     }
 
+    fn check_unchanged(&self) -> Result<()> {
+        Goblin::check_unchanged(self)
+    }
+
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
         self.children_with(node, children, |node| node)
     }
