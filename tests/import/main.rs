@@ -6,6 +6,8 @@ mod common;
 mod import;
 mod mesh_export;
 #[cfg(feature = "mesh")]
+mod mesh_losses;
+#[cfg(feature = "mesh")]
 mod mesh_polygon;
 mod mesh_prisms;
 #[cfg(feature = "mesh")]

@@ -40,6 +40,8 @@ pub struct SolidReport {
     pub inside: InsideTest,
     /// Cells far from the surface that lie in its holes, where the answer is a guess.
     pub undecided: u64,
+    /// Cells that were built: none where the surface encloses nothing, or nothing as wide as a cell.
+    pub cells: u64,
     /// By which tests triangles were found to cut octants above the blocks of cells, or not.
     pub stages: Stages,
 }
@@ -105,6 +107,7 @@ impl SolidImport {
             displacement: read.displacement,
             inside: decided,
             undecided: 0,
+            cells: 0,
             stages: Stages::default(),
         };
         let parts = self.parts();
@@ -140,11 +143,12 @@ impl SolidImport {
             .memory(self.options.memory / 4)
             .metadata(metadata)
             .share(self.options.share);
-        build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
+        let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
             metadata.tags = tags(self, &report);
         })?;
+        report.cells = tally.cells;
         Ok(report)
     }
 
