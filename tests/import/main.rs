@@ -5,6 +5,7 @@ mod common;
 
 mod import;
 mod mesh_export;
+mod mesh_interrupts;
 #[cfg(feature = "mesh")]
 mod mesh_losses;
 #[cfg(feature = "mesh")]
