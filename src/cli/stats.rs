@@ -65,16 +65,17 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         "--solid and --level are for the whole octree; see --view window=..."
     );
     let is_solid = is_octree && tree.header().rule == Rule::Occupancy && bounds.is_none();
+    let stats = tree.statistics(bounds)?;
+    let picture = tree.header().picture();
+    let bounds = bounds.unwrap_or(picture).intersect(&picture);
+    let histogram = histogram(&tree, &bounds, &stats, args.bins)?;
+    // Last, since up to here a signal ends the program at once.
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
         Some(tree.solid(level_of(&tree, args.level)?, &work)?)
     } else {
         None
     };
-    let stats = tree.statistics(bounds)?;
-    let picture = tree.header().picture();
-    let bounds = bounds.unwrap_or(picture).intersect(&picture);
-    let histogram = histogram(&tree, &bounds, &stats, args.bins)?;
     if args.json {
         let mut json = as_json(&tree, &stats, &histogram);
         if let Some(measured) = &measured {

@@ -119,10 +119,9 @@ pub(crate) fn measure<S: Source>(
     let tasks = Walk { source, level, shared: level.min(SHARED), tasks: Vec::new() }.tasks()?;
     let fields = Pool::new();
     let parts = parallel::map(&tasks, |task| {
-        progress.check()?;
         let make = || Ok(Field::new(OccupancyLevel::new(source, level, filling, false)?));
         fields.with(make, |field| {
-            let mut gather = Gather { source, filling, areas, field, sums: Sums::default() };
+            let mut gather = Gather { source, filling, areas, field, sums: Sums::default(), progress };
             match task {
                 Task::Node(node) => gather.node(node.as_ref())?,
                 Task::Face(low, high, axis) => gather.face(low.as_ref(), high.as_ref(), *axis)?,
@@ -329,6 +328,8 @@ struct Gather<'a, 'f, S: Source> {
     areas: [DVec3; 3],
     field: &'f mut Field<'a>,
     sums: Sums,
+    /// Asked at each node, since one task may be nearly all of a tree.
+    progress: &'a dyn Progress,
 }
 
 impl<S: Source> Gather<'_, '_, S> {
@@ -337,6 +338,7 @@ impl<S: Source> Gather<'_, '_, S> {
             self.sums.block(self.filling.fill(node.node.value()), node.min, node.height);
             return Ok(());
         }
+        self.progress.check()?;
         let mut buffer = no_children();
         let children = node.children(self.source, &mut buffer)?;
         for step in STEPS {
@@ -361,6 +363,7 @@ impl<S: Source> Gather<'_, '_, S> {
             }
             return Ok(());
         }
+        self.progress.check()?;
         let mut buffers = [no_children(), no_children()];
         let [below, above] = &mut buffers;
         let (below, above) = (low.children(self.source, below)?, high.children(self.source, above)?);
@@ -377,6 +380,7 @@ impl<S: Source> Gather<'_, '_, S> {
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let whole = self.areas[axis].length();
         for row in 0..side {
+            self.progress.check()?;
             let mut column = 0;
             while column < side {
                 let is_inner = |cell: i64| (margin..side - margin).contains(&cell);

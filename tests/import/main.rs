@@ -5,6 +5,9 @@ mod common;
 
 mod import;
 mod mesh_export;
+mod mesh_interrupts;
+#[cfg(feature = "mesh")]
+mod mesh_losses;
 #[cfg(feature = "mesh")]
 mod mesh_polygon;
 mod mesh_prisms;

@@ -39,6 +39,21 @@ fn a_model_becomes_a_solid_and_comes_out_again() {
 }
 
 #[test]
+fn a_tree_without_cells_is_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (model, tree) = (at("triangle.obj"), at("triangle.goblin"));
+    std::fs::write(&model, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let said = |more: &[&str]| {
+        let words = [&["build", text(&model), "-o", text(&tree), "--cells", "16"], more].concat();
+        stderr(spinney(&words).success())
+    };
+    let warned = said(&[]);
+    assert!(warned.contains("warning") && warned.contains("--surface"), "{warned}");
+    assert!(!said(&["--surface"]).contains("warning"));
+}
+
+#[test]
 fn cells_have_units_and_fit_together() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail, ensure};
-use spinney::import::mesh::{self, Attribute, Boundary, Resolution, SolidImport, SolidOptions, SolidReport};
+use spinney::import::mesh::{
+    self, Attribute, Boundary, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
+};
 use spinney::space::Up;
 
 use super::super::{args::check_output, open};
@@ -132,6 +134,19 @@ impl SolidArgs {
     /// Lines about what was built.
     pub(super) fn lines(&self, report: &SolidReport) -> Lines {
         let mut lines = vec![("surface", report.inside.text().to_string())];
+        if report.cells == 0 {
+            let text = match report.inside {
+                InsideTest::Surface => {
+                    "the tree is empty: all faces lie in walls between cells, which belong to no cell; choose \
+                     another --cell"
+                }
+                _ => {
+                    "the tree is empty: the surface encloses no cell, as it is open, flat, there twice in \
+                     opposite senses or thinner than a cell; --surface builds the cells that it cuts"
+                }
+            };
+            lines.push(("warning", text.into()));
+        }
         if report.undecided > 0 {
             lines.push(("undecided", format!("{} cells in its holes, by a guess", report.undecided)));
         }

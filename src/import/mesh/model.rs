@@ -29,7 +29,8 @@ pub struct ModelInfo {
     /// Faces, where the file tells before they are read: with those that cover nothing, which are not handed
     /// out.
     pub faces: Option<u64>,
-    /// Least and greatest coordinate of all vertices along each axis, of those that no face uses, too.
+    /// Least and greatest coordinate of all vertices along each axis, of those that no face uses, too: such as
+    /// the file has them, and not what cells are laid over.
     pub bounds: [[f64; 3]; 2],
     /// EPSG number of the coordinate system, where known.
     pub epsg: Option<u32>,

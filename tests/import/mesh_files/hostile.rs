@@ -37,6 +37,31 @@ fn content_counts_more_than_the_name() {
 }
 
 #[test]
+fn byte_order_marks_are_no_text() {
+    let files = Files::new();
+    let marked = |text: String| format!("\u{feff}{text}");
+    for (name, text) in [
+        ("a.ply", ply::text_cube()),
+        ("a.obj", obj::text_cube()),
+        ("a.off", off::text_cube()),
+        ("a.json", cityjson::text_cube()),
+    ] {
+        // Under a name that says nothing, too.
+        for name in [name, "a"] {
+            assert_eq!(files.faces(name, marked(text.clone())).unwrap(), cube(), "{name}");
+        }
+    }
+    assert_eq!(
+        files.faces("a.obj", "\u{feff}v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\n").unwrap().len(),
+        1
+    );
+    let facets = files.faces("a.stl", stl::text_cube()).unwrap();
+    assert_eq!(files.faces("a.stl", marked(stl::text_cube())).unwrap(), facets);
+    // Of a binary file these bytes are some of 80 free ones.
+    assert_eq!(files.faces("a.stl", stl::binary_cube("\u{feff}solid")).unwrap(), facets);
+}
+
+#[test]
 fn no_mesh_at_all() {
     let files = Files::new();
     for name in ["a.ply", "a.obj", "a.stl", "a.off", "a.json", "a"] {

@@ -110,6 +110,8 @@ fn materials() {
     let colours: Vec<_> = faces.iter().map(|face| face.colours.clone()).collect();
     assert_eq!(colours, [[[255; 3]; 3], [[255, 51, 0]; 3], [[0, 0, 255]; 3]]);
     assert_eq!(parts, ["mesh"]);
+    files.write("some materials.mtl", "\u{feff}newmtl a b\nKd 1 0.2 0\nnewmtl c\nKd 0 0 1\n");
+    assert_eq!(both(&files, text).0[1].colours, [[255, 51, 0]; 3], "behind a byte order mark");
     assert_eq!(both(&files, &text.replace("some", "../some")).0[1].colours, [[0; 3]; 0], "elsewhere");
     // Vertices' own colours come first.
     let own = text.replace("v 0 0 0", "v 0 0 0 0 1 0");

@@ -27,7 +27,11 @@ use crate::{Error, Result};
 /// # Errors
 /// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
 pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
-    let source = ModelFile::open(path)?;
+    let mut source = ModelFile::open(path)?;
+    // The first 80 bytes of a binary STL file are free, and may be a text with such a mark.
+    if !stl::is_binary(source.bytes()) {
+        source.skip_byte_order_mark();
+    }
     match format(&source) {
         Some(Format::Ply) => ply::open(source, memory),
         Some(Format::Stl) => stl::open(source, memory),

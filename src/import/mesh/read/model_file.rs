@@ -7,10 +7,15 @@ use std::path::{Path, PathBuf};
 use crate::io::{Mapped, ReadBackend};
 use crate::{Error, Result};
 
+/// Bytes that some programs put before a text in UTF-8; they are no part of it.
+pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
 /// A mapped file that is not empty.
 pub(super) struct ModelFile {
     path: PathBuf,
     map: Mapped,
+    /// Bytes before the model's first.
+    skipped: usize,
 }
 
 impl ModelFile {
@@ -29,7 +34,7 @@ impl ModelFile {
         if about.len() == 0 {
             return Err(Error::corrupt(path, "the whole file", "no bytes", "a mesh"));
         }
-        Ok(ModelFile { path: path.to_path_buf(), map: Mapped::open(path)? })
+        Ok(ModelFile { path: path.to_path_buf(), map: Mapped::open(path)?, skipped: 0 })
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -37,7 +42,14 @@ impl ModelFile {
     }
 
     pub(super) fn bytes(&self) -> &[u8] {
-        self.map.bytes().unwrap_or_default()
+        self.map.bytes().and_then(|bytes| bytes.get(self.skipped..)).unwrap_or_default()
+    }
+
+    /// Makes the bytes begin behind a byte order mark, if there is one.
+    pub(super) fn skip_byte_order_mark(&mut self) {
+        if self.bytes().starts_with(BYTE_ORDER_MARK) {
+            self.skipped = BYTE_ORDER_MARK.len();
+        }
     }
 
     /// Reports each line, vertex or face that is read, in order: the mapping releases its pages from time to

@@ -40,6 +40,8 @@ pub struct SolidReport {
     pub inside: InsideTest,
     /// Cells far from the surface that lie in its holes, where the answer is a guess.
     pub undecided: u64,
+    /// Cells that were built: none where the surface encloses nothing, or nothing as wide as a cell.
+    pub cells: u64,
     /// By which tests triangles were found to cut octants above the blocks of cells, or not.
     pub stages: Stages,
 }
@@ -86,7 +88,7 @@ impl SolidImport {
     pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
         let folder = folder(output.path()).to_path_buf();
         let mut read = self.read(&folder, progress)?;
-        let (inside, decided) = self.inside(&mut read, &folder)?;
+        let (inside, decided) = self.inside(&mut read, &folder, progress)?;
         let options = &self.options;
         let fill = FillOptions {
             grid: self.grid.clone(),
@@ -95,6 +97,7 @@ impl SolidImport {
             attribute: options.attribute,
             surface: options.surface,
             inside,
+            progress,
         };
         let report = SolidReport {
             faces: read.faces,
@@ -105,6 +108,7 @@ impl SolidImport {
             displacement: read.displacement,
             inside: decided,
             undecided: 0,
+            cells: 0,
             stages: Stages::default(),
         };
         let parts = self.parts();
@@ -118,7 +122,7 @@ impl SolidImport {
     /// Stores a solid, and completes the report on it.
     fn store(
         &self,
-        solid: &Solid,
+        solid: &Solid<'_>,
         mut report: SolidReport,
         parts: Vec<String>,
         output: Output,
@@ -140,11 +144,12 @@ impl SolidImport {
             .memory(self.options.memory / 4)
             .metadata(metadata)
             .share(self.options.share);
-        build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
+        let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
             metadata.tags = tags(self, &report);
         })?;
+        report.cells = tally.cells;
         Ok(report)
     }
 
@@ -190,7 +195,12 @@ impl SolidImport {
     }
 
     /// Chooses the test for what lies inside.
-    fn inside(&self, read: &mut Read, folder: &Path) -> Result<(Inside, InsideTest)> {
+    fn inside(
+        &self,
+        read: &mut Read,
+        folder: &Path,
+        progress: &dyn Progress,
+    ) -> Result<(Inside, InsideTest)> {
         if self.options.surface {
             return Ok((Inside::Winding, InsideTest::Surface));
         }
@@ -210,7 +220,7 @@ impl SolidImport {
                 advice: "give more with --memory, close the surface, or build it with --surface".into(),
             });
         }
-        if let Some(single) = without_duplicates(&read.triangles.all()?) {
+        if let Some(single) = without_duplicates(&read.triangles.all()?, progress)? {
             read.duplicates = (read.triangles.len() - single.len()) as u64;
             let mut collector = Collector::new(self.held(), folder);
             let mut closure = Closure::default();
@@ -223,22 +233,25 @@ impl SolidImport {
                 return Ok((Inside::Winding, InsideTest::Closed));
             }
         }
-        Ok((Inside::Field(WindingField::new(&read.triangles.all()?)?.into()), InsideTest::Open))
+        Ok((Inside::Field(WindingField::new(&read.triangles.all()?, progress)?.into()), InsideTest::Open))
     }
 }
 
 /// The triangles without those that are there a second time; `None` if there are no such.
-fn without_duplicates(triangles: &[Triangle]) -> Option<Vec<Triangle>> {
+fn without_duplicates(triangles: &[Triangle], progress: &dyn Progress) -> Result<Option<Vec<Triangle>>> {
     let mut seen = HashSet::with_capacity(triangles.len());
-    let is_new = |triangle: &&Triangle| {
+    let mut single = Vec::new();
+    for triangle in triangles {
+        progress.check()?;
         let mut corners = triangle.corners;
         let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
         // Rotated, not sorted: triangles that turn the other way are no duplicates.
         corners.rotate_left(least);
-        seen.insert(corners)
-    };
-    let single: Vec<Triangle> = triangles.iter().filter(is_new).copied().collect();
-    (single.len() < triangles.len()).then_some(single)
+        if seen.insert(corners) {
+            single.push(*triangle);
+        }
+    }
+    Ok((single.len() < triangles.len()).then_some(single))
 }
 
 /// Triangles of all models, and counts of their faces.

@@ -16,6 +16,7 @@
 use super::bits::Bits;
 use super::grid::Triangle;
 use super::inside::FULL;
+use crate::{Progress, Result};
 
 /// Sums over the faces in a cell.
 #[derive(Clone, Copy, Default)]
@@ -44,16 +45,23 @@ const TOLERANCE: f64 = 1e-3;
 
 impl Coverage {
     /// Clips triangles to the cells of a block that begins at the grid point `min`.
-    pub(super) fn new(triangles: &[Triangle], min: [i32; 3], cell: i32, height: u8) -> Coverage {
+    pub(super) fn new(
+        triangles: &[Triangle],
+        min: [i32; 3],
+        cell: i32,
+        height: u8,
+        progress: &dyn Progress,
+    ) -> Result<Coverage> {
         let mut coverage = Coverage { height, numbers: vec![0; 1 << (3 * height)], faces: Vec::new() };
         let scale = 1.0 / f64::from(cell);
         for triangle in triangles {
+            progress.check()?;
             let corner = |corner: [i32; 3]| -> Point {
                 std::array::from_fn(|axis| (corner[axis] as i64 - min[axis] as i64) as f64 * scale)
             };
             coverage.clip(ClippedPolygon::triangle(triangle.corners.map(corner)), 3, [0; 3], true);
         }
-        coverage
+        Ok(coverage)
     }
 
     /// Cuts a polygon into what lies in each of the cells, one of the first `axes` axes after the other.
@@ -119,10 +127,16 @@ impl Coverage {
     /// winding number is `sign`, not 0.
     ///
     /// `None` if it does not follow from these: where bodies overlap, or no cell is without faces.
-    pub(super) fn solve(mut self, inside: &Bits, sign: f64) -> Option<Vec<u32>> {
+    pub(super) fn solve(
+        mut self,
+        inside: &Bits,
+        sign: f64,
+        progress: &dyn Progress,
+    ) -> Result<Option<Vec<u32>>> {
         let mut open: Vec<u32> =
             (0..self.faces.len() as u32).filter(|number| self.faces[*number as usize].is_cut).collect();
         while !open.is_empty() {
+            progress.check()?;
             // A wave is worked out as a whole before any of it is kept: the order of the faces has no
             // influence.
             let known: Vec<Option<f64>> =
@@ -136,7 +150,7 @@ impl Coverage {
                 winding.is_none()
             });
             if open.len() == before {
-                return None;
+                return Ok(None);
             }
         }
         let side = 1usize << self.height;
@@ -146,13 +160,13 @@ impl Coverage {
             cells.iter_mut().enumerate().for_each(|(x, value)| *value = (*bits >> x & 1) as u32 * FULL);
         }
         for faces in self.faces.iter().filter(|faces| faces.is_cut) {
-            let share = faces.winding? * sign;
+            let share = faces.winding.unwrap_or(f64::NAN) * sign;
             if !(-TOLERANCE..=1.0 + TOLERANCE).contains(&share) {
-                return None;
+                return Ok(None);
             }
             values[faces.cell as usize] = (share.clamp(0.0, 1.0) * f64::from(FULL)).round() as u32;
         }
-        Some(values)
+        Ok(Some(values))
     }
 
     /// The mean winding number of a cell with faces, from a neighbour whose own is known.

@@ -10,7 +10,7 @@ use glam::DVec3;
 use super::closure::edge_number;
 use super::grid::Triangle;
 use crate::space::{Dimension, morton_encode};
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 
 /// Triangles that are looked at one by one.
 const LEAF: usize = 4;
@@ -56,9 +56,10 @@ impl WindingField {
     /// The field of these triangles.
     ///
     /// # Errors
-    /// If there are more than 2^31.
-    pub(super) fn new(triangles: &[Triangle]) -> Result<WindingField> {
+    /// If there are more than 2^31, or on interruption.
+    pub(super) fn new(triangles: &[Triangle], progress: &dyn Progress) -> Result<WindingField> {
         let boundary = boundary_edges(triangles);
+        progress.check()?;
         let mut sorted: Vec<(u64, [DVec3; 3])> = triangles
             .iter()
             .map(|triangle| {
@@ -76,13 +77,15 @@ impl WindingField {
             return Err(Error::invalid("the surface is not closed and has", found, "at most 2^31"));
         }
         sorted.sort_by_key(|(key, _)| *key);
+        progress.check()?;
         let triangles: Vec<_> = sorted.into_iter().map(|(_, triangle)| triangle).collect();
         let mut field = WindingField { triangles, groups: Vec::new(), boundary };
-        field.group(0, field.triangles.len());
+        field.group(0, field.triangles.len(), progress)?;
         Ok(field)
     }
 
-    fn group(&mut self, first: usize, end: usize) {
+    fn group(&mut self, first: usize, end: usize, progress: &dyn Progress) -> Result<()> {
+        progress.check()?;
         let index = self.groups.len();
         let triangles = &self.triangles[first..end];
         let (mut normal, mut centre, mut area) = (DVec3::ZERO, DVec3::ZERO, 0.0);
@@ -100,10 +103,11 @@ impl WindingField {
         self.groups.push(Group { normal, centre, radius, first: first as u32, count, next });
         if end - first > LEAF {
             let middle = first.midpoint(end);
-            self.group(first, middle);
-            self.group(middle, end);
+            self.group(first, middle, progress)?;
+            self.group(middle, end, progress)?;
         }
         self.groups[index].next = self.groups.len() as u32;
+        Ok(())
     }
 
     /// The field at a point, in grid steps.
@@ -275,7 +279,7 @@ mod tests {
                 triangles.push(Triangle { corners: [a, c, d], attribute: 0 });
             }
         }
-        let field = WindingField::new(&triangles).unwrap();
+        let field = WindingField::new(&triangles, &()).unwrap();
         for (point, expected) in
             [([0.0, 0.0, 0.0], 1.0), ([9000.0, 0.0, 0.0], 1.0), ([0.0, 11000.0, 0.0], 0.0)]
         {
@@ -298,7 +302,7 @@ mod tests {
         // The upper half alone is a bowl; in its opening the field is a half.
         assert!(triangles.iter().all(|triangle| field.boundary_edges(triangle).next().is_none()));
         triangles.retain(|triangle| triangle.min(2) >= -10);
-        let field = WindingField::new(&triangles).unwrap();
+        let field = WindingField::new(&triangles, &()).unwrap();
         let edges = triangles.iter().flat_map(|triangle| field.boundary_edges(triangle));
         assert_eq!(edges.filter(|edge| edge.iter().all(|end| end[2].abs() < 10)).count(), 2 * rings as usize);
         assert!((field.at(DVec3::new(0.0, 0.0, 0.0)) - 0.5).abs() < 0.02);

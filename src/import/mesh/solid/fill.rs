@@ -10,6 +10,7 @@ use super::crossing::{Lattice, Projected};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use crate::import::mesh::face::triangle;
+use crate::{Progress, Result};
 
 /// Crossing of a line with a triangle.
 #[derive(Clone, Copy)]
@@ -89,7 +90,8 @@ fn cross<const D: usize>(
     first: [i32; 3],
     count: [usize; 2],
     points: usize,
-) -> Crossings {
+    progress: &dyn Progress,
+) -> Result<Crossings> {
     let mut crossings = Vec::new();
     let mut many = MANY;
     for triangle in triangles {
@@ -103,6 +105,7 @@ fn cross<const D: usize>(
             continue;
         }
         let Some(projected) = Projected::<D>::new(triangle) else { continue };
+        progress.check()?;
         let change = projected.change();
         projected.rows(lattice, first, count, points, |u, v, before| {
             // Those before the first point or behind the last change nothing here.
@@ -113,7 +116,7 @@ fn cross<const D: usize>(
             }
         });
     }
-    Crossings::new(&crossings, count[0] * count[1])
+    Ok(Crossings::new(&crossings, count[0] * count[1]))
 }
 
 /// Goes along a line from a state: hands out the state and where it ends, for each run, and returns the
@@ -146,17 +149,19 @@ pub(super) fn each_run(
     min: [i32; 3],
     height: u8,
     state: State,
+    progress: &dyn Progress,
     mut each: impl FnMut(usize, usize, usize, usize, State),
-) {
+) -> Result<()> {
     let first = lattice.first(min);
     let points = lattice.per_cell.map(|bits| 1usize << (height + bits));
-    let along_z = cross::<2>(triangles, lattice, first, [1, 1], points[2]);
-    let along_y = cross::<1>(triangles, lattice, first, [1, points[2]], points[1]);
-    let along_x = cross::<0>(triangles, lattice, first, [points[1], points[2]], points[0]);
+    let along_z = cross::<2>(triangles, lattice, first, [1, 1], points[2], progress)?;
+    let along_y = cross::<1>(triangles, lattice, first, [1, points[2]], points[1], progress)?;
+    let along_x = cross::<0>(triangles, lattice, first, [points[1], points[2]], points[0], progress)?;
     let mut slices = vec![state; points[2]];
     walk(state, along_z.of(0), |state, from, to| slices[from..to].fill(state), points[2]);
     let mut rows = vec![state; points[1]];
     for (z, slice) in slices.into_iter().enumerate() {
+        progress.check()?;
         walk(slice, along_y.of(z), |state, from, to| rows[from..to].fill(state), points[1]);
         for (y, row) in rows.iter().enumerate() {
             let line = along_x.of(z * points[1] + y);
@@ -165,47 +170,49 @@ pub(super) fn each_run(
             }
         }
     }
+    Ok(())
 }
 
 /// Coverage of the cells of a block, exact; `None` where that does not follow from the faces.
 fn covered(
-    fill: &FillOptions,
+    fill: &FillOptions<'_>,
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     state: State,
-) -> Option<Pyramid> {
+) -> Result<Option<Pyramid>> {
     if !matches!(fill.inside, Inside::Winding) {
-        return None;
+        return Ok(None);
     }
     let mut inside = Bits::new(height);
     let (mut least, mut most) = (0, 0);
-    each_run(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
+    each_run(&fill.lattice, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
         (least, most) = (state.winding.min(least), state.winding.max(most));
         if state.winding != 0 {
             inside.rows[z << height | y] |= Bits::run(from, to);
         }
-    });
+    })?;
     let sign = match (least, most) {
         (0, 0 | 1) => 1.0,
         (-1, 0) => -1.0,
-        _ => return None,
+        _ => return Ok(None),
     };
-    let values = Coverage::new(triangles, min, fill.cell(), height).solve(&inside, sign)?;
+    let coverage = Coverage::new(triangles, min, fill.cell(), height, fill.progress)?;
+    let Some(values) = coverage.solve(&inside, sign, fill.progress)? else { return Ok(None) };
     for (row, values) in inside.rows.iter_mut().zip(values.chunks_exact(1 << height)) {
         *row = values.iter().enumerate().fold(0, |bits, (x, value)| bits | u64::from(*value > 0) << x);
     }
-    Some(Pyramid::new(inside, Some(values)))
+    Ok(Some(Pyramid::new(inside, Some(values))))
 }
 
 /// Coverage of the cells of a block, by many points in each cell.
 fn sampled(
-    fill: &FillOptions,
+    fill: &FillOptions<'_>,
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     mut state: State,
-) -> Pyramid {
+) -> Result<Pyramid> {
     let samples = Lattice::new(SAMPLES, fill.grid.fraction);
     let (mut at, to) = (fill.lattice.first(min), samples.first(min));
     // From the first centre to the first sample.
@@ -213,12 +220,12 @@ fn sampled(
     state.winding += change::<1>(triangles, &mut at, to);
     state.winding += change::<0>(triangles, &mut at, to);
     let mut counts = Counts::new(height);
-    each_run(&samples, triangles, min, height, state, |y, z, from, to, state| {
+    each_run(&samples, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
         if fill.is_inside(state.winding) {
             counts.row(y, z, from, to);
         }
-    });
-    counts.finish()
+    })?;
+    Ok(counts.finish())
 }
 
 /// Change of the winding number from one point to the coordinate of another along the axis `D`; moves the
@@ -295,31 +302,31 @@ impl Counts {
 /// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state`
 /// is that of its first lattice point.
 pub(super) fn block(
-    fill: &FillOptions,
+    fill: &FillOptions<'_>,
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     state: State,
-) -> Pyramid {
+) -> Result<Pyramid> {
     if fill.boundary == Boundary::Coverage && !fill.surface {
-        let exact = covered(fill, triangles, min, height, state);
-        return exact.unwrap_or_else(|| sampled(fill, triangles, min, height, state));
+        let exact = covered(fill, triangles, min, height, state)?;
+        return exact.map_or_else(|| sampled(fill, triangles, min, height, state), Ok);
     }
     let mut painter = Painter::new(fill, height);
     if !fill.surface {
-        each_run(&fill.lattice, triangles, min, height, state, |y, z, from, to, state| {
+        each_run(&fill.lattice, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
             if fill.is_inside(state.winding) {
                 painter.row(y, z, from, to, state.attribute);
             }
-        });
+        })?;
     }
-    painter.surface(triangles, min);
-    painter.finish()
+    painter.surface(triangles, min)?;
+    Ok(painter.finish())
 }
 
 /// Cells and values of a block while it is filled.
 pub(super) struct Painter<'a> {
-    fill: &'a FillOptions,
+    fill: &'a FillOptions<'a>,
     pub(super) cells: Bits,
     pub(super) values: Option<Vec<u32>>,
 }
@@ -337,7 +344,7 @@ struct Cut {
 }
 
 impl<'a> Painter<'a> {
-    pub(super) fn new(fill: &'a FillOptions, height: u8) -> Self {
+    pub(super) fn new(fill: &'a FillOptions<'a>, height: u8) -> Self {
         let values = (fill.attribute != Attribute::Occupancy).then(|| vec![0; 1 << (3 * height)]);
         Painter { fill, cells: Bits::new(height), values }
     }
@@ -354,11 +361,15 @@ impl<'a> Painter<'a> {
     }
 
     /// Rasterises the surface: marks the cells that it cuts, or gives cells of the solid its colour.
-    pub(super) fn surface(&mut self, triangles: &[Triangle], min: [i32; 3]) {
+    pub(super) fn surface(&mut self, triangles: &[Triangle], min: [i32; 3]) -> Result<()> {
         let fill = self.fill;
         if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
-            triangles.iter().for_each(|triangle| self.cut(triangle, min, fill.cell()));
+            for triangle in triangles {
+                fill.progress.check()?;
+                self.cut(triangle, min, fill.cell());
+            }
         }
+        Ok(())
     }
 
     /// Marks the cells that a triangle cuts.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::crossing::Lattice;
 use super::field::WindingField;
 use super::grid::Grid;
-use crate::{Error, Result};
+use crate::{Error, Progress, Result};
 
 /// Occupancy of a cell that is full.
 pub(super) const FULL: u32 = 255;
@@ -90,8 +90,8 @@ pub(super) enum Inside {
 }
 
 /// Parameters for filling nodes.
-#[derive(Clone, Debug)]
-pub(super) struct FillOptions {
+#[derive(Clone)]
+pub(super) struct FillOptions<'a> {
     pub(super) grid: Grid,
     pub(super) lattice: Lattice,
     pub(super) boundary: Boundary,
@@ -99,9 +99,12 @@ pub(super) struct FillOptions {
     /// Only the cells that the surface cuts.
     pub(super) surface: bool,
     pub(super) inside: Inside,
+    /// Asked for each triangle and cube of cells whether to go on: a single block can take a minute where very
+    /// many triangles are.
+    pub(super) progress: &'a dyn Progress,
 }
 
-impl FillOptions {
+impl FillOptions<'_> {
     /// Grid steps along a cell.
     pub(super) fn cell(&self) -> i32 {
         self.grid.cell()

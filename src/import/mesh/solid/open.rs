@@ -14,31 +14,32 @@ use super::field::{DOUBT, LocalField, WindingField};
 use super::fill::{Painter, each_run};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, State};
+use crate::Result;
 use crate::import::mesh::face::triangle;
 
 /// The cells of a block by a winding field; also how many cells without a face it could not tell apart from
 /// others for sure.
 pub(super) fn block(
-    fill: &FillOptions,
+    fill: &FillOptions<'_>,
     field: &WindingField,
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     state: State,
-) -> (Pyramid, u64) {
+) -> Result<(Pyramid, u64)> {
     let mut painter = Painter::new(fill, height);
     if fill.boundary == Boundary::Coverage {
         painter.values = Some(vec![0; 1 << (3 * height)]);
     }
     let mut open = Open { fill, field, min, painter, attribute: state.attribute, undecided: 0 };
-    open.cube(&field.everywhere(), triangles, height, [0; 3]);
+    open.cube(&field.everywhere(), triangles, height, [0; 3])?;
     let Open { mut painter, undecided, .. } = open;
-    painter.surface(triangles, min);
-    (painter.finish(), undecided)
+    painter.surface(triangles, min)?;
+    Ok((painter.finish(), undecided))
 }
 
 struct Open<'a> {
-    fill: &'a FillOptions,
+    fill: &'a FillOptions<'a>,
     field: &'a WindingField,
     min: [i32; 3],
     painter: Painter<'a>,
@@ -65,28 +66,37 @@ impl Open<'_> {
 
     /// Fills a cube of cells that begins at a cell of the block, from the triangles that reach into it and
     /// the field around it.
-    fn cube(&mut self, around: &LocalField<'_>, triangles: &[Triangle], height: u8, at: [usize; 3]) {
+    fn cube(
+        &mut self,
+        around: &LocalField<'_>,
+        triangles: &[Triangle],
+        height: u8,
+        at: [usize; 3],
+    ) -> Result<()> {
+        self.fill.progress.check()?;
         let middle = self.middle(at, height);
         let local =
             around.narrow(middle, (middle - self.middle(at, 0)).length() + f64::from(self.fill.cell()));
         if height == 0 {
-            return self.cell(&local, triangles, at);
+            self.cell(&local, triangles, at);
+            return Ok(());
         }
         let (low, high) = self.bounds(at, height);
         let has_boundary = triangles
             .iter()
             .flat_map(|triangle| self.field.boundary_edges(triangle))
             .any(|[a, b]| triangle::segment_cuts(wide(a), wide(b), low, high));
-        if !has_boundary && self.by_crossings(&local, triangles, height, at) {
-            return;
+        if !has_boundary && self.by_crossings(&local, triangles, height, at)? {
+            return Ok(());
         }
         for child in 0..8 {
             let at = std::array::from_fn(|axis| at[axis] + ((child >> axis & 1) << (height - 1)));
             let (low, high) = self.bounds(at, height - 1);
             let reaches = |triangle: &&Triangle| triangle::cuts(&triangle.corners.map(wide), low, high);
             let inner: Vec<Triangle> = triangles.iter().filter(reaches).copied().collect();
-            self.cube(&local, &inner, height - 1, at);
+            self.cube(&local, &inner, height - 1, at)?;
         }
+        Ok(())
     }
 
     /// Fills a cube by the crossings of its rows, if the winding field agrees with them.
@@ -96,13 +106,21 @@ impl Open<'_> {
         triangles: &[Triangle],
         height: u8,
         at: [usize; 3],
-    ) -> bool {
-        let (side, min) = (1usize << height, self.corner(at));
+    ) -> Result<bool> {
+        let (side, min, progress) = (1usize << height, self.corner(at), self.fill.progress);
         // Winding numbers against that of the first cell.
         let mut windings = vec![0; side * side * side];
-        each_run(&self.fill.lattice, triangles, min, height, State::default(), |y, z, from, to, state| {
-            windings[(z << height | y) << height..][from..to].fill(state.winding);
-        });
+        each_run(
+            &self.fill.lattice,
+            triangles,
+            min,
+            height,
+            State::default(),
+            progress,
+            |y, z, from, to, state| {
+                windings[(z << height | y) << height..][from..to].fill(state.winding);
+            },
+        )?;
         let mut off = None;
         let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| (corner >> axis & 1) * (side - 1)));
         for cell in corners.chain([[side / 2; 3]]) {
@@ -111,7 +129,7 @@ impl Open<'_> {
             let difference = field - f64::from(winding);
             let whole = difference.round();
             if (difference - whole).abs() > 0.5 - DOUBT || off.is_some_and(|off| off != whole) {
-                return false;
+                return Ok(false);
             }
             off = Some(whole);
         }
@@ -124,7 +142,7 @@ impl Open<'_> {
                 self.set([at[0] + x, at[1] + row % side, at[2] + row / side], FULL);
             }
         }
-        true
+        Ok(true)
     }
 
     /// Fills a cube of cells with their coverage, if that follows from their winding numbers.
@@ -135,12 +153,12 @@ impl Open<'_> {
         off: i32,
         height: u8,
         at: [usize; 3],
-    ) -> bool {
+    ) -> Result<bool> {
         windings.iter_mut().for_each(|winding| *winding += off);
         let (least, most) =
             windings.iter().fold((0, 0), |(a, b), winding| (a.min(*winding), b.max(*winding)));
         if most - least > 1 {
-            return false;
+            return Ok(false);
         }
         let sign = if least < 0 { -1.0 } else { 1.0 };
         let mut inside = Bits::new(height);
@@ -150,14 +168,15 @@ impl Open<'_> {
                 .enumerate()
                 .fold(0, |bits, (x, winding)| bits | u64::from(*winding != 0) << x);
         }
-        let coverage = Coverage::new(triangles, self.corner(at), self.fill.cell(), height);
-        let Some(values) = coverage.solve(&inside, sign) else { return false };
+        let progress = self.fill.progress;
+        let coverage = Coverage::new(triangles, self.corner(at), self.fill.cell(), height, progress)?;
+        let Some(values) = coverage.solve(&inside, sign, progress)? else { return Ok(false) };
         let mask = (1usize << height) - 1;
         for (index, value) in values.into_iter().enumerate().filter(|(_, value)| *value > 0) {
             let cell = [index & mask, index >> height & mask, index >> (2 * height)];
             self.set(std::array::from_fn(|axis| at[axis] + cell[axis]), value);
         }
-        true
+        Ok(true)
     }
 
     /// Fills a single cell.

@@ -70,6 +70,11 @@ impl SolidOptions {
     pub fn new() -> SolidOptions {
         SolidOptions::default()
     }
+
+    /// Whether all cells count that the surface cuts.
+    pub(super) fn marks_cut_cells(&self) -> bool {
+        self.surface || self.boundary == Boundary::Full
+    }
 }
 
 /// Models that are open and understood, ready to be built: see [`SolidImport::build`].
@@ -113,8 +118,9 @@ impl SolidImport {
 /// ```
 ///
 /// # Errors
-/// If the options do not fit the models, or these have no vertices.
-pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
+/// If the options do not fit the models, or these cannot be read or have no faces: all are read, for the box
+/// around them.
+pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
     let colourless = models.iter().find(|model| !model.info().is_coloured);
     if let (Attribute::Colour, Some(model)) = (options.attribute, colourless) {
         let advice = "leave --attribute colour away, or choose --attribute part";
@@ -124,8 +130,8 @@ pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Resul
         let expected = "full or centre: cells with colours or parts are there or not";
         return Err(Error::invalid("boundary", "coverage", expected));
     }
-    let bounds = bounds(&models, options.up)?;
-    let Fitted { frame, depth, extent } = fit(bounds, &options.resolution)?;
+    let bounds = bounds(&mut models, options.up)?;
+    let Fitted { frame, depth, extent } = fit(bounds, options)?;
     let known = models.iter().find_map(|model| model.info().epsg);
     let frame = Frame { epsg: options.epsg.or(frame.epsg).or(known), ..frame };
     let grid = Grid::new(depth, frame)?;
@@ -134,21 +140,24 @@ pub fn plan_models(models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Resul
     Ok(SolidImport { models, options: options.clone(), grid, lattice, extent, description })
 }
 
-/// The box around all models.
-fn bounds(models: &[Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
+/// The box around the faces of all models: a vertex far away that no face uses would make all cells large.
+fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
     let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-    for model in models {
-        for corner in model.info().bounds.map(|corner| up.to_z_up(corner)) {
-            for axis in 0..3 {
-                all[0][axis] = all[0][axis].min(corner[axis]);
-                all[1][axis] = all[1][axis].max(corner[axis]);
+    for model in models.iter_mut() {
+        model.faces(&mut |face| {
+            for corner in face.points.iter().map(|corner| up.to_z_up(*corner)) {
+                for axis in 0..3 {
+                    all[0][axis] = all[0][axis].min(corner[axis]);
+                    all[1][axis] = all[1][axis].max(corner[axis]);
+                }
             }
-        }
+            Ok(())
+        })?;
     }
     let is_box = (0..3).all(|axis| all[0][axis].is_finite() && all[1][axis].is_finite());
     let name = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
     if !is_box {
-        return Err(Error::corrupt(name, "vertices", "none", "a model with faces"));
+        return Err(Error::corrupt(name, "faces", "none that cover anything", "a model with faces"));
     }
     if all[0] == all[1] {
         return Err(Error::corrupt(name, "vertices", "all in one point", "a model that takes up space"));
@@ -164,7 +173,7 @@ struct Fitted {
 }
 
 /// Lays cells over a box.
-fn fit([min, max]: [[f64; 3]; 2], resolution: &Resolution) -> Result<Fitted> {
+fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
     let size: [f64; 3] = std::array::from_fn(|axis| max[axis] - min[axis]);
     let longest = size.into_iter().fold(0.0, f64::max);
     let most = 1u64 << Dimension::Oct.max_depth();
@@ -176,13 +185,22 @@ fn fit([min, max]: [[f64; 3]; 2], resolution: &Resolution) -> Result<Fitted> {
     };
     // What a model reaches into a cell by less than this is rounding.
     const TOUCH: f64 = 1e-6;
-    let (cell, origin, longest_cells) = match resolution {
-        Resolution::Cells(cells) => (longest / count(*cells)? as f64, min, *cells),
+    // A flat surface in a wall between cells would cut none: it is laid through the middle of its cells.
+    let around = |cell: f64| -> [f64; 3] {
+        let is_moved = |axis: usize| options.marks_cut_cells() && size[axis] == 0.0;
+        std::array::from_fn(|axis| min[axis] - if is_moved(axis) { cell / 2.0 } else { 0.0 })
+    };
+    let (cell, origin, longest_cells) = match &options.resolution {
+        Resolution::Cells(cells) => {
+            let cell = longest / count(*cells)? as f64;
+            (cell, around(cell), *cells)
+        }
         Resolution::Depth(depth) => {
             if !(1..=Dimension::Oct.max_depth()).contains(depth) {
                 return Err(Error::invalid("depth", depth.to_string(), "1 to 19 for octrees"));
             }
-            (longest / (1u64 << depth) as f64, min, 1 << depth)
+            let cell = longest / (1u64 << depth) as f64;
+            (cell, around(cell), 1 << depth)
         }
         Resolution::Cell(cell) => {
             if !(cell.is_finite() && *cell > 0.0) {

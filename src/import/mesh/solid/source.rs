@@ -28,9 +28,9 @@ pub(super) struct Counters {
 }
 
 /// A solid, or its surface, of values made from attributes.
-pub(super) struct Solid {
+pub(super) struct Solid<'a> {
     form: Form,
-    pub(super) fill: FillOptions,
+    pub(super) fill: FillOptions<'a>,
     /// Triangles that are taken to memory at once.
     held: usize,
     root: UpperNode,
@@ -74,11 +74,11 @@ impl std::fmt::Debug for Node {
 /// Levels of cells in a block.
 const BLOCK: u8 = 6;
 
-impl Solid {
+impl<'a> Solid<'a> {
     /// The solid of these triangles; up to `held` of them are taken to memory at once.
     pub(super) fn new(
         form: Form,
-        fill: FillOptions,
+        fill: FillOptions<'a>,
         triangles: Triangles,
         held: usize,
         value: fn(u32) -> Value,
@@ -96,6 +96,7 @@ impl Solid {
         let first = self.fill.lattice.first([0; 3]);
         let mut events = Events::default();
         self.root.triangles.each(|_, triangle| {
+            self.fill.progress.check()?;
             if let Some(projected) = Projected::<0>::new(triangle)
                 .filter(|projected| projected.is_met(first) && projected.is_beyond(first))
             {
@@ -136,6 +137,7 @@ impl Solid {
         let mut stages = Stages::default();
         let wide = |at: [i32; 3]| at.map(i64::from);
         triangles.each(|number, triangle| {
+            self.fill.progress.check()?;
             if !self.fill.surface {
                 lines.meet(triangle, &mut events);
             }
@@ -218,11 +220,11 @@ impl Solid {
         })?;
         let height = self.fill.grid.depth - region.level;
         if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
-            let (block, undecided) = open::block(&self.fill, field, &triangles, min, height, region.state);
+            let (block, undecided) = open::block(&self.fill, field, &triangles, min, height, region.state)?;
             self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
             return Ok(block);
         }
-        Ok(fill::block(&self.fill, &triangles, min, height, region.state))
+        fill::block(&self.fill, &triangles, min, height, region.state)
     }
 
     fn in_block(&self, block: &Arc<Pyramid>, above: u8, at: [u8; 3]) -> Child<Node> {
@@ -234,7 +236,7 @@ impl Solid {
     }
 }
 
-impl Source for Solid {
+impl Source for Solid<'_> {
     type Node = Node;
 
     fn form(&self) -> Form {
@@ -270,7 +272,7 @@ impl Source for Solid {
     }
 }
 
-impl ReusableSource for Solid {}
+impl ReusableSource for Solid<'_> {}
 
 /// The lines between the first lattice points of a region's eight children: four along x, two along y, one
 /// along z, from each child to one of those that differ along one axis only.

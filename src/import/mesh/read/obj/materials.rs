@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufRead, BufReader, Read};
 use std::path::{Component, Path};
 
 use super::super::corners::WHITE;
-use super::super::model_file::ModelFile;
+use super::super::model_file::{BYTE_ORDER_MARK, ModelFile};
 use super::scan::{Scan, channel};
 use crate::Error;
 use crate::import::guard::guard;
@@ -44,6 +44,9 @@ impl Materials {
     fn add(&mut self, path: &Path) {
         let Ok(file) = File::open(path) else { return };
         let mut reader = BufReader::new(file.take(MOST_BYTES));
+        if reader.fill_buf().is_ok_and(|bytes| bytes.starts_with(BYTE_ORDER_MARK)) {
+            reader.consume(BYTE_ORDER_MARK.len());
+        }
         let read = guard(path, "materials", || {
             tobj::load_mtl_buf(&mut reader)
                 .map_err(|error| Error::corrupt(path, "materials", error.to_string(), "materials"))

@@ -1,0 +1,106 @@
+//! Interruption of long work on solids: what matters is how often it is asked for, not how long anything takes.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use spinney::import::mesh::{Boundary, InsideTest, SolidOptions, SolidReport, plan_models};
+use spinney::io::Output;
+use spinney::value::{Kind, Rule};
+use spinney::{Error, Progress, Result};
+
+use crate::common::solid::{Triangle, plain, tetrahedra, unit_cells};
+use crate::common::{Cells, OCT, Random, goblin_bytes, with};
+
+/// Somebody who wants to stop as soon as that has been asked so many times.
+struct Impatient {
+    patience: u64,
+    asked: AtomicU64,
+}
+
+impl Impatient {
+    fn new(patience: u64) -> Impatient {
+        Impatient { patience, asked: AtomicU64::new(0) }
+    }
+
+    fn asked(&self) -> u64 {
+        self.asked.load(Ordering::Relaxed)
+    }
+}
+
+impl Progress for Impatient {
+    fn interrupted(&self) -> bool {
+        self.asked.fetch_add(1, Ordering::Relaxed) >= self.patience
+    }
+}
+
+/// Does work that asks at least so many times, and interrupts it at four of them: it then ends with the next
+/// question.
+fn check(work: &dyn Fn(&dyn Progress) -> Result<()>, least: u64, what: &str) {
+    let patient = Impatient::new(u64::MAX);
+    work(&patient).unwrap();
+    let all = patient.asked();
+    assert!(all >= least, "{what}: asked {all} times, not {least}");
+    for quarter in 0..4 {
+        let patience = all * quarter / 4;
+        let impatient = Impatient::new(patience);
+        assert!(matches!(work(&impatient), Err(Error::Interrupted)), "{what} after {patience} of {all}");
+        assert_eq!(impatient.asked(), patience + 1, "{what}");
+    }
+}
+
+fn build(triangles: &[Triangle], options: &SolidOptions, progress: &dyn Progress) -> Result<SolidReport> {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Output::create(&folder.path().join("solid.goblin")).unwrap();
+    let built = plan_models(vec![plain(triangles)], options).unwrap().build(output, progress);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), usize::from(built.is_ok()));
+    built
+}
+
+#[test]
+fn one_block_of_many_triangles_is_interrupted_within() {
+    let triangles = tetrahedra(&mut Random(5), 20, 16.0, 0.37);
+    let soup: Vec<Triangle> = triangles.iter().step_by(3).copied().collect();
+    for boundary in [Boundary::Centre, Boundary::Full, Boundary::Coverage] {
+        let options = with(unit_cells(4), |it| it.boundary = boundary);
+        for (triangles, inside) in [(&triangles, InsideTest::Closed), (&soup, InsideTest::Open)] {
+            let work = |progress: &dyn Progress| {
+                build(triangles, &options, progress).map(|report| assert_eq!(report.inside, inside))
+            };
+            check(&work, 2 * triangles.len() as u64, &format!("{boundary:?}, {inside:?}"));
+        }
+    }
+    let surface = with(unit_cells(4), |it| it.surface = true);
+    let work = |progress: &dyn Progress| build(&soup, &surface, progress).map(|_| ());
+    check(&work, soup.len() as u64, "surface");
+}
+
+#[test]
+fn division_of_space_is_interrupted_at_each_triangle() {
+    let triangles = tetrahedra(&mut Random(5), 100, 256.0, 0.37);
+    let work = |progress: &dyn Progress| build(&triangles, &unit_cells(8), progress).map(|_| ());
+    let patient = Impatient::new(u64::MAX);
+    work(&patient).unwrap();
+    // The root's triangles are looked at twice, those of its children once more.
+    assert!(patient.asked() > 3 * triangles.len() as u64, "{}", patient.asked());
+    // Blocks that were begun at the same time end at their first question.
+    let impatient = Impatient::new(patient.asked() / 2);
+    assert!(matches!(work(&impatient), Err(Error::Interrupted)));
+    assert!(impatient.asked() <= patient.asked() / 2 + 64, "{} of {}", impatient.asked(), patient.asked());
+}
+
+#[test]
+fn measures_of_solids_are_interrupted_at_each_node() {
+    let cells = Cells::random(OCT, 7, [32; 3], 200, true);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("solid.goblin");
+    std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, Kind::Continuous)).unwrap();
+    let tree = spinney::open(&path).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let patient = Impatient::new(u64::MAX);
+    pool.install(|| tree.solid(tree.depth(), &patient)).unwrap();
+    assert!(patient.asked() > tree.metadata().counts.records(), "{}", patient.asked());
+    let impatient = Impatient::new(patient.asked() / 2);
+    let measured = pool.install(|| tree.solid(tree.depth(), &impatient));
+    assert!(matches!(measured, Err(Error::Interrupted)));
+    // What threads share is nodes and faces of the first levels: each of these asks once more.
+    assert!(impatient.asked() < patient.asked() / 2 + 400, "{}", impatient.asked());
+}
