@@ -51,7 +51,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
     /// Box of an octree as an array: first cell and size, in cells of the level
-    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, allow_hyphen_values = true)]
+    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid)]
     #[arg(conflicts_with_all = ["size", "slice", "window", "bbox"])]
     cells: Option<Cuboid>,
     /// The slice or box is given in world coordinates
