@@ -11,4 +11,5 @@ mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
+mod cli_pictures;
 mod cli_solids;
