@@ -10,6 +10,7 @@ use spinney::dataset::Dataset;
 use spinney::query::{Condition, FoundBlock};
 
 use super::args::{PartOptions, ViewedTree};
+use super::report::statistics::class_as_json;
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
@@ -116,6 +117,6 @@ fn as_json(tree: &Dataset, block: &FoundBlock) -> serde_json::Value {
         "min": block.bounds.min[..axes],
         "size": block.bounds.size()[..axes],
         "world": [low[..axes], high[..axes]],
-        "value": block.value,
+        "value": block.value.map(class_as_json),
     })
 }

@@ -7,6 +7,7 @@ mod cli;
 #[cfg(all(unix, feature = "cli"))]
 mod cli_build;
 mod cli_edits;
+mod cli_info;
 mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;
