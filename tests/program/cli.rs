@@ -178,6 +178,16 @@ fn get_refuses_what_makes_no_sense() {
     complaint(&["get", &trees.classic, &out, "--size", "0x2"], 2);
     complaint(&["get", &trees.classic, &out, "--window", "0,0,0,1"], 1);
     complaint(&["get", &trees.classic, &out, "--window", "1,2,3"], 2);
+    for outside in ["8,0,2,2", "0,8,2,2", "900,900,2,2"] {
+        for question in [&["get", &trees.classic, &out][..], &["stats", &trees.classic]] {
+            let said = complaint(&[question, &["--window", outside]].concat(), 1);
+            assert!(said.contains("outside the picture, which has 8 x 8 cells"), "{said}");
+        }
+    }
+    for step in ["window=8,0,2,2", "window=-2,0,2,2", "bbox=100,100,120,120"] {
+        complaint(&["get", &trees.classic, &out, "--view", step], 1);
+    }
+    complaint(&["get", &trees.octree, &out, "--slice", "y=3", "--window", "0,10,2,2"], 1);
     complaint(&["get", &trees.octree, &out, "--slice", "10"], 1);
     // Rows that would not fit in memory.
     let most = u64::MAX.to_string();

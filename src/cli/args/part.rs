@@ -51,6 +51,13 @@ impl PartOptions {
         let mut bounds = Bounds::picture(tree.header().extent);
         (bounds.min[columns], bounds.max[columns]) = (column, right);
         (bounds.min[rows], bounds.max[rows]) = (row, lower);
+        let extent = tree.header().extent;
+        ensure!(
+            column < extent[columns] && row < extent[rows],
+            "--window: {column},{row} is outside the picture, which has {} x {} cells",
+            extent[columns],
+            extent[rows]
+        );
         Ok(Some(bounds))
     }
 }
