@@ -10,6 +10,7 @@ use spinney::ops::{self, Operation, Prefer};
 
 use super::Global;
 use super::args::{Memory, OperationName, check_output, parse_operation};
+use super::report::statistics::class_as_json;
 use super::report::{Work, print_json, print_text, report_output};
 
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
@@ -106,9 +107,13 @@ fn table(files: &[PathBuf], json: bool) -> Result<()> {
     let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
     let pairs = ops::cross_files(first, second)?;
     if json {
+        let samples = |value: &Option<Vec<f64>>| {
+            let value = value.as_ref();
+            value.map(|samples| samples.iter().map(|sample| class_as_json(*sample)).collect::<Vec<_>>())
+        };
         let rows: Vec<_> = pairs
             .iter()
-            .map(|(first, second, cells)| json!({ "first": first, "second": second, "cells": cells }))
+            .map(|(a, b, cells)| json!({ "first": samples(a), "second": samples(b), "cells": cells }))
             .collect();
         return print_json(&json!(rows));
     }

@@ -14,8 +14,8 @@ use spinney::store::autumnal::Editor;
 use spinney::store::file_is_tree;
 
 use super::args::{
-    CommitOptions, Cuboid, OperationName, PartOptions, numbers, parse_cuboid, parse_operation, parse_step,
-    same_file, to_cells,
+    CommitOptions, Cuboid, OperationName, PartOptions, number, numbers, parse_cuboid, parse_operation,
+    parse_step, same_file, to_cells,
 };
 use super::report::Work;
 use super::report::commit::report_commit;
@@ -60,7 +60,7 @@ struct Paste {
     /// Tree file or picture, of the same kind of values
     patch: PathBuf,
     /// The cell that its first one goes to [default: where it lies in the world]
-    #[arg(long, value_name = "COL,ROW[,Z]", value_parser = parse_cell, allow_hyphen_values = true)]
+    #[arg(long, value_name = "COL,ROW[,Z]", value_parser = parse_cell)]
     at: Option<[i64; 3]>,
     /// See it through a step of `transform`, such as rotate=30; may be given several times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
@@ -83,19 +83,14 @@ struct Fill {
     cuboid: Option<Cuboid>,
     /// Polygon, in world coordinates: corners X,Y with blanks between, rings with semicolons; a hole is a
     /// ring, too
-    #[arg(long, value_name = "X,Y X,Y ...", allow_hyphen_values = true, conflicts_with_all = ["window", "bbox", "cuboid"])]
+    #[arg(long, value_name = "X,Y X,Y ...", conflicts_with_all = ["window", "bbox", "cuboid"])]
     polygon: Option<String>,
     /// A node by its FD code, such as /031
     #[arg(long, value_name = "CODE", conflicts_with_all = ["window", "bbox", "cuboid", "polygon"])]
     block: Option<String>,
     /// The value: one number, or one for each channel
-    #[arg(
-        long,
-        value_name = "NUMBER,...",
-        value_delimiter = ',',
-        allow_negative_numbers = true,
-        group = "what"
-    )]
+    #[arg(long, value_name = "NUMBER,...", value_delimiter = ',', value_parser = number::<f64>)]
+    #[arg(allow_negative_numbers = true, group = "what")]
     value: Option<Vec<f64>>,
     /// VOID instead of a value: nothing is there any more
     #[arg(long, group = "what")]

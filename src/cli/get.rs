@@ -5,20 +5,22 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, ensure};
 use spinney::dataset::Dataset;
 use spinney::export::image::Format;
-use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window, window_range};
 use spinney::io::Output;
 use spinney::space::Bounds;
+use spinney::value::SampleType;
 
 use super::Global;
 use super::args::{
-    Cuboid, PartOptions, Slice, ViewedTree, check_output, level_of, parse_cuboid, parse_size, parse_slice,
-    picture_format,
+    Cuboid, PartOptions, Slice, ViewedTree, check_output, level_of, numbers, parse_cuboid, parse_size,
+    parse_slice, picture_format,
 };
 use super::report::Work;
 
 const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
   spinney get world.goblin alps.tif --bbox 5,44,17,48
+  spinney get relief.goblin alps.png --bbox 5,44,17,48 --range 0,4000
   spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
   spinney get world.goblin - --format png --size 256x256 > tile.png
   spinney get house.goblin cut.png --slice y=120 --size 800x600
@@ -51,7 +53,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
     /// Box of an octree as an array: first cell and size, in cells of the level
-    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid, allow_hyphen_values = true)]
+    #[arg(long = "box", value_name = "X,Y,Z,W,H,D", value_parser = parse_cuboid)]
     #[arg(conflicts_with_all = ["size", "slice", "window", "bbox"])]
     cells: Option<Cuboid>,
     /// The slice or box is given in world coordinates
@@ -63,6 +65,17 @@ pub(crate) struct Args {
     /// Number for VOID cells
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<f64>,
+    /// Numbers that become black and white in a .png [default: values of u8 and u16 are written as they are, others
+    /// between the least and the greatest of the picture]
+    #[arg(long, value_name = "A,B", value_parser = parse_range, conflicts_with = "cells")]
+    range: Option<[f64; 2]>,
+}
+
+/// Reads two numbers that differ.
+fn parse_range(text: &str) -> Result<[f64; 2], String> {
+    numbers(text)
+        .filter(|[black, white]: &[f64; 2]| black != white && black.is_finite() && white.is_finite())
+        .ok_or_else(|| "expected two numbers that differ, as in 0,4000".into())
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -72,6 +85,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     ensure!(!args.world || args.slice.is_some() || args.cells.is_some(), "--world is for --slice and --box");
     let is_octree = tree.header().form.axes() == 3;
     let is_array = matches!(format, Format::Npy | Format::Raw);
+    ensure!(
+        args.range.is_none() || format == Format::Png,
+        "--range is for .png; others hold the values themselves"
+    );
     if args.cells.is_some() || is_octree && is_array && args.slice.is_none() && args.size.is_none() {
         ensure!(is_octree, "--box: {} is a quadtree; use --window", args.tree.file.display());
         return array(args, &tree, format, global);
@@ -89,6 +106,13 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let mut request = WindowRequest::new(bounds, detail);
     (request.across, request.nodata) = (across, args.nodata);
     let progress = Work::start(global, "pixels")?;
+    let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
+    request.range = args.range;
+    if format == Format::Png && request.range.is_none() && !fits {
+        let [low, high] = window_range(&tree, &request, &progress)?.unwrap_or([0.0, 1.0]);
+        global.report("range", format_args!("{low} to {high} is written as black to white; see --range"));
+        request.range = Some([low, high]);
+    }
     let output = Output::create(&args.output)?;
     export_window(&tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", args.output.display()))

@@ -7,10 +7,12 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::ChannelStatistics;
-use spinney::store::Metadata;
+use spinney::space::Frame;
+use spinney::store::LevelCounts;
 
 use super::open;
-use super::report::statistics::channels_as_json;
+use super::report::statistics::{channels_as_json, class_as_json};
+use super::report::unit::{behind_number, unit};
 use super::report::{commit, print_json, print_text};
 
 const EXAMPLES: &str = "Examples:
@@ -23,6 +25,9 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
+    /// Count the nodes of each level also where that takes long: in .autumn files of more than 16 million records
+    #[arg(long)]
+    levels: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -30,7 +35,22 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let tree = open(&args.file)?;
-    if args.json { print_json(&as_json(&tree)?) } else { print_text(&as_text(&tree)?) }
+    let most = if args.levels { u64::MAX } else { COUNTED };
+    let levels = tree.level_counts(most)?;
+    let levels = levels.as_ref().map(LevelCounts::levels);
+    if args.json { print_json(&as_json(&tree, levels)?) } else { print_text(&as_text(&tree, levels)?) }
+}
+
+/// Records of which the nodes are counted without being asked to: a matter of seconds.
+const COUNTED: u64 = 1 << 24;
+
+/// VOID, LEAF and INNER nodes of each level.
+type Levels<'a> = Option<&'a [[u64; 3]]>;
+
+/// Lengths of a cell's edges in the world.
+fn cell_size(frame: &Frame) -> [f64; 3] {
+    let [x, y, z] = frame.matrix;
+    std::array::from_fn(|axis| x[axis].hypot(y[axis]).hypot(z[axis]))
 }
 
 /// Bytes of the picture as plain samples.
@@ -42,18 +62,14 @@ fn tree_name(tree: &Dataset) -> &'static str {
     if tree.header().form.axes() == 2 { "quadtree" } else { "octree" }
 }
 
-fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
+fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
     let header = tree.header();
     let metadata = tree.metadata();
     let stats = tree.statistics(None)?;
     let axes = header.form.axes();
-    let levels: Vec<_> = metadata
-        .counts
-        .levels()
-        .iter()
-        .enumerate()
-        .map(|(level, [void, leaf, inner])| json!({ "level": level, "void": void, "leaf": leaf, "inner": inner }))
-        .collect();
+    let row = |(level, [void, leaf, inner]): (usize, &[u64; 3])| json!({ "level": level, "void": void, "leaf": leaf, "inner": inner });
+    let levels = levels.map(|levels| levels.iter().enumerate().map(row).collect::<Vec<_>>());
+    let [low, high] = metadata.frame.world_box(&header.picture());
     let sections: serde_json::Map<_, _> =
         tree.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
     let classes: Vec<_> = stats
@@ -62,7 +78,7 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
         .map(|(value, cells)| {
             let colour = metadata.palette.as_ref().and_then(|palette| palette.colours.get(*value as usize));
             let name = metadata.class_names.get(&(*value as i64));
-            json!({ "value": value, "cells": cells, "name": name, "colour": colour })
+            json!({ "value": class_as_json(*value), "cells": cells, "name": name, "colour": colour })
         })
         .collect();
     Ok(json!({
@@ -77,6 +93,11 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
         "kind": header.kind.name(),
         "rule": header.rule.name(),
         "transform": metadata.frame.affine(),
+        "matrix": metadata.frame.matrix,
+        "origin": metadata.frame.to_world([0.0; 3])[..axes],
+        "cell": cell_size(&metadata.frame)[..axes],
+        "world": [low[..axes], high[..axes]],
+        "unit": unit(tree),
         "epsg": metadata.frame.epsg,
         "crs": metadata.frame.crs_name,
         "nodata": metadata.nodata,
@@ -98,12 +119,12 @@ fn as_json(tree: &Dataset) -> Result<serde_json::Value> {
     }))
 }
 
-fn as_text(tree: &Dataset) -> Result<String> {
+fn as_text(tree: &Dataset, levels: Levels<'_>) -> Result<String> {
     let mut text = String::new();
     write_picture(&mut text, tree)?;
     write_storage(&mut text, tree)?;
     write_values(&mut text, tree)?;
-    write_levels(&mut text, tree.metadata())?;
+    write_levels(&mut text, levels)?;
     for line in &tree.metadata().provenance {
         writeln!(text, "from        {line}")?;
     }
@@ -125,8 +146,7 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     let (size, depth) = (size.join(" x "), header.depth());
     writeln!(text, "size        {size} cells of {}, depth {depth}", header.form.value)?;
     writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;
-    let [a, b, c, d, e, f] = metadata.frame.affine();
-    writeln!(text, "transform   {a}, {b}, {c}, {d}, {e}, {f}")?;
+    write_place(text, tree)?;
     let name = metadata.frame.crs_name.as_deref();
     match (metadata.frame.epsg, name) {
         (Some(epsg), Some(name)) => writeln!(text, "crs         EPSG:{epsg} ({name})")?,
@@ -137,6 +157,26 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     if let Some(nodata) = metadata.nodata {
         writeln!(text, "nodata      {nodata}")?;
     }
+    Ok(())
+}
+
+/// Writes where the cells lie in the world.
+fn write_place(text: &mut String, tree: &Dataset) -> Result<()> {
+    let (frame, axes) = (&tree.metadata().frame, tree.header().form.axes());
+    let list = |numbers: &[f64], between: &str| -> String {
+        numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(between)
+    };
+    if axes == 2 {
+        writeln!(text, "transform   {}", list(&frame.affine(), ", "))?;
+    } else {
+        for (heading, row) in ["transform", "", ""].into_iter().zip(&frame.matrix) {
+            writeln!(text, "{heading:<11} {}", list(row, ", "))?;
+        }
+        writeln!(text, "origin      {}", list(&frame.to_world([0.0; 3]), ", "))?;
+    }
+    let [low, high] = frame.world_box(&tree.header().picture());
+    writeln!(text, "cell        {}{}", list(&cell_size(frame)[..axes], " x "), behind_number(tree, ""))?;
+    writeln!(text, "world       {} to {}", list(&low[..axes], ","), list(&high[..axes], ","))?;
     Ok(())
 }
 
@@ -189,12 +229,13 @@ fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Writes the number of nodes in each state, level by level, where the file knows them.
-fn write_levels(text: &mut String, metadata: &Metadata) -> Result<()> {
-    let levels = metadata.counts.levels();
-    if !levels.is_empty() {
-        writeln!(text, "level           VOID           LEAF          INNER")?;
-    }
+/// Writes the number of nodes in each state, level by level.
+fn write_levels(text: &mut String, levels: Levels<'_>) -> Result<()> {
+    let Some(levels) = levels else {
+        writeln!(text, "levels      not counted: more than {COUNTED} records; --levels counts them")?;
+        return Ok(());
+    };
+    writeln!(text, "level           VOID           LEAF          INNER")?;
     for (level, [void, leaf, inner]) in levels.iter().enumerate() {
         writeln!(text, "{level:>5} {void:>14} {leaf:>14} {inner:>14}")?;
     }

@@ -30,7 +30,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use spinney::dataset::Dataset;
 
-use self::args::Global;
+use self::args::{Global, words};
 use self::report::exit::{BROKEN_PIPE, exit_code};
 
 /// Keeps pictures and solids that are larger than memory as quadtrees and octrees, any part at any level of
@@ -121,7 +121,7 @@ fn open(path: &Path) -> Result<Dataset> {
 
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
-    let Cli { global, command } = Cli::parse();
+    let Cli { global, command } = Cli::parse_from(words());
     global.start_threads();
     match command.run(&global) {
         Ok(code) => code,

@@ -12,7 +12,7 @@ use super::args::{ViewedTree, level_of, to_cells};
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
-  spinney point relief.goblin -- -70.0,-33.4 7.66,45.98
+  spinney point relief.goblin -70.0,-33.4 7.66,45.98
   spinney point --cells world.goblin 21600,5000
   spinney point relief.goblin < coordinates.csv > heights.txt
   spinney point house.goblin 3.5,2.25,1.1

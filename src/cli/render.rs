@@ -36,7 +36,6 @@ pub(crate) struct Args {
     size: (u64, u64),
     /// Direction in which the viewer stands, in degrees: on the compass, and above the horizon
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = parse_direction, default_value = "215,30")]
-    #[arg(allow_hyphen_values = true)]
     from: [f64; 2],
     /// Level of detail [default: the coarsest that is fine enough]
     #[arg(long)]

@@ -9,7 +9,8 @@ use spinney::value::Rule;
 
 use super::Global;
 use super::args::{PartOptions, ViewedTree, level_of};
-use super::report::statistics::channels_as_json;
+use super::report::statistics::{channels_as_json, class_as_json};
+use super::report::unit::counts_feet;
 use super::report::{Work, print_json, print_text, solid};
 
 const EXAMPLES: &str = "Examples:
@@ -19,7 +20,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats house.goblin --solid --level 7
 
 Of solids (octrees of occupancy, or others with --solid) volume, surface, centre of gravity and
-bounds are printed, in units of the world. The volume is exact; coarser levels keep it. The surface
+bounds are printed, in the model's unit. The volume is exact; coarser levels keep it. The surface
 is that of the cells which are at least half full: once of the cells as blocks, and once of the
 smooth surface they stand for, each face weighted by the surface's normal there. In other octrees
 cells that are not VOID are full.
@@ -112,13 +113,11 @@ fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
     if is_geographic(u16::try_from(epsg).unwrap_or(0)) {
         return Err("cells of degrees differ in area; build from a raster in a projected system");
     }
-    let name = frame.crs_name.as_deref().unwrap_or_default().to_lowercase();
+    if counts_feet(epsg, frame.crs_name.as_deref()) {
+        return Err("the coordinate system counts in feet");
+    }
     let [a, b, _, d, e, _] = frame.affine();
-    let feet = name.contains("ft")
-        || name.contains("foot")
-        || name.contains("feet")
-        || (2222..=2289).contains(&epsg);
-    if feet { Err("the coordinate system counts in feet") } else { Ok((a * e - b * d).abs()) }
+    Ok((a * e - b * d).abs())
 }
 
 /// The name of a class; nothing if it has none.
@@ -130,7 +129,7 @@ fn as_json(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> serd
     let area = cell_area(tree).ok();
     let class = |(value, cells): &(f64, u64)| {
         json!({
-            "value": value,
+            "value": class_as_json(*value),
             "name": class_name(tree, *value),
             "cells": cells,
             "area_m2": area.map(|area| area * *cells as f64),

@@ -16,6 +16,7 @@ use crate::space::Bounds;
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::store::{Finding, Header, Metadata, OpenOptions, TreeFormat};
+use crate::tree::Source;
 use crate::{Progress, Result};
 
 /// A tree file of any form and either format, or a view of one, open for questions; may be shared by any

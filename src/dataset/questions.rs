@@ -3,10 +3,12 @@
 use super::viewed::value_at;
 use super::{Dataset, Reader};
 use crate::Result;
+use crate::ops::TreeFile;
 use crate::query::{
     Canvas, Condition, FoundBlock, PointSamples, Statistics, source_find, source_histogram, source_statistics,
 };
 use crate::space::{Bounds, Cell, Code};
+use crate::store::LevelCounts;
 use crate::tree::Source;
 use crate::value::Value;
 
@@ -109,6 +111,18 @@ impl Dataset {
                 source_statistics(viewed.view(), &self.header().within_picture(bounds), counts_classes)
             }
             _ => self.file().statistics(bounds),
+        }
+    }
+
+    /// Nodes of the file's tree by level and state. Goblin files know them, those of Autumnal files are counted: `None` if
+    /// they have more than `most` records.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn level_counts(&self, most: u64) -> Result<Option<LevelCounts>> {
+        match self.file() {
+            TreeFile::Autumnal(file) => file.level_counts(most),
+            file => Ok(Some(file.metadata().counts.clone())),
         }
     }
 

@@ -13,6 +13,8 @@ mod paint;
 #[cfg(feature = "raster")]
 mod render;
 #[cfg(feature = "raster")]
+mod stretch;
+#[cfg(feature = "raster")]
 mod window;
 
 #[cfg(feature = "raster")]
@@ -22,4 +24,4 @@ pub use camera::Projection;
 #[cfg(feature = "raster")]
 pub use render::{RenderRequest, render};
 #[cfg(feature = "raster")]
-pub use window::{Detail, WindowRequest, export_window, fill_for};
+pub use window::{Detail, WindowRequest, export_window, fill_for, window_range};

@@ -1,6 +1,7 @@
 //! A window of a tree as a picture, at any level or size, streamed in bands of rows.
 
-use super::image::{Format, ImageSpec, RowWriter, create};
+use super::image::{Format, ImageSpec, create};
+use super::stretch::Stretch;
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::space::{Bounds, Frame};
@@ -21,6 +22,9 @@ pub struct WindowRequest {
     pub detail: Detail,
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
     pub nodata: Option<f64>,
+    /// The numbers that become black and white in a PNG of 8 bits; without them PNG takes values of u8 and u16
+    /// alone, as they are. See [`window_range`].
+    pub range: Option<[f64; 2]>,
     /// Bytes to hold at a time; what one row of the output needs must fit.
     pub memory: u64,
 }
@@ -31,7 +35,7 @@ pub(super) const DEFAULT_MEMORY: u64 = 64 << 20;
 impl WindowRequest {
     /// A window seen from above, written with 64 MiB of memory.
     pub fn new(bounds: Bounds, detail: Detail) -> WindowRequest {
-        WindowRequest { bounds, across: 2, detail, nodata: None, memory: DEFAULT_MEMORY }
+        WindowRequest { bounds, across: 2, detail, nodata: None, range: None, memory: DEFAULT_MEMORY }
     }
 }
 
@@ -74,7 +78,57 @@ pub fn export_window(
     progress: &dyn Progress,
 ) -> Result<()> {
     let grid = Grid::of(tree, request)?;
-    let row_bytes = row_bytes(tree.header().form.value, &grid);
+    let rows = rows_at_a_time(tree, request, &grid)?;
+    let void = VoidCells::of(tree, request)?;
+    let mut spec = image_spec(tree, &grid, &void);
+    let stretch = request.range.map(|ends| Stretch::new(spec.value, spec.alpha, ends));
+    if stretch.is_some() {
+        if format != Format::Png {
+            return Err(Error::invalid("range", "an output other than PNG", "PNG: others hold the values"));
+        }
+        spec.value.sample = SampleType::U8;
+        (spec.palette, spec.nodata) = (None, None);
+    }
+    let mut writer = create(output, format, &spec)?;
+    // Pictures of upright slices begin with the highest row, which is the last along the axis.
+    let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
+    let (width, height) = (grid.width, grid.height);
+    let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or(0.0) };
+    sampler.bands(rows, is_upright, progress, &mut |bytes, valid| {
+        let stretched = stretch.as_ref().map(|stretch| stretch.apply(bytes));
+        writer.write_rows(stretched.as_deref().unwrap_or(bytes), void.may_be.then_some(valid))?;
+        progress.advance(valid.len() as u64, height.saturating_mul(width));
+        Ok(())
+    })?;
+    writer.finish()
+}
+
+/// The least and the greatest finite number of a window's pixels, opacity aside, between which a picture may be
+/// stretched; `None` if there is none.
+///
+/// # Errors
+/// If [`export_window`] could not read the window either.
+pub fn window_range(
+    tree: &Dataset,
+    request: &WindowRequest,
+    progress: &dyn Progress,
+) -> Result<Option<[f64; 2]>> {
+    let grid = Grid::of(tree, request)?;
+    let rows = rows_at_a_time(tree, request, &grid)?;
+    let value = tree.header().form.value;
+    let stretch = Stretch::new(value, has_opacity(tree), [0.0; 2]);
+    let mut range = None;
+    Sampler { tree, grid, fill: 0.0 }.bands(rows, false, progress, &mut |bytes, valid| {
+        let pixels = bytes.chunks_exact(value.size()).zip(valid).filter(|(_, valid)| **valid);
+        pixels.for_each(|(pixel, _)| stretch.extend(&mut range, pixel));
+        Ok(())
+    })?;
+    Ok(range)
+}
+
+/// Rows of the output that memory is for.
+fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &Grid) -> Result<u64> {
+    let row_bytes = row_bytes(tree.header().form.value, grid);
     if row_bytes > request.memory {
         return Err(Error::TooLarge {
             path: tree.path().to_path_buf(),
@@ -84,15 +138,13 @@ pub fn export_window(
             advice: "ask for fewer columns or a coarser level".into(),
         });
     }
-    let void = VoidCells::of(tree, request)?;
-    let spec = image_spec(tree, &grid, &void);
-    let mut writer = create(output, format, &spec)?;
-    // Pictures of upright slices begin with the highest row, which is the last along the axis.
-    let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
-    let rows = (request.memory / row_bytes / 2).clamp(1, 256).min(grid.height);
-    let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or(0.0) };
-    write_bands(&sampler, rows, is_upright, void.may_be, &mut *writer, progress)?;
-    writer.finish()
+    Ok((request.memory / row_bytes / 2).clamp(1, 256).min(grid.height))
+}
+
+/// Whether the last channel is opacity.
+fn has_opacity(tree: &Dataset) -> bool {
+    let channels = tree.header().form.value.channels;
+    tree.metadata().alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(channels))
 }
 
 /// The output's pixels in cells of the level that they are made of.
@@ -204,42 +256,13 @@ fn image_spec(tree: &Dataset, grid: &Grid, void: &VoidCells) -> ImageSpec {
         width: grid.width,
         height: grid.height,
         value,
-        alpha: metadata.alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(value.channels)),
+        alpha: has_opacity(tree),
         void: void.may_be,
         frame: has_frame.then_some(frame),
         nodata: void.fill.filter(|_| void.may_be || metadata.nodata.is_some()),
         palette: metadata.palette.clone(),
         band_names: metadata.band_names.clone(),
     }
-}
-
-/// Writes all rows, in bands of so many.
-fn write_bands(
-    sampler: &Sampler<'_>,
-    rows: u64,
-    is_upright: bool,
-    has_void: bool,
-    writer: &mut dyn RowWriter,
-    progress: &dyn Progress,
-) -> Result<()> {
-    let Grid { width, height, is_resampled, .. } = sampler.grid;
-    let pixel = sampler.tree.header().form.value.size();
-    let mut row = 0;
-    while row < height {
-        progress.check()?;
-        let count = rows.min(height - row);
-        let first = if is_upright { height - row - count } else { row };
-        let (mut bytes, mut valid) =
-            if is_resampled { sampler.resample(first, count)? } else { sampler.copy(first, count)? };
-        if is_upright {
-            flip_rows(&mut bytes, width as usize * pixel);
-            flip_rows(&mut valid, width as usize);
-        }
-        writer.write_rows(&bytes, has_void.then_some(&valid))?;
-        progress.advance(count * width, height.saturating_mul(width));
-        row += count;
-    }
-    Ok(())
 }
 
 /// Reverses the order of rows.
@@ -285,6 +308,9 @@ pub fn fill_for(tree: &Dataset) -> Result<Option<f64>> {
     Ok([low, high].into_iter().find(|number| channels.is_empty() || free(*number)))
 }
 
+/// What takes pixels, and whether each has a value.
+type Take<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
+
 /// Rows of a window, straight or resampled.
 struct Sampler<'a> {
     tree: &'a Dataset,
@@ -294,6 +320,27 @@ struct Sampler<'a> {
 }
 
 impl Sampler<'_> {
+    /// Hands out all pixels of the output, and whether each has a value, in bands of so many rows; from the last row
+    /// on if it is upright.
+    fn bands(&self, rows: u64, is_upright: bool, progress: &dyn Progress, each: &mut Take<'_>) -> Result<()> {
+        let Grid { width, height, is_resampled, .. } = self.grid;
+        let mut row = 0;
+        while row < height {
+            progress.check()?;
+            let count = rows.min(height - row);
+            let first = if is_upright { height - row - count } else { row };
+            let (mut bytes, mut valid) =
+                if is_resampled { self.resample(first, count)? } else { self.copy(first, count)? };
+            if is_upright {
+                flip_rows(&mut bytes, width as usize * self.tree.header().form.value.size());
+                flip_rows(&mut valid, width as usize);
+            }
+            each(&bytes, &valid)?;
+            row += count;
+        }
+        Ok(())
+    }
+
     /// The cells of some rows of the level, and whether each has a value.
     fn rows(&self, first: u64, end: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let mut bounds = self.grid.source;
@@ -389,7 +436,8 @@ impl Span {
     }
 }
 
-fn number(sample: SampleType, bytes: &[u8]) -> f64 {
+/// The first sample of some bytes.
+pub(super) fn number(sample: SampleType, bytes: &[u8]) -> f64 {
     macro_rules! read {
         ($type:ty) => {
             bytes.first_chunk().map_or(0.0, |bytes| <$type>::from_le_bytes(*bytes) as f64)

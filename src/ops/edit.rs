@@ -105,7 +105,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
         Edit::Revert(_) => unreachable!("is no new tree"),
         Edit::Fill(region, value) => {
             let value = value_or_void(value_type, &value)?.filter(|value| !value_type.is_nan(*value));
-            (Operation::Over, vec![patched(&tree, Arc::new(FillPatch::new(region, extent, value)))?])
+            (Operation::Over, vec![patched(&tree, Arc::new(FillPatch::new(region, extent, value)?))?])
         }
         Edit::Set(cells) => {
             let cells = cells.iter().map(|(cell, value)| Ok((*cell, value_or_void(value_type, value)?)));
@@ -115,9 +115,11 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
         Edit::Paste { patch, at, where_valid } => (Operation::Over, pasted(&tree, &patch, at, where_valid)?),
         Edit::Apply(operation, path) => {
             let file = TreeFile::open(&path, &OpenOptions::default())?;
+            let file_extent = file.header().extent;
             check_form((&path, file.form()), (tree.path(), form))?;
-            let extent = file.header().extent;
-            let (view, _) = aligned(View::new(Arc::new(file), extent)?, &tree, &path)?;
+            let whole_file = View::new(Arc::new(file), file_extent)?;
+            let (view, bounds) = aligned(whole_file, &tree, &path)?;
+            check_place(&bounds, extent, &path)?;
             (operation, vec![whole(tree.into())?, view.deepened(depth)?])
         }
     };
@@ -150,19 +152,24 @@ fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid
         }
         None => aligned(view, tree, &patch.path)?,
     };
-    let bounds = bounds.intersect(&Bounds::picture(extent));
-    if bounds.is_empty() {
-        let name = patch.path.display().to_string();
-        let found = "a place outside of the tree";
-        return Err(Error::invalid(name, found, "one that is at least partly inside"));
-    }
+    let bounds = check_place(&bounds, extent, &patch.path)?;
     let below = if where_valid {
         whole(tree.clone().into())?
     } else {
         // What is VOID in the patch becomes VOID in the tree: first all of the box does.
-        patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)))?
+        patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)?))?
     };
     Ok(vec![view.deepened(depth)?, below])
+}
+
+/// What of a box of cells lies in a tree; an error if nothing does.
+fn check_place(bounds: &Bounds, extent: [u64; 3], path: &Path) -> Result<Bounds> {
+    let inside = bounds.intersect(&Bounds::picture(extent));
+    if inside.is_empty() {
+        let found = "a place outside of the tree";
+        return Err(Error::invalid(path.display().to_string(), found, "one that is at least partly inside"));
+    }
+    Ok(inside)
 }
 
 /// A view resampled to the cell grid of a tree by both frames, and its box of cells there.

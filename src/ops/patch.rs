@@ -105,10 +105,31 @@ pub enum FillRegion {
     Polygon(Polygon),
 }
 
+impl FillRegion {
+    /// Whether some of it lies in a tree's extent.
+    fn reaches(&self, extent: [u64; 3]) -> bool {
+        match self {
+            FillRegion::Box(region) => !region.intersect(&Bounds::picture(extent)).is_empty(),
+            FillRegion::Polygon(polygon) => {
+                let [low, high] = polygon.corners();
+                (0..2).all(|axis| low[axis] < extent[axis] as f64 && high[axis] > 0.0)
+            }
+        }
+    }
+}
+
 impl FillPatch {
     /// Fills what of a region lies in a tree's extent.
-    pub fn new(region: FillRegion, extent: [u64; 3], value: Option<Value>) -> FillPatch {
-        FillPatch { region, within: Bounds::picture(extent), value }
+    ///
+    /// # Errors
+    /// If nothing of it does.
+    pub fn new(region: FillRegion, extent: [u64; 3], value: Option<Value>) -> Result<FillPatch> {
+        if !region.reaches(extent) {
+            let [x, y, z] = extent;
+            let expected = format!("one that is at least partly in its {x} x {y} x {z} cells");
+            return Err(Error::invalid("region to fill", "one that is outside of the tree", expected));
+        }
+        Ok(FillPatch { region, within: Bounds::picture(extent), value })
     }
 }
 

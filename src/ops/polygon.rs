@@ -10,6 +10,8 @@ pub struct Polygon {
     bands: Vec<Vec<[[f64; 2]; 2]>>,
     low: f64,
     high: f64,
+    /// Least and greatest column of the corners.
+    sides: [f64; 2],
 }
 
 /// Number of bands of rows: only the edges in the bands of a node are tested against it.
@@ -30,7 +32,9 @@ impl Polygon {
         }
         let low = corners().map(|corner| corner[1]).fold(f64::INFINITY, f64::min);
         let high = corners().map(|corner| corner[1]).fold(f64::NEG_INFINITY, f64::max);
-        let mut polygon = Polygon { bands: vec![Vec::new(); BANDS], low, high };
+        let left = corners().map(|corner| corner[0]).fold(f64::INFINITY, f64::min);
+        let right = corners().map(|corner| corner[0]).fold(f64::NEG_INFINITY, f64::max);
+        let mut polygon = Polygon { bands: vec![Vec::new(); BANDS], low, high, sides: [left, right] };
         for ring in rings {
             for (i, corner) in ring.iter().enumerate() {
                 let next = ring[(i + 1) % ring.len()];
@@ -39,6 +43,11 @@ impl Polygon {
             }
         }
         Ok(polygon)
+    }
+
+    /// Least and greatest coordinates of the corners.
+    pub(super) fn corners(&self) -> [[f64; 2]; 2] {
+        [[self.sides[0], self.low], [self.sides[1], self.high]]
     }
 
     /// The bands of the rows from one coordinate to another.

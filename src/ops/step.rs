@@ -89,6 +89,14 @@ fn window(view: View, min: [i64; 3], mut size: [u64; 3]) -> Result<View> {
         // Four numbers mean columns of any height.
         size[2] = view.extent()[2];
     }
+    let extent = view.extent();
+    let reaches =
+        |axis: usize| min[axis] < extent[axis] as i64 && min[axis].saturating_add_unsigned(size[axis]) > 0;
+    if !(0..3).all(reaches) {
+        let [x, y, z] = extent;
+        let expected = format!("one that is at least partly in the {x} x {y} x {z} cells");
+        return Err(Error::invalid("window", "one that is outside of the tree", expected));
+    }
     view.window(min, size)
 }
 

@@ -77,18 +77,7 @@ impl SolidStatistics {
 
     /// Least and greatest coordinates in the world of the box around all cells.
     pub fn world_bounds(&self) -> Option<[[f64; 3]; 2]> {
-        let bounds = self.bounds?;
-        let mut world = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-        for corner in 0..8 {
-            let pick =
-                |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
-            let point = self.frame.to_world(std::array::from_fn(|axis| pick(axis) as f64));
-            for axis in 0..3 {
-                world[0][axis] = world[0][axis].min(point[axis]);
-                world[1][axis] = world[1][axis].max(point[axis]);
-            }
-        }
-        Some(world)
+        self.bounds.map(|bounds| self.frame.world_box(&bounds))
     }
 }
 

@@ -84,6 +84,20 @@ impl Frame {
         Some(std::array::from_fn(|c| (0..3).map(|r| minor(r, c) * d[r]).sum::<f64>() / det))
     }
 
+    /// Least and greatest coordinates in the world of a box of cells.
+    pub fn world_box(&self, cells: &Bounds) -> [[f64; 3]; 2] {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { cells.min[axis] } else { cells.max[axis] };
+            let point = self.to_world(std::array::from_fn(|axis| pick(axis) as f64));
+            for axis in 0..3 {
+                low[axis] = low[axis].min(point[axis]);
+                high[axis] = high[axis].max(point[axis]);
+            }
+        }
+        [low, high]
+    }
+
     /// The cells of a picture of this size that a box of the world means, which is given by its least and its
     /// greatest coordinates: all that it covers, if only in part. `None` if the map cannot be inverted.
     ///

@@ -168,7 +168,11 @@ fn png_palette_keeps_colours_and_void() {
     assert!(pixels.valid.unwrap().iter().all(|valid| *valid));
 
     spec.void = true;
-    assert!(matches!(write(&path, Format::Png, &spec, &[0; 4], None), Err(Error::Unsupported { .. })));
+    // No number is left for VOID: colours instead.
+    write(&path, Format::Png, &spec, &[0, 3, 1, 2], Some(&[true, false, true, true])).unwrap();
+    let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
+    assert_eq!((info.channels, info.alpha, info.palette.is_none()), (4, Some(3), true));
+    assert_eq!(pixels.bytes, [1, 2, 3, 255, 0, 0, 0, 0, 4, 5, 6, 128, 7, 8, 9, 255]);
     spec.nodata = Some(3.0);
     write(&path, Format::Png, &spec, &[0, 3, 2, 3], Some(&[true, false, true, false])).unwrap();
     let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();

@@ -153,6 +153,11 @@ fn boxes_are_in_world_coordinates() {
     command(&["get", &placed, &part, "--bbox", "1030,1970,1070,1990"]).assert().success();
     assert_eq!(std::fs::read(&part).unwrap(), [3, 3, 3, 1, 3, 3, 2, 1]);
     assert_eq!(stdout(&["point", &placed, "--", "1035,1995", "-5,7"]), "3\nvoid\n");
+    assert_eq!(stdout(&["point", &placed, "-5,7", "1035,1995", "-5.5 -.7e3"]), "void\n3\nvoid\n");
+    assert_eq!(stdout(&["point", &placed, "-5,7", "--level", "1", "1035,1995"]), "void\n1\n");
+    command(&["get", &placed, &part, "--bbox", "-1030,-1970,1070,1990"]).assert().success();
+    assert!(complaint(&["point", &placed, "-5"], 2).contains("-5"));
+    assert!(complaint(&["get", &placed, &part, "--window", "-1,0,4,4"], 2).contains("none is negative"));
     assert!(complaint(&["get", &placed, &part, "--bbox", "0,0,10,10"], 1).contains("1000,1920,1080,2000"));
     complaint(&["get", &placed, &part, "--bbox", "10,0,0,10"], 1);
 }
@@ -173,6 +178,16 @@ fn get_refuses_what_makes_no_sense() {
     complaint(&["get", &trees.classic, &out, "--size", "0x2"], 2);
     complaint(&["get", &trees.classic, &out, "--window", "0,0,0,1"], 1);
     complaint(&["get", &trees.classic, &out, "--window", "1,2,3"], 2);
+    for outside in ["8,0,2,2", "0,8,2,2", "900,900,2,2"] {
+        for question in [&["get", &trees.classic, &out][..], &["stats", &trees.classic]] {
+            let said = complaint(&[question, &["--window", outside]].concat(), 1);
+            assert!(said.contains("outside the picture, which has 8 x 8 cells"), "{said}");
+        }
+    }
+    for step in ["window=8,0,2,2", "window=-2,0,2,2", "bbox=100,100,120,120"] {
+        complaint(&["get", &trees.classic, &out, "--view", step], 1);
+    }
+    complaint(&["get", &trees.octree, &out, "--slice", "y=3", "--window", "0,10,2,2"], 1);
     complaint(&["get", &trees.octree, &out, "--slice", "10"], 1);
     // Rows that would not fit in memory.
     let most = u64::MAX.to_string();
@@ -257,6 +272,21 @@ fn searches() {
     assert_eq!(covered(&["find", &trees.classic, "--below", "2", "--json"]), count(|class| class < 2));
     assert_eq!(stdout(&["find", &trees.classic, "--class", "1", "--limit", "2"]).lines().count(), 2);
     assert_eq!(stdout(&["find", &trees.classic, "--class", "9"]), "");
+    // By size, and where it lies in the world.
+    let levels = |arguments: &[&str]| -> Vec<u8> {
+        stdout(arguments).lines().map(|line| line.split(' ').nth(1).unwrap().parse().unwrap()).collect()
+    };
+    let mut all = levels(&["find", &trees.classic, "--class", "1"]);
+    assert!(!all.is_sorted());
+    all.sort_unstable();
+    assert_eq!(levels(&["find", &trees.classic, "--class", "1", "--largest", "1000"]), all);
+    assert_eq!(levels(&["find", &trees.classic, "--class", "1", "--largest", "3"]), all[..3]);
+    complaint(&["find", &trees.classic, "--class", "1", "--largest", "0"], 2);
+    let part = ["--window", "4,4,2,2", "--above", "0", "--largest", "1"];
+    let text = stdout(&[&["find", &trees.classic][..], &part].concat());
+    assert_eq!(text.split(' ').nth(4), Some("4,4,6,6"), "{text}");
+    let found = json(&["find", &trees.octree, "--above", "-1", "--largest", "1", "--json"]);
+    assert_eq!(found["world"], serde_json::json!([[0.0, 0.0, 0.0], [2.0, 2.0, 2.0]]));
     complaint(&["find", &trees.classic], 2);
     complaint(&["find", &trees.classic, "--class", "1", "--above", "1"], 2);
 }

@@ -47,6 +47,32 @@ fn changed(values: &[u8], cell: impl Fn(usize, usize) -> Option<u8>) -> Vec<u8> 
 }
 
 #[test]
+fn edits_outside_of_the_picture_are_refused() {
+    let place = Place::new();
+    let (file, far) = (place.at("i.autumn"), place.at("far.goblin"));
+    let moved = ["--transform", "50,0,900000,0,-50,3200000"];
+    spinney(&[&["build", "-q", CLASSES, "-o", &far][..], &moved].concat()).success();
+    for edit in [
+        &["fill", "--window", "256,0,9,9", "--value", "3"][..],
+        &["fill", "--window", "0,200,9,9", "--void"],
+        &["fill", "--bbox", "0,0,10,10", "--value", "3"],
+        // In the tree's space, but behind the last row.
+        &["fill", "--block", "/333", "--value", "3"],
+        &["fill", "--polygon", "0,0 10,0 0,10", "--value", "3"],
+        &["fill", "--polygon", "400000,3195000 410000,3195000 400000,3190000", "--value", "3"],
+        &["paste", CLASSES, "--at", "256,0"],
+        &["paste", &far],
+        &["apply", "union", &far],
+    ] {
+        let said = stderr(spinney(&[&["edit", &file][..], edit].concat()).code(1));
+        assert!(said.contains("outside"), "{edit:?}: {said}");
+    }
+    assert!(stdout(&["info", &file]).contains("commit      1"));
+    // What is partly inside is done there.
+    place.edit(&["fill", "--window", "250,190,100,100", "--value", "3"]);
+}
+
+#[test]
 fn every_edit_does_what_it_says() {
     let place = Place::new();
     let first = place.values("i.autumn");

@@ -65,7 +65,7 @@ fn cells_have_units_and_fit_together() {
         spinney(&words)
     };
     let said = stderr(build(&["--cell", "5mm", "--unit", "cm"]).success());
-    assert!(said.contains("8 x 4 x 2 in a tree of depth 3, each 0.5 wide"), "{said}");
+    assert!(said.contains("8 x 4 x 2 in a tree of depth 3, each 0.5 cm wide"), "{said}");
     assert!(stderr(build(&["--cell", "5mm"]).failure()).contains("--unit"));
     assert!(stderr(build(&["--cell", "0"]).failure()).contains("a width above zero"));
     assert!(stderr(build(&["--cell", "1e-9"]).failure()).contains("2^19"));

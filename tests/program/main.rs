@@ -7,8 +7,10 @@ mod cli;
 #[cfg(all(unix, feature = "cli"))]
 mod cli_build;
 mod cli_edits;
+mod cli_info;
 mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
+mod cli_pictures;
 mod cli_solids;

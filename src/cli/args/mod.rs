@@ -9,7 +9,9 @@ mod output;
 mod part;
 mod slice;
 mod viewed;
+mod words;
 
+use std::fmt::Display;
 use std::str::FromStr;
 
 use anyhow::{Context as _, Result, ensure};
@@ -24,6 +26,12 @@ pub(crate) use output::{check_output, parse_size, picture_format, same_file};
 pub(crate) use part::PartOptions;
 pub(crate) use slice::{Slice, parse_slice};
 pub(crate) use viewed::{ViewedTree, parse_step};
+pub(crate) use words::words;
+
+/// Reads a number, with or without blanks around it.
+pub(crate) fn number<T: FromStr<Err: Display>>(text: &str) -> Result<T, String> {
+    text.trim().parse().map_err(|error: T::Err| error.to_string())
+}
 
 /// Reads exactly `N` numbers with commas between them.
 pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {

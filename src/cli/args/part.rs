@@ -15,7 +15,7 @@ pub(crate) struct PartOptions {
     #[arg(long, value_name = "COL,ROW,W,H", value_parser = four::<u64>)]
     window: Option<[u64; 4]>,
     /// Box in world coordinates: west, south, east, north
-    #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = four::<f64>)]
+    #[arg(long, value_name = "W,S,E,N", value_parser = four::<f64>)]
     bbox: Option<[f64; 4]>,
 }
 
@@ -51,6 +51,13 @@ impl PartOptions {
         let mut bounds = Bounds::picture(tree.header().extent);
         (bounds.min[columns], bounds.max[columns]) = (column, right);
         (bounds.min[rows], bounds.max[rows]) = (row, lower);
+        let extent = tree.header().extent;
+        ensure!(
+            column < extent[columns] && row < extent[rows],
+            "--window: {column},{row} is outside the picture, which has {} x {} cells",
+            extent[columns],
+            extent[rows]
+        );
         Ok(Some(bounds))
     }
 }
@@ -67,15 +74,11 @@ fn rectangle_cells(tree: &Dataset, rectangle: [f64; 4]) -> Result<Bounds> {
 
 /// Reads four numbers with commas between them.
 fn four<T: std::str::FromStr>(text: &str) -> Result<[T; 4], String> {
-    numbers(text).ok_or_else(|| "expected four numbers, as in 1,2,3,4".into())
+    numbers(text).ok_or_else(|| "expected four numbers, as in 1,2,3,4; of cells none is negative".into())
 }
 
 /// West, south, east and north of the whole picture, for people.
 fn world_box(tree: &Dataset) -> String {
-    let [width, height, _] = tree.header().extent.map(|cells| cells as f64);
-    let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
-    let world = corners.map(|[x, y]| tree.metadata().frame.to_world([x, y, 0.0]));
-    let least = |axis: usize| world.iter().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
-    let most = |axis: usize| world.iter().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
-    format!("which is {},{},{},{}", least(0), least(1), most(0), most(1))
+    let [[west, south, _], [east, north, _]] = tree.metadata().frame.world_box(&tree.header().picture());
+    format!("which is {west},{south},{east},{north}")
 }

@@ -25,7 +25,7 @@ pub(super) struct PictureArgs {
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     nodata: Option<f64>,
     /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]
-    #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform, allow_hyphen_values = true)]
+    #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
     transform: Option<[f64; 6]>,
     /// Layer of an OpenEXR file, by name [default: the first]
     #[arg(long, value_name = "NAME")]

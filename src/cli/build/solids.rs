@@ -158,7 +158,8 @@ impl SolidArgs {
             let text =
                 format!("{faces} read, {triangles} triangles; {degenerate} left out that cover nothing");
             lines.push(("faces", text));
-            lines.push(("moved", format!("vertices by at most {:e}", report.displacement)));
+            let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
+            lines.push(("moved", format!("vertices by at most {:e}{unit}", report.displacement)));
             for (name, apart, cutting) in report.stages.named() {
                 let text =
                     format!("decided {apart} times that an octant is not cut, {cutting} times that it is");

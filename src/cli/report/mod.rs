@@ -7,6 +7,7 @@ mod progress;
 pub(crate) mod quantity;
 pub(crate) mod solid;
 pub(crate) mod statistics;
+pub(crate) mod unit;
 
 use std::fmt::Display;
 use std::io::{self, Write};

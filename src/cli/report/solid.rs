@@ -1,14 +1,13 @@
 //! Volume, surface, centre and bounds of solids.
 
+use super::unit::{behind_number, unit};
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::SolidStatistics;
 
-/// The unit of lengths, for people.
-fn unit(tree: &Dataset) -> &'static str {
-    if tree.metadata().frame.is_identity() { "cells" } else { "units of the world" }
-}
+/// What is said of a unit that nobody told.
+const UNKNOWN: &str = "the model's unit, which nobody told (`build --unit` does)";
 
 /// Coordinates for people, with commas between them.
 fn list(numbers: &[f64; 3]) -> String {
@@ -38,19 +37,27 @@ pub(crate) fn as_json(tree: &Dataset, solid: &SolidStatistics) -> serde_json::Va
 pub(crate) fn as_text(tree: &Dataset, solid: &SolidStatistics) -> Result<String> {
     use std::fmt::Write;
     let mut text = String::new();
-    writeln!(text, "solid      at level {} of {}; lengths in {}", solid.level, tree.depth(), unit(tree))?;
     writeln!(
         text,
-        "  volume   {} ({:.3} cells, {} occupied)",
+        "solid      at level {} of {}; lengths in {}",
+        solid.level,
+        tree.depth(),
+        unit(tree).unwrap_or(UNKNOWN)
+    )?;
+    writeln!(
+        text,
+        "  volume   {}{} ({:.3} cells, {} occupied)",
         solid.world_volume(),
+        behind_number(tree, "3"),
         solid.volume,
         solid.cells
     )?;
     let (smooth, blocks) = (solid.smooth_area(), solid.block_area());
+    let square = behind_number(tree, "2");
     let faces: u64 = solid.faces.iter().sum();
     writeln!(
         text,
-        "  surface  {smooth:.6}, estimated from normals; {blocks} of blocks ({faces} faces of cells)"
+        "  surface  {smooth:.6}{square}, estimated from normals; {blocks}{square} of blocks ({faces} faces of cells)"
     )?;
     if let (Some(world), Some(cells)) = (solid.world_centre(), solid.centre) {
         writeln!(text, "  centre   {} (cell {})", list(&world), list(&cells))?;

@@ -29,7 +29,7 @@ pub struct ImageSpec {
     /// Whether the last sample is opacity.
     pub alpha: bool,
     /// Whether pixels may be VOID. PNG then gets an opacity channel if it has none (or, with a palette, uses
-    /// `nodata`).
+    /// `nodata` if that is a value, and else writes colours).
     pub void: bool,
     /// Frame of the pixels in the world, for formats that can hold one.
     pub frame: Option<Frame>,

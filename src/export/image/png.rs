@@ -18,6 +18,8 @@ struct Png {
     /// Bytes of a sample and of a pixel as they come in.
     sample: usize,
     pixel: usize,
+    /// Colours and opacities that values become.
+    colours: Option<[[u8; 4]; 256]>,
     opacity: Opacity,
     /// Pixels with opacity, big-endian.
     converted: Vec<u8>,
@@ -63,8 +65,12 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
         SampleType::U8 => BitDepth::Eight,
         SampleType::U16 => BitDepth::Sixteen,
         other => {
-            let advice =
-                if other == SampleType::F32 { "write .tif, .npy or .exr" } else { "write .tif or .npy" };
+            let advice = match other {
+                SampleType::F32 | SampleType::U32 => {
+                    "give a range to be stretched, or write .tif, .npy or .exr"
+                }
+                _ => "give a range to be stretched, or write .tif or .npy",
+            };
             return Err(Error::unsupported(
                 output.path(),
                 format!("PNG with {} samples", other.name()),
@@ -80,16 +86,18 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
         ));
     };
     let palette = spec.palette.as_ref().filter(|_| depth == BitDepth::Eight && spec.value.channels == 1);
-    if palette.is_some() && spec.void && spec.nodata.is_none() {
-        let found = "PNG with a palette and VOID pixels, but no number for them";
-        return Err(Error::unsupported(output.path(), found, "give a nodata number"));
-    }
-    let opacity = match (spec.void && palette.is_none(), spec.value.channels % 2) {
+    // Where no number is left for VOID, the colours themselves are written.
+    let (palette, colours) = match palette {
+        Some(palette) if spec.void && void_entry(spec.nodata).is_none() => (None, Some(colours(palette))),
+        palette => (palette, None),
+    };
+    let own = if colours.is_some() { 4 } else { spec.value.channels };
+    let opacity = match (spec.void && palette.is_none(), own % 2) {
         (false, _) => Opacity::None,
         (true, 1) => Opacity::Added,
         (true, _) => Opacity::Own,
     };
-    let channels = spec.value.channels + u8::from(opacity == Opacity::Added);
+    let channels = own + u8::from(opacity == Opacity::Added);
 
     let output = Shared(Rc::new(RefCell::new(output)));
     let mut encoder = Encoder::new(output.clone(), width as u32, height as u32);
@@ -112,18 +120,31 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
     let stream = encoder.write_header().and_then(|writer| writer.into_stream_writer());
     let stream = stream.map_err(|error| output.error(error))?;
     let (sample, pixel) = (spec.value.sample.size(), spec.value.size());
-    Ok(Box::new(Png { stream, output, rows: Rows::new(spec), sample, pixel, opacity, converted: Vec::new() }))
+    let (rows, converted) = (Rows::new(spec), Vec::new());
+    Ok(Box::new(Png { stream, output, rows, sample, pixel, colours, opacity, converted }))
 }
 
-/// The PLTE and tRNS chunks. All 256 entries, because an index beyond the palette would be an error in the
-/// file; black where there is no colour.
-fn palette_chunks(palette: &Palette, nodata: Option<f64>) -> (Vec<u8>, Vec<u8>) {
+/// Colours of all 256 values; black where the palette has none.
+fn colours(palette: &Palette) -> [[u8; 4]; 256] {
     let mut colours = [[0, 0, 0, 255]; 256];
     for (entry, colour) in colours.iter_mut().zip(&palette.colours) {
         *entry = *colour;
     }
-    if let Some(index) = nodata.filter(|&number| (0.0..256.0).contains(&number) && number.fract() == 0.0) {
-        colours[index as usize][3] = 0;
+    colours
+}
+
+/// The palette's entry for VOID, if its number is one.
+fn void_entry(nodata: Option<f64>) -> Option<usize> {
+    let index = nodata.filter(|&number| (0.0..256.0).contains(&number) && number.fract() == 0.0);
+    index.map(|index| index as usize)
+}
+
+/// The PLTE and tRNS chunks. All 256 entries, because an index beyond the palette would be an error in the
+/// file.
+fn palette_chunks(palette: &Palette, nodata: Option<f64>) -> (Vec<u8>, Vec<u8>) {
+    let mut colours = colours(palette);
+    if let Some(index) = void_entry(nodata) {
+        colours[index][3] = 0;
     }
     let opaque_from = colours.iter().rposition(|colour| colour[3] < 255).map_or(0, |last| last + 1);
     let plte = colours.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect();
@@ -133,11 +154,14 @@ fn palette_chunks(palette: &Palette, nodata: Option<f64>) -> (Vec<u8>, Vec<u8>) 
 impl Png {
     /// Fills `converted` with the pixels as PNG wants them.
     fn convert(&mut self, bytes: &[u8], valid: Option<&[bool]>) {
-        let Png { sample, pixel, opacity, converted, .. } = self;
+        let Png { sample, pixel, colours, opacity, converted, .. } = self;
         converted.clear();
         for (i, pixel) in bytes.chunks_exact(*pixel).enumerate() {
             let start = converted.len();
-            converted.extend_from_slice(pixel);
+            match colours {
+                Some(colours) => converted.extend_from_slice(&colours[usize::from(pixel[0])]),
+                None => converted.extend_from_slice(pixel),
+            }
             let alpha = if valid.is_none_or(|valid| valid[i]) { [255; 2] } else { [0; 2] };
             match opacity {
                 Opacity::Added => converted.extend_from_slice(&alpha[..*sample]),

@@ -15,6 +15,7 @@ mod editor;
 mod extents;
 mod history;
 mod layout;
+mod levels;
 mod meta;
 mod newest;
 mod reader;

@@ -34,8 +34,10 @@ pub struct SolidReport {
     pub duplicates: u64,
     /// Triangles they were made of, without those that have no area on the grid.
     pub triangles: u64,
-    /// The furthest that a vertex was moved to the grid, in units of the world.
+    /// The furthest that a vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
+    /// The models' unit of length, where it is known: "mm".
+    pub unit: Option<String>,
     /// Test that decided what lies inside.
     pub inside: InsideTest,
     /// Cells far from the surface that lie in its holes, where the answer is a guess.
@@ -106,6 +108,7 @@ impl SolidImport {
             duplicates: read.duplicates,
             triangles: read.triangles.len() as u64,
             displacement: read.displacement,
+            unit: options.unit.clone(),
             inside: decided,
             undecided: 0,
             cells: 0,

@@ -105,7 +105,7 @@ impl Grid {
         ))
     }
 
-    /// How far a vertex was moved, in units of the world.
+    /// How far a vertex was moved, in the models' unit.
     pub(super) fn displacement(&self, vertex: [f64; 3], snapped: [i32; 3]) -> f64 {
         let cell = f64::from(self.cell());
         let there = self.frame.to_world(snapped.map(|at| f64::from(at) / cell));

@@ -204,11 +204,7 @@ fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
         }
         Resolution::Cell(cell) => {
             if !(cell.is_finite() && *cell > 0.0) {
-                return Err(Error::invalid(
-                    "cell",
-                    cell.to_string(),
-                    "a width above zero, in units of the model",
-                ));
+                return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
             }
             let origin = min.map(|min| (min / cell + TOUCH).floor() * cell);
             let along =
@@ -247,7 +243,11 @@ fn describe(
     let cell = grid.frame.matrix.map(|row| row[..3].iter().map(|x| x * x).sum::<f64>().sqrt());
     let cell =
         if cell[0] == cell[1] && cell[1] == cell[2] { format!("{}", cell[0]) } else { format!("{cell:?}") };
-    lines.push(("cells", format!("{x} x {y} x {z} in a tree of depth {}, each {cell} wide", grid.depth)));
+    let unit = options.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
+    lines.push((
+        "cells",
+        format!("{x} x {y} x {z} in a tree of depth {}, each {cell}{unit} wide", grid.depth),
+    ));
     let what = if options.surface { "the surface" } else { "the solid" };
     let boundary = match options.boundary {
         _ if options.surface => "cells that it cuts",

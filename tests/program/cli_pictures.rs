@@ -1,0 +1,109 @@
+//! Pictures for the eye, of values that pictures cannot hold.
+
+use std::path::Path;
+
+use spinney::import::raster::{self, Pixels};
+use spinney::space::Region;
+use spinney::value::{Kind, Rule, SampleType, Value};
+
+use crate::common::command::{command, complaint, stderr};
+use crate::common::{Cells, goblin_bytes, made, oct, quad, value_types};
+
+/// The samples of a picture.
+fn samples(path: &str) -> Vec<u8> {
+    let mut raster = raster::open(Path::new(path), &Default::default()).unwrap();
+    let mut pixels = Pixels::default();
+    let (width, height) = (raster.info().width, raster.info().height);
+    raster.read(Region::new(0, 0, width, height), &mut pixels).unwrap();
+    pixels.bytes
+}
+
+/// Heights from -1000 on, half a metre from cell to cell.
+fn heights() -> Cells {
+    made(quad(SampleType::F32, 1), [4, 2, 1], |[x, y, _]| {
+        let height = -1000.0 + 0.5 * (x + 4 * y) as f32;
+        Some(Value::from(height.to_le_bytes()))
+    })
+}
+
+#[test]
+fn every_type_of_values_becomes_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (tree, out) = (name("t.goblin"), name("x.png"));
+    for value in value_types() {
+        for (seed, form) in [(3, quad(value.sample, value.channels)), (4, oct(value.sample, value.channels))]
+        {
+            for void in [false, true] {
+                let cells =
+                    Cells::random(form, seed, [9, 7, if form.axes() == 3 { 5 } else { 1 }], 200, void);
+                std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+                for size in [&["--size", "4x3"][..], &[], &["--size", "20x20"]] {
+                    let run = command(&["get", &tree, &out]).args(size).assert().success().stdout("");
+                    let fits = matches!(value.sample, SampleType::U8 | SampleType::U16);
+                    assert_eq!(stderr(run).contains("black to white"), !fits, "{form:?}");
+                    assert!(!samples(&out).is_empty());
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn numbers_are_stretched_from_black_to_white() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (tree, out) = (name("t.goblin"), name("x.png"));
+    std::fs::write(&tree, goblin_bytes(&heights(), Rule::Mean, Kind::Continuous)).unwrap();
+    let get = |options: &[&str]| {
+        let run = command(&["get", &tree, &out]).args(options).assert().success();
+        (stderr(run), samples(&out))
+    };
+    let (said, greys) = get(&[]);
+    assert!(said.contains("-1000 to -996.5") && said.contains("--range"), "{said}");
+    assert_eq!(greys, [0, 36, 73, 109, 146, 182, 219, 255]);
+    // Those of the window, not of the tree.
+    let (said, greys) = get(&["--window", "2,0,2,1"]);
+    assert!(said.contains("-999 to -998.5"), "{said}");
+    assert_eq!(greys, [0, 255]);
+    let (said, greys) = get(&["--range", "-1000,-998"]);
+    assert_eq!((said.as_str(), &greys[..]), ("", &[0, 64, 128, 191, 255, 255, 255, 255][..]));
+    assert_eq!(get(&["--range", "-998,-1000"]).1[..4], [255, 191, 128, 64]);
+    assert_eq!(get(&["-q"]).0, "");
+    // What is not finite is black or white, and does not count.
+    let cells = made(quad(SampleType::F64, 1), [2, 2, 1], |[x, y, _]| {
+        let number = [[f64::NEG_INFINITY, 1.0], [2.0, f64::INFINITY]][y as usize][x as usize];
+        Some(Value::from(number.to_le_bytes()))
+    });
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Nearest, Kind::Continuous)).unwrap();
+    assert_eq!(get(&[]).1, [0, 0, 255, 255]);
+    // Values of eight bits can be stretched, too.
+    let cells = made(quad(SampleType::U8, 1), [2, 1, 1], |[x, _, _]| Some(Value::from([10 + x as u8])));
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    assert_eq!(get(&[]), (String::new(), vec![10, 11]));
+    assert_eq!(get(&["--range", "10,11"]).1, [0, 255]);
+    for wrong in ["1,1", "1", "nan,1", "0,inf"] {
+        assert!(complaint(&["get", &tree, &out, "--range", wrong], 2).contains("two numbers"), "{wrong}");
+    }
+    let said = complaint(&["get", &tree, &name("x.tif"), "--range", "1,2"], 1);
+    assert!(said.contains("--range is for .png"), "{said}");
+}
+
+#[test]
+fn what_a_format_cannot_hold_names_one_that_can() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let tree = name("t.goblin");
+    for sample in SampleType::ALL {
+        let cells = Cells::random(quad(sample, 1), 3, [5, 5, 1], 9, true);
+        std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+        let holds = matches!(sample, SampleType::F32 | SampleType::U32);
+        let run = command(&["get", &tree, &name("x.exr")]).assert().code(if holds { 0 } else { 1 });
+        let said = stderr(run);
+        assert!(holds || said.contains("write .png") || said.contains("write .tif"), "{said}");
+    }
+    for other in ["x.jpg", "x.gif", "x", "x.ply"] {
+        let said = complaint(&["get", &tree, &name(other)], 1);
+        assert!(said.contains(".png, .tif, .exr, .npy or .raw"), "{said}");
+    }
+}
