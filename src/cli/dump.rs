@@ -39,5 +39,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     if !text.ends_with('\n') {
         text.push('\n');
     }
-    print_text(&text)
+    print_text(&text)?;
+    Ok(tree.check_unchanged()?)
 }

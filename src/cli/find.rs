@@ -93,7 +93,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         write(&block).map(|()| true)
     })?;
     largest.values().try_for_each(write)?;
-    Ok(out.flush()?)
+    out.flush()?;
+    Ok(tree.check_unchanged()?)
 }
 
 /// A block as a line of text.

@@ -38,7 +38,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let most = if args.levels { u64::MAX } else { COUNTED };
     let levels = tree.level_counts(most)?;
     let levels = levels.as_ref().map(LevelCounts::levels);
-    if args.json { print_json(&as_json(&tree, levels)?) } else { print_text(&as_text(&tree, levels)?) }
+    if args.json {
+        print_json(&as_json(&tree, levels)?)?
+    } else {
+        print_text(&as_text(&tree, levels)?)?
+    }
+    Ok(tree.check_unchanged()?)
 }
 
 /// Records of which the nodes are counted without being asked to: a matter of seconds.

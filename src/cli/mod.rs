@@ -19,7 +19,9 @@ mod recover;
 mod render;
 mod report;
 mod revert;
+mod signals;
 mod stats;
+mod stdio;
 mod transform;
 mod verify;
 
@@ -122,13 +124,18 @@ fn open(path: &Path) -> Result<Dataset> {
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
     let Cli { global, command } = Cli::parse_from(words());
-    global.start_threads();
+    global.start();
+    stdio::refuse_closed_stdout();
+    signals::tell_lost_pages();
     match command.run(&global) {
         Ok(code) => code,
         Err(error) => {
             let code = exit_code(&error);
             if code != BROKEN_PIPE {
                 report::complain(&error);
+            }
+            if stdio::stdout_was_closed() {
+                report::complain(&anyhow::anyhow!("standard output is closed"));
             }
             ExitCode::from(code)
         }

@@ -50,7 +50,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     } else {
         points.stream(io::stdin().lock(), &mut out)?;
     }
-    Ok(out.flush()?)
+    out.flush()?;
+    Ok(tree.check_unchanged()?)
 }
 
 /// Questions for points.

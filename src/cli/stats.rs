@@ -82,11 +82,14 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         if let Some(measured) = &measured {
             json["solid"] = solid::as_json(&tree, measured);
         }
-        print_json(&json)
+        print_json(&json)?;
     } else {
         print(&tree, &stats, &histogram)?;
-        measured.map_or(Ok(()), |measured| print_text(&solid::as_text(&tree, &measured)?))
+        if let Some(measured) = measured {
+            print_text(&solid::as_text(&tree, &measured)?)?;
+        }
     }
+    Ok(tree.check_unchanged()?)
 }
 
 /// Bins of the first channel, each with its least value and its cells; none of classes, or where all values

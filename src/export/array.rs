@@ -105,5 +105,6 @@ pub fn export_array(
             progress.advance(part.volume(), bounds.volume());
         }
     }
+    tree.check_unchanged()?;
     output.commit()
 }

@@ -152,6 +152,7 @@ pub fn render(
             progress.advance(width, width * height);
         }
     }
+    tree.check_unchanged()?;
     writer.finish()?;
     Ok(level)
 }

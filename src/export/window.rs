@@ -100,6 +100,7 @@ pub fn export_window(
         progress.advance(valid.len() as u64, height.saturating_mul(width));
         Ok(())
     })?;
+    tree.check_unchanged()?;
     writer.finish()
 }
 

@@ -3,6 +3,7 @@
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use super::platform::set_output_permissions;
 use crate::{Error, Result};
@@ -21,6 +22,8 @@ pub struct Output {
 enum Sink {
     File {
         file: BufWriter<tempfile::NamedTempFile>,
+        /// (Behind the file, so that it goes after it.)
+        _unfinished: Unfinished,
         /// The place of the file, which the path may lead to by symbolic links.
         target: PathBuf,
         /// Whether a file that is there by the end is an error.
@@ -51,7 +54,12 @@ impl Output {
             let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
             let file =
                 temporary(&target).map_err(Error::io(path, "create a temporary file beside the target"))?;
-            Sink::File { file: BufWriter::with_capacity(BUFFER, file), target, must_be_new: false }
+            Sink::File {
+                _unfinished: Unfinished::new(file.path()),
+                file: BufWriter::with_capacity(BUFFER, file),
+                target,
+                must_be_new: false,
+            }
         };
         Ok(Output { path: path.to_path_buf(), sink })
     }
@@ -76,6 +84,15 @@ impl Output {
         }
     }
 
+    /// Removes the temporary files of all outputs of this process that are not committed, for a program that
+    /// is about to end without dropping them.
+    pub fn remove_unfinished() {
+        let mut unfinished = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
+        for path in unfinished.drain(..) {
+            let _ = std::fs::remove_file(path);
+        }
+    }
+
     /// Puts the finished file in its place, on the disk and not only in the system's memory.
     ///
     /// An existing file's permissions are kept; a new file gets the usual ones.
@@ -87,7 +104,7 @@ impl Output {
         let path = self.path;
         match self.sink {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
-            Sink::File { file, target, must_be_new } => {
+            Sink::File { file, target, must_be_new, _unfinished } => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
@@ -107,6 +124,25 @@ impl Output {
                 sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
             }
         }
+    }
+}
+
+/// Temporary files of this process.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// A temporary file, for [`Output::remove_unfinished`].
+struct Unfinished(PathBuf);
+
+impl Unfinished {
+    fn new(path: &Path) -> Unfinished {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
+        Unfinished(path.to_path_buf())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| *path != self.0);
     }
 }
 

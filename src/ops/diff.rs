@@ -149,5 +149,7 @@ pub fn diff_files(
         Ok(())
     })?;
     run.into_iter().try_for_each(range)?;
+    first.check_unchanged()?;
+    second.check_unchanged()?;
     Ok(sum)
 }

@@ -114,6 +114,14 @@ pub trait CellBlocks {
     /// # Errors
     /// If the tree is damaged there.
     fn block(&mut self, block: [i64; 3]) -> Result<Arc<Block>>;
+
+    /// Makes sure that the file behind the blocks is what it was: see [`Source::check_unchanged`].
+    ///
+    /// # Errors
+    /// If it is not.
+    fn check_unchanged(&self) -> Result<()> {
+        Ok(())
+    }
 }
 
 /// Nodes of the source that something points to.
@@ -233,6 +241,10 @@ impl<P: Deref<Target: Source>> SourceBlocks<P> {
 }
 
 impl<P: Deref<Target: Source>> CellBlocks for SourceBlocks<P> {
+    fn check_unchanged(&self) -> Result<()> {
+        self.source.check_unchanged()
+    }
+
     fn carry(&self) -> Carry {
         self.cells.carry
     }

@@ -83,9 +83,10 @@ fn start(mut program: Command, input: &Path, output: &Path) -> Child {
     program.stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Builds with files limited to some blocks of 512 or 1024 bytes.
+/// Builds with files limited to some blocks of 512 or 1024 bytes; going beyond kills who does not ignore or
+/// handle that.
 fn build_within(blocks: u32, place: &Place) -> Run {
-    let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
+    let script = format!("ulimit -f {blocks}; exec \"$@\"");
     let mut command = Command::new("sh");
     command.args(["-c", &script, "sh", PROGRAM, "build", "--quiet", "--kind", "continuous"]);
     command.args(["--memory", "64M", "-o"]).args([&place.output, &place.picture]);
@@ -164,6 +165,77 @@ fn an_interrupted_builder_leaves_nothing() {
         assert!(text.contains("interrupted"), "{text}");
         place.untouched();
     }
+}
+
+/// Waits until a builder has begun to write, by when it has its handlers.
+fn wait_for_output(place: &Place) {
+    let start = Instant::now();
+    while place.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
+        sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn signals_that_the_parent_ignores_stay_ignored_and_others_clean_up() {
+    let place = Place::new();
+    let ignoring = |names: &str| {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &format!("trap '' {names}; exec \"$@\""), "sh", PROGRAM]);
+        start(shell, &place.picture, &place.output)
+    };
+    // As in the background of a script, or under `nohup`.
+    let child = ignoring("INT HUP");
+    wait_for_output(&place);
+    for name in ["HUP", "INT", "TERM"] {
+        signal(&child, name);
+    }
+    let run = child.wait_with_output().unwrap();
+    assert_eq!(run.status.code(), Some(130), "{}", String::from_utf8_lossy(&run.stderr));
+    place.untouched();
+    let child = ignoring("HUP");
+    wait_for_output(&place);
+    signal(&child, "HUP");
+    assert!(child.wait_with_output().unwrap().status.success());
+    assert_eq!(place.files(), ["large.tif", "out.goblin", "small.tif"]);
+}
+
+#[test]
+fn a_second_signal_leaves_nothing_either() {
+    let place = Place::new();
+    for wait in [0, 1, 5] {
+        let Some(program) = interruptible(PROGRAM) else { return };
+        let child = start(program, &place.picture, &place.output);
+        wait_for_output(&place);
+        signal(&child, "TERM");
+        sleep(Duration::from_millis(wait));
+        // It may have come to its end by now.
+        let _ = Command::new("kill").args(["-s", "INT", &child.id().to_string()]).output();
+        assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
+        place.untouched();
+    }
+}
+
+#[test]
+fn outputs_follow_symbolic_links_and_have_long_names() {
+    let place = Place::new();
+    let small = place.folder.path().join("small.tif");
+    let elsewhere = tempfile::tempdir().unwrap();
+    let (link, target) = (place.folder.path().join("link.goblin"), elsewhere.path().join("real.goblin"));
+    std::os::unix::fs::symlink(&target, &link).unwrap();
+    // There is nothing at its end, and then there is.
+    for old in [&b""[..], b"old"] {
+        if !old.is_empty() {
+            std::fs::write(&target, old).unwrap();
+        }
+        assert!(build(&small, &link).wait().unwrap().success());
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert!(std::fs::read(&target).unwrap() == place.old);
+    }
+    let long = elsewhere.path().join(format!("{}.goblin", "n\u{e4}me".repeat(49) + "abc"));
+    assert_eq!(long.file_name().unwrap().len(), 255);
+    assert!(build(&small, &long).wait().unwrap().success());
+    assert_eq!(std::fs::read_dir(elsewhere.path()).unwrap().count(), 2);
 }
 
 #[test]

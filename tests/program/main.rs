@@ -13,4 +13,6 @@ mod cli_octree_combine;
 mod cli_octree_transform;
 mod cli_operations;
 mod cli_pictures;
+#[cfg(unix)]
+mod cli_safety;
 mod cli_solids;

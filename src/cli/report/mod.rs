@@ -3,6 +3,7 @@
 pub(crate) mod commit;
 pub(crate) mod exit;
 mod output;
+mod printable;
 mod progress;
 pub(crate) mod quantity;
 pub(crate) mod solid;
@@ -15,6 +16,7 @@ use std::io::{self, Write};
 use anyhow::Result;
 
 pub(crate) use output::{report_built, report_output};
+use printable::{printable, printable_json};
 pub(crate) use progress::Work;
 
 use super::Global;
@@ -24,27 +26,27 @@ impl Global {
     pub(crate) fn report(&self, heading: &str, text: impl Display) {
         if !self.quiet {
             // Nobody may be listening, which is no reason to fail.
-            let _ = writeln!(io::stderr(), "{heading:<10} {text}");
+            let _ = writeln!(io::stderr(), "{heading:<10} {}", printable(&text.to_string()));
         }
     }
 }
 
 /// Writes a line about a failure.
 pub(crate) fn complain(error: &anyhow::Error) {
-    let _ = writeln!(io::stderr(), "spinney: {error:#}");
+    let _ = writeln!(io::stderr(), "spinney: {}", printable(&format!("{error:#}")));
 }
 
 /// Writes a line about something that is no failure, but should be known.
 pub(crate) fn warn(text: &str) {
-    let _ = writeln!(io::stderr(), "warning    {text}");
+    let _ = writeln!(io::stderr(), "warning    {}", printable(text));
 }
 
 /// Writes a part of the result.
 pub(crate) fn print_text(text: &str) -> Result<()> {
-    Ok(io::stdout().write_all(text.as_bytes())?)
+    Ok(io::stdout().write_all(printable(text).as_bytes())?)
 }
 
 /// Writes the result as JSON.
 pub(crate) fn print_json(value: &serde_json::Value) -> Result<()> {
-    print_text(&format!("{value:#}\n"))
+    print_text(&printable_json(&format!("{value:#}\n")))
 }

@@ -2,17 +2,12 @@
 
 use std::fmt::Write;
 use std::io::{self, IsTerminal};
-use std::process;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::super::Global;
-use super::exit::INTERRUPTED;
+use super::super::signals::{stop_in_good_order, stop_is_wanted};
 use super::quantity;
-
-/// Whether the user wants the program to stop. (A signal reaches the process, not a piece of work.)
-static STOP: AtomicBool = AtomicBool::new(false);
 
 /// Long work: a bar if standard error is a terminal, and a stop at the next good moment after Ctrl-C.
 pub(crate) struct Work {
@@ -26,16 +21,7 @@ impl Work {
     ///
     /// `unit` is what is counted, in the plural.
     pub(crate) fn start(global: &Global, unit: &'static str) -> anyhow::Result<Work> {
-        let handler = || {
-            if STOP.swap(true, Ordering::Relaxed) {
-                process::exit(INTERRUPTED.into());
-            }
-        };
-        match ctrlc::try_set_handler(handler) {
-            // Whoever started the program in the background wants Ctrl-C ignored: leave it so.
-            Ok(()) | Err(ctrlc::Error::MultipleHandlers) => {}
-            Err(error) => return Err(error.into()),
-        }
+        stop_in_good_order()?;
         let bar = if global.quiet || !io::stderr().is_terminal() {
             ProgressBar::hidden()
         } else {
@@ -73,6 +59,6 @@ impl spinney::Progress for Work {
     }
 
     fn interrupted(&self) -> bool {
-        STOP.load(Ordering::Relaxed)
+        stop_is_wanted()
     }
 }

@@ -182,6 +182,7 @@ pub fn export_blocks(
         faces::write(blocks, &mut mesh, progress)?;
     }
     progress.check()?;
+    blocks.check_unchanged()?;
     mesh.finish()
 }
 

@@ -1,0 +1,169 @@
+//! What happens to files while the program reads them, and what may not reach a terminal.
+
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use spinney::Error;
+use spinney::dataset::open;
+use spinney::io::Output;
+use spinney::ops::{Edit, FillRegion, convert, edit};
+use spinney::space::Bounds;
+use spinney::store::OpenOptions;
+use spinney::store::autumnal::Note;
+
+use crate::common::command::{complaint, spinney, stderr, stdout};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
+}
+
+fn is_changed(result: spinney::Result<()>) -> bool {
+    matches!(result, Err(Error::Changed { .. }))
+}
+
+#[test]
+fn a_published_file_that_is_overwritten_or_cut_short_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, other) = (folder.path().join("t.goblin"), folder.path().join("other.goblin"));
+    for options in [OpenOptions::new(), OpenOptions::new().positioned(1 << 20)] {
+        std::fs::copy(fixture("v1/classes.goblin"), &path).unwrap();
+        let tree = open(&path, &options).unwrap();
+        tree.check_unchanged().unwrap();
+        // Another file of that name is another file, and neither links nor permissions matter.
+        std::fs::hard_link(&path, &other).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        tree.check_unchanged().unwrap();
+        let bytes = std::fs::read(&other).unwrap();
+        let mut file = std::fs::File::options().write(true).open(&other).unwrap();
+        file.write_all(&bytes).unwrap();
+        file.set_modified(std::time::SystemTime::now() + Duration::from_secs(3)).unwrap();
+        assert!(is_changed(tree.check_unchanged()), "overwritten with as many bytes");
+        file.set_len(100).unwrap();
+        assert!(is_changed(tree.check_unchanged()), "cut short");
+        std::fs::remove_file(&other).unwrap();
+    }
+}
+
+#[test]
+fn an_edited_file_may_grow_but_not_lose_commits() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.autumn");
+    convert(&fixture("v1/classic.goblin"), false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    let fill = |value: f64| {
+        let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] });
+        edit(&path, [Ok(Edit::Fill(region, Some(vec![value])))], Note::default(), 1 << 20, &()).unwrap();
+    };
+    let old = std::fs::read(&path).unwrap();
+    fill(2.0);
+    let tree = open(&path, &OpenOptions::new()).unwrap();
+    fill(3.0);
+    tree.check_unchanged().unwrap();
+    // A copy from before, written over the file.
+    let mut file = std::fs::File::options().write(true).open(&path).unwrap();
+    file.write_all(&old).unwrap();
+    assert!(is_changed(tree.check_unchanged()));
+    file.set_len(3 * 4096).unwrap();
+    assert!(is_changed(tree.check_unchanged()));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_file_that_is_cut_short_while_it_is_read_ends_the_program_with_a_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.goblin");
+    // Long enough that most of it is not in the first pages.
+    let small = fixture("island_classes.tif");
+    spinney(&["-q", "build", small.to_str().unwrap(), "-o", path.to_str().unwrap()]).success();
+    assert!(std::fs::metadata(&path).unwrap().len() > 3 * 4096);
+    for how in [&[][..], &["--positioned"]] {
+        spinney(&["-q", "build", small.to_str().unwrap(), "-o", path.to_str().unwrap()]).success();
+        let mut child = Command::new(PROGRAM)
+            .args(how)
+            .args(["point", "--cells"])
+            .arg(&path)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let start = Instant::now();
+        let is_open = |id: u32| {
+            let files = std::fs::read_dir(format!("/proc/{id}/fd")).into_iter().flatten().flatten();
+            files.filter_map(|file| std::fs::read_link(file.path()).ok()).any(|file| file == path)
+        };
+        while !is_open(child.id()) && start.elapsed() < Duration::from_secs(10) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // It has read what opening reads, or will find the file short.
+        std::thread::sleep(Duration::from_millis(100));
+        std::fs::File::options().write(true).open(&path).unwrap().set_len(100).unwrap();
+        let mut input = child.stdin.take().unwrap();
+        for cell in 0..100 {
+            let _ = writeln!(input, "{cell},{cell}");
+        }
+        drop(input);
+        let mut text = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{how:?}: {text}");
+        assert!(text.starts_with("spinney: "), "{how:?}: {text}");
+    }
+}
+
+#[test]
+fn positioned_reads_give_the_same_answers() {
+    let file = fixture("v1/classes.goblin");
+    let file = file.to_str().unwrap();
+    for question in [&["info", file][..], &["stats", file], &["dump", file, "--codes"]] {
+        let positioned: Vec<&str> = ["--positioned"].iter().chain(question).copied().collect();
+        assert_eq!(stdout(&positioned), stdout(question));
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn answers_to_nobody_are_a_failure() {
+    let file = fixture("v1/classes.goblin");
+    for question in [&["info"][..], &["stats"], &["get", "-", "--format", "raw"]] {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "exec \"$@\" >&-", "sh", PROGRAM, question[0]]).arg(&file).args(&question[1..]);
+        let run = shell.output().unwrap();
+        let text = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(1), "{question:?}: {text}");
+        assert!(text.contains("standard output is closed"), "{text}");
+        // Somebody who does not want to know is another matter.
+        let run = Command::new(PROGRAM)
+            .arg(question[0])
+            .arg(&file)
+            .args(&question[1..])
+            .stdout(Stdio::null())
+            .status();
+        assert!(run.unwrap().success());
+    }
+}
+
+#[test]
+fn escape_sequences_of_names_never_reach_a_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a\u{1b}]0;title\u{7}\u{9b}31m.goblin");
+    std::fs::copy(fixture("v1/classes.goblin"), &path).unwrap();
+    let name = path.to_str().unwrap();
+    let missing = format!("{name}.missing");
+    let copy = folder.path().join("b\u{1b}[2J.goblin");
+    let output = stderr(spinney(&["transform", name, "crop", "-o", copy.to_str().unwrap()]).success());
+    let texts =
+        [stdout(&["verify", name]), stdout(&["info", name]), complaint(&["info", &missing], 1), output];
+    for text in texts {
+        assert!(!text.chars().any(|c| c.is_control() && c != '\n' && c != '\t'), "{text:?}");
+        assert!(text.contains(".goblin"), "{text:?}");
+    }
+}
+
+#[test]
+fn any_number_of_threads_can_be_asked_for() {
+    let file = fixture("v1/classes.goblin");
+    spinney(&["--threads", "65535", "info", file.to_str().unwrap()]).success();
+}
