@@ -185,7 +185,7 @@ fn walk(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
         let statistics = tree.statistics(Some(cuboid(tree, &mut random)))?;
         answers.add(statistics.cells);
         for channel in &statistics.channels {
-            answers.add_numbers(&[channel.min, channel.max, channel.mean, channel.deviation]);
+            answers.add_numbers(&[channel.min, channel.max, channel.mean, channel.standard_deviation]);
         }
         statistics.classes.iter().for_each(|(_, cells)| answers.add(*cells));
     }

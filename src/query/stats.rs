@@ -27,14 +27,14 @@ pub struct Statistics {
     pub segments_read: u64,
 }
 
-/// Statistics of one channel; the deviation is that of the population.
+/// Statistics of one channel; the standard deviation is that of the population.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(missing_docs)] // the names say it
 pub struct ChannelStatistics {
     pub min: f64,
     pub max: f64,
     pub mean: f64,
-    pub deviation: f64,
+    pub standard_deviation: f64,
 }
 
 impl Goblin {
@@ -75,11 +75,16 @@ pub(crate) fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -
 fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statistics {
     let value_type = tally.value_type;
     let (min, max) = (value_type.samples(tally.min), value_type.samples(tally.max));
-    let channel = |channel: usize| ChannelStatistics {
-        min: min[channel],
-        max: max[channel],
-        mean: tally.sum.number(channel) / tally.cells as f64,
-        deviation: Sums::variance(&tally.sum, &tally.squares, channel, tally.cells).sqrt(),
+    let channel = |channel: usize| {
+        let (min, max) = (min[channel], max[channel]);
+        // (Rounding must not make any of nothing.)
+        let variance = if min == max && min.is_finite() {
+            0.0
+        } else {
+            Sums::variance(&tally.sum, &tally.squares, channel, tally.cells)
+        };
+        let mean = tally.sum.number(channel) / tally.cells as f64;
+        ChannelStatistics { min, max, mean, standard_deviation: variance.sqrt() }
     };
     let classes = if value_type.channels == 1 { &tally.classes[..] } else { &[] };
     let channels = if tally.cells > 0 { usize::from(value_type.channels) } else { 0 };

@@ -2,6 +2,7 @@
 //! coarse levels get theirs.
 
 mod dispatch;
+mod double;
 mod erased;
 mod palette;
 mod rule;
@@ -11,6 +12,7 @@ mod tally;
 mod value_type;
 
 pub(crate) use dispatch::with_native_type;
+pub use double::DoubleDouble;
 pub(crate) use erased::MAX_VALUE_SIZE;
 pub use erased::{Samples, Value};
 pub use palette::Palette;

@@ -12,7 +12,7 @@ use crate::Error;
 pub enum Rule {
     /// The mean over all cells below that are not VOID, each channel by itself: from sums carried up the
     /// tree and rounded once (integers: to the nearest, a half upwards), so no bias builds up by level.
-    /// Sums of integers are exact; sums of floating samples are f64, added pairwise in Z order.
+    /// Sums of integers are exact; sums of floating samples are double-double, added pairwise in Z order.
     Mean,
     /// The value that covers most cells below, from exact counts; ties go to the lowest value.
     Majority,

@@ -7,10 +7,11 @@ use std::ops::Add;
 use zerocopy::little_endian::{F32, F64, I16, I32, U16, U32};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
+use super::double::DoubleDouble;
 use super::sums::Sums;
 use super::value_type::{SampleType, ValueType};
 
-/// Sums of any number of samples: exact (i128) for integers, f64 for floating samples.
+/// Sums of any number of samples: exact (i128) for integers, double-double for floating samples.
 pub(crate) trait TotalSum:
     Copy + Debug + Default + Add<Output = Self> + Send + Sync + 'static
 {
@@ -30,13 +31,13 @@ impl TotalSum for i128 {
     }
 }
 
-impl TotalSum for f64 {
-    fn to_sums(sums: &[f64]) -> Sums {
-        Sums::Float(std::array::from_fn(|channel| sums.get(channel).copied().unwrap_or(0.0)))
+impl TotalSum for DoubleDouble {
+    fn to_sums(sums: &[DoubleDouble]) -> Sums {
+        Sums::Float(std::array::from_fn(|channel| sums.get(channel).copied().unwrap_or_default()))
     }
 
-    fn from_sums(sums: &Sums) -> [f64; 4] {
-        if let Sums::Float(sums) = sums { *sums } else { [0.0; 4] }
+    fn from_sums(sums: &Sums) -> [DoubleDouble; 4] {
+        if let Sums::Float(sums) = sums { *sums } else { Default::default() }
     }
 }
 
@@ -196,7 +197,7 @@ integer_sample!(u32, U32, U32, i64, i128, 0u64, U32::new, |x: U32| x.get());
 integer_sample!(i32, I32, I32, i64, i128, 1u64, I32::new, |x: I32| x.get());
 
 macro_rules! float_sample {
-    ($type:ident, $variant:ident, $wire:ty, $bits:ident) => {
+    ($type:ident, $variant:ident, $wire:ty, $bits:ident, $square:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
 
@@ -231,9 +232,9 @@ macro_rules! float_sample {
 
         impl Arithmetic for $type {
             type Wire = $wire;
-            type BlockSum = f64;
-            type BlockSquare = f64;
-            type TotalSum = f64;
+            type BlockSum = DoubleDouble;
+            type BlockSquare = DoubleDouble;
+            type TotalSum = DoubleDouble;
 
             #[inline]
             fn from_wire(wire: $wire) -> $type {
@@ -244,28 +245,29 @@ macro_rules! float_sample {
                 <$wire>::new(self)
             }
             #[inline]
-            fn block_sum(self, cells: u32) -> f64 {
-                self as f64 * cells as f64
+            fn block_sum(self, cells: u32) -> DoubleDouble {
+                self.total_sum(cells.into())
             }
             #[inline]
-            fn block_square(self, cells: u32) -> f64 {
-                self as f64 * self as f64 * cells as f64
+            fn block_square(self, cells: u32) -> DoubleDouble {
+                self.total_square(cells.into())
             }
             #[inline]
-            fn total_sum(self, cells: u64) -> f64 {
-                self as f64 * cells as f64
+            fn total_sum(self, cells: u64) -> DoubleDouble {
+                DoubleDouble::from(f64::from(self)).times(cells)
             }
             #[inline]
-            fn total_square(self, cells: u64) -> f64 {
-                self as f64 * self as f64 * cells as f64
+            fn total_square(self, cells: u64) -> DoubleDouble {
+                let square: fn(f64) -> DoubleDouble = $square;
+                square(f64::from(self)).times(cells)
             }
             #[inline]
-            fn block_mean(sum: f64, cells: u32) -> $type {
+            fn block_mean(sum: DoubleDouble, cells: u32) -> $type {
                 Self::mean(sum, cells as u64)
             }
             #[inline]
-            fn mean(sum: f64, cells: u64) -> $type {
-                let mean = (sum / cells as f64) as $type;
+            fn mean(sum: DoubleDouble, cells: u64) -> $type {
+                let mean = (sum.high / cells as f64) as $type;
                 // One bit pattern for "not a number" (from infinities of both signs), so that files are
                 // the same everywhere.
                 if mean.is_nan() { $type::NAN } else { mean }
@@ -282,8 +284,9 @@ macro_rules! float_sample {
     };
 }
 
-float_sample!(f32, F32, F32, u32);
-float_sample!(f64, F64, F64, u64);
+// (The square of an f32 is an f64.)
+float_sample!(f32, F32, F32, u32, |x| DoubleDouble::from(x * x));
+float_sample!(f64, F64, F64, u64, |x| DoubleDouble::product(x, x));
 
 /// A value whose type is known at compile time: one to four samples of one type. Only kernels know such
 /// types; they are chosen once per block or file by [`with_native_type`](super::with_native_type).

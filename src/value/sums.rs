@@ -1,5 +1,6 @@
-//! Sums of samples: exact for integers, f64 for floating samples.
+//! Sums of samples: exact for integers, double-double for floating samples.
 
+use super::double::DoubleDouble;
 use super::value_type::SampleType;
 
 /// Sums of up to four channels.
@@ -8,13 +9,13 @@ pub enum Sums {
     /// Sums of integers.
     Exact([i128; 4]),
     /// Sums of floating samples.
-    Float([f64; 4]),
+    Float([DoubleDouble; 4]),
 }
 
 impl Sums {
     /// Sums of no samples.
     pub fn zero(sample: SampleType) -> Sums {
-        if sample.is_float() { Sums::Float([0.0; 4]) } else { Sums::Exact([0; 4]) }
+        if sample.is_float() { Sums::Float(Default::default()) } else { Sums::Exact([0; 4]) }
     }
 
     /// Adds channel by channel; both must be of one type of samples.
@@ -35,18 +36,28 @@ impl Sums {
     pub fn number(&self, channel: usize) -> f64 {
         match self {
             Sums::Exact(sums) => sums[channel] as f64,
+            Sums::Float(sums) => sums[channel].high,
+        }
+    }
+
+    /// The sum of one channel, with 106 bits.
+    fn double(&self, channel: usize) -> DoubleDouble {
+        match self {
+            Sums::Exact(sums) => DoubleDouble::from(sums[channel]),
             Sums::Float(sums) => sums[channel],
         }
     }
 
-    /// 16 bytes for the disk: i128, or f64 and eight zeros.
+    /// 16 bytes for the disk: i128, or the two f64 of a double-double number.
     pub(crate) fn to_bytes(self, channel: usize) -> [u8; 16] {
         match self {
             Sums::Exact(sums) => sums[channel].to_le_bytes(),
             Sums::Float(sums) => {
+                let DoubleDouble { high, low } = sums[channel];
+                let (high, low) = if high.is_nan() { (f64::NAN, 0.0) } else { (high, low) };
                 let mut bytes = [0; 16];
-                let sum = if sums[channel].is_nan() { f64::NAN } else { sums[channel] };
-                bytes[..8].copy_from_slice(&sum.to_le_bytes());
+                bytes[..8].copy_from_slice(&high.to_le_bytes());
+                bytes[8..].copy_from_slice(&low.to_le_bytes());
                 bytes
             }
         }
@@ -57,7 +68,9 @@ impl Sums {
         match self {
             Sums::Exact(sums) => sums[channel] = i128::from_le_bytes(bytes),
             Sums::Float(sums) => {
-                sums[channel] = f64::from_le_bytes(bytes[..8].try_into().expect("eight bytes"))
+                let [high, low] =
+                    [0, 8].map(|at| f64::from_le_bytes(std::array::from_fn(|byte| bytes[at + byte])));
+                sums[channel] = DoubleDouble { high, low };
             }
         }
     }
@@ -72,18 +85,13 @@ impl Sums {
         }
     }
 
-    /// Variance of the population of `cells` samples of a channel, from their sums and sums of squares.
+    /// Variance of the population of `cells` samples of a channel, from their sums and sums of squares; not a number where
+    /// these are not finite.
     pub fn variance(sums: &Sums, squares: &Sums, channel: usize, cells: u64) -> f64 {
-        if let (Sums::Exact(sum), Sums::Exact(square)) = (sums, squares) {
-            let (sum, square) = (sum[channel], square[channel]);
-            // Exact until the last division, where the numbers are not beyond all bounds.
-            let products = square.checked_mul(cells as i128).zip(sum.checked_mul(sum));
-            if let Some(exact) = products.and_then(|(a, b)| a.checked_sub(b)) {
-                let n = cells as f64;
-                return exact as f64 / (n * n);
-            }
-        }
-        let (n, sum, square) = (cells as f64, sums.number(channel), squares.number(channel));
-        ((square - sum / n * sum) / n).max(0.0)
+        // The mean square without the square of the mean: nearly all digits cancel each other where samples differ little,
+        // which is what the many of a double-double number are for.
+        let mean = sums.double(channel).over(cells);
+        let variance = (squares.double(channel).over(cells) - mean * mean).high;
+        if variance < 0.0 { 0.0 } else { variance }
     }
 }

@@ -9,8 +9,8 @@ use super::value_type::ValueType;
 
 /// Counts, extremes and sums over cells that are not VOID; those of a node are its zone statistics.
 ///
-/// For floating samples the sums are f64 and depend on the order of adding, which is therefore part of the
-/// definition: pairwise in Z order ([`Tally::merge`]), so that a uniform block has exactly the sum of its
+/// For floating samples the sums are double-double and depend on the order of adding, which is therefore part of
+/// the definition: pairwise in Z order ([`Tally::merge`]), so that a uniform block has exactly the sum of its
 /// cells and trees built in any way agree in every bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tally {

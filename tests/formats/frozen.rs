@@ -7,7 +7,7 @@ use spinney::store::autumnal::{Autumnal, History};
 use spinney::store::goblin::Goblin;
 use spinney::store::{Header, OpenOptions};
 use spinney::tree::{Form, MemTree};
-use spinney::value::{Kind, Rule, SampleType, Sums, Value};
+use spinney::value::{DoubleDouble, Kind, Rule, SampleType, Sums, Value};
 
 use crate::common::{OCT, QUAD, byte, quad};
 use crate::frozen_files as frozen;
@@ -145,7 +145,7 @@ fn elevation() {
     let zone = file.zone(0).unwrap();
     let height = |metres: f32| Some(Value::from([metres]));
     assert_eq!((zone.cells, Some(zone.min), Some(zone.max)), (1820, height(0.0), height(2885.75)));
-    assert_eq!(zone.sum, Sums::Float([876_617.25, 0.0, 0.0, 0.0]));
+    assert_eq!(zone.sum, Sums::Float([876_617.25, 0.0, 0.0, 0.0].map(DoubleDouble::from)));
     assert_eq!(cell(&file, 0, [0; 3]), height((876_617.25f64 / 1820.0) as f32));
     assert_eq!(cell(&file, 6, [25, 18, 0]), height(1381.875));
     assert_eq!(cell(&file, 6, [0, 0, 0]), None);

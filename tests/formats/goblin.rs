@@ -3,11 +3,11 @@
 use spinney::space::{Code, Dimension};
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, Form, Source};
-use spinney::value::{Kind, Rule, SampleType};
+use spinney::value::{Kind, Rule, SampleType, Sums, Value};
 
 use crate::common::{
     Cells, OCT, QUAD, as_byte, byte, cells_below, children, goblin, goblin_bytes, goblin_from_tree,
-    goblin_from_view, oct, quad, same_trees, value_types, view_of_file,
+    goblin_from_view, made, oct, quad, same_trees, value_types, view_of_file,
 };
 
 fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
@@ -123,4 +123,33 @@ fn codes_come_in_preorder() {
             pending.extend(children.map(|(i, child)| (code.child(i), child)));
         }
     }
+}
+
+#[test]
+fn sums_of_floating_samples_are_double_double() {
+    // Multiples of 2^-60, so that the sum can be had exactly.
+    let numbers = [0.1f64, 0.7, -3.3, 1.9];
+    let exact = |number: f64| (number * 2f64.powi(60)) as i128;
+    let cells = made(quad(SampleType::F64, 1), [2, 2, 1], |[x, y, _]| {
+        Some(Value::from(numbers[(2 * y + x) as usize].to_le_bytes()))
+    });
+    let file = goblin(&cells, Rule::Mean, Kind::Continuous);
+    let zone = file.zone(0).unwrap();
+    let (Sums::Float([sum, ..]), Sums::Float([square, ..])) = (zone.sum, zone.squares) else {
+        panic!("{zone:?}")
+    };
+    assert_eq!(exact(sum.high) + exact(sum.low), numbers.iter().map(|number| exact(*number)).sum::<i128>());
+    assert!(sum.low != 0.0);
+    // And that of the squares to 2^-100 of it, which is why they are kept at all.
+    let high = |number: f64| exact(number) >> 20;
+    let low = |number: f64| exact(number) & 0xf_ffff;
+    let product = |number: f64| {
+        // In units of 2^-120, less 2^-80 or so.
+        let (high, low) = (high(number), low(number));
+        ((high * high) << 40) + ((2 * high * low) << 20) + low * low
+    };
+    let expected: i128 = numbers.iter().map(|number| product(*number)).sum();
+    let found = (square.high * 2f64.powi(60)) as i128;
+    let rest = (square.low * 2f64.powi(120)) as i128;
+    assert!(((found << 60) + rest - expected).abs() < 1 << 24, "{found} {rest} {expected}");
 }

@@ -1,11 +1,16 @@
 //! Windows, points, statistics and searches against the simplest model: an array of cells.
 
+use std::path::Path;
+
 use spinney::query::{Condition, FoundBlock};
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, Value};
 
-use crate::common::{self, Cells, OCT, QUAD, Random, cells_below, dataset, goblin, oct, quad, value_types};
+use crate::common::{
+    self, Cells, OCT, QUAD, Random, cells_below, dataset, goblin, made, oct, options, quad, value_types,
+    write_cells,
+};
 
 /// A box somewhere in, across or outside a space of `side` cells per axis.
 fn some_bounds(dimension: Dimension, random: &mut Random, side: u64) -> Bounds {
@@ -114,9 +119,9 @@ fn statistics(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
             assert_eq!(stats.max, numbers().fold(f64::NEG_INFINITY, f64::max));
             assert!((stats.mean - mean).abs() < 1e-9 * (1.0 + mean.abs()), "{} {mean}", stats.mean);
             assert!(
-                (stats.deviation - variance.sqrt()).abs() < 1e-6,
+                (stats.standard_deviation - variance.sqrt()).abs() < 1e-6,
                 "{} {}",
-                stats.deviation,
+                stats.standard_deviation,
                 variance.sqrt()
             );
         }
@@ -223,5 +228,80 @@ fn searches_find_all_and_the_largest() {
             Kind::Categorical,
             Condition::Below(bound),
         );
+    }
+}
+
+/// Asserts that statistics of windows of cells are right to nine digits, of both formats and of views.
+fn exact_to_nine_digits(form: Form, number: impl Fn(u64) -> f64) {
+    let size = [300, 170, 1];
+    let cells = made(form, size, |[x, y, _]| {
+        let index = y * size[0] + x;
+        (index % 11 != 3).then(|| form.value.nearest(|_| number(index)))
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let (goblin, autumnal) = (folder.path().join("t.goblin"), folder.path().join("t.autumn"));
+    for path in [&goblin, &autumnal] {
+        write_cells(path, &cells, &options(Rule::Mean, Kind::Continuous, cells.depth()));
+    }
+    let open = |path: &Path| spinney::dataset::open(path, &Default::default()).unwrap();
+    let step = format!("window=0,0,{},{}", size[0], size[1]);
+    let view = open(&goblin).view(&[step.parse().unwrap()]).unwrap();
+    for file in [open(&goblin), open(&autumnal), view] {
+        let mut random = Random(5);
+        for round in 0..12 {
+            let part = some_bounds(Dimension::Quad, &mut random, 300);
+            let inside =
+                if round == 0 { Bounds::picture(size) } else { part.intersect(&Bounds::picture(size)) };
+            let values: Vec<f64> = cells_of(&inside)
+                .filter_map(|cell| cells.get(cell))
+                .map(|it| form.value.samples(it)[0])
+                .collect();
+            if values.is_empty() {
+                continue;
+            }
+            // Around a number near by, where f64 has digits enough.
+            let (near, count) = (values[0], values.len() as f64);
+            let mean = values.iter().map(|value| value - near).sum::<f64>() / count;
+            let squares = values.iter().map(|value| (value - near - mean).powi(2)).sum::<f64>();
+            let expected = (squares / count).sqrt();
+            let found = file.statistics(Some(inside)).unwrap().channels[0];
+            let off = (found.standard_deviation - expected).abs();
+            assert!(off <= 1e-9 * expected, "{found:?}, {expected}");
+            // (A mean is as near as an f64 can be.)
+            assert!((found.mean - (near + mean)).abs() <= 1e-15 * near.abs(), "{found:?}, {mean}");
+        }
+    }
+}
+
+#[test]
+fn standard_deviations_of_large_numbers_keep_their_digits() {
+    exact_to_nine_digits(quad(SampleType::F64, 1), |index| 1.7e9 + (index * 7 % 60) as f64);
+    exact_to_nine_digits(quad(SampleType::F64, 1), |index| 4.2e10 + (index * 7 % 61) as f64 / 8.0);
+    exact_to_nine_digits(quad(SampleType::F32, 1), |index| 1e6 + (index * 7 % 97) as f64 / 16.0);
+    exact_to_nine_digits(quad(SampleType::F32, 1), |index| (index * 7919 % 10007) as f64 / 1e3);
+    exact_to_nine_digits(quad(SampleType::I32, 1), |index| 2.1e9 + (index * 7 % 60) as f64);
+    // Of equal cells there is none, whatever their number.
+    let cells = made(quad(SampleType::F64, 1), [5, 3, 1], |_| Some(Value::from(0.1f64.to_le_bytes())));
+    let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+    assert_eq!(file.statistics(None).unwrap().channels[0].standard_deviation, 0.0);
+}
+
+#[test]
+fn statistics_of_numbers_without_bounds() {
+    for numbers in [
+        [f64::INFINITY, 1.0, 2.0, 3.0],
+        [f64::INFINITY, f64::NEG_INFINITY, 0.0, 1.0],
+        [f64::MAX, f64::MAX, f64::MIN, 1.0],
+        [5e-324, -5e-324, 1e-200, 0.0],
+    ] {
+        let cells = made(quad(SampleType::F64, 1), [2, 2, 1], |[x, y, _]| {
+            Some(Value::from(numbers[(2 * y + x) as usize].to_le_bytes()))
+        });
+        let file = dataset(&cells, Rule::Mean, Kind::Continuous);
+        let found = file.statistics(None).unwrap();
+        assert!(file.verify(1 << 20, &()).unwrap().is_empty());
+        assert_eq!(found.cells, 4);
+        let finite = numbers.iter().all(|number| number.abs() < 1.0);
+        assert_eq!(found.channels[0].standard_deviation.is_finite(), finite, "{found:?}");
     }
 }

@@ -249,7 +249,12 @@ fn statistics() {
     let text = stdout(&["stats", &degrees]);
     assert!(text.contains("area       unknown: cells of degrees"), "{text}");
     assert!(json(&["stats", &degrees, "--json"])["area_m2"].is_null());
-    assert!(stdout(&["stats", &trees.octree]).contains("channel 1"));
+    for command in ["stats", "info"] {
+        let text = stdout(&[command, &trees.octree]);
+        assert!(text.contains("channel 1") && text.contains("standard deviation 2."), "{text}");
+        let found = json(&[command, &trees.octree, "--json"]);
+        assert!(found["channels"][0]["standard_deviation"].is_f64(), "{found}");
+    }
     assert!(json(&["stats", &trees.octree, "--json"])["histogram"].as_array().unwrap().len() == 16);
     let bins = |bins: &str| json(&["stats", &trees.octree, "--json", "--bins", bins])["histogram"].clone();
     assert_eq!((bins("0").as_array().unwrap().len(), bins("65536").as_array().unwrap().len()), (0, 65536));

@@ -3,11 +3,11 @@
 use serde_json::{Number, Value, json};
 use spinney::query::Statistics;
 
-/// Extremes, mean and deviation of each channel.
+/// Extremes, mean and standard deviation of each channel.
 pub(crate) fn channels_as_json(statistics: &Statistics) -> Vec<Value> {
     let channels = statistics.channels.iter();
     channels
-        .map(|c| json!({ "min": c.min, "max": c.max, "mean": c.mean, "deviation": c.deviation }))
+        .map(|c| json!({ "min": c.min, "max": c.max, "mean": c.mean, "standard_deviation": c.standard_deviation }))
         .collect()
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A zone stands behind the record of every INNER node of at least 4096 cells. Numbers are LEB128: seven bits
 //! a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
-//! an f64).
+//! two f64).
 
 use crate::space::Dimension;
 use crate::tree::Form;

@@ -7,7 +7,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use crate::space::Code;
 use crate::tree::Form;
-use crate::value::{Sums, Tally};
+use crate::value::{DoubleDouble, Sums, Tally};
 use crate::{Error, Result};
 
 /// One entry of the directory, understood.
@@ -166,6 +166,8 @@ pub(super) fn show_sums(sums: &Sums, channels: u8) -> String {
     let channels = usize::from(channels);
     match sums {
         Sums::Exact(sums) => format!("{:?}", &sums[..channels]),
-        Sums::Float(sums) => format!("{:?}", &sums[..channels]),
+        Sums::Float(sums) => {
+            format!("{:?}", sums.map(|DoubleDouble { high, low }| (high, low)).get(..channels))
+        }
     }
 }
