@@ -239,7 +239,9 @@ impl VoidCells {
             return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or(0.0)) });
         }
         let may_be = tree.may_have_void(request.bounds)?;
-        Ok(VoidCells { may_be, fill: request.nodata.or(fill_for(tree)?) })
+        // Where the last channel is opacity, VOID cells are those without any: any other number would be a colour.
+        let fill = if has_opacity(tree) { Some(0.0) } else { fill_for(tree)? };
+        Ok(VoidCells { may_be, fill: request.nodata.or(fill) })
     }
 }
 
@@ -260,7 +262,7 @@ fn image_spec(tree: &Dataset, grid: &Grid, void: &VoidCells) -> ImageSpec {
         alpha: has_opacity(tree),
         void: void.may_be,
         frame: has_frame.then_some(frame),
-        nodata: void.fill.filter(|_| void.may_be || metadata.nodata.is_some()),
+        nodata: void.fill.filter(|_| !has_opacity(tree) && (void.may_be || metadata.nodata.is_some())),
         palette: metadata.palette.clone(),
         band_names: metadata.band_names.clone(),
     }

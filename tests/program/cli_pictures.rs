@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
+use spinney::export::image::{Format, ImageSpec, create};
 use spinney::import::raster::{self, Pixels};
+use spinney::io::Output;
 use spinney::space::Region;
-use spinney::value::{Kind, Rule, SampleType, Value};
+use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 use crate::common::command::{command, complaint, stderr};
 use crate::common::{Cells, goblin_bytes, made, oct, quad, value_types};
@@ -105,5 +107,35 @@ fn what_a_format_cannot_hold_names_one_that_can() {
     for other in ["x.jpg", "x.gif", "x", "x.ply"] {
         let said = complaint(&["get", &tree, &name(other)], 1);
         assert!(said.contains(".png, .tif, .exr, .npy or .raw"), "{said}");
+    }
+}
+
+#[test]
+fn black_stays_black_beside_opacity() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // Transparent, black, half black, white.
+    let cells = [[0, 0, 0, 0], [0, 0, 0, 255], [0, 0, 0, 128], [255, 255, 255, 255]];
+    let spec = ImageSpec {
+        width: 4,
+        height: 1,
+        value: ValueType { sample: SampleType::U8, channels: 4 },
+        alpha: true,
+        void: false,
+        frame: None,
+        nodata: None,
+        palette: None,
+        band_names: Vec::new(),
+    };
+    let picture = name("in.tif");
+    let mut writer = create(Output::create(picture.as_ref()).unwrap(), Format::Tiff, &spec).unwrap();
+    writer.write_rows(&cells.concat(), None).unwrap();
+    writer.finish().unwrap();
+    command(&["-q", "build", &picture, "-o", &name("t.goblin")]).assert().success();
+    for out in ["out.tif", "out.png"].map(name) {
+        command(&["-q", "get", &name("t.goblin"), &out]).assert().success();
+        assert_eq!(samples(&out), cells.concat(), "{out}");
+        let raster = raster::open(out.as_ref(), &Default::default()).unwrap();
+        assert_eq!((raster.info().nodata, raster.info().alpha), (None, Some(3)), "{out}");
     }
 }
