@@ -6,10 +6,10 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::io::Output;
-use spinney::ops::{self, Operation, Prefer};
+use spinney::ops::{self, Operation, Prefer, Universe};
 
 use super::Global;
-use super::args::{Memory, OperationName, check_output, parse_operation};
+use super::args::{Memory, OperationName, check_output, numbers, parse_operation};
 use super::report::statistics::class_as_json;
 use super::report::{Work, print_json, print_text, report_output};
 
@@ -36,6 +36,13 @@ pub(crate) struct Args {
     /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     fill: Option<f64>,
+    /// Box of the world in which an operation fills what neither file has: west, south, east, north, or all
+    /// least and then all largest coordinates [default: a raster's picture, an octree's root]
+    #[arg(long, value_name = "BOX", value_parser = parse_box, conflicts_with = "margin")]
+    within: Option<Universe>,
+    /// Fill what neither file has in the files' pictures and so many cells around them
+    #[arg(long, value_name = "CELLS")]
+    margin: Option<u32>,
     /// Print the table of `cross` as JSON
     #[arg(long)]
     json: bool,
@@ -45,7 +52,7 @@ pub(crate) struct Args {
 
 const EXAMPLES: &str = "\
 Set operations; a cell is present if it is not VOID. By number (1: both, 2: A only, 4: B only,
-8: neither, added up) or by name:
+8: neither, added up) or by name. With 8, --within and --margin say where:
    0 none     1 and (intersection)   2 a-b (difference)   3 a
    4 b-a      5 b                    6 xor                7 or (union)
    8 nor      9 xnor                10 not-b             11 a|!b
@@ -66,7 +73,16 @@ Examples:
   spinney combine over patch3.goblin patch2.goblin base.goblin -o map.goblin
   spinney combine changed 2020.goblin 2025.goblin -o changes.goblin
   spinney combine cross 2020.goblin 2025.goblin
-  spinney combine not part.goblin -o mould.goblin";
+  spinney combine not part.goblin --margin 4 -o mould.goblin";
+
+/// Reads a box of the world.
+fn parse_box(text: &str) -> Result<Universe, String> {
+    if let Some([west, south, east, north]) = numbers(text) {
+        return Ok(Universe::Within([west, south, 0.0], [east, north, 1.0]));
+    }
+    let six = numbers(text).map(|[a, b, c, d, e, f]: [f64; 6]| Universe::Within([a, b, c], [d, e, f]));
+    six.ok_or_else(|| "expected 4 or 6 numbers with commas between them".into())
+}
 
 /// The operation of a name on so many files.
 fn operation_on(name: &OperationName, prefer: Prefer, files: usize) -> Result<Operation> {
@@ -81,7 +97,7 @@ fn operation_on(name: &OperationName, prefer: Prefer, files: usize) -> Result<Op
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { operation: name, files, output, values, fill, json, memory } = args;
+    let Args { operation: name, files, output, values, fill, within, margin, json, memory } = args;
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
         return table(&files, json);
@@ -89,13 +105,30 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     ensure!(!json, "--json is for the table of cross");
     let prefer = if values == "a" || values == "first" { Prefer::First } else { Prefer::Second };
     let operation = operation_on(&name, prefer, files.len())?;
+    let universe = within.or(margin.map(Universe::Margin));
+    ensure!(
+        universe.is_none() || operation.needs_universe(),
+        "--within and --margin are for operations that fill what neither file has (those from 8 on)"
+    );
     let path = output.context("--output is missing: where should the result go?")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;
     let work = Work::start(global, "cells")?;
-    let outcome = ops::combine(operation, fill, &files, Output::create(&path)?, memory.bytes, &work)?;
+    let outcome = ops::combine(
+        operation,
+        fill,
+        universe.unwrap_or_default(),
+        &files,
+        Output::create(&path)?,
+        memory.bytes,
+        &work,
+    )?;
     work.finish();
     for (file, cells) in files.iter().zip(&outcome.before) {
         global.report("input", format_args!("{}: {cells} cells", file.display()));
+    }
+    if let Some(universe) = outcome.universe {
+        let ([x, y, z], [width, height, depth]) = (universe.min, universe.size());
+        global.report("universe", format_args!("{width} x {height} x {depth} cells from {x},{y},{z}"));
     }
     global.report("result", format_args!("{} cells, depth {}", outcome.after, outcome.depth));
     report_output(global, &path, start);

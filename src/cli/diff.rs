@@ -8,7 +8,7 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::Error;
 use spinney::io::Output;
-use spinney::ops::{self, Operation};
+use spinney::ops::{self, Operation, Universe};
 
 use super::Global;
 use super::args::{Memory, check_output};
@@ -72,7 +72,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output(paths, output)?;
     let files = paths.map(Path::to_path_buf);
     let work = Work::start(global, "cells")?;
-    ops::combine(Operation::Changed, None, &files, Output::create(output)?, args.memory.bytes, &work)?;
+    ops::combine(
+        Operation::Changed,
+        None,
+        Universe::Usual,
+        &files,
+        Output::create(output)?,
+        args.memory.bytes,
+        &work,
+    )?;
     work.finish();
     report_output(global, output, start);
     Ok(())

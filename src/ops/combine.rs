@@ -6,7 +6,7 @@ use super::affine::{View, ViewNode};
 use super::operation::Operation;
 use super::tree_file::check_form;
 use crate::io::Output;
-use crate::space::Code;
+use crate::space::{Bounds, Code};
 use crate::store::BuildOptions;
 use crate::store::builder::{Join, MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentNode};
 use crate::tree::{CellBlock, Child, Children, Form, Source, no_children};
@@ -37,8 +37,10 @@ pub struct Combined {
     tables: [MergeTable; 3],
     /// The value of cells that are present in neither tree.
     fill: Value,
-    /// Cells along each axis; cells of none of the trees are present only in here.
+    /// Cells along each axis.
     extent: [u64; 3],
+    /// Cells of none of the trees are present only in here.
+    universe: Bounds,
 }
 
 /// The trees' nodes at a node of the result, each with the number of its tree.
@@ -103,7 +105,15 @@ impl Combined {
         }
         let full = if form.value.sample == SampleType::U8 { 255.0 } else { 1.0 };
         let fill = form.value.nearest(|_| full);
-        Ok(Combined { views, form, operation, tables: operation.merge_tables(), fill, extent })
+        let (tables, universe) = (operation.merge_tables(), Bounds::picture(extent));
+        Ok(Combined { views, form, operation, tables, fill, extent, universe })
+    }
+
+    /// Chooses the cells of which those that neither tree has are present, if the operation makes such cells
+    /// present; all of the extent unless chosen.
+    #[must_use]
+    pub fn within(self, universe: Bounds) -> Combined {
+        Combined { universe, ..self }
     }
 
     /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for
@@ -218,13 +228,15 @@ impl Combined {
         }
     }
 
-    /// Whether some of a node's cells lie inside the extent, and outside.
+    /// Whether some of a node's cells lie inside the universe, and outside.
     fn inside_and_outside(&self, code: Code) -> (bool, bool) {
         let size = self.depth() - code.level();
         let (mut inside, mut outside) = (true, false);
-        for (cell, extent) in code.cell().into_iter().zip(self.extent).take(self.form.axes()) {
-            inside &= u64::from(cell) << size < extent;
-            outside |= (u64::from(cell) + 1) << size > extent;
+        let Bounds { min, max } = self.universe;
+        for (axis, cell) in code.cell().into_iter().enumerate().take(self.form.axes()) {
+            let (first, end) = (u64::from(cell) << size, (u64::from(cell) + 1) << size);
+            inside &= first < max[axis] && end > min[axis];
+            outside |= first < min[axis] || end > max[axis];
         }
         (inside, outside)
     }

@@ -9,7 +9,9 @@ use super::cross::cross;
 use super::operation::Operation;
 use super::step::Step;
 use super::tree_file::{TreeFile, check_form};
+use super::universe::Universe;
 use crate::io::Output;
+use crate::space::Bounds;
 use crate::store::{BuildOptions, Metadata, OpenOptions};
 use crate::tree::Source;
 use crate::value::Value;
@@ -42,6 +44,8 @@ pub struct Outcome {
     /// Cells that the first input's would be after scaling, if none were cut off or decided at cells'
     /// centres.
     pub expected: Option<f64>,
+    /// The cells of the result of which those that no input has were filled, if the operation did that.
+    pub universe: Option<Bounds>,
 }
 
 /// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by
@@ -98,6 +102,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
         views: vec![view],
         operation: Operation::Over,
         fill: None,
+        universe: Universe::Usual,
         moves: chain.moves,
         provenance: chain.provenance(),
     };
@@ -107,7 +112,8 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
 }
 
 /// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
-/// the number for [`Combined::filled_with`].
+/// the number for [`Combined::filled_with`], and `universe` where it is used: see
+/// [`Operation::needs_universe`].
 ///
 /// ```
 /// use spinney::{io::Output, ops};
@@ -117,7 +123,8 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
 /// let map = "fixtures/v1/classes.goblin".into();
 /// let trees = [map, "fixtures/v1/classes.goblin".into()];
 /// let output = Output::create(&path)?;
-/// let changes = ops::combine(ops::Operation::Changed, None, &trees, output, 64 << 20, &())?;
+/// let usual = ops::Universe::Usual;
+/// let changes = ops::combine(ops::Operation::Changed, None, usual, &trees, output, 64 << 20, &())?;
 /// assert_eq!(changes.after, 0);
 /// # Ok::<(), spinney::Error>(())
 /// ```
@@ -127,6 +134,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
 pub fn combine(
     operation: Operation,
     fill: Option<f64>,
+    universe: Universe,
     paths: &[PathBuf],
     output: Output,
     memory: u64,
@@ -137,6 +145,7 @@ pub fn combine(
         views: aligned(open_alike(paths)?)?,
         operation,
         fill,
+        universe,
         moves: false,
         provenance: format!("{operation} of {}", names.join(" ")),
     };
@@ -191,12 +200,19 @@ fn aligned(files: Vec<Arc<TreeFile>>) -> Result<Vec<View>> {
         .collect()
 }
 
+/// Numbers with commas between them.
+fn list(numbers: &[u64]) -> String {
+    numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(",")
+}
+
 /// A tree to derive from views, with the header and metadata of the first one's file.
 struct Derivation {
     views: Vec<View>,
     operation: Operation,
     /// Value of cells that the operation makes of nothing.
     fill: Option<f64>,
+    /// Where it does.
+    universe: Universe,
     /// See [`Chain::moves`].
     moves: bool,
     /// A line to add to the first file's provenance.
@@ -205,15 +221,29 @@ struct Derivation {
 
 impl Derivation {
     fn store(self, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
-        let first = &self.views[0];
+        let (views, universe) = match self.operation.needs_universe() {
+            true => self.universe.around(self.views).map(|(views, universe)| (views, Some(universe)))?,
+            false => (self.views, None),
+        };
+        let first = &views[0];
         let (header, extent) = (first.source().header().clone(), first.extent());
-        let depth = self.views.iter().map(View::depth).max().unwrap_or(0);
+        let depth = views.iter().map(View::depth).max().unwrap_or(0);
         let mut metadata = Metadata { frame: first.frame(self.moves), ..first.source().metadata().clone() };
-        metadata.provenance.push(self.provenance);
+        metadata.provenance.push(match &universe {
+            Some(universe) => {
+                let [first, size] =
+                    [universe.min, universe.size()].map(|cells| list(&cells[..header.form.axes()]));
+                format!("{}, in a universe of {size} cells from {first}", self.provenance)
+            }
+            None => self.provenance,
+        });
         let before: Result<Vec<u64>> =
-            self.views.iter().map(|view| Ok(view.source().statistics(None)?.cells)).collect();
+            views.iter().map(|view| Ok(view.source().statistics(None)?.cells)).collect();
         let before = before?;
-        let mut source = Combined::new(self.views, self.operation, extent)?;
+        let mut source = Combined::new(views, self.operation, extent)?;
+        if let Some(universe) = universe {
+            source = source.within(universe);
+        }
         if let Some(fill) = self.fill {
             let value_type = header.form.value;
             source = source.filled_with(value_type.splat(fill).ok_or_else(|| {
@@ -223,6 +253,6 @@ impl Derivation {
         }
         let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, memory) };
         let tally = build(&source, &options, output, progress)?;
-        Ok(Outcome { extent, depth, before, after: tally.cells, expected: None })
+        Ok(Outcome { extent, depth, before, after: tally.cells, expected: None, universe })
     }
 }

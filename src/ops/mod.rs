@@ -20,6 +20,7 @@ mod polygon;
 mod step;
 mod step_text;
 mod tree_file;
+mod universe;
 
 pub use affine::{Alignment, Around, Axis, Map, Sampling, View, ViewNode, align};
 pub use combine::{Combined, CombinedNode, build};
@@ -35,3 +36,4 @@ pub use patched::{Patched, PatchedNode};
 pub use polygon::Polygon;
 pub use step::{Step, Turn};
 pub use tree_file::{MemoryTree, TreeFile, TreeFileNode};
+pub use universe::Universe;

@@ -50,6 +50,13 @@ pub enum Operation {
     Changed,
 }
 
+impl Operation {
+    /// Whether cells that are in none of the trees belong to the result: there must then be a universe.
+    pub fn needs_universe(self) -> bool {
+        matches!(self, Operation::Set { number, .. } if number & 8 != 0)
+    }
+}
+
 /// The sixteen set operations by number: their names, the usual one first.
 const SETS: [&[&str]; 16] = [
     &["none"],

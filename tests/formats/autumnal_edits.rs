@@ -354,7 +354,16 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     let changes = folder.path().join("changes.goblin");
     let files = [format!("{}@1", path.display()).into(), path.clone()];
     let output = Output::create(&changes).unwrap();
-    spinney::ops::combine(Operation::Changed, None, &files, output, MEMORY, &()).unwrap();
+    spinney::ops::combine(
+        Operation::Changed,
+        None,
+        spinney::ops::Universe::Usual,
+        &files,
+        output,
+        MEMORY,
+        &(),
+    )
+    .unwrap();
     let file = TreeFile::open(&changes, &OpenOptions::new()).unwrap();
     let expected =
         made(QUAD, [512, 512, 1], |[x, y, _]| if x >= 256 && y < 256 { None } else { cells.get([x, y, 0]) });

@@ -149,7 +149,15 @@ impl Bench {
         self.made += 1;
         let out = self.path(&format!("{}.goblin", self.made));
         let files = [a.file.clone(), b.file.clone()];
-        ops::combine(operation, None, &files, Output::create(&out).unwrap(), MEMORY, &())?;
+        ops::combine(
+            operation,
+            None,
+            ops::Universe::Usual,
+            &files,
+            Output::create(&out).unwrap(),
+            MEMORY,
+            &(),
+        )?;
         Ok(out)
     }
 

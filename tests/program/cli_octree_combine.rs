@@ -7,7 +7,7 @@ use spinney::space::Frame;
 use spinney::value::{Kind, Rule, SampleType, Value};
 use tempfile::TempDir;
 
-use crate::common::command::{spinney, stderr, stdout};
+use crate::common::command::{complaint, spinney, stderr, stdout};
 use crate::common::octree::{frame, open, read, write};
 use crate::common::{Cells, OCT, QUAD, as_byte, assert_same, byte, made, oct, write_goblin};
 
@@ -92,6 +92,10 @@ impl Setting {
         arguments.extend(names.iter().map(String::as_str));
         arguments.extend(["-o", &out]);
         arguments.extend(more);
+        // All cells of the trees' boxes, not of the root.
+        if ["nor", "xnor", "nand", "all", "not-a", "not-b", "not"].contains(&operation) {
+            arguments.extend(["--margin", "0"]);
+        }
         spinney(&arguments).success();
         read(Path::new(&out))
     }
@@ -321,4 +325,54 @@ fn octrees_that_do_not_match() {
         assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
     }
     assert!(std::fs::read(&a).unwrap() == before, "the input is as it was");
+}
+
+#[test]
+fn complements_have_a_universe() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // A full box in a root of 16 cells along each axis, each half a metre wide, from 100,200,300 on.
+    let full = made(OCT, [16, 8, 4], |_| Some(byte(255)));
+    let frame =
+        Frame { matrix: [[0.5, 0.0, 0.0, 100.0], [0.0, 0.5, 0.0, 200.0], [0.0, 0.0, 0.5, 300.0]], ..frame() };
+    write_goblin(folder.path().join("a.goblin").as_path(), &full, (Rule::Mean, Kind::Continuous), frame);
+    let complement = |more: &[&str]| {
+        let (a, out) = (name("a.goblin"), name("out.goblin"));
+        let mut arguments = vec!["combine", "not", &a, "-o", &out];
+        arguments.extend(more);
+        let said = stderr(spinney(&arguments).success());
+        let tree = open(Path::new(&out));
+        let metadata = tree.metadata().clone();
+        assert!(
+            metadata.provenance.last().unwrap().contains("in a universe of"),
+            "{:?}",
+            metadata.provenance
+        );
+        let origin = metadata.frame.to_world([0.0; 3]);
+        (said, tree.statistics(None).unwrap().cells, tree.header().extent, origin, read(Path::new(&out)))
+    };
+    let (said, cells, extent, origin, found) = complement(&[]);
+    assert!(said.contains("16 x 16 x 16 cells from 0,0,0"), "{said}");
+    assert_eq!((cells, extent, origin), (4096 - 512, [16; 3], [100.0, 200.0, 300.0]));
+    let expected =
+        made(OCT, [16; 3], |[x, y, z]| if x < 16 && y < 8 && z < 4 { None } else { Some(byte(255)) });
+    assert_same(&found, &expected, "the root");
+    assert_eq!(complement(&["--margin", "0"]).1, 0);
+    let (_, cells, extent, origin, found) = complement(&["--margin", "2"]);
+    assert_eq!((cells, extent, origin), (20 * 12 * 8 - 512, [20, 12, 8], [99.0, 199.0, 299.0]));
+    let inside = |cell: [u64; 3]| (0..3).all(|axis| (2..2 + full.size[axis]).contains(&cell[axis]));
+    let expected = made(OCT, [20, 12, 8], |cell| if inside(cell) { None } else { Some(byte(255)) });
+    assert_same(&found, &expected, "a margin");
+    // A box of the world, partly beyond the tree and partly within it: 8 x 4 x 8 cells, 4 x 4 x 4 of them full.
+    let (said, cells, ..) = complement(&["--within", "98,201,298,102,203,302"]);
+    assert!(said.contains("8 x 4 x 8 cells from 0,2,0"), "{said}");
+    assert_eq!(cells, 8 * 4 * 8 - 4 * 4 * 4);
+    let a = name("a.goblin");
+    for wrong in [&["--within", "1,2,3"][..], &["--within", "5,5,5,1,1,1"], &["--margin", "4294967295"]] {
+        let mut arguments = vec!["combine", "not", &a, "-o", "x.goblin"];
+        arguments.extend(wrong);
+        let code = if wrong[1] == "1,2,3" { 2 } else { 1 };
+        complaint(&arguments, code);
+    }
+    complaint(&["combine", "union", &a, &a, "--margin", "1", "-o", "x.goblin"], 1);
 }
