@@ -131,14 +131,17 @@ fn ground_and_houses_and_hollow_bodies() {
     // A cavity in a body that is open elsewhere stays one.
     let mut inner = cuboid([20.0; 3], [40.0; 3]);
     inner.iter_mut().for_each(|triangle| triangle.swap(0, 1));
-    let mut outer = cuboid([4.0; 3], [60.0; 3]);
-    outer.remove(3);
-    let (found, inside) = labels(vec![object([outer, inner].concat(), 0)], &options);
-    assert_eq!(inside, InsideTest::Open);
-    for (i, cell) in found.iter().enumerate() {
-        let (cell, at) = (cell.is_some(), at(i));
-        assert!(!cell || at.iter().any(|x| !(20..40).contains(x)), "{at:?}");
-        assert!(cell || at.iter().any(|x| !(6..20).contains(x)), "{at:?}");
+    let outer = cuboid([4.0; 3], [60.0; 3]);
+    // One of the two has a hole.
+    let without = |faces: &[Triangle]| [&faces[..3], &faces[4..]].concat();
+    for both in [[without(&outer), inner.clone()], [outer.clone(), without(&inner)]] {
+        let (found, inside) = labels(vec![object(both.concat(), 0)], &options);
+        assert_eq!(inside, InsideTest::Open);
+        for (i, cell) in found.iter().enumerate() {
+            let (cell, at) = (cell.is_some(), at(i));
+            assert!(!cell || at.iter().any(|x| !(20..34).contains(x)), "{at:?}");
+            assert!(cell || at.iter().any(|x| !(6..20).contains(x)), "{at:?}");
+        }
     }
 }
 

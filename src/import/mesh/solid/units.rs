@@ -29,7 +29,7 @@ impl Units {
     /// Bytes of memory that dividing this number of triangles takes: they and what they become, their edges and
     /// the sets they are in.
     pub(super) fn memory(triangles: usize) -> u64 {
-        (triangles * (3 * size_of::<Triangle>() + 3 * 16 + 40)) as u64
+        (triangles * (3 * size_of::<Triangle>() + size_of::<Component>() + 40)) as u64
     }
 
     /// Divides triangles, of which those without an area count for what is closed, and are left out then.
@@ -61,8 +61,8 @@ impl Units {
             components[sets.root(number) as usize].add(triangle);
         }
         progress.check()?;
-        let cavities = self.open_cavities(triangles, &components, &mut sets, progress)?;
-        let is_open = |root: u32| !components[root as usize].closure.is_even() || cavities.contains(&root);
+        let hollow = self.hollow(triangles, &components, &mut sets, progress)?;
+        let is_open = |root: u32| !components[root as usize].closure.is_even() || hollow.contains(&root);
         // Components in order, so that units come in that of their first triangles.
         let roots: Vec<u32> = (0..triangles.len() as u32).map(|number| sets.root(number)).collect();
         let mut objects: HashMap<u32, u32> = HashMap::new();
@@ -90,39 +90,52 @@ impl Units {
         Ok(())
     }
 
-    /// Closed components turned inside out that are no cavities of anything closed, in objects that are open
-    /// elsewhere: cavities of these. Each is known by its root.
-    fn open_cavities(
+    /// Closed components that a cavity binds to an open one, by their roots: cavities of what is open, and what has
+    /// an open cavity. A cavity is a component turned inside out; it takes away from bodies of its object only.
+    fn hollow(
         &self,
         triangles: &[Triangle],
         components: &[Component],
         sets: &mut Sets,
         progress: &dyn Progress,
     ) -> Result<HashSet<u32>> {
-        let mut open_parts = HashSet::new();
         let mut outward = self.closed.clone();
-        let mut inverted: HashMap<u32, &Triangle> = HashMap::new();
-        for (number, triangle) in (0..).zip(triangles) {
+        let mut open_parts = HashSet::new();
+        // One triangle of each component that is turned inside out.
+        let (mut closed, mut open) = (HashMap::new(), HashMap::new());
+        for (number, triangle) in (0..).zip(triangles).filter(|(_, triangle)| has_area(triangle)) {
             let root = sets.root(number);
-            let Component { closure, volume } = components[root as usize];
-            if !has_area(triangle) {
-                continue;
-            }
-            if !closure.is_even() {
+            let component = &components[root as usize];
+            let is_inverted = component.volume < 0;
+            if !component.closure.is_even() {
                 open_parts.insert(triangle.part);
-            } else if closure.is_closed() && volume > 0 {
-                outward.push(*triangle);
-            } else if closure.is_closed() && volume < 0 {
-                inverted.entry(root).or_insert(triangle);
+                if is_inverted {
+                    open.entry(root).or_insert(triangle);
+                }
+            } else if component.closure.is_closed() {
+                if is_inverted {
+                    closed.entry(root).or_insert(triangle);
+                } else {
+                    outward.push(*triangle);
+                }
             }
         }
-        inverted.retain(|_, triangle| open_parts.contains(&triangle.part));
-        if inverted.is_empty() {
+        closed.retain(|_, triangle| open_parts.contains(&triangle.part));
+        if closed.is_empty() && open.is_empty() {
             return Ok(HashSet::new());
         }
         let field = WindingField::new(&outward, progress)?;
-        let is_alone = |triangle: &Triangle| field.at(triangle.middle()).abs() < 0.5;
-        Ok(inverted.into_iter().filter(|(_, triangle)| is_alone(triangle)).map(|(root, _)| root).collect())
+        let is_within = |triangle: &Triangle| field.at(triangle.middle()).abs() >= 0.5;
+        let hollow_parts: HashSet<u32> =
+            open.values().filter(|triangle| is_within(triangle)).map(|triangle| triangle.part).collect();
+        let mut hollow: HashSet<u32> =
+            closed.iter().filter(|(_, triangle)| !is_within(triangle)).map(|(root, _)| *root).collect();
+        for (number, triangle) in (0..).zip(triangles) {
+            if hollow_parts.contains(&triangle.part) {
+                hollow.insert(sets.root(number));
+            }
+        }
+        Ok(hollow)
     }
 }
 
@@ -134,16 +147,20 @@ fn has_area(triangle: &Triangle) -> bool {
 #[derive(Clone, Copy, Default)]
 struct Component {
     closure: Closure,
-    /// Six times the volume that it encloses, if it is closed; negative if it is turned inside out.
+    /// A corner of it.
+    from: Option<[i32; 3]>,
+    /// Six times the volume of the cone from that corner to it: of what it encloses, nearly so where it is open.
+    /// Negative if it is turned inside out.
     volume: i128,
 }
 
 impl Component {
     fn add(&mut self, triangle: &Triangle) {
         self.closure.add(triangle.corners);
-        let normal = triangle.normal().map(i128::from);
-        let from = triangle.corners[0].map(i128::from);
-        self.volume += (0..3).map(|axis| from[axis] * normal[axis]).sum::<i128>();
+        let from = *self.from.get_or_insert(triangle.corners[0]);
+        let normal = triangle.normal();
+        let along = |axis: usize| i128::from(triangle.corners[0][axis]) - i128::from(from[axis]);
+        self.volume += (0..3).map(|axis| along(axis) * i128::from(normal[axis])).sum::<i128>();
     }
 }
 
@@ -256,6 +273,16 @@ mod tests {
         let mut cavity = tetrahedron([50; 3], 90, 0);
         cavity.iter_mut().for_each(|triangle| triangle.corners.swap(0, 1));
         assert_eq!(counts(&[&outer[1..], &cavity].concat()), (0, 0, vec![7], 0));
+        // A cavity that is open binds the body to it.
+        assert_eq!(counts(&[&outer[..], &cavity[1..]].concat()), (0, 0, vec![7], 0));
+        let object = |part: u32, it: &[Triangle]| -> Vec<Triangle> {
+            it.iter().map(|triangle| Triangle { part, ..*triangle }).collect()
+        };
+        assert_eq!(
+            counts(&[&outer[..], &object(1, &cavity[1..])].concat()),
+            (4, 0, vec![3], 0),
+            "another object"
+        );
         let elsewhere = tetrahedron([2000; 3], 90, 0);
         assert_eq!(counts(&[&outer[..], &cavity, &elsewhere[1..]].concat()), (8, 0, vec![3], 0));
     }
