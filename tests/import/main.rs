@@ -8,6 +8,7 @@ mod mesh_export;
 mod mesh_interrupts;
 #[cfg(feature = "mesh")]
 mod mesh_losses;
+mod mesh_open;
 #[cfg(feature = "mesh")]
 mod mesh_polygon;
 mod mesh_prisms;

@@ -147,6 +147,13 @@ impl SolidArgs {
             };
             lines.push(("warning", text.into()));
         }
+        if report.open_triangles > 0 && report.open_triangles < report.triangles {
+            let (open, all) = (report.open_triangles, report.triangles);
+            lines.push((
+                "open",
+                format!("{open} of {all} triangles are of open objects; the others are closed"),
+            ));
+        }
         if report.undecided > 0 {
             lines.push(("undecided", format!("{} cells in its holes, by a guess", report.undecided)));
         }

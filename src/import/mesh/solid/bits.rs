@@ -64,6 +64,31 @@ fn even_bits(mut word: u64) -> u64 {
     (word | word >> 16) & 0x0000_0000_ffff_ffff
 }
 
+/// Cells of a block, and their values in the order of the bits where they are not all alike.
+pub(super) struct Cells {
+    pub(super) bits: Bits,
+    pub(super) values: Option<Vec<u32>>,
+}
+
+impl Cells {
+    /// Adds cells of the same block. Where both have a cell, the value is what `join` makes of theirs.
+    pub(super) fn add(&mut self, other: &Cells, join: impl Fn(u32, u32) -> u32) {
+        let side = 1usize << self.bits.height;
+        for (row, more) in other.bits.rows.iter().enumerate() {
+            let mut left = *more;
+            if let (Some(values), Some(others)) = (&mut self.values, &other.values) {
+                while left != 0 {
+                    let (x, at) = (left.trailing_zeros(), row * side + left.trailing_zeros() as usize);
+                    left &= left - 1;
+                    let is_there = self.bits.rows[row] >> x & 1 != 0;
+                    values[at] = if is_there { join(values[at], others[at]) } else { others[at] };
+                }
+            }
+            self.bits.rows[row] |= more;
+        }
+    }
+}
+
 /// Pyramid of the nodes of a block over its cells: which are empty, uniform or mixed.
 pub(super) struct Pyramid {
     /// Nodes that have something below them, by height above the cells.
@@ -84,7 +109,7 @@ pub(super) enum Content {
 }
 
 impl Pyramid {
-    pub(super) fn new(cells: Bits, values: Option<Vec<u32>>) -> Pyramid {
+    pub(super) fn new(Cells { bits: cells, values }: Cells) -> Pyramid {
         let height = cells.height;
         let mut any = Vec::with_capacity(height as usize + 1);
         let mut uniform = Vec::with_capacity(height as usize + 1);
@@ -164,7 +189,8 @@ mod tests {
             let is_there: Vec<bool> =
                 (0..side.pow(3)).map(|i| cells.get([i % side, i / side % side, i / side / side])).collect();
             let value = |i: usize| (i / 4096) as u32;
-            let pyramid = Pyramid::new(cells, Some((0..side.pow(3)).map(value).collect()));
+            let values = Some((0..side.pow(3)).map(value).collect());
+            let pyramid = Pyramid::new(Cells { bits: cells, values });
             for above in 0..=height {
                 let nodes = side >> above;
                 for n in 0..nodes.pow(3) {

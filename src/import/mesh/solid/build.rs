@@ -1,6 +1,6 @@
 //! Building of a tree from the models of a plan.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
@@ -9,8 +9,9 @@ use super::field::WindingField;
 use super::grid::Triangle;
 use super::inside::{Attribute, FillOptions, Inside};
 use super::plan::SolidImport;
-use super::source::Solid;
+use super::source::{Solid, Surface};
 use super::triangles::{Collector, Triangles};
+use super::units::Units;
 use crate::import::mesh::{Face, ModelInfo, Stages, Triangulator};
 use crate::io::{Output, folder};
 use crate::space::Dimension;
@@ -34,6 +35,8 @@ pub struct SolidReport {
     pub duplicates: u64,
     /// Triangles they were made of, without those that have no area on the grid.
     pub triangles: u64,
+    /// Those among them that are of open objects; what is closed beside these is as it would be without them.
+    pub open_triangles: u64,
     /// The furthest that a vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
     /// The models' unit of length, where it is known: "mm".
@@ -57,7 +60,8 @@ pub enum InsideTest {
     Closed,
     /// Every edge has its partners, but not every face is turned the right way: exactly, by even and odd.
     Flipped,
-    /// The surface is open: by the winding field.
+    /// The surface is open in places: open objects, each by a winding field of its own; the others by the tests
+    /// above.
     Open,
 }
 
@@ -70,7 +74,9 @@ impl InsideTest {
             InsideTest::Flipped => {
                 "closed, but with faces turned inside out: inside is where rays cross it an odd number of times"
             }
-            InsideTest::Open => "open or loose: inside is where the winding field is at least one half",
+            InsideTest::Open => {
+                "open or loose: inside is where the winding field of what is open is at least one half"
+            }
         }
     }
 }
@@ -90,7 +96,7 @@ impl SolidImport {
     pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
         let folder = folder(output.path()).to_path_buf();
         let mut read = self.read(&folder, progress)?;
-        let (inside, decided) = self.inside(&mut read, &folder, progress)?;
+        let (surfaces, decided) = self.inside(&mut read, progress)?;
         let options = &self.options;
         let fill = FillOptions {
             grid: self.grid.clone(),
@@ -98,15 +104,17 @@ impl SolidImport {
             boundary: options.boundary,
             attribute: options.attribute,
             surface: options.surface,
-            inside,
             progress,
         };
+        let is_open = |surface: &&Surface| matches!(surface.inside, Inside::Field(_));
+        let count = |surface: &Surface| surface.triangles.len() as u64;
         let report = SolidReport {
             faces: read.faces,
             degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
             repaired: read.repaired,
             duplicates: read.duplicates,
-            triangles: read.triangles.len() as u64,
+            triangles: surfaces.iter().map(count).sum(),
+            open_triangles: surfaces.iter().filter(is_open).map(count).sum(),
             displacement: read.displacement,
             unit: options.unit.clone(),
             inside: decided,
@@ -118,7 +126,7 @@ impl SolidImport {
         let held = (options.memory / 4 / TRIANGLE) as usize;
         let (value, value_of) = values(options.attribute, parts.len());
         let form = Form::new(Dimension::Oct, value);
-        let solid = Solid::new(form, fill, read.triangles, held, value_of)?;
+        let solid = Solid::new(form, fill, surfaces, held, value_of)?;
         self.store(&solid, report, parts, output, progress)
     }
 
@@ -168,7 +176,7 @@ impl SolidImport {
 
     /// Snaps and triangulates all faces.
     fn read(&mut self, folder: &Path, progress: &dyn Progress) -> Result<Read> {
-        let mut collector = Collector::new(self.held(), folder);
+        let mut collectors = [Collector::new(self.held(), folder), Collector::new(self.held() / 8, folder)];
         let mut read = Reading::default();
         let mut first_part = 1;
         let mut models = std::mem::take(&mut self.models);
@@ -178,12 +186,13 @@ impl SolidImport {
                 if read.faces.is_multiple_of(1 << 12) {
                     progress.check()?;
                 }
-                read.face(self, &info, face, first_part, &mut collector)
+                read.face(self, &info, face, first_part, &mut collectors)
             })?;
             first_part += info.parts.len() as u32;
         }
         self.models = models;
-        let triangles = collector.finish()?;
+        let [triangles, slivers] = collectors;
+        let (triangles, slivers) = (triangles.finish()?, slivers.finish()?);
         if triangles.is_empty() {
             let name = &self.models[0].info().path;
             return Err(Error::corrupt(
@@ -194,26 +203,23 @@ impl SolidImport {
             ));
         }
         let Reading { faces, displacement, closure, repaired, .. } = read;
-        Ok(Read { triangles, faces, repaired, duplicates: 0, displacement, closure })
+        Ok(Read { triangles, slivers, faces, repaired, duplicates: 0, displacement, closure })
     }
 
-    /// Chooses the test for what lies inside.
-    fn inside(
-        &self,
-        read: &mut Read,
-        folder: &Path,
-        progress: &dyn Progress,
-    ) -> Result<(Inside, InsideTest)> {
+    /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface.
+    fn inside(&self, read: &mut Read, progress: &dyn Progress) -> Result<(Vec<Surface>, InsideTest)> {
+        let whole = |inside, test| Ok((vec![Surface::new(inside, read.triangles.clone())], test));
         if self.options.surface {
-            return Ok((Inside::Winding, InsideTest::Surface));
+            return whole(Inside::Winding, InsideTest::Surface);
         }
         if read.closure.is_closed() {
-            return Ok((Inside::Winding, InsideTest::Closed));
+            return whole(Inside::Winding, InsideTest::Closed);
         }
         if read.closure.is_even() {
-            return Ok((Inside::Parity, InsideTest::Flipped));
+            return whole(Inside::Parity, InsideTest::Flipped);
         }
-        let needed = WindingField::memory(read.triangles.len());
+        let count = read.triangles.len() + read.slivers.len();
+        let needed = WindingField::memory(count).max(Units::memory(count));
         if needed > self.options.memory {
             return Err(Error::TooLarge {
                 path: self.models[0].info().path.clone(),
@@ -223,43 +229,33 @@ impl SolidImport {
                 advice: "give more with --memory, close the surface, or build it with --surface".into(),
             });
         }
-        if let Some(single) = without_duplicates(&read.triangles.all()?, progress)? {
-            read.duplicates = (read.triangles.len() - single.len()) as u64;
-            let mut collector = Collector::new(self.held(), folder);
-            let mut closure = Closure::default();
-            for triangle in &single {
-                closure.add(triangle.corners);
-                collector.push(*triangle)?;
-            }
-            read.triangles = collector.finish()?;
-            if closure.is_closed() {
-                return Ok((Inside::Winding, InsideTest::Closed));
-            }
+        let mut all = read.triangles.all()?.to_vec();
+        all.extend_from_slice(&read.slivers.all()?);
+        read.triangles = Triangles::of(Vec::new());
+        let units = Units::of(all, progress)?;
+        read.duplicates = units.duplicates;
+        let test = match (units.even.is_empty(), units.open.is_empty()) {
+            (_, false) => InsideTest::Open,
+            (false, true) => InsideTest::Flipped,
+            (true, true) => InsideTest::Closed,
+        };
+        let exact = [(Inside::Winding, units.closed), (Inside::Parity, units.even)];
+        let exact = exact.into_iter().filter(|(_, triangles)| !triangles.is_empty());
+        let mut surfaces: Vec<Surface> =
+            exact.map(|(inside, triangles)| Surface::new(inside, Triangles::of(triangles))).collect();
+        for triangles in units.open {
+            let field = WindingField::new(&triangles, progress)?;
+            surfaces.push(Surface::new(Inside::Field(field.into()), Triangles::of(triangles)));
         }
-        Ok((Inside::Field(WindingField::new(&read.triangles.all()?, progress)?.into()), InsideTest::Open))
+        Ok((surfaces, test))
     }
-}
-
-/// The triangles without those that are there a second time; `None` if there are no such.
-fn without_duplicates(triangles: &[Triangle], progress: &dyn Progress) -> Result<Option<Vec<Triangle>>> {
-    let mut seen = HashSet::with_capacity(triangles.len());
-    let mut single = Vec::new();
-    for triangle in triangles {
-        progress.check()?;
-        let mut corners = triangle.corners;
-        let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
-        // Rotated, not sorted: triangles that turn the other way are no duplicates.
-        corners.rotate_left(least);
-        if seen.insert(corners) {
-            single.push(*triangle);
-        }
-    }
-    Ok((single.len() < triangles.len()).then_some(single))
 }
 
 /// Triangles of all models, and counts of their faces.
 struct Read {
     triangles: Triangles,
+    /// Those that have no area on the grid, but edges that others end at.
+    slivers: Triangles,
     faces: u64,
     repaired: u64,
     duplicates: u64,
@@ -285,7 +281,7 @@ impl Reading {
         info: &ModelInfo,
         face: &Face<'_>,
         first_part: u32,
-        collector: &mut Collector,
+        [triangles, slivers]: &mut [Collector; 2],
     ) -> Result<()> {
         self.faces += 1;
         self.snapped.clear();
@@ -295,34 +291,38 @@ impl Reading {
             self.displacement = self.displacement.max(import.grid.displacement(point, snapped));
             self.snapped.push(snapped);
         }
+        let part = first_part + face.part;
         let attribute = match import.options.attribute {
             Attribute::Occupancy => 0,
             Attribute::Colour => mean_colour(face.colours),
-            Attribute::Part => first_part + face.part,
+            Attribute::Part => part,
         };
         let mut push = |corners: [[i32; 3]; 3]| {
             self.closure.add(corners);
-            let triangle = Triangle { corners, attribute };
-            if triangle.normal() == [0; 3] { Ok(()) } else { collector.push(triangle) }
+            let triangle = Triangle { corners, attribute, part };
+            if triangle.normal() != [0; 3] {
+                return triangles.push(triangle);
+            }
+            // Two corners at one point leave an edge and its opposite, which is none.
+            let [a, b, c] = corners;
+            if a == b || b == c || c == a { Ok(()) } else { slivers.push(triangle) }
         };
         if let [a, b, c] = self.snapped[..] {
             return push([a, b, c]);
         }
         let wide: Vec<[i64; 3]> = self.snapped.iter().map(|point| point.map(i64::from)).collect();
-        let mut triangles = Vec::new();
-        if !self.triangulator.triangulate(&wide, face.ring_ends, &mut triangles) {
+        let mut cut = Vec::new();
+        if !self.triangulator.triangulate(&wide, face.ring_ends, &mut cut) {
             // A face that crosses itself or has no area: fans have its boundary, too, so that what is closed
             // stays so.
             self.repaired += 1;
             let mut first = 0;
             for end in face.ring_ends.iter().map(|end| *end as u32) {
-                triangles.extend((first + 2..end).map(|corner| [first, corner - 1, corner]));
+                cut.extend((first + 2..end).map(|corner| [first, corner - 1, corner]));
                 first = end;
             }
         }
-        triangles
-            .into_iter()
-            .try_for_each(|corners| push(corners.map(|corner| self.snapped[corner as usize])))
+        cut.into_iter().try_for_each(|corners| push(corners.map(|corner| self.snapped[corner as usize])))
     }
 }
 

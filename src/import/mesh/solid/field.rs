@@ -25,10 +25,14 @@ pub(super) const DOUBT: f64 = 0.2;
 #[derive(Debug)]
 pub(super) struct WindingField {
     triangles: Vec<[DVec3; 3]>,
+    /// The triangles' attributes; a single one if all have the same.
+    attributes: Vec<u32>,
     /// In preorder; a group's first part follows it.
     groups: Vec<Group>,
     /// Numbers of the edges that are the surface's boundary, in order.
     boundary: Vec<u64>,
+    /// Least and greatest coordinates of the triangles.
+    bounds: [[i32; 3]; 2],
 }
 
 #[derive(Debug)]
@@ -50,7 +54,7 @@ impl WindingField {
     pub(super) fn memory(triangles: usize) -> u64 {
         let groups = 4 * triangles.div_ceil(LEAF);
         // While it is made, there are three numbered edges for each triangle, too.
-        (triangles * (size_of::<[DVec3; 3]>() + 16 + 3 * 16) + groups * size_of::<Group>()) as u64
+        (triangles * (size_of::<[DVec3; 3]>() + 24 + 3 * 16) + groups * size_of::<Group>()) as u64
     }
 
     /// The field of these triangles.
@@ -59,8 +63,11 @@ impl WindingField {
     /// If there are more than 2^31, or on interruption.
     pub(super) fn new(triangles: &[Triangle], progress: &dyn Progress) -> Result<WindingField> {
         let boundary = boundary_edges(triangles);
+        let least = |axis| triangles.iter().map(|triangle| triangle.min(axis)).min().unwrap_or(0);
+        let most = |axis| triangles.iter().map(|triangle| triangle.max(axis)).max().unwrap_or(0);
+        let bounds = [std::array::from_fn(least), std::array::from_fn(most)];
         progress.check()?;
-        let mut sorted: Vec<(u64, [DVec3; 3])> = triangles
+        let mut sorted: Vec<(u64, u32, [DVec3; 3])> = triangles
             .iter()
             .map(|triangle| {
                 let middle = |axis: usize| {
@@ -69,17 +76,25 @@ impl WindingField {
                 // Coordinates run from -2^29 to 2^30.
                 let cell = |axis: usize| ((middle(axis) + (1 << 29)) >> 10) as u32;
                 let key = (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, cell(axis)) << axis);
-                (key, triangle.corners.map(|corner| DVec3::from_array(corner.map(f64::from))))
+                (
+                    key,
+                    triangle.attribute,
+                    triangle.corners.map(|corner| DVec3::from_array(corner.map(f64::from))),
+                )
             })
             .collect();
         if sorted.len() > i32::MAX as usize {
             let found = format!("{} triangles", sorted.len());
             return Err(Error::invalid("the surface is not closed and has", found, "at most 2^31"));
         }
-        sorted.sort_by_key(|(key, _)| *key);
+        sorted.sort_by_key(|(key, ..)| *key);
         progress.check()?;
-        let triangles: Vec<_> = sorted.into_iter().map(|(_, triangle)| triangle).collect();
-        let mut field = WindingField { triangles, groups: Vec::new(), boundary };
+        let mut attributes: Vec<u32> = sorted.iter().map(|(_, attribute, _)| *attribute).collect();
+        if attributes.iter().all(|attribute| *attribute == attributes[0]) {
+            attributes.truncate(1);
+        }
+        let triangles: Vec<_> = sorted.into_iter().map(|(.., triangle)| triangle).collect();
+        let mut field = WindingField { triangles, attributes, groups: Vec::new(), boundary, bounds };
         field.group(0, field.triangles.len(), progress)?;
         Ok(field)
     }
@@ -137,10 +152,63 @@ impl WindingField {
         sum / (4.0 * std::f64::consts::PI)
     }
 
+    /// Attribute at a point inside, in grid steps: that of the nearest triangle behind which it lies, the least of
+    /// several. (Of two bodies that touch, one is behind the wall and the other before it.)
+    pub(super) fn attribute(&self, point: DVec3) -> u32 {
+        if let [attribute] = self.attributes[..] {
+            return attribute;
+        }
+        // In what is turned inside out, it lies before them.
+        let behind = if self.at(point) < 0.0 { -1.0 } else { 1.0 };
+        let (mut best, mut any) = ((f64::INFINITY, 0), (f64::INFINITY, 0));
+        let mut open = if self.groups.is_empty() { Vec::new() } else { vec![0] };
+        while let Some(index) = open.pop() {
+            let group = &self.groups[index as usize];
+            if self.least_distance(index, point).powi(2) > best.0 {
+                continue;
+            }
+            if group.count as usize <= LEAF {
+                for number in group.first as usize..(group.first + group.count) as usize {
+                    let triangle @ [a, b, c] = &self.triangles[number];
+                    let found = (distance_squared(triangle, point), self.attributes[number]);
+                    let is_behind = (*b - *a).cross(*c - *a).dot(point - *a) * behind <= 0.0;
+                    any = nearer(any, found);
+                    if is_behind {
+                        best = nearer(best, found);
+                    }
+                }
+                continue;
+            }
+            // The nearer part first, so that it rules out the other.
+            let (a, b) = (index + 1, self.groups[index as usize + 1].next);
+            let is_nearer = self.least_distance(a, point) <= self.least_distance(b, point);
+            open.extend(if is_nearer { [b, a] } else { [a, b] });
+        }
+        // (None may be there where a surface is loose.)
+        if best.0.is_finite() { best.1 } else { any.1 }
+    }
+
+    /// Distance from which on a group's triangles lie; a little less, for rounding.
+    fn least_distance(&self, index: u32, point: DVec3) -> f64 {
+        let group = &self.groups[index as usize];
+        ((group.centre.distance(point) - group.radius) * (1.0 - 1e-9) - 1e-3).max(0.0)
+    }
+
     /// The field as it is everywhere.
     pub(super) fn everywhere(&self) -> LocalField<'_> {
         let near = if self.groups.is_empty() { Vec::new() } else { vec![0] };
         LocalField { field: self, centre: DVec3::ZERO, value: 0.0, gradient: DVec3::ZERO, near }
+    }
+
+    /// Whether a cube lies beside the box around the surface. Of a single sheet no more than half of the view is
+    /// covered from there: nothing is inside, and a surface costs where it is.
+    pub(super) fn is_beside(&self, min: [i32; 3], width: i32) -> bool {
+        let [least, most] = self.bounds;
+        let is_beside = |axis: usize| {
+            let low = i64::from(min[axis]);
+            low >= i64::from(most[axis]) || low + i64::from(width) <= i64::from(least[axis])
+        };
+        (0..3).any(is_beside)
     }
 
     /// Edges of a triangle that are the surface's boundary.
@@ -246,6 +314,29 @@ fn boundary_edges(triangles: &[Triangle]) -> Vec<u64> {
     same.filter(|edge| edge.iter().map(|(_, way)| way).sum::<i32>() != 0).map(|edge| edge[0].0).collect()
 }
 
+/// The nearer of two triangles, each with the square of its distance and its attribute; of equally near ones that
+/// with the lesser attribute.
+fn nearer(one: (f64, u32), other: (f64, u32)) -> (f64, u32) {
+    let is_other = other.0 < one.0 || (other.0 == one.0 && other.1 < one.1);
+    if is_other { other } else { one }
+}
+
+/// Square of the distance of a point from a triangle: from its plane if it lies over the triangle, else from the
+/// nearest edge.
+fn distance_squared([a, b, c]: &[DVec3; 3], point: DVec3) -> f64 {
+    let normal = (*b - *a).cross(*c - *a);
+    let edges = [(a, b), (b, c), (c, a)];
+    if edges.iter().all(|(from, to)| normal.cross(**to - **from).dot(point - **from) >= 0.0) {
+        return (point - *a).dot(normal).powi(2) / normal.length_squared();
+    }
+    let to_edge = |(from, to): &(&DVec3, &DVec3)| {
+        let along = **to - **from;
+        let share = ((point - **from).dot(along) / along.length_squared()).clamp(0.0, 1.0);
+        point.distance_squared(**from + along * share)
+    };
+    edges.iter().map(to_edge).fold(f64::INFINITY, f64::min)
+}
+
 /// The solid angle under which a triangle is seen, positive from its inner side (Van Oosterom and Strackee,
 /// 1983).
 fn solid_angle([a, b, c]: &[DVec3; 3], from: DVec3) -> f64 {
@@ -259,6 +350,37 @@ fn solid_angle([a, b, c]: &[DVec3; 3], from: DVec3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn points_have_the_attribute_of_the_nearest_face_that_they_are_behind() {
+        // Boxes in a row that share walls, each with an attribute of its own.
+        let cube = |i: i32| {
+            let p = |corner: i32| [100 * (i + (corner & 1)), 100 * (corner >> 1 & 1), 100 * (corner >> 2)];
+            let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+            let triangles = quads.map(|[a, b, c, d]| [[p(a), p(b), p(c)], [p(a), p(c), p(d)]]);
+            triangles.concat().into_iter().map(move |corners| Triangle {
+                corners,
+                attribute: i as u32,
+                part: 1,
+            })
+        };
+        let mut triangles: Vec<Triangle> = (0..20).flat_map(cube).collect();
+        for is_inverted in [false, true] {
+            let field = WindingField::new(&triangles, &()).unwrap();
+            for i in 0..20u32 {
+                for x in [1.0, 10.0, 50.0, 98.0] {
+                    let point = DVec3::new(f64::from(100 * i) + x, 40.0, 55.0);
+                    assert_eq!(field.attribute(point), i, "{x} {is_inverted}");
+                }
+            }
+            triangles.iter_mut().for_each(|triangle| triangle.corners.swap(0, 1));
+        }
+        assert_eq!(WindingField::new(&triangles[36..48], &()).unwrap().attribute(DVec3::ZERO), 3);
+        let [a, b, c] = [DVec3::ZERO, DVec3::X * 4.0, DVec3::Y * 4.0];
+        for (point, expected) in [([1.0, 1.0, 3.0], 9.0), ([4.0, 4.0, 1.0], 9.0), ([-3.0, -4.0, 0.0], 25.0)] {
+            assert!((distance_squared(&[a, b, c], DVec3::from_array(point)) - expected).abs() < 1e-9);
+        }
+    }
 
     #[test]
     fn the_field_is_one_inside_and_zero_outside_and_half_in_a_hole() {
@@ -275,8 +397,8 @@ mod tests {
         for i in 0..rings {
             for j in 0..2 * rings {
                 let (a, b, c, d) = (point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1));
-                triangles.push(Triangle { corners: [a, b, c], attribute: 0 });
-                triangles.push(Triangle { corners: [a, c, d], attribute: 0 });
+                triangles.push(Triangle { corners: [a, b, c], attribute: 0, part: 1 });
+                triangles.push(Triangle { corners: [a, c, d], attribute: 0, part: 1 });
             }
         }
         let field = WindingField::new(&triangles, &()).unwrap();

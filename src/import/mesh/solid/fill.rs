@@ -4,7 +4,7 @@
 //! of every slice, from there crossings along y to the first point of every row, and crossings along x
 //! through the rows.
 
-use super::bits::{Bits, Pyramid};
+use super::bits::{Bits, Cells};
 use super::coverage::Coverage;
 use super::crossing::{Lattice, Projected};
 use super::grid::Triangle;
@@ -175,21 +175,21 @@ pub(super) fn each_run(
 
 /// Coverage of the cells of a block, exact; `None` where that does not follow from the faces.
 fn covered(
-    fill: &FillOptions<'_>,
+    (fill, inside): (&FillOptions<'_>, &Inside),
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     state: State,
-) -> Result<Option<Pyramid>> {
-    if !matches!(fill.inside, Inside::Winding) {
+) -> Result<Option<Cells>> {
+    if !matches!(inside, Inside::Winding) {
         return Ok(None);
     }
-    let mut inside = Bits::new(height);
+    let mut centres = Bits::new(height);
     let (mut least, mut most) = (0, 0);
     each_run(&fill.lattice, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
         (least, most) = (state.winding.min(least), state.winding.max(most));
         if state.winding != 0 {
-            inside.rows[z << height | y] |= Bits::run(from, to);
+            centres.rows[z << height | y] |= Bits::run(from, to);
         }
     })?;
     let sign = match (least, most) {
@@ -198,21 +198,21 @@ fn covered(
         _ => return Ok(None),
     };
     let coverage = Coverage::new(triangles, min, fill.cell(), height, fill.progress)?;
-    let Some(values) = coverage.solve(&inside, sign, fill.progress)? else { return Ok(None) };
-    for (row, values) in inside.rows.iter_mut().zip(values.chunks_exact(1 << height)) {
+    let Some(values) = coverage.solve(&centres, sign, fill.progress)? else { return Ok(None) };
+    for (row, values) in centres.rows.iter_mut().zip(values.chunks_exact(1 << height)) {
         *row = values.iter().enumerate().fold(0, |bits, (x, value)| bits | u64::from(*value > 0) << x);
     }
-    Ok(Some(Pyramid::new(inside, Some(values))))
+    Ok(Some(Cells { bits: centres, values: Some(values) }))
 }
 
 /// Coverage of the cells of a block, by many points in each cell.
 fn sampled(
-    fill: &FillOptions<'_>,
+    (fill, inside): (&FillOptions<'_>, &Inside),
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     mut state: State,
-) -> Result<Pyramid> {
+) -> Result<Cells> {
     let samples = Lattice::new(SAMPLES, fill.grid.fraction);
     let (mut at, to) = (fill.lattice.first(min), samples.first(min));
     // From the first centre to the first sample.
@@ -221,7 +221,7 @@ fn sampled(
     state.winding += change::<0>(triangles, &mut at, to);
     let mut counts = Counts::new(height);
     each_run(&samples, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
-        if fill.is_inside(state.winding) {
+        if inside.has(state.winding) {
             counts.row(y, z, from, to);
         }
     })?;
@@ -280,7 +280,7 @@ impl Counts {
         }
     }
 
-    fn finish(self) -> Pyramid {
+    fn finish(self) -> Cells {
         let side = 1usize << self.height;
         let all = SAMPLES.iter().sum::<u8>();
         let mut cells = Bits::new(self.height);
@@ -295,27 +295,27 @@ impl Counts {
                 cells.rows[row] |= u64::from(value > 0) << x;
             }
         }
-        Pyramid::new(cells, Some(values))
+        Cells { bits: cells, values: Some(values) }
     }
 }
 
 /// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state`
 /// is that of its first lattice point.
 pub(super) fn block(
-    fill: &FillOptions<'_>,
+    (fill, inside): (&FillOptions<'_>, &Inside),
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     state: State,
-) -> Result<Pyramid> {
+) -> Result<Cells> {
     if fill.boundary == Boundary::Coverage && !fill.surface {
-        let exact = covered(fill, triangles, min, height, state)?;
-        return exact.map_or_else(|| sampled(fill, triangles, min, height, state), Ok);
+        let exact = covered((fill, inside), triangles, min, height, state)?;
+        return exact.map_or_else(|| sampled((fill, inside), triangles, min, height, state), Ok);
     }
     let mut painter = Painter::new(fill, height);
     if !fill.surface {
         each_run(&fill.lattice, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
-            if fill.is_inside(state.winding) {
+            if inside.has(state.winding) {
                 painter.row(y, z, from, to, state.attribute);
             }
         })?;
@@ -441,11 +441,11 @@ impl<'a> Painter<'a> {
         }
     }
 
-    pub(super) fn finish(mut self) -> Pyramid {
+    pub(super) fn finish(mut self) -> Cells {
         if self.fill.attribute == Attribute::Colour {
             self.values.iter_mut().flatten().for_each(|value| *value &= COLOUR);
         }
-        Pyramid::new(self.cells, self.values)
+        Cells { bits: self.cells, values: self.values }
     }
 }
 

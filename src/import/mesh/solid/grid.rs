@@ -3,6 +3,8 @@
 
 use std::path::Path;
 
+use glam::DVec3;
+
 use crate::space::Frame;
 use crate::{Error, Result};
 
@@ -20,9 +22,16 @@ pub(super) struct Triangle {
     pub(super) corners: [[i32; 3]; 3],
     /// Value of the cells behind it: a part's number, or a colour as 0x00RRGGBB; 0 for occupancy.
     pub(super) attribute: u32,
+    /// Number of the part that it belongs to, from 1.
+    pub(super) part: u32,
 }
 
 impl Triangle {
+    /// The middle of its corners.
+    pub(super) fn middle(&self) -> DVec3 {
+        self.corners.iter().map(|corner| DVec3::from_array(corner.map(f64::from))).sum::<DVec3>() / 3.0
+    }
+
     /// The normal, twice as long as the triangle is large.
     #[inline]
     pub(super) fn normal(&self) -> [i64; 3] {

@@ -32,7 +32,8 @@ pub enum Attribute {
     /// Share of the cell that is filled, from 0 to 255.
     #[default]
     Occupancy,
-    /// Colour of the surface; inside, that of the face behind which a cell lies.
+    /// Colour of the surface; inside, that of the face behind which a cell lies: the nearest such face in open
+    /// objects, the last one before it in closed ones.
     Colour,
     /// Number of the part of the model, from 1.
     Part,
@@ -85,7 +86,8 @@ pub(super) enum Inside {
     Winding,
     /// An odd number of crossings.
     Parity,
-    /// A winding field of at least one half, or at most minus one half: for surfaces that are not closed.
+    /// A winding field of at least one half, or at most minus one half, within the box around the surface: for
+    /// those that are not closed.
     Field(Arc<WindingField>),
 }
 
@@ -98,7 +100,6 @@ pub(super) struct FillOptions<'a> {
     pub(super) attribute: Attribute,
     /// Only the cells that the surface cuts.
     pub(super) surface: bool,
-    pub(super) inside: Inside,
     /// Asked for each triangle and cube of cells whether to go on: a single block can take a minute where very
     /// many triangles are.
     pub(super) progress: &'a dyn Progress,
@@ -109,10 +110,13 @@ impl FillOptions<'_> {
     pub(super) fn cell(&self) -> i32 {
         self.grid.cell()
     }
+}
 
+impl Inside {
+    /// Whether a winding number is one of the inside.
     #[inline]
-    pub(super) fn is_inside(&self, winding: i32) -> bool {
-        match self.inside {
+    pub(super) fn has(&self, winding: i32) -> bool {
+        match self {
             Inside::Parity => winding & 1 != 0,
             _ => winding != 0,
         }
@@ -125,9 +129,16 @@ pub(super) struct State {
     pub(super) winding: i32,
     /// Attribute of the face through which the solid was entered last.
     pub(super) attribute: u32,
+    /// Whether only even and odd count, of faces that are turned either way: winding numbers are 0 or 1.
+    pub(super) by_parity: bool,
 }
 
 impl State {
+    /// The state outside.
+    pub(super) fn outside(inside: &Inside) -> State {
+        State { by_parity: matches!(inside, Inside::Parity), ..State::default() }
+    }
+
     /// Goes through a face.
     #[inline]
     pub(super) fn pass(&mut self, change: i32, attribute: u32) {
@@ -135,5 +146,8 @@ impl State {
             self.attribute = attribute;
         }
         self.winding += change;
+        if self.by_parity {
+            self.winding &= 1;
+        }
     }
 }

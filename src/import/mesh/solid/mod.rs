@@ -13,6 +13,7 @@ mod open;
 mod plan;
 mod source;
 mod triangles;
+mod units;
 
 pub use build::{InsideTest, SolidReport};
 pub use inside::{Attribute, Boundary};

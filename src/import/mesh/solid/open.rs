@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use super::bits::{Bits, Pyramid};
+use super::bits::{Bits, Cells};
 use super::coverage::Coverage;
 use super::field::{DOUBT, LocalField, WindingField};
 use super::fill::{Painter, each_run};
@@ -25,13 +25,12 @@ pub(super) fn block(
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
-    state: State,
-) -> Result<(Pyramid, u64)> {
+) -> Result<(Cells, u64)> {
     let mut painter = Painter::new(fill, height);
     if fill.boundary == Boundary::Coverage {
         painter.values = Some(vec![0; 1 << (3 * height)]);
     }
-    let mut open = Open { fill, field, min, painter, attribute: state.attribute, undecided: 0 };
+    let mut open = Open { fill, field, min, painter, undecided: 0 };
     open.cube(&field.everywhere(), triangles, height, [0; 3])?;
     let Open { mut painter, undecided, .. } = open;
     painter.surface(triangles, min)?;
@@ -43,7 +42,6 @@ struct Open<'a> {
     field: &'a WindingField,
     min: [i32; 3],
     painter: Painter<'a>,
-    attribute: u32,
     undecided: u64,
 }
 
@@ -74,6 +72,9 @@ impl Open<'_> {
         at: [usize; 3],
     ) -> Result<()> {
         self.fill.progress.check()?;
+        if self.field.is_beside(self.corner(at), self.fill.cell() << height) {
+            return Ok(());
+        }
         let middle = self.middle(at, height);
         let local =
             around.narrow(middle, (middle - self.middle(at, 0)).length() + f64::from(self.fill.cell()));
@@ -137,9 +138,11 @@ impl Open<'_> {
         if self.fill.boundary == Boundary::Coverage && !triangles.is_empty() {
             return self.cover(triangles, &mut windings, off, height, at);
         }
+        // All of a cube without faces is behind the same one, as far as that can be said.
+        let attribute = triangles.is_empty().then(|| self.attribute(self.middle(at, height)));
         for (row, windings) in windings.chunks_exact(side).enumerate() {
             for (x, _) in windings.iter().enumerate().filter(|(_, winding)| *winding + off != 0) {
-                self.set([at[0] + x, at[1] + row % side, at[2] + row / side], FULL);
+                self.set([at[0] + x, at[1] + row % side, at[2] + row / side], FULL, attribute);
             }
         }
         Ok(true)
@@ -174,7 +177,7 @@ impl Open<'_> {
         let mask = (1usize << height) - 1;
         for (index, value) in values.into_iter().enumerate().filter(|(_, value)| *value > 0) {
             let cell = [index & mask, index >> height & mask, index >> (2 * height)];
-            self.set(std::array::from_fn(|axis| at[axis] + cell[axis]), value);
+            self.set(std::array::from_fn(|axis| at[axis] + cell[axis]), value, None);
         }
         Ok(true)
     }
@@ -187,7 +190,7 @@ impl Open<'_> {
         }
         if self.fill.boundary != Boundary::Coverage || triangles.is_empty() {
             if field >= 0.5 {
-                self.set(at, FULL);
+                self.set(at, FULL, None);
             }
             return;
         }
@@ -197,17 +200,24 @@ impl Open<'_> {
         let is_inside = |point: &DVec3| local.at(corner + (*point + 0.5) * (width / 4.0)).abs() >= 0.5;
         let count = points.filter(is_inside).count() as u32;
         if count > 0 {
-            self.set(at, (count * FULL + 32) / 64);
+            self.set(at, (count * FULL + 32) / 64, None);
         }
     }
 
-    fn set(&mut self, at: [usize; 3], value: u32) {
+    /// The attribute at a point: that of the nearest face.
+    fn attribute(&self, point: DVec3) -> u32 {
+        if self.fill.attribute == Attribute::Occupancy { 0 } else { self.field.attribute(point) }
+    }
+
+    /// Gives a cell its occupancy, or an attribute: that at its middle if none is known.
+    fn set(&mut self, at: [usize; 3], occupancy: u32, attribute: Option<u32>) {
         let height = self.painter.cells.height;
         self.painter.cells.set(at);
+        let is_occupancy = self.fill.attribute == Attribute::Occupancy;
+        let value = || attribute.unwrap_or_else(|| self.attribute(self.middle(at, 0)));
+        let value = if is_occupancy { occupancy } else { value() };
         if let Some(values) = &mut self.painter.values {
-            let is_occupancy = self.fill.attribute == Attribute::Occupancy;
-            values[(at[2] << height | at[1]) << height | at[0]] =
-                if is_occupancy { value } else { self.attribute };
+            values[(at[2] << height | at[1]) << height | at[0]] = value;
         }
     }
 }

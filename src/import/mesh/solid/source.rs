@@ -4,11 +4,13 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use super::bits::{Content, Pyramid};
+use glam::DVec3;
+
+use super::bits::{Bits, Cells, Content, Pyramid};
 use super::crossing::Projected;
 use super::fill;
 use super::grid::Triangle;
-use super::inside::{Attribute, FULL, FillOptions, Inside, State};
+use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use super::open;
 use super::triangles::{OctantSorter, Triangles};
 use crate::Result;
@@ -27,10 +29,25 @@ pub(super) struct Counters {
     pub(super) stages: Mutex<Stages>,
 }
 
+/// A surface that is inside or outside for itself: the solid is what any of them encloses. Where several do, the
+/// first gives the value.
+pub(super) struct Surface {
+    pub(super) inside: Inside,
+    pub(super) triangles: Triangles,
+}
+
+impl Surface {
+    pub(super) fn new(inside: Inside, triangles: Triangles) -> Surface {
+        Surface { inside, triangles }
+    }
+}
+
 /// A solid, or its surface, of values made from attributes.
 pub(super) struct Solid<'a> {
     form: Form,
     pub(super) fill: FillOptions<'a>,
+    /// Tests of the surfaces.
+    tests: Vec<Inside>,
     /// Triangles that are taken to memory at once.
     held: usize,
     root: UpperNode,
@@ -45,8 +62,24 @@ pub(super) struct UpperNode {
     level: u8,
     /// Position among the nodes of its level.
     position: [u32; 3],
+    /// What there is of each surface, of which there is something, in their order.
+    sheets: Vec<Sheet>,
+}
+
+impl UpperNode {
+    /// Triangles of all surfaces.
+    fn triangles(&self) -> usize {
+        self.sheets.iter().map(|sheet| sheet.triangles.len()).sum()
+    }
+}
+
+/// A surface in a node.
+#[derive(Clone, Debug)]
+struct Sheet {
+    /// Number of the surface.
+    surface: usize,
     triangles: Triangles,
-    /// State at its first lattice point.
+    /// State at the node's first lattice point.
     state: State,
 }
 
@@ -75,27 +108,34 @@ impl std::fmt::Debug for Node {
 const BLOCK: u8 = 6;
 
 impl<'a> Solid<'a> {
-    /// The solid of these triangles; up to `held` of them are taken to memory at once.
+    /// The solid of these surfaces; up to `held` triangles are taken to memory at once.
     pub(super) fn new(
         form: Form,
         fill: FillOptions<'a>,
-        triangles: Triangles,
+        surfaces: Vec<Surface>,
         held: usize,
         value: fn(u32) -> Value,
     ) -> Result<Self> {
-        let root = UpperNode { level: 0, position: [0; 3], triangles, state: State::default() };
-        let mut solid = Solid { form, fill, held, root, value, counters: Counters::default() };
-        if !solid.fill.surface {
-            solid.root.state = solid.outside_in()?;
+        let root = UpperNode { level: 0, position: [0; 3], sheets: Vec::new() };
+        let mut solid =
+            Solid { form, fill, tests: Vec::new(), held, root, value, counters: Counters::default() };
+        for (number, Surface { inside, triangles }) in surfaces.into_iter().enumerate() {
+            let state = match inside {
+                _ if solid.fill.surface => State::default(),
+                Inside::Field(_) => State::default(),
+                Inside::Winding | Inside::Parity => solid.outside_in(&triangles, State::outside(&inside))?,
+            };
+            solid.root.sheets.push(Sheet { surface: number, triangles, state });
+            solid.tests.push(inside);
         }
         Ok(solid)
     }
 
     /// The state of the root's first lattice point, coming along x from outside.
-    fn outside_in(&self) -> Result<State> {
+    fn outside_in(&self, triangles: &Triangles, outside: State) -> Result<State> {
         let first = self.fill.lattice.first([0; 3]);
         let mut events = Events::default();
-        self.root.triangles.each(|_, triangle| {
+        triangles.each(|_, triangle| {
             self.fill.progress.check()?;
             if let Some(projected) = Projected::<0>::new(triangle)
                 .filter(|projected| projected.is_met(first) && projected.is_beyond(first))
@@ -104,9 +144,14 @@ impl<'a> Solid<'a> {
             }
             Ok(())
         })?;
-        let mut states = [State::default(); 8];
+        let mut states = [outside; 8];
         events.apply(&mut states, |_| (0, 0));
         Ok(states[0])
+    }
+
+    /// Whether crossings decide what is inside a surface.
+    fn is_crossed(&self, sheet: &Sheet) -> bool {
+        !self.fill.surface && !matches!(self.tests[sheet.surface], Inside::Field(_))
     }
 
     /// Grid coordinates of a region's first corner, and its width.
@@ -119,15 +164,30 @@ impl<'a> Solid<'a> {
     /// one, or has more triangles than fit into memory.
     fn is_split(&self, region: &UpperNode) -> bool {
         let height = self.fill.grid.depth - region.level;
-        height > BLOCK || (height > 1 && region.triangles.len() > self.held)
+        height > BLOCK || (height > 1 && region.triangles() > self.held)
     }
 
     /// The eight regions of a region.
     fn split(&self, region: &UpperNode) -> Result<Vec<UpperNode>> {
-        let triangles = match &region.triangles {
-            spilled if spilled.len() <= self.held => spilled.clone().held()?,
-            spilled => spilled.clone(),
+        let child = |child: u32| UpperNode {
+            level: region.level + 1,
+            position: std::array::from_fn(|axis| 2 * region.position[axis] + (child >> axis & 1)),
+            sheets: Vec::new(),
         };
+        let mut regions: Vec<UpperNode> = (0..8).map(child).collect();
+        let is_held = region.triangles() <= self.held;
+        for sheet in &region.sheets {
+            for (region, sheet) in regions.iter_mut().zip(self.split_sheet(region, sheet, is_held)?) {
+                region.sheets.push(sheet);
+            }
+        }
+        Ok(regions)
+    }
+
+    /// What the eight regions of a region have of a surface; its triangles come to memory if they are to be held.
+    fn split_sheet(&self, region: &UpperNode, sheet: &Sheet, is_held: bool) -> Result<Vec<Sheet>> {
+        let triangles = if is_held { sheet.triangles.clone().held()? } else { sheet.triangles.clone() };
+        let is_crossed = self.is_crossed(sheet);
         let (min, width) = self.bounds(region);
         let half = width / 2;
         let middle = min.map(|min| min + half);
@@ -138,7 +198,7 @@ impl<'a> Solid<'a> {
         let wide = |at: [i32; 3]| at.map(i64::from);
         triangles.each(|number, triangle| {
             self.fill.progress.check()?;
-            if !self.fill.surface {
+            if is_crossed {
                 lines.meet(triangle, &mut events);
             }
             // Which halves it reaches into: walls belong to neither.
@@ -170,34 +230,54 @@ impl<'a> Solid<'a> {
             Ok(())
         })?;
         self.counters.stages.lock().expect("nobody panics with this lock").add(&stages);
-        let mut states = [region.state; 8];
+        let mut states = [sheet.state; 8];
         events.apply(&mut states, Lines::leads);
-        let regions = sorter.finish()?.into_iter().enumerate().map(|(child, triangles)| UpperNode {
-            level: region.level + 1,
-            position: std::array::from_fn(|axis| 2 * region.position[axis] + (child as u32 >> axis & 1)),
-            triangles,
-            state: states[child],
-        });
-        Ok(regions.collect())
+        let of = |(child, triangles)| Sheet { triangles, state: states[child], ..*sheet };
+        Ok(sorter.finish()?.into_iter().enumerate().map(of).collect())
     }
 
     /// Node of a region as its parent has it: void, a leaf, or an inner node.
-    fn child(&self, region: UpperNode) -> Child<Node> {
-        let is_inner = !region.triangles.is_empty();
-        if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
-            let (min, width) = self.bounds(&region);
-            if let (false, Some(winding)) = (is_inner, field.uniform(min, width)) {
-                return if winding != 0 {
-                    Child::Leaf(self.full(region.state.attribute))
-                } else {
-                    Child::Void
-                };
+    fn child(&self, mut region: UpperNode) -> Child<Node> {
+        let mut sheets = Vec::new();
+        for sheet in std::mem::take(&mut region.sheets) {
+            match self.uniform(&region, &sheet) {
+                Some(None) => {}
+                // What comes after it changes nothing.
+                Some(Some(attribute)) if sheets.is_empty() => return Child::Leaf(self.full(attribute)),
+                Some(Some(_)) => {
+                    sheets.push(sheet);
+                    break;
+                }
+                None => sheets.push(sheet),
             }
-        } else if !is_inner {
-            let is_inside = !self.fill.surface && self.fill.is_inside(region.state.winding);
-            return if is_inside { Child::Leaf(self.full(region.state.attribute)) } else { Child::Void };
         }
-        self.inner(Node::Region(Arc::new(region)))
+        if sheets.is_empty() {
+            return Child::Void;
+        }
+        self.inner(Node::Region(Arc::new(UpperNode { sheets, ..region })))
+    }
+
+    /// Whether all of a region is outside a surface, or all of it inside, with its attribute; `None` if it is
+    /// divided or in doubt.
+    fn uniform(&self, region: &UpperNode, sheet: &Sheet) -> Option<Option<u32>> {
+        let inside = &self.tests[sheet.surface];
+        if !sheet.triangles.is_empty() {
+            return None;
+        }
+        if self.fill.surface {
+            return Some(None);
+        }
+        let Inside::Field(field) = inside else {
+            return Some(inside.has(sheet.state.winding).then_some(sheet.state.attribute));
+        };
+        let (min, width) = self.bounds(region);
+        if field.is_beside(min, width) {
+            return Some(None);
+        }
+        let middle = DVec3::from_array(min.map(f64::from)) + f64::from(width) / 2.0;
+        let attribute =
+            || if self.fill.attribute == Attribute::Occupancy { 0 } else { field.attribute(middle) };
+        field.uniform(min, width).map(|winding| (winding != 0).then(attribute))
     }
 
     fn full(&self, attribute: u32) -> Value {
@@ -213,18 +293,31 @@ impl<'a> Solid<'a> {
     /// The block of a region.
     fn block(&self, region: &UpperNode) -> Result<Pyramid> {
         let (min, _) = self.bounds(region);
-        let mut triangles: Vec<Triangle> = Vec::with_capacity(region.triangles.len());
-        region.triangles.each(|_, triangle| {
-            triangles.push(*triangle);
-            Ok(())
-        })?;
         let height = self.fill.grid.depth - region.level;
-        if let (Inside::Field(field), false) = (&self.fill.inside, self.fill.surface) {
-            let (block, undecided) = open::block(&self.fill, field, &triangles, min, height, region.state)?;
-            self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
-            return Ok(block);
+        let join = |one: u32, other: u32| {
+            if self.fill.boundary == Boundary::Coverage { one.max(other) } else { one }
+        };
+        let mut all: Option<Cells> = None;
+        for sheet in &region.sheets {
+            let mut triangles: Vec<Triangle> = Vec::with_capacity(sheet.triangles.len());
+            sheet.triangles.each(|_, triangle| {
+                triangles.push(*triangle);
+                Ok(())
+            })?;
+            let cells = match &self.tests[sheet.surface] {
+                Inside::Field(field) if !self.fill.surface => {
+                    let (cells, undecided) = open::block(&self.fill, field, &triangles, min, height)?;
+                    self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
+                    cells
+                }
+                inside => fill::block((&self.fill, inside), &triangles, min, height, sheet.state)?,
+            };
+            match &mut all {
+                Some(all) => all.add(&cells, join),
+                none => *none = Some(cells),
+            }
         }
-        fill::block(&self.fill, &triangles, min, height, region.state)
+        Ok(Pyramid::new(all.unwrap_or_else(|| Cells { bits: Bits::new(height), values: None })))
     }
 
     fn in_block(&self, block: &Arc<Pyramid>, above: u8, at: [u8; 3]) -> Child<Node> {

@@ -8,8 +8,8 @@ use super::grid::Triangle;
 use crate::io::platform::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 
-/// Numbers of a triangle: three corners and the attribute.
-const WORDS: usize = 10;
+/// Numbers of a triangle: three corners, the attribute and the part.
+const WORDS: usize = 11;
 /// Bytes of a triangle in the temporary file.
 const BYTES: usize = 4 * WORDS;
 /// Triangles that are written at a time.
@@ -46,6 +46,12 @@ impl Triangles {
         }
     }
 
+    /// A list in memory.
+    pub(super) fn of(all: Vec<Triangle>) -> Triangles {
+        let picked = (0..all.len() as u32).collect();
+        Triangles::Held(Arc::new(all), picked)
+    }
+
     /// All of them in memory, in order, as long as nothing was sorted yet.
     pub(super) fn all(&self) -> Result<Arc<Vec<Triangle>>> {
         match self.clone().held()? {
@@ -62,8 +68,7 @@ impl Triangles {
             all.push(*triangle);
             Ok(())
         })?;
-        let picked = (0..all.len() as u32).collect();
-        Ok(Triangles::Held(Arc::new(all), picked))
+        Ok(Triangles::of(all))
     }
 }
 
@@ -132,9 +137,9 @@ impl Drop for Spilled {
 fn decode(bytes: &[u8]) -> Triangle {
     let mut words =
         bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().expect("four bytes")));
-    let mut next = || words.next().expect("ten words");
+    let mut next = || words.next().expect("eleven words");
     let corners = std::array::from_fn(|_| std::array::from_fn(|_| next() as i32));
-    Triangle { corners, attribute: next() }
+    Triangle { corners, attribute: next(), part: next() }
 }
 
 /// Writes one list to a log.
@@ -151,7 +156,7 @@ impl TriangleSpill {
 
     pub(super) fn push(&mut self, triangle: &Triangle) -> Result<()> {
         let corners = triangle.corners.as_flattened().iter().map(|at| *at as u32);
-        for word in corners.chain([triangle.attribute]) {
+        for word in corners.chain([triangle.attribute, triangle.part]) {
             self.buffer.extend_from_slice(&word.to_le_bytes());
         }
         self.list.count += 1;
@@ -205,10 +210,7 @@ impl Collector {
     pub(super) fn finish(self) -> Result<Triangles> {
         match self.spill {
             Some(spill) => spill.finish(),
-            None => {
-                let picked = (0..self.held.len() as u32).collect();
-                Ok(Triangles::Held(Arc::new(self.held), picked))
-            }
+            None => Ok(Triangles::of(self.held)),
         }
     }
 }

@@ -1,0 +1,184 @@
+//! Models of which a part is open: that part costs and changes only itself.
+
+use spinney::dataset::Dataset;
+use spinney::import::mesh::{
+    Attribute, Boundary, InsideTest, Resolution, SolidOptions, open_all, plan_models,
+};
+use spinney::io::Output;
+use spinney::value::Value;
+
+use crate::common::solid::{Point, Polygons, Triangle, build, cells, cuboid, unit_cells};
+use crate::common::{shared_data, with};
+
+type Faces = Vec<(Triangle, u32, [u8; 3])>;
+
+fn object(triangles: Vec<Triangle>, part: u32) -> Faces {
+    triangles.into_iter().map(|triangle| (triangle, part, [10 * part as u8 + 5, 0, part as u8])).collect()
+}
+
+/// Boxes in a row, each an object, so far from one to the next.
+fn row(count: u32, step: f64) -> Vec<Faces> {
+    let of = |part: u32| {
+        let x = 1.0 + f64::from(part) * step;
+        object(cuboid([x, 5.0, 5.0], [x + 6.0, 11.0, 11.0]), part)
+    };
+    (0..count).map(of).collect()
+}
+
+fn labels(faces: Vec<Faces>, options: &SolidOptions) -> (Vec<Option<Value>>, InsideTest) {
+    let (tree, report) = build(Polygons::of_triangles(faces.concat()), options);
+    (cells(&tree), report.inside)
+}
+
+/// The coordinates of a cell of 64 x 64 x 64.
+fn at(index: usize) -> [usize; 3] {
+    [index % 64, index / 64 % 64, index / 4096]
+}
+
+#[test]
+fn one_open_object_changes_only_itself() {
+    for (step, attribute) in [(8.0, Attribute::Part), (8.0, Attribute::Colour), (6.0, Attribute::Part)] {
+        for boundary in [Boundary::Centre, Boundary::Full] {
+            let options = with(unit_cells(6), |it| {
+                it.attribute = attribute;
+                it.boundary = boundary;
+            });
+            let closed = row(7, step);
+            let (expected, inside) = labels(closed.clone(), &options);
+            assert_eq!(inside, InsideTest::Closed);
+            for open in [0, 3, 6] {
+                let mut faces = closed.clone();
+                // The face that is seen along y.
+                faces[open].drain(4..6);
+                let (found, inside) = labels(faces, &options);
+                assert_eq!(inside, InsideTest::Open);
+                let own: Vec<usize> = (0..found.len()).filter(|i| found[*i] != expected[*i]).collect();
+                let first = 1 + open * step as usize;
+                // Of itself it loses some cells at the hole, and gains none.
+                for index in &own {
+                    assert!((first..first + 6).contains(&at(*index)[0]) && found[*index].is_none(), "{open}");
+                }
+                assert!(own.len() < 6 * 6 * 3, "{open}: {} cells", own.len());
+            }
+        }
+    }
+}
+
+#[test]
+fn open_objects_share_nothing_but_edges() {
+    // Two open boxes side by side that share an edge are one surface: cells have the label of the nearest face.
+    let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
+    let mut faces = row(4, 6.0);
+    faces[1].drain(2..4);
+    faces[2].drain(2..4);
+    let (found, _) = labels(faces, &options);
+    for (i, cell) in found.iter().enumerate() {
+        let [x, y, z] = at(i);
+        if let Some(value) = cell {
+            assert!((1..25).contains(&x) && (5..11).contains(&y) && (5..11).contains(&z));
+            assert_eq!(*value, Value::from([((x - 1) / 6 + 1) as u8]), "{x} {y} {z}");
+        }
+    }
+    let of = |label: u8| found.iter().filter(|cell| **cell == Some(Value::from([label]))).count();
+    assert_eq!((of(1), of(4)), (216, 216));
+    assert!(of(2) > 100 && of(3) > 100);
+}
+
+#[test]
+fn a_flipped_object_changes_no_labels() {
+    let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
+    let closed = row(7, 8.0);
+    let (expected, _) = labels(closed.clone(), &options);
+    let mut faces = closed.clone();
+    faces[2][8].0.swap(0, 1);
+    faces[4].iter_mut().for_each(|(triangle, ..)| triangle.swap(0, 1));
+    assert_eq!(labels(faces.clone(), &options), (expected.clone(), InsideTest::Flipped));
+    // With an open one beside them.
+    faces[6].drain(0..2);
+    let (found, inside) = labels(faces, &options);
+    assert_eq!(inside, InsideTest::Open);
+    assert!((0..found.len()).all(|i| at(i)[0] >= 49 || found[i] == expected[i]));
+}
+
+#[test]
+fn threads_do_not_change_the_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut faces = row(7, 6.0);
+    faces[1].drain(2..4);
+    faces[2].drain(2..4);
+    faces[5].drain(0..1);
+    let options = with(unit_cells(7), |it| it.attribute = Attribute::Colour);
+    let bytes = [1, 3].map(|threads| {
+        let path = folder.path().join("solid.goblin");
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let import = plan_models(vec![Polygons::of_triangles(faces.concat())], &options).unwrap();
+        pool.install(|| import.build(Output::create(&path).unwrap(), &())).unwrap();
+        std::fs::read(&path).unwrap()
+    });
+    assert!(bytes[0] == bytes[1]);
+}
+
+#[test]
+fn ground_and_houses_and_hollow_bodies() {
+    // The ground is a bowl, deep enough to be full; the house in it is there as a whole.
+    let ground: Vec<Triangle> = cuboid([2.0, 2.0, 2.0], [60.0, 60.0, 40.0]).into_iter().skip(4).collect();
+    let ground: Vec<Triangle> = ground.into_iter().map(|[a, b, c]| [a, c, b]).collect();
+    let house = |low: Point, high: Point| cuboid(low, high);
+    let faces = vec![object(ground, 0), object(house([20.0, 20.0, 41.0], [30.0, 30.0, 50.0]), 1)];
+    let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
+    let (found, _) = labels(faces, &options);
+    assert_eq!(found.iter().filter(|cell| **cell == Some(Value::from([2u8]))).count(), 10 * 10 * 9);
+    // A cavity in a body that is open elsewhere stays one.
+    let mut inner = cuboid([20.0; 3], [40.0; 3]);
+    inner.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+    let outer = cuboid([4.0; 3], [60.0; 3]);
+    // One of the two has a hole.
+    let without = |faces: &[Triangle]| [&faces[..3], &faces[4..]].concat();
+    for both in [[without(&outer), inner.clone()], [outer.clone(), without(&inner)]] {
+        let (found, inside) = labels(vec![object(both.concat(), 0)], &options);
+        assert_eq!(inside, InsideTest::Open);
+        for (i, cell) in found.iter().enumerate() {
+            let (cell, at) = (cell.is_some(), at(i));
+            assert!(!cell || at.iter().any(|x| !(20..34).contains(x)), "{at:?}");
+            assert!(cell || at.iter().any(|x| !(6..20).contains(x)), "{at:?}");
+        }
+    }
+}
+
+#[test]
+#[cfg(feature = "mesh")]
+fn files_with_open_objects() {
+    let Some(folder) = shared_data().map(|folder| folder.join("hostile/mesh")) else { return };
+    let build = |name: &str, attribute: Attribute, resolution: Resolution| -> Option<Dataset> {
+        let path = folder.join(name);
+        if !path.is_file() {
+            eprintln!("skipped: {} is not there", path.display());
+            return None;
+        }
+        let options = with(SolidOptions::new(), |it| {
+            it.attribute = attribute;
+            it.resolution = resolution;
+        });
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("solid.goblin");
+        let models = open_all(&[path], 64 << 20).unwrap();
+        plan_models(models, &options).unwrap().build(Output::create(&output).unwrap(), &()).unwrap();
+        Some(spinney::open(&output).unwrap())
+    };
+    let classes = |tree: &Dataset| tree.statistics(None).unwrap().classes;
+    let [open, closed] = ["parts_open1.obj", "parts_closed.obj"]
+        .map(|name| build(name, Attribute::Part, Resolution::Cell(0.25)));
+    if let (Some(open), Some(closed)) = (open, closed) {
+        let (found, expected) = (classes(&open), classes(&closed));
+        assert_eq!((found.len(), expected.len()), (20, 20));
+        assert_eq!(found[..19], expected[..19]);
+    }
+    if let Some(tree) = build("colo.obj", Attribute::Colour, Resolution::Cell(0.25)) {
+        let stats = tree.statistics(None).unwrap();
+        assert!(stats.channels.iter().all(|channel| (channel.min, channel.max) == (0.0, 255.0)));
+    }
+    if let Some(tree) = build("DELFSHAVEN.city.json", Attribute::Part, Resolution::Cells(256)) {
+        let labels = classes(&tree).len();
+        assert!(labels > 700, "{labels} labels");
+    }
+}
