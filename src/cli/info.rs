@@ -25,7 +25,7 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
-    /// Count the nodes of each level also where that takes long: in .autumn files of more than 16 million records
+    /// Count the nodes of each level also where that takes long: in .autumn files of more than 4 million records
     #[arg(long)]
     levels: bool,
     /// Print JSON
@@ -46,8 +46,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     Ok(tree.check_unchanged()?)
 }
 
-/// Records of which the nodes are counted without being asked to: a matter of seconds.
-const COUNTED: u64 = 1 << 24;
+/// Records of which the nodes are counted without being asked to: a matter of a second.
+const COUNTED: u64 = 1 << 22;
 
 /// VOID, LEAF and INNER nodes of each level.
 type Levels<'a> = Option<&'a [[u64; 3]]>;

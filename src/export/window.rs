@@ -68,7 +68,7 @@ pub enum Detail {
 /// ```
 ///
 /// # Errors
-/// If the window is empty, one row needs more memory than is allowed, the format cannot hold the values, the
+/// If the window is empty or outside of the tree, one row needs more memory than is allowed, the format cannot hold the values, the
 /// tree is damaged, or on interruption.
 pub fn export_window(
     tree: &Dataset,
@@ -169,7 +169,7 @@ impl Grid {
     /// The grid that a request asks for.
     ///
     /// # Errors
-    /// If the window is empty, the tree has no such level, or the output would have no pixels.
+    /// If the window is empty or outside of the tree, the tree has no such level, or the output would have no pixels.
     fn of(tree: &Dataset, request: &WindowRequest) -> Result<Grid> {
         let depth = tree.depth();
         let across = request.across;
@@ -184,6 +184,16 @@ impl Grid {
                 "window",
                 format!("{} x {} cells", size[0], size[1]),
                 "at least one cell",
+            ));
+        }
+        if request.bounds.intersect(&tree.header().picture()).is_empty() {
+            let [x, y, z] = request.bounds.min;
+            let [width, height, depth] = tree.header().extent;
+            let expected = format!("one that is at least partly in its {width} x {height} x {depth} cells");
+            return Err(Error::invalid(
+                "window",
+                format!("one outside of the tree, from {x},{y},{z} on"),
+                expected,
             ));
         }
         let level = match request.detail {

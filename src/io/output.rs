@@ -114,13 +114,16 @@ impl Output {
                 // (One step, so that no file can appear between a look and the renaming.)
                 let persisted =
                     if must_be_new { file.persist_noclobber(&target) } else { file.persist(&target) };
-                persisted.map_err(|failed| match failed.error {
+                let file = persisted.map_err(|failed| match failed.error {
                     cause if must_be_new && cause.kind() == io::ErrorKind::AlreadyExists => {
                         let advice = "nothing was written; choose another name, or remove that file first";
                         Error::unsupported(&path, "replacing a file that has appeared meanwhile", advice)
                     }
                     cause => Error::io(&path, "put in place")(cause),
                 })?;
+                // Whoever edits the file next must not find it locked: closing it is not enough while a process
+                // that is being started has a copy of the descriptor.
+                let _ = file.unlock();
                 sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
             }
         }

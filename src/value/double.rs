@@ -38,9 +38,10 @@ impl DoubleDouble {
     pub(super) fn times(self, count: u64) -> DoubleDouble {
         let DoubleDouble { high, low } = self;
         if count.is_power_of_two() {
-            // As most are: no bit changes.
+            // As most are: no digit changes.
             let count = count as f64;
-            return DoubleDouble::of_parts(high * count, low * count);
+            let high = high * count;
+            return DoubleDouble { high, low: if high.is_finite() { low * count } else { 0.0 } };
         }
         self * DoubleDouble::from(i128::from(count))
     }
@@ -85,12 +86,14 @@ impl Add for DoubleDouble {
     #[inline]
     fn add(self, other: DoubleDouble) -> DoubleDouble {
         let sum = self.high + other.high;
-        if !sum.is_finite() {
-            return DoubleDouble { high: sum, low: 0.0 };
-        }
         let share = sum - self.high;
-        let rest = (self.high - (sum - share)) + (other.high - share);
-        DoubleDouble::of_parts(sum, rest + (self.low + other.low))
+        let rest = (self.high - (sum - share)) + (other.high - share) + (self.low + other.low);
+        let high = sum + rest;
+        if high.is_finite() {
+            return DoubleDouble { high, low: rest - (high - sum) };
+        }
+        // (Of an infinite sum the rest is no number.)
+        DoubleDouble { high: if sum.is_finite() { high } else { sum }, low: 0.0 }
     }
 }
 

@@ -189,6 +189,22 @@ fn slice(tree: &Dataset, across: usize, place: u64, detail: Detail, name: &str) 
     if name.ends_with("raw") { std::fs::read(path).unwrap() } else { samples(&path).1 }
 }
 
+#[test]
+fn windows_outside_of_the_tree_are_refused() {
+    let cells = Cells::random(OCT, 5, [12, 9, 10], 9, true);
+    let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+    let folder = tempfile::tempdir().unwrap();
+    for axis in 0..3 {
+        let mut bounds = tree.header().picture();
+        (bounds.min[axis], bounds.max[axis]) = (12, 14);
+        let request = WindowRequest::new(bounds, Detail::Level(4));
+        let output = Output::create(&folder.path().join("x.raw")).unwrap();
+        let error = export_window(&tree, &request, output, Format::Raw, &()).unwrap_err();
+        assert!(error.to_string().contains("outside of the tree"), "{error}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
 /// Columns, rows and channels, and the samples.
 fn samples(path: &Path) -> ([u64; 3], Vec<u8>) {
     let mut raster = raster::open(path, &Default::default()).unwrap();
