@@ -44,7 +44,10 @@ impl WindowRequest {
 pub enum Detail {
     /// One pixel per cell of this level.
     Level(u8),
-    /// So many columns and rows, from the coarsest level that is fine enough.
+    /// So many columns and rows: from the level whose cells are the pixels, if there is one; else, where pixels are
+    /// averaged, from the coarsest level that has at least four cells along each side of a pixel (what half
+    /// cells at a pixel's edges are off by is then at most a quarter of the differences around there), and
+    /// where they are not, from the coarsest that is fine enough.
     Size(u64, u64),
 }
 
@@ -205,9 +208,8 @@ impl Grid {
                 if width == 0 || height == 0 {
                     return Err(Error::invalid("size", format!("{width}x{height}"), "at least 1x1"));
                 }
-                let fine =
-                    |level: u8| size[0] >> (depth - level) >= width && size[1] >> (depth - level) >= height;
-                (0..=depth).find(|level| fine(*level)).unwrap_or(depth)
+                let first = axes.map(|axis| request.bounds.min[axis]);
+                level_for(tree, (first, size), (width, height))
             }
         };
         let shift = depth - level;
@@ -233,6 +235,33 @@ impl Grid {
         let is_resampled = matches!(request.detail, Detail::Size(..));
         Ok(Grid { level, source, across, axes, width, height, origin, step, is_resampled })
     }
+}
+
+/// Whether pixels of any size are means of the cells that they cover; else they are the cells at their centres.
+fn is_averaged(tree: &Dataset) -> bool {
+    let header = tree.header();
+    matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == Kind::Continuous
+}
+
+/// Cells of the level that is averaged along each side of a pixel, at least: with so many, what the cells at a
+/// pixel's edges are off by matters little.
+const CELLS_PER_PIXEL: u64 = 4;
+
+/// The level that pixels of a window are made of, given its first cell and its size along columns and rows: the
+/// coarsest whose cells are the pixels, or of which each pixel has enough.
+fn level_for(tree: &Dataset, (first, size): ([u64; 2], [u64; 2]), (width, height): (u64, u64)) -> u8 {
+    let depth = tree.depth();
+    let are_pixels = |shift: u8| {
+        let is_whole = |cells: u64| cells & ((1 << shift) - 1) == 0;
+        first.into_iter().all(is_whole) && size == [width, height].map(|pixels| pixels << shift)
+    };
+    let enough = if is_averaged(tree) { CELLS_PER_PIXEL } else { 1 };
+    let has_enough = |shift: u8| {
+        size.into_iter()
+            .zip([width, height])
+            .all(|(cells, pixels)| cells >> shift >= pixels.saturating_mul(enough))
+    };
+    (0..=depth).find(|level| are_pixels(depth - level) || has_enough(depth - level)).unwrap_or(depth)
 }
 
 /// VOID cells of a window, and the number that stands for them.
@@ -381,8 +410,7 @@ impl Sampler<'_> {
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let Grid { source, axes: [u, v], origin, step, width, .. } = self.grid;
         let ValueType { sample, channels } = self.tree.header().form.value;
-        let header = self.tree.header();
-        let mean = matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == Kind::Continuous;
+        let mean = is_averaged(self.tree);
         let spans = |axis: usize, first: u64, count: u64, min: u64, max: u64| -> Vec<Span> {
             (first..first + count)
                 .map(|i| Span::new(origin[axis] + i as f64 * step[axis], step[axis], mean, min, max))

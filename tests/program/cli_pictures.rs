@@ -139,3 +139,51 @@ fn black_stays_black_beside_opacity() {
         assert_eq!((raster.info().nodata, raster.info().alpha), (None, Some(3)), "{out}");
     }
 }
+
+#[test]
+fn pictures_of_any_size_are_averages_of_what_they_cover() {
+    let (columns, rows) = (1000, 600);
+    // Hills, and roughness.
+    let height = |x: u64, y: u64| {
+        let rough = ((x * 2_654_435_761) ^ (y * 40_503)).wrapping_mul(2_246_822_519) >> 13 & 63;
+        (1000.0 * (x as f64 / 37.0).sin() * (y as f64 / 23.0).cos() + rough as f64) as f32
+    };
+    let cells = made(quad(SampleType::F32, 1), [columns, rows, 1], |[x, y, _]| {
+        Some(Value::from(height(x, y).to_le_bytes()))
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (tree, out) = (name("t.goblin"), name("x.raw"));
+    std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
+    // So far a pixel is off from the mean of its area, on average. (The differences are 2000 at most.)
+    let error = |width: u64, height_: u64| {
+        command(&["get", "-q", &tree, &out, "--size", &format!("{width}x{height_}")]).assert().success();
+        let bytes = std::fs::read(&out).unwrap();
+        let pixels = bytes.chunks(4).map(|bytes| f64::from(f32::from_le_bytes(bytes.try_into().unwrap())));
+        let mut sum = 0.0;
+        for (i, pixel) in pixels.enumerate() {
+            let (column, row) = (i as u64 % width, i as u64 / width);
+            let span = |i: u64, cells: u64, pixels: u64| (i as f64, cells as f64 / pixels as f64);
+            let ((u, du), (v, dv)) = (span(column, columns, width), span(row, rows, height_));
+            let (mut total, mut area) = (0.0, 0.0);
+            for y in (v * dv) as u64..(((v + 1.0) * dv).ceil() as u64).min(rows) {
+                for x in (u * du) as u64..(((u + 1.0) * du).ceil() as u64).min(columns) {
+                    let share = |at: u64, first: f64, step: f64| {
+                        ((at + 1) as f64).min((first + 1.0) * step) - (at as f64).max(first * step)
+                    };
+                    let weight = share(x, u, du) * share(y, v, dv);
+                    total += weight * f64::from(height(x, y));
+                    area += weight;
+                }
+            }
+            sum += (pixel - total / area).abs();
+        }
+        sum / (width * height_) as f64
+    };
+    for (width, height, most) in
+        [(300, 170, 0.001), (43, 21, 8.0), (90, 50, 8.0), (125, 75, 0.001), (17, 11, 8.0)]
+    {
+        let error = error(width, height);
+        assert!(error < most, "{width} x {height}: {error}");
+    }
+}
