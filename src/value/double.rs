@@ -89,11 +89,12 @@ impl Add for DoubleDouble {
         let share = sum - self.high;
         let rest = (self.high - (sum - share)) + (other.high - share) + (self.low + other.low);
         let high = sum + rest;
-        if high.is_finite() {
-            return DoubleDouble { high, low: rest - (high - sum) };
+        // Of an infinite sum the rest is no number. (Choices of numbers, not branches: loops of this are compiled to
+        // instructions for many numbers at once.)
+        DoubleDouble {
+            high: if sum.is_finite() { high } else { sum },
+            low: if high.is_finite() { rest - (high - sum) } else { 0.0 },
         }
-        // (Of an infinite sum the rest is no number.)
-        DoubleDouble { high: if sum.is_finite() { high } else { sum }, low: 0.0 }
     }
 }
 
