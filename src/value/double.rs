@@ -33,6 +33,16 @@ impl DoubleDouble {
         DoubleDouble::of_parts(high, if low.is_finite() { low } else { 0.0 })
     }
 
+    /// A count. Nearly all are numbers that an f64 has, for which there is an instruction; an i128 takes calls.
+    #[inline]
+    fn of_count(count: u64) -> DoubleDouble {
+        if count < 1 << f64::MANTISSA_DIGITS {
+            DoubleDouble { high: count as f64, low: 0.0 }
+        } else {
+            DoubleDouble::from(i128::from(count))
+        }
+    }
+
     /// So many times the number.
     #[inline]
     pub(super) fn times(self, count: u64) -> DoubleDouble {
@@ -43,12 +53,12 @@ impl DoubleDouble {
             let high = high * count;
             return DoubleDouble { high, low: if high.is_finite() { low * count } else { 0.0 } };
         }
-        self * DoubleDouble::from(i128::from(count))
+        self * DoubleDouble::of_count(count)
     }
 
     /// The number divided by a count.
     pub(super) fn over(self, count: u64) -> DoubleDouble {
-        let count = DoubleDouble::from(i128::from(count));
+        let count = DoubleDouble::of_count(count);
         // Two steps of a long division.
         let first = DoubleDouble::from(self.high / count.high);
         let rest = self - count * first;
