@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+
 use super::affine::{Axis, Map, View};
 use super::data_box::data_box;
 use super::tree_file::TreeFile;
@@ -172,5 +174,15 @@ fn like(view: View, path: &Path) -> Result<View> {
         return Err(Error::invalid(what, format!("EPSG:{b}"), format!("EPSG:{a}")));
     }
     let back = Map::from_rows(there.matrix).inverse()?;
-    view.onto(&Map::from_rows(here.matrix).then(&back), extent)
+    let map = Map::from_rows(here.matrix).then(&back);
+    // Trees that lie apart would make one without a cell: most often their coordinate systems are two.
+    let cells = |extent: [u64; 3]| DVec3::from(extent.map(|cells| cells as f64));
+    let (low, high) = map.bounding_box(DVec3::ZERO, cells(view.extent()));
+    let axes = view.form().axes();
+    if (0..axes).any(|axis| high[axis] <= 0.0 || low[axis] >= extent[axis] as f64) {
+        let what = format!("place of the tree to be like, {}", path.display());
+        let expected = "one that they share (are both in one coordinate system?)";
+        return Err(Error::invalid(what, "another part of the world than this tree's", expected));
+    }
+    view.onto(&map, extent)
 }

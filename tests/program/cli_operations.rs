@@ -130,6 +130,15 @@ fn refusals() {
         says(&["transform", &a, step, "-o", &out], 1, &["got", "expected"]);
     }
     says(&["transform", &path("none.goblin"), "-o", &out], 1, &["none.goblin", "cannot open"]);
+    // Trees with nothing in common, as in two coordinate systems.
+    let far = path("far.goblin");
+    let classes = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
+    spinney(&["-q", "build", classes, "--transform", "10,0,9e7,0,-10,9e7", "-o", &far]).success();
+    says(
+        &["transform", &a, &format!("like={far}"), "-o", &out],
+        1,
+        &["far.goblin", "another part of the world"],
+    );
     // Grids that do not match, with the way out.
     let odd = path("odd.goblin");
     spinney(&["-q", "transform", &a, "scale=0.7", "-o", &odd]).success();

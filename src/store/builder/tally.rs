@@ -44,7 +44,7 @@ fn of_leaves<V: Native, R: Record>(block: &Block, is_float: bool) -> Tally {
         }
     });
     let (sum, squares) = if is_float {
-        (pairwise_sums::<V, R>(block, V::total_sums), pairwise_sums::<V, R>(block, V::total_squares))
+        pairwise_sums::<V, R>(block)
     } else {
         (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
     };
@@ -65,13 +65,26 @@ fn any_leaf<R: Record>(block: &Block) -> Option<R::Bytes> {
     })
 }
 
-/// Adds something of every leaf, pairwise in Z order: see [`Tally`].
-fn pairwise_sums<V: Native, R: Record>(block: &Block, of_leaf: fn(V, u64) -> V::TotalSums) -> Sums {
-    let mut below: Vec<V::TotalSums> = Vec::new();
+/// Sums of the samples of some cells, and of their squares.
+type SumsAndSquares<V> = (<V as Native>::TotalSums, <V as Native>::TotalSums);
+
+#[inline]
+fn of_leaf<V: Native>(value: V, cells: u64) -> SumsAndSquares<V> {
+    (value.total_sums(cells), value.total_squares(cells))
+}
+
+#[inline]
+fn add_both<V: Native>(a: SumsAndSquares<V>, b: SumsAndSquares<V>) -> SumsAndSquares<V> {
+    (V::add_sums(a.0, b.0), V::add_sums(a.1, b.1))
+}
+
+/// Adds samples and squares of every leaf, pairwise in Z order: see [`Tally`].
+fn pairwise_sums<V: Native, R: Record>(block: &Block) -> (Sums, Sums) {
+    let mut below: Vec<SumsAndSquares<V>> = Vec::new();
     for (index, level) in block.levels.iter().enumerate().rev() {
         let cells = block.cells_at(index) as u64;
         let is_last = index + 1 == block.levels.len();
-        let mut sums = vec![V::TotalSums::default(); level.states.len()];
+        let mut sums = vec![SumsAndSquares::<V>::default(); level.states.len()];
         if is_last || level.expanded.is_some() {
             let leaves = level.states.iter().zip(level.values_of::<R>());
             for (sum, (state, value)) in sums.iter_mut().zip(leaves) {
@@ -83,37 +96,33 @@ fn pairwise_sums<V: Native, R: Record>(block: &Block, of_leaf: fn(V, u64) -> V::
         for node in &level.reused {
             let reused = block.reused_records::<R>(node);
             let height = block.height - index as u8;
-            sums[node.index as usize] = pairwise_of_records::<V, R>(reused, 0, height, of_leaf);
+            sums[node.index as usize] = pairwise_of_records::<V, R>(reused, 0, height);
         }
         for (group, children) in below.chunks_exact(R::CHILDREN).enumerate() {
-            sums[level.parent(group)] = pairwise(children, V::add_sums);
+            sums[level.parent(group)] = pairwise(children, add_both::<V>);
         }
         below = sums;
     }
-    V::erase(below.first().copied().unwrap_or_default())
+    let (sums, squares) = below.first().copied().unwrap_or_default();
+    (V::erase(sums), V::erase(squares))
 }
 
-/// Adds something of every leaf of a subtree of records that were checked, pairwise in Z order.
-fn pairwise_of_records<V: Native, R: Record>(
-    records: &[R],
-    at: usize,
-    height: u8,
-    of_leaf: fn(V, u64) -> V::TotalSums,
-) -> V::TotalSums {
+/// Adds samples and squares of every leaf of a subtree of records that were checked, pairwise in Z order.
+fn pairwise_of_records<V: Native, R: Record>(records: &[R], at: usize, height: u8) -> SumsAndSquares<V> {
     let record = &records[at];
     let mut next = at + 1;
-    let mut sums = [V::TotalSums::default(); 8];
+    let mut sums = [SumsAndSquares::<V>::default(); 8];
     for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
         match record.state(child) {
             LEAF => {
                 *sum = of_leaf(decode::<R, V>(record.values()[child]), 1 << (R::AXES * (height as usize - 1)))
             }
             INNER => {
-                *sum = pairwise_of_records::<V, R>(records, next, height - 1, of_leaf);
+                *sum = pairwise_of_records::<V, R>(records, next, height - 1);
                 next += records[next].skip() as usize;
             }
             _ => {}
         }
     }
-    pairwise(&sums[..R::CHILDREN], V::add_sums)
+    pairwise(&sums[..R::CHILDREN], add_both::<V>)
 }
