@@ -34,7 +34,9 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let commits = file.commits().take(args.most.unwrap_or(usize::MAX));
     if args.json {
         let commits = commits.map(|entry| Ok(commit::as_json(&entry?))).collect::<Result<Vec<_>>>()?;
-        return print_json(&commits.into());
+        print_json(&commits.into())?;
+        file.check_newest()?;
+        return Ok(file.check_unchanged()?);
     }
     for entry in commits {
         let entry = entry?;
@@ -44,5 +46,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         }
         print_text(&format!("       {} cells; records: {}\n", entry.cells, commit::written(&entry)))?;
     }
-    Ok(())
+    // However few were asked for: the newest of them is not what it seems.
+    file.check_newest()?;
+    Ok(file.check_unchanged()?)
 }

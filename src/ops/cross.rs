@@ -27,7 +27,7 @@ const MOST: usize = 1 << 16;
 /// first. Time is proportional to the nodes of both trees.
 ///
 /// # Errors
-/// If forms or depths differ, there are more than 2^16 pairs, or a file is damaged.
+/// If forms or depths differ, there are more than 2^16 pairs, or a file is damaged or was changed meanwhile.
 pub fn cross(first: &View, second: &View) -> Result<Vec<Pair>> {
     let form = first.form();
     check_form((second.source().path(), second.form()), (first.source().path(), form))?;
@@ -48,6 +48,8 @@ pub fn cross(first: &View, second: &View) -> Result<Vec<Pair>> {
         let below = below_first.iter_mut().zip(&mut below_second).take(form.children());
         pending.extend(below.map(|(a, b)| (height - 1, std::mem::take(a), std::mem::take(b))));
     }
+    first.check_unchanged()?;
+    second.check_unchanged()?;
     pairs.sorted(form.value)
 }
 

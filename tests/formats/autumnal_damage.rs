@@ -96,6 +96,7 @@ fn every_truncation_is_told() {
     assert!(error.contains("cut short") && error.contains("spinney recover"), "{error}");
     // Older commits are there, and nobody writes over anything.
     assert_eq!(numbers(&path), [Some(2), Some(1), None]);
+    assert!(History::open(&path, &OpenOptions::new()).unwrap().check_newest().is_err());
     let older = PathBuf::from(format!("{}@2", path.display()));
     assert_eq!(open(&older).unwrap().commit().number, 2);
     assert!(edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).is_err());

@@ -26,6 +26,22 @@ impl History {
         &self.archive.header
     }
 
+    /// Makes sure that the newest commit can be read.
+    ///
+    /// # Errors
+    /// If it is damaged, and those that can be read are older.
+    pub fn check_newest(&self) -> Result<()> {
+        self.archive.newest.check(&self.archive.extents)
+    }
+
+    /// Makes sure that the file still has the commits: see [`Autumnal::check_unchanged`](super::Autumnal::check_unchanged).
+    ///
+    /// # Errors
+    /// If it has not.
+    pub fn check_unchanged(&self) -> Result<()> {
+        self.archive.check_unchanged()
+    }
+
     /// A remark on the file that whoever reads it should know.
     pub fn remark(&self) -> Option<&'static str> {
         self.archive.remark()
@@ -54,6 +70,6 @@ impl History {
             next = commit.as_ref().ok().map(|commit| commit.previous).filter(|previous| *previous != 0);
             Some(commit)
         });
-        commits.chain(self.archive.newest.check(&self.archive.extents).err().map(Err))
+        commits.chain(self.check_newest().err().map(Err))
     }
 }
