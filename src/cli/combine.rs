@@ -36,8 +36,8 @@ pub(crate) struct Args {
     /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     fill: Option<f64>,
-    /// Box of the world in which an operation fills what neither file has: west, south, east, north, or all
-    /// least and then all largest coordinates [default: a raster's picture, an octree's root]
+    /// Box of the world in which an operation fills what neither file has: west, south, east, north; of octrees
+    /// all least and then all largest coordinates [default: a raster's picture, an octree's root]
     #[arg(long, value_name = "BOX", value_parser = parse_box, conflicts_with = "margin")]
     within: Option<Universe>,
     /// Fill what neither file has in the files' pictures and so many cells around them
@@ -78,7 +78,8 @@ Examples:
 /// Reads a box of the world.
 fn parse_box(text: &str) -> Result<Universe, String> {
     if let Some([west, south, east, north]) = numbers(text) {
-        return Ok(Universe::Within([west, south, 0.0], [east, north, 1.0]));
+        // (Nothing along z: an octree refuses that.)
+        return Ok(Universe::Within([west, south, 0.0], [east, north, 0.0]));
     }
     let six = numbers(text).map(|[a, b, c, d, e, f]: [f64; 6]| Universe::Within([a, b, c], [d, e, f]));
     six.ok_or_else(|| "expected 4 or 6 numbers with commas between them".into())

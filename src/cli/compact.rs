@@ -5,8 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use spinney::io::Output;
-use spinney::ops;
-use spinney::store::autumnal::Keep;
+use spinney::store::autumnal::{self, Keep};
 
 use super::Global;
 use super::args::{Memory, check_output};
@@ -48,7 +47,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
     let work = Work::start(global, "cells")?;
     let output = Output::create(&args.output)?;
-    let commits = ops::compact_file(&args.file, &keep, args.share, output, args.memory.bytes, &work)?;
+    let commits = autumnal::compact(&args.file, &keep, args.share, output, args.memory.bytes, &work)?;
     work.finish();
     for written in &commits {
         global.report("commit", format_args!("{}: {}", written.number, commit::written(written)));

@@ -46,9 +46,8 @@ pub(crate) struct Args {
     /// were
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
-    /// Columns and rows of the output. Amounts are averaged over each pixel's area, from a level with at least four
-    /// cells along its sides (off by a few hundredths of the differences around at most places); classes are those at
-    /// pixels' centres
+    /// Columns and rows of the output. Amounts are averaged over each pixel's area, from a level with at least
+    /// four cells along its sides; classes are those at pixels' centres
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u64, u64)>,
     /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]

@@ -123,7 +123,10 @@ fn open(path: &Path) -> Result<Dataset> {
 
 /// Runs the program with the arguments that it was given.
 pub(crate) fn main() -> ExitCode {
-    let Cli { global, command } = Cli::parse_from(words());
+    let Cli { global, command } = match Cli::try_parse_from(words()) {
+        Ok(cli) => cli,
+        Err(error) => return report::explain_usage(&error),
+    };
     global.start();
     stdio::refuse_closed_stdout();
     signals::tell_lost_pages();

@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
 
 /// Make an older commit the newest, in an Autumnal file whose newest commit is damaged
 ///
-/// What comes behind the commit is given up: the next edit writes over it. Files that are not damaged are left
+/// All that comes behind the commit is given up: the next edit writes over it. Files that are not damaged are left
 /// alone; `spinney revert` goes back without losing anything.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]

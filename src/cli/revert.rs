@@ -7,6 +7,7 @@ use spinney::ops::{Edit, edit};
 
 use super::Global;
 use super::args::CommitOptions;
+use super::report::Work;
 use super::report::commit::report_commit;
 
 const EXAMPLES: &str = "Examples:
@@ -27,7 +28,9 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let note = args.options.note(format!("Revert to commit {}", args.commit));
-    let commit = edit(&args.file, [Ok(Edit::Revert(args.commit))], note, args.options.memory.bytes, &())?;
+    let work = Work::start(global, "cells")?;
+    let commit = edit(&args.file, [Ok(Edit::Revert(args.commit))], note, args.options.memory.bytes, &work)?;
+    work.finish();
     report_commit(global, commit.as_ref());
     Ok(())
 }

@@ -1,17 +1,13 @@
 //! Signals: an end in good order, or none where whoever started the program wants them ignored.
 
-use std::process;
-use std::sync::Arc;
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, LazyLock};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
-use signal_hook::iterator::Signals;
-use spinney::io::Output;
-
-use super::report::exit::INTERRUPTED;
+use signal_hook::consts::{SIGINT, SIGTERM};
 
 /// Whether the user wants the program to stop. (A signal reaches the process, not a piece of work.)
-static STOP: AtomicBool = AtomicBool::new(false);
+static STOP: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 
 /// Whether the user wants the program to stop.
 pub(crate) fn stop_is_wanted() -> bool {
@@ -22,20 +18,31 @@ pub(crate) fn stop_is_wanted() -> bool {
 /// the program at once. Neither leaves unfinished files behind.
 ///
 /// To be called before anything is created that an interrupted program would leave behind.
-pub(crate) fn stop_in_good_order() -> std::io::Result<()> {
+pub(crate) fn stop_in_good_order() -> io::Result<()> {
     static STARTED: AtomicBool = AtomicBool::new(false);
-    if STARTED.swap(true, Ordering::Relaxed) {
-        return Ok(());
-    }
+    if STARTED.swap(true, Ordering::Relaxed) { Ok(()) } else { heed_signals() }
+}
+
+/// Where there are two signals of this kind, all of them are wishes.
+#[cfg(not(unix))]
+fn heed_signals() -> io::Result<()> {
+    [SIGINT, SIGTERM]
+        .into_iter()
+        .try_for_each(|signal| signal_hook::flag::register(signal, STOP.clone()).map(|_| ()))
+}
+
+#[cfg(unix)]
+fn heed_signals() -> io::Result<()> {
+    use signal_hook::consts::{SIGHUP, SIGXFSZ};
     // Each by itself: a program in the background of a shell has INT ignored, and under `nohup` HUP.
     let ignored = ignored_signals();
     let heeded = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
-    let mut signals = Signals::new(heeded)?;
+    let mut signals = signal_hook::iterator::Signals::new(heeded)?;
     std::thread::spawn(move || {
         for _ in signals.forever() {
             if STOP.swap(true, Ordering::Relaxed) {
-                Output::remove_unfinished();
-                process::exit(INTERRUPTED.into());
+                spinney::io::Output::remove_unfinished();
+                std::process::exit(super::report::exit::INTERRUPTED.into());
             }
         }
     });
@@ -45,7 +52,8 @@ pub(crate) fn stop_in_good_order() -> std::io::Result<()> {
     Ok(())
 }
 
-/// The signals that whoever started the program wants ignored, bit by bit from signal 1 on.
+/// Signals that whoever started the program wants ignored, bit by bit from signal 1 on.
+#[cfg(unix)]
 fn ignored_signals() -> u64 {
     // (Elsewhere than on Linux there is no such file, and nothing counts as ignored.)
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
@@ -54,11 +62,13 @@ fn ignored_signals() -> u64 {
 }
 
 /// Last words where a mapped page is not there any more.
+#[cfg(unix)]
 const LOST_PAGE: &[u8] =
     b"spinney: a file was cut short, or its disk failed, while it was read; --positioned reads such files \
 without mapping them\n";
 
 /// Ends the program where a page is not there.
+#[cfg(unix)]
 extern "C" fn page_is_lost(_: libc::c_int) {
     let _ = rustix::io::write(rustix::stdio::stderr(), LOST_PAGE);
     // SAFETY: may be called anywhere, and does not return.
@@ -74,6 +84,7 @@ extern "C" fn page_is_lost(_: libc::c_int) {
 /// The standard library has a handler, too, and whoever is called beside it is called once only, after which the
 /// signal is deadly to other threads: this one takes its place.
 pub(crate) fn tell_lost_pages() {
+    #[cfg(unix)]
     // SAFETY: the handler runs where a page of a mapped file was read, amid anything; it makes two system calls
     // that may be made there, and never returns. All that is not set of the action is zero, which means nothing.
     #[allow(unsafe_code)]

@@ -205,10 +205,7 @@ impl Dataset {
 
     /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
     pub fn remark(&self) -> Option<&'static str> {
-        match self.file() {
-            TreeFile::Autumnal(file) => file.remark(),
-            _ => None,
-        }
+        self.file().remark()
     }
 
     /// Makes sure that the file still is what it was when it was opened (an Autumnal file may have got more
@@ -233,7 +230,7 @@ impl Dataset {
     /// Checks all of the file but the trees of older commits.
     ///
     /// # Errors
-    /// As [`Dataset::verify`].
+    /// Those of [`Dataset::verify`].
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         match self.file() {
             TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),

@@ -45,9 +45,8 @@ pub enum Detail {
     /// One pixel per cell of this level.
     Level(u8),
     /// So many columns and rows: from the level whose cells are the pixels, if there is one; else, where pixels are
-    /// averaged, from the coarsest level that has at least four cells along each side of a pixel (what half
-    /// cells at a pixel's edges are off by is then at most a quarter of the differences around there), and
-    /// where they are not, from the coarsest that is fine enough.
+    /// averaged, from the coarsest level that has at least four cells along each side of a pixel, and where they
+    /// are not, from the coarsest that is fine enough.
     Size(u64, u64),
 }
 
@@ -71,8 +70,8 @@ pub enum Detail {
 /// ```
 ///
 /// # Errors
-/// If the window is empty or outside of the tree, one row needs more memory than is allowed, the format cannot hold the values, the
-/// tree is damaged, or on interruption.
+/// If the window is empty or outside of the tree, one row needs more memory than is allowed, the format cannot
+/// hold the values, the tree is damaged or was changed meanwhile, or on interruption.
 pub fn export_window(
     tree: &Dataset,
     request: &WindowRequest,
@@ -350,7 +349,7 @@ pub fn fill_for(tree: &Dataset) -> Result<Option<f64>> {
     Ok([low, high].into_iter().find(|number| channels.is_empty() || free(*number)))
 }
 
-/// What takes pixels, and whether each has a value.
+/// A function that takes pixels, and whether each has a value.
 type Take<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
 
 /// Rows of a window, straight or resampled.

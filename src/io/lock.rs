@@ -71,7 +71,7 @@ impl WriteBackend for LockedFile {
         self.0.id()
     }
 
-    fn check_place(&self) -> Result<()> {
+    fn check_path(&self) -> Result<()> {
         let FileBackend { file, path } = &self.0;
         let what = match FileId::at(path) {
             Ok(there) if there == self.id() || there.is_unique() => return Ok(()),

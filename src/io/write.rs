@@ -38,7 +38,7 @@ pub trait WriteBackend: Send {
     ///
     /// # Errors
     /// If it is not.
-    fn check_place(&self) -> Result<()> {
+    fn check_path(&self) -> Result<()> {
         Ok(())
     }
 }

@@ -1,27 +1,11 @@
-//! Conversions of tree files: to the other format, or to less history.
+//! Conversion of tree files to the other format.
 
 use std::path::Path;
 
 use super::tree_file::TreeFile;
 use crate::io::Output;
-use crate::store::autumnal::{Commit, Keep, compact};
 use crate::store::{BuildOptions, OpenOptions, build};
 use crate::{Progress, Result};
-
-/// Writes some commits of a file to a new one: see [`compact`].
-///
-/// # Errors
-/// As [`compact`].
-pub fn compact_file(
-    path: &Path,
-    keep: &Keep,
-    share: bool,
-    output: Output,
-    memory: u64,
-    progress: &dyn Progress,
-) -> Result<Vec<Commit>> {
-    compact(path, keep, share, output, memory, progress)
-}
 
 /// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its
 /// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
@@ -41,6 +25,7 @@ pub fn compact_file(
 /// If the file cannot be read, the output not be written, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
     let file = TreeFile::open(path, &OpenOptions::default())?;
+    file.tell_remark(progress);
     let (header, metadata) = (file.header().clone(), file.metadata().clone());
     let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
     build(&file, header.extent, &options, output, progress).map(|_| ())

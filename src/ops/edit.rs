@@ -84,6 +84,11 @@ pub fn apply_edits(
     edits: &mut dyn Iterator<Item = Result<Edit>>,
     progress: &dyn Progress,
 ) -> Result<()> {
+    let tree = editor.tree();
+    if let Some(remark) = tree.remark() {
+        progress.warn(tree.path(), remark);
+    }
+    drop(tree);
     for edit in edits {
         match edit? {
             Edit::Revert(number) => editor.revert(number)?,
@@ -162,7 +167,7 @@ fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid
     Ok(vec![view.deepened(depth)?, below])
 }
 
-/// What of a box of cells lies in a tree; an error if nothing does.
+/// The part of a box of cells that lies in a tree; an error if nothing does.
 fn check_place(bounds: &Bounds, extent: [u64; 3], path: &Path) -> Result<Bounds> {
     let inside = bounds.intersect(&Bounds::picture(extent));
     if inside.is_empty() {

@@ -225,6 +225,7 @@ impl Derivation {
             true => self.universe.around(self.views).map(|(views, universe)| (views, Some(universe)))?,
             false => (self.views, None),
         };
+        views.iter().for_each(|view| view.source().tell_remark(progress));
         let first = &views[0];
         let (header, extent) = (first.source().header().clone(), first.extent());
         let depth = views.iter().map(View::depth).max().unwrap_or(0);

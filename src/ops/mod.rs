@@ -24,7 +24,7 @@ mod universe;
 
 pub use affine::{Alignment, Around, Axis, Map, Sampling, View, ViewNode, align};
 pub use combine::{Combined, CombinedNode, build};
-pub use convert::{compact_file, convert};
+pub use convert::convert;
 pub use cross::{Pair, cross};
 pub use data_box::data_box;
 pub use diff::{Difference, Differences, FdRange, diff, diff_files};

@@ -102,6 +102,22 @@ impl TreeFile {
         }
     }
 
+    /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
+    pub fn remark(&self) -> Option<&'static str> {
+        match self {
+            TreeFile::Autumnal(file) => file.remark(),
+            TreeFile::Patched(file) => file.file().remark(),
+            TreeFile::Goblin(_) | TreeFile::Memory(_) => None,
+        }
+    }
+
+    /// Hands the remark on the file, if there is one, to whoever waits for the work.
+    pub(super) fn tell_remark(&self, progress: &dyn Progress) {
+        if let Some(remark) = self.remark() {
+            progress.warn(self.path(), remark);
+        }
+    }
+
     /// The header: form, rule, shape, extent.
     pub fn header(&self) -> &Header {
         match self {

@@ -5,7 +5,7 @@ use std::ops::{Add, Mul, Sub};
 /// A number as the sum of two, the second of which is what the first is rounded by: some 106 bits.
 ///
 /// Sums and products are those of Dekker and Knuth, of IEEE 754 operations alone, so that they are the same everywhere.
-/// What is not finite has no second number, and neither is zero negative.
+/// Numbers that are not finite have no second one, and neither is zero negative.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DoubleDouble {
     /// The f64 that is nearest.

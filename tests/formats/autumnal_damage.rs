@@ -103,6 +103,16 @@ fn every_truncation_is_told() {
     assert_eq!(std::fs::read(&path).unwrap(), &bytes[..end - 1]);
 }
 
+/// The files that somebody was warned of.
+#[derive(Default)]
+struct Told(Mutex<Vec<PathBuf>>);
+
+impl Progress for Told {
+    fn warn(&self, file: &Path, _: &str) {
+        self.0.lock().unwrap().push(file.to_path_buf());
+    }
+}
+
 #[test]
 fn an_editor_mends_a_slot_and_goes_on_from_the_newest_commit() {
     let (_folder, path) = file(3);
@@ -110,7 +120,9 @@ fn an_editor_mends_a_slot_and_goes_on_from_the_newest_commit() {
     bytes[SLOTS[0] + 8] ^= 64;
     std::fs::write(&path, &bytes).unwrap();
     assert!(open(&path).unwrap().remark().is_some());
-    edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &()).unwrap();
+    let told = Told::default();
+    edit(&path, [Ok(fill(9.0))], Note::default(), 1 << 20, &told).unwrap();
+    assert_eq!(*told.0.lock().unwrap(), [path.as_path()]);
     let tree = open(&path).unwrap();
     assert_eq!((tree.commit().number, tree.remark()), (4, None));
     assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);

@@ -6,12 +6,11 @@ use spinney::Error;
 use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{
-    Chain, Edit, FillRegion, Operation, Polygon, Prefer, TreeFile, apply_edits, compact_file, convert,
-    diff_files, edit,
+    Chain, Edit, FillRegion, Operation, Polygon, Prefer, TreeFile, apply_edits, convert, diff_files, edit,
 };
 use spinney::space::{Bounds, Dimension};
 use spinney::store::OpenOptions;
-use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note};
+use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, Value};
 
@@ -184,7 +183,7 @@ fn script(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind, share: 
     let last = before.len() as u64;
     let kept: Vec<u64> = (1..=last).filter(|_| random.below(2) == 0).chain([last]).collect();
     let small = folder.path().join("small.autumn");
-    compact_file(&path, &Keep::Numbers(kept.clone()), share, Output::create(&small).unwrap(), MEMORY, &())
+    compact(&path, &Keep::Numbers(kept.clone()), share, Output::create(&small).unwrap(), MEMORY, &())
         .unwrap();
     assert!(std::fs::metadata(&small).unwrap().len() <= std::fs::metadata(&path).unwrap().len());
     let history = History::open(&small, &OpenOptions::new()).unwrap();

@@ -1,4 +1,4 @@
-//! What of a model must not be lost in silence: cells to vertices and levels of detail that no face uses, and
+//! Parts of models that must not be lost in silence: cells to vertices and levels of detail that no face uses, and
 //! solids without an inside.
 
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! What `info` and `stats` tell of places, levels, classes and units.
+//! Answers of `info` and `stats` about places, levels, classes and units.
 
 use serde_json::{Value as Json, json};
 use spinney::value::{Kind, Rule};

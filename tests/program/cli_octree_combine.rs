@@ -368,7 +368,12 @@ fn complements_have_a_universe() {
     assert!(said.contains("8 x 4 x 8 cells from 0,2,0"), "{said}");
     assert_eq!(cells, 8 * 4 * 8 - 4 * 4 * 4);
     let a = name("a.goblin");
-    for wrong in [&["--within", "1,2,3"][..], &["--within", "5,5,5,1,1,1"], &["--margin", "4294967295"]] {
+    for wrong in [
+        &["--within", "1,2,3"][..],
+        &["--within", "5,5,5,1,1,1"],
+        &["--within", "98,201,102,203"],
+        &["--margin", "4294967295"],
+    ] {
         let mut arguments = vec!["combine", "not", &a, "-o", "x.goblin"];
         arguments.extend(wrong);
         let code = if wrong[1] == "1,2,3" { 2 } else { 1 };

@@ -1,4 +1,4 @@
-//! What happens to files while the program reads them, and what may not reach a terminal.
+//! Files that are changed while the program reads them, and text that may not reach a terminal.
 
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -156,7 +156,8 @@ fn escape_sequences_of_names_never_reach_a_terminal() {
     let output = stderr(spinney(&["transform", name, "crop", "-o", copy.to_str().unwrap()]).success());
     let texts =
         [stdout(&["verify", name]), stdout(&["info", name]), complaint(&["info", &missing], 1), output];
-    for text in texts {
+    let usage = complaint(&[&format!("a{}", "\u{1b}]0;title\u{7}.goblin")], 2);
+    for text in texts.into_iter().chain([usage]) {
         assert!(!text.chars().any(|c| c.is_control() && c != '\n' && c != '\t'), "{text:?}");
         assert!(text.contains(".goblin"), "{text:?}");
     }

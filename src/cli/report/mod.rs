@@ -12,6 +12,7 @@ pub(crate) mod unit;
 
 use std::fmt::Display;
 use std::io::{self, Write};
+use std::process::ExitCode;
 
 use anyhow::Result;
 
@@ -34,6 +35,15 @@ impl Global {
 /// Writes a line about a failure.
 pub(crate) fn complain(error: &anyhow::Error) {
     let _ = writeln!(io::stderr(), "spinney: {}", printable(&format!("{error:#}")));
+}
+
+/// Writes help, or what is wrong with the words that the program was given, and gives the exit code.
+pub(crate) fn explain_usage(error: &clap::Error) -> ExitCode {
+    let text = error.render().to_string();
+    let clean = printable(&text);
+    // (As it is it has colours, on a terminal.)
+    let _ = if *clean == text { error.print() } else { write!(io::stderr(), "{clean}") };
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
 }
 
 /// Writes a line about something that is no failure, but should be known.

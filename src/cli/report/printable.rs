@@ -16,8 +16,8 @@ pub(crate) fn printable(text: &str) -> Cow<'_, str> {
     clean.into()
 }
 
-/// The same for JSON, whose strings have escapes of their own for those that are left in them: delete, and the
-/// second set of control characters.
+/// JSON without control characters other than line ends: its strings have escapes of their own for those that
+/// are left in them, which are delete and the second set of control characters.
 pub(crate) fn printable_json(text: &str) -> Cow<'_, str> {
     if !text.chars().any(|c| c.is_control() && c != '\n') {
         return text.into();

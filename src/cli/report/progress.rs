@@ -2,12 +2,13 @@
 
 use std::fmt::Write;
 use std::io::{self, IsTerminal};
+use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 
 use super::super::Global;
 use super::super::signals::{stop_in_good_order, stop_is_wanted};
-use super::quantity;
+use super::{quantity, warn};
 
 /// Long work: a bar if standard error is a terminal, and a stop at the next good moment after Ctrl-C.
 pub(crate) struct Work {
@@ -56,6 +57,11 @@ impl spinney::Progress for Work {
     fn advance(&self, done: u64, total: u64) {
         self.bar.set_length(total);
         self.bar.inc(done);
+    }
+
+    fn warn(&self, file: &Path, text: &str) {
+        // (The bar would be written over the line.)
+        self.bar.suspend(|| warn(&format!("{}: {text}", file.display())));
     }
 
     fn interrupted(&self) -> bool {

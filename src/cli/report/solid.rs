@@ -6,7 +6,7 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::SolidStatistics;
 
-/// What is said of a unit that nobody told.
+/// Words for a unit that nobody told.
 const UNKNOWN: &str = "the model's unit, which nobody told (`build --unit` does)";
 
 /// Coordinates for people, with commas between them.

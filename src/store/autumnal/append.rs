@@ -138,8 +138,8 @@ impl Appender {
     }
 
     /// Makes sure that the file is still where its readers look for it.
-    fn check_place(&mut self) -> Result<()> {
-        let checked = self.backend.check_place();
+    fn check_path(&mut self) -> Result<()> {
+        let checked = self.backend.check_path();
         self.is_poisoned = checked.is_err();
         checked
     }
@@ -318,10 +318,10 @@ impl Appender {
         self.sync()?;
         // Nor of one that is in a file that nobody finds: before the slot there is no commit yet, and after it
         // there is one where the file is now.
-        self.check_place()?;
+        self.check_path()?;
         self.write_at("write the meta slot", meta.offset(), &meta.to_bytes())?;
         self.sync()?;
-        self.check_place()?;
+        self.check_path()?;
         // A torn write of the next commit must not damage a page of this one, which is durable.
         self.start = self.start.next_multiple_of(PAGE);
         self.written = Written::default();

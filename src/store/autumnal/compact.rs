@@ -54,6 +54,9 @@ pub fn compact(
     progress: &dyn Progress,
 ) -> Result<Vec<Commit>> {
     let history = History::open(path, &OpenOptions::default())?;
+    if let Some(remark) = history.remark() {
+        progress.warn(path, remark);
+    }
     let commits = keep.of(&history)?;
     let header = history.header().clone();
     let share = share || history.is_shared();

@@ -59,7 +59,7 @@ impl Editor {
     /// As [`Editor::open`].
     pub fn on(mut backend: Box<dyn WriteBackend>, path: &Path, memory: u64) -> Result<Editor> {
         // Between opening the file and locking it another one may have taken its place.
-        backend.check_place()?;
+        backend.check_path()?;
         let archive = Archive::open(path, &|| open_file(&*backend), true)?;
         // Nothing is written to a file whose newest commit is damaged: it would be lost for good.
         let newest = archive.newest()?;

@@ -2,7 +2,7 @@
 
 use super::reader::{Autumnal, Node};
 use crate::Result;
-use crate::store::container::{INNER, LEAF, LevelCounts, VOID};
+use crate::store::container::LevelCounts;
 use crate::tree::{Child, Source, no_children};
 
 impl Autumnal {
@@ -27,12 +27,7 @@ impl Autumnal {
         left: &mut u64,
     ) -> Result<bool> {
         let mut nodes = [0; 3];
-        let state = match node {
-            Child::Void => VOID,
-            Child::Leaf(_) => LEAF,
-            Child::Inner { .. } => INNER,
-        };
-        nodes[usize::from(state)] = 1;
+        nodes[node.state() as usize] = 1;
         counts.add(level, nodes);
         let Child::Inner { node, .. } = node else { return Ok(true) };
         let Some(less) = left.checked_sub(1) else { return Ok(false) };

@@ -54,7 +54,7 @@ impl Meta {
         raw.as_bytes().try_into().expect("as long as it is")
     }
 
-    /// What stands in the slot at an offset.
+    /// The content of the slot at an offset.
     pub(super) fn from_bytes(bytes: &[u8], offset: u64) -> Slot {
         let Ok(raw) = RawMeta::ref_from_bytes(bytes) else { return Slot::Damaged };
         if bytes.iter().all(|byte| *byte == 0) {

@@ -86,7 +86,7 @@ impl Autumnal {
     /// Opens a commit of a file whose bytes are open already.
     ///
     /// # Errors
-    /// As [`Autumnal::open`].
+    /// Those of [`Autumnal::open`].
     pub(crate) fn of_opened(path: &Path, opened: OpenFile, options: &OpenOptions) -> Result<Autumnal> {
         let (file_path, number) = split_commit(path);
         // If a writer was too fast, the file is opened again by its name.

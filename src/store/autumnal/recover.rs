@@ -11,6 +11,7 @@ use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE};
 use super::newest::Newest;
 use super::reader::Autumnal;
 use crate::io::{FileBackend, LockedFile, WriteBackend};
+use crate::store::container::Header;
 use crate::{Error, Progress, Result};
 
 /// Makes the commit with a number the newest one, in a file whose newest commit is damaged. What comes behind
@@ -26,9 +27,9 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
     let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
     let file = FileBackend::new(file, path);
     // Nothing is written to what is no Autumnal file.
-    crate::store::container::Header::read(path, &*file.reader()?)?;
+    Header::read(path, &*file.reader()?)?;
     let mut file = LockedFile::new(file)?;
-    file.check_place()?;
+    file.check_path()?;
     let archive = match Archive::open(path, &|| open_file(&file), true) {
         Ok(archive) if matches!(archive.newest, Newest::Damaged(_)) => archive,
         Ok(archive) if Autumnal::new(archive.clone(), archive.newest()?).is_err() => archive,
@@ -47,7 +48,7 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
         Err(error) => return Err(error),
     };
     let commit = archive.commit(number)?;
-    let slot = slot_of(&archive.extents, &archive, &commit)?;
+    let slot = slot_of(&archive, &commit)?;
     // What is to be the newest must be readable itself.
     Autumnal::new(archive.clone(), commit.clone())?;
     // The other slot gets the commit before, as if nothing had ever come behind. If this is not done to its
@@ -61,12 +62,13 @@ pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Comm
         file.write(offset, &bytes).map_err(Error::io(path, "write the meta slot"))?;
         file.sync().map_err(Error::io(path, "sync"))?;
     }
-    file.check_place()?;
+    file.check_path()?;
     Ok(commit)
 }
 
 /// The meta slot of a commit.
-fn slot_of(extents: &Extents, archive: &Archive, commit: &Commit) -> Result<Meta> {
+fn slot_of(archive: &Archive, commit: &Commit) -> Result<Meta> {
+    let extents = &archive.extents;
     let mut start = archive.meta.commit;
     // The commit's own place is known to those that come behind it.
     loop {

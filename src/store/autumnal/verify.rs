@@ -30,7 +30,7 @@ impl Autumnal {
     /// Checks as [`Autumnal::verify`] does, but no trees of other commits than this one.
     ///
     /// # Errors
-    /// As [`Autumnal::verify`].
+    /// Those of [`Autumnal::verify`].
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         self.verify_trees(false, memory, progress)
     }

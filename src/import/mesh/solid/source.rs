@@ -62,7 +62,7 @@ pub(super) struct UpperNode {
     level: u8,
     /// Position among the nodes of its level.
     position: [u32; 3],
-    /// What there is of each surface, of which there is something, in their order.
+    /// The part of each surface that has one here, in the order of the surfaces.
     sheets: Vec<Sheet>,
 }
 
@@ -184,7 +184,7 @@ impl<'a> Solid<'a> {
         Ok(regions)
     }
 
-    /// What the eight regions of a region have of a surface; its triangles come to memory if they are to be held.
+    /// The parts of a surface in the eight regions of a region; its triangles come to memory if they are to be held.
     fn split_sheet(&self, region: &UpperNode, sheet: &Sheet, is_held: bool) -> Result<Vec<Sheet>> {
         let triangles = if is_held { sheet.triangles.clone().held()? } else { sheet.triangles.clone() };
         let is_crossed = self.is_crossed(sheet);

@@ -143,7 +143,7 @@ fn has_area(triangle: &Triangle) -> bool {
     triangle.normal() != [0; 3]
 }
 
-/// What is known of a component.
+/// Knowledge of a component.
 #[derive(Clone, Copy, Default)]
 struct Component {
     closure: Closure,
