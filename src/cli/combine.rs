@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::io::Output;
-use spinney::ops::{self, Operation, Prefer, Universe};
+use spinney::ops::{self, Prefer, Universe};
 
 use super::Global;
 use super::args::{Memory, OperationName, check_output, numbers, parse_operation};
@@ -56,9 +56,11 @@ Set operations; a cell is present if it is not VOID. By number (1: both, 2: A on
    0 none     1 and (intersection)   2 a-b (difference)   3 a
    4 b-a      5 b                    6 xor                7 or (union)
    8 nor      9 xnor                10 not-b             11 a|!b
-  12 not     13 b|!a                14 nand              15 all     (not: of one file, too)
+  12 not     13 b|!a                14 nand              15 all     (not: of one file, too; or: of many)
+Solids whose cells tell coverage are combined by how far they fill cells, taken to overlap as far as they
+can: A-A is empty, volumes add up, and only cells with both surfaces can be off, by half a cell at most.
 Operations on values:
-  over       the first file that has something; any number of files, so has union
+  over       the first of any number of files that has something
   mask       A where B has something
   min max    of all files, where all have something
   add        as min and max; sums are kept within what the type can hold
@@ -85,17 +87,6 @@ fn parse_box(text: &str) -> Result<Universe, String> {
     six.ok_or_else(|| "expected 4 or 6 numbers with commas between them".into())
 }
 
-/// The operation of a name on so many files.
-fn operation_on(name: &OperationName, prefer: Prefer, files: usize) -> Result<Operation> {
-    let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
-    Ok(match operation {
-        // Two trees have a union, of which one chooses the values; that of any number is the first over the
-        // others.
-        Operation::Set { number: 7, prefer: Prefer::First } if files != 2 => Operation::Over,
-        operation => operation,
-    })
-}
-
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Args { operation: name, files, output, values, fill, within, margin, json, memory } = args;
@@ -105,7 +96,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     ensure!(!json, "--json is for the table of cross");
     let prefer = if values == "a" || values == "first" { Prefer::First } else { Prefer::Second };
-    let operation = operation_on(&name, prefer, files.len())?;
+    let operation = name.operation(prefer).with_context(|| format!("{}: no such operation", name.0))?;
     let universe = within.or(margin.map(Universe::Margin));
     ensure!(
         universe.is_none() || operation.needs_universe(),

@@ -3,12 +3,13 @@
 use smallvec::SmallVec;
 
 use super::affine::{View, ViewNode};
-use super::operation::Operation;
+use super::coverage;
+use super::operation::{Operation, UNION};
 use super::tree_file::check_form;
 use crate::io::Output;
 use crate::space::{Bounds, Code};
 use crate::store::BuildOptions;
-use crate::store::builder::{Join, MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentNode};
+use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, SegmentNode};
 use crate::tree::{CellBlock, Child, Children, Form, Source, no_children};
 use crate::value::{SampleType, Tally, Value};
 use crate::{Error, Progress, Result};
@@ -33,8 +34,8 @@ pub struct Combined {
     views: Vec<View>,
     form: Form,
     operation: Operation,
-    /// Of two trees: see [`Operation::merge_tables`].
-    tables: [MergeTable; 3],
+    /// The ways to merge two trees: see [`Operation::mergings`].
+    mergings: [Merging; 3],
     /// The value of cells that are present in neither tree.
     fill: Value,
     /// Cells along each axis.
@@ -103,10 +104,13 @@ impl Combined {
             let expected = format!("{depth}, as the first tree has; deepen the view of the shallower one");
             return Err(Error::invalid("depth of a tree", other.depth().to_string(), expected));
         }
-        let full = if form.value.sample == SampleType::U8 { 255.0 } else { 1.0 };
-        let fill = form.value.nearest(|_| full);
-        let (tables, universe) = (operation.merge_tables(), Bounds::picture(extent));
-        Ok(Combined { views, form, operation, tables, fill, extent, universe })
+        let fill = if form.value.sample == SampleType::U8 { 255.0 } else { 1.0 };
+        let fill = form.value.nearest(|_| fill);
+        // Trees of coverage and of anything else are combined by presence.
+        let full = views.iter().map(|view| coverage::full(form, view.source().header().rule));
+        let full = full.reduce(Option::and).flatten();
+        let (mergings, universe) = (operation.mergings(full), Bounds::picture(extent));
+        Ok(Combined { views, form, operation, mergings, fill, extent, universe })
     }
 
     /// Chooses the cells of which those that neither tree has are present, if the operation makes such cells
@@ -118,9 +122,26 @@ impl Combined {
 
     /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for
     /// bytes, which says full in solids, and 1 for other types unless chosen.
-    #[must_use]
-    pub fn filled_with(self, fill: Value) -> Combined {
-        Combined { fill, ..self }
+    ///
+    /// # Errors
+    /// If cells tell coverage, which no other value than 255 says is full.
+    pub fn filled_with(self, fill: Value) -> Result<Combined> {
+        if self.coverage().is_some_and(|full| full != fill) {
+            let found = format!("{:?}", &self.form.value.samples(fill)[..]);
+            return Err(Error::invalid("fill value", found, "255, full, as these trees tell coverage"));
+        }
+        Ok(Combined { fill, ..self })
+    }
+
+    /// The value of full cells, if this is a set operation on coverage.
+    fn coverage(&self) -> Option<Value> {
+        self.mergings[0].full
+    }
+
+    /// Whether the result is what any of the trees has, so that those without anything do not matter.
+    fn is_union(&self) -> bool {
+        self.operation == Operation::Over
+            || self.views.len() > 2 && matches!(self.operation, Operation::Set { number: UNION, .. })
     }
 
     /// The views.
@@ -167,13 +188,17 @@ impl Combined {
             return resolution;
         }
         match (self.operation, nodes) {
-            (Operation::Over, []) => Resolution::Void,
-            (Operation::Over, [(_, Child::Leaf(value)), ..]) => Resolution::Leaf(*value),
-            (Operation::Over, [(_, Child::Inner { .. })]) => Resolution::Take(0),
-            (Operation::Over, _) => Resolution::Split,
+            _ if self.is_union() && self.coverage().is_none() => match nodes {
+                [] => Resolution::Void,
+                [(_, Child::Leaf(value)), ..] => Resolution::Leaf(*value),
+                [_] => Resolution::Take(0),
+                _ => Resolution::Split,
+            },
+            (Operation::Set { .. }, []) => Resolution::Void,
             // A complement may have no second tree.
             (Operation::Set { .. }, [first]) => self.resolve_two(code, first.1, &Child::Void),
             (_, [first, second]) => self.resolve_two(code, first.1, second.1),
+            (Operation::Set { .. }, nodes) => self.resolve_many(self.mergings[0].join, nodes),
             (operation, nodes) => {
                 operation.join().map_or(Resolution::Split, |join| self.resolve_many(join, nodes))
             }
@@ -183,7 +208,7 @@ impl Combined {
     /// Resolves a node of two trees.
     fn resolve_two(&self, code: Code, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
         // Only complements reach beyond what the trees have.
-        let table = match self.operation {
+        let part = match self.operation {
             Operation::Set { number, .. } if number & 8 != 0 => match self.inside_and_outside(code) {
                 (true, false) => 0,
                 (false, _) => 1,
@@ -191,14 +216,14 @@ impl Combined {
             },
             _ => 0,
         };
-        match self.tables[table].get([first.state(), second.state()]) {
+        let merging = &self.mergings[part];
+        match merging.action([first, second]) {
             MergeAction::Void => Resolution::Void,
             MergeAction::Take(tree) => Resolution::Take(tree),
             MergeAction::Fill => Resolution::Leaf(self.fill),
             MergeAction::Join => {
-                let values = first.value().zip(second.value());
-                let joined = self.operation.join().zip(values);
-                let joined = joined.and_then(|(join, (a, b))| join.values(self.form.value, a, b));
+                let [a, b] = [first, second].map(|node| node.value().unwrap_or(Value::ZERO));
+                let joined = merging.join.values(self.form.value, a, b);
                 joined.map_or(Resolution::Void, Resolution::Leaf)
             }
             MergeAction::Split => Resolution::Split,
@@ -222,9 +247,10 @@ impl Combined {
             }
         }
         match result {
-            Some(value) if !inner => Resolution::Leaf(value),
-            _ if nodes.len() == 1 => Resolution::Take(0),
-            _ => Resolution::Split,
+            _ if inner && nodes.len() == 1 => Resolution::Take(0),
+            _ if inner => Resolution::Split,
+            // (Coverages that are all 0 are nothing.)
+            result => result.map_or(Resolution::Void, Resolution::Leaf),
         }
     }
 
@@ -260,16 +286,28 @@ impl Combined {
 
     /// A node of the result, from the trees' nodes there.
     fn merge(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
-        if self.operation == Operation::Over {
-            // The first LEAF hides all trees below it; INNER nodes above it may still have VOID cells.
-            let present = nodes.iter().filter(|(_, child)| !matches!(child, Child::Void));
-            let mut seen: SmallVec<[(usize, &Child<ViewNode>); 2]> = present.copied().collect();
-            if let Some(first) = seen.iter().position(|(_, child)| matches!(child, Child::Leaf(_))) {
-                seen.truncate(first + 1);
-            }
-            return self.resolved(code, &seen);
+        if !self.is_union() {
+            return self.resolved(code, nodes);
         }
-        self.resolved(code, nodes)
+        let present = nodes.iter().filter(|(_, child)| !matches!(child, Child::Void));
+        let mut seen: SmallVec<[(usize, &Child<ViewNode>); 2]> = present.copied().collect();
+        let leaf = |(_, child): &(usize, &Child<ViewNode>)| match child {
+            Child::Leaf(value) => Some(*value),
+            _ => None,
+        };
+        match self.coverage() {
+            // The first LEAF hides all trees below it; INNER nodes above it may still have VOID cells.
+            None => {
+                let first = seen.iter().position(|node| leaf(node).is_some());
+                first.into_iter().for_each(|first| seen.truncate(first + 1));
+            }
+            // What is full hides all others.
+            Some(full) => {
+                let full = seen.iter().find(|node| leaf(node) == Some(full)).copied();
+                full.into_iter().for_each(|full| seen = SmallVec::from_elem(full, 1));
+            }
+        }
+        self.resolved(code, &seen)
     }
 
     /// A node of the result, from those of the trees' nodes that matter to it.
@@ -397,9 +435,7 @@ impl ReusableSource for Combined {
             })
         };
         let nodes = has_table.then(|| Some([stored(first)?, stored(second)?]))??;
-        // (Without values to be joined, nobody asks how.)
-        let join = self.operation.join().unwrap_or(Join::Equal);
-        Some(Overlay { nodes, actions: self.tables[0], join })
+        Some(Overlay { nodes, merging: self.mergings[0] })
     }
 }
 

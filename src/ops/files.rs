@@ -250,7 +250,7 @@ impl Derivation {
             source = source.filled_with(value_type.splat(fill).ok_or_else(|| {
                 let expected = format!("a number that {value_type} can hold");
                 Error::invalid("fill value", fill.to_string(), expected)
-            })?);
+            })?)?;
         }
         let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, memory) };
         let tally = build(&source, &options, output, progress)?;

@@ -8,6 +8,7 @@
 mod affine;
 mod combine;
 mod convert;
+mod coverage;
 mod cross;
 mod data_box;
 mod diff;

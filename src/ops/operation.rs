@@ -2,8 +2,9 @@
 
 use std::fmt;
 
-use crate::store::builder::{Join, MergeAction, MergeTable};
-use crate::tree::NodeState;
+use super::coverage;
+use crate::store::builder::{Join, MergeAction, MergeState, MergeTable, Merging};
+use crate::value::Value;
 
 /// Choice of the value where both trees have one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,8 +27,14 @@ pub enum Prefer {
 pub enum Operation {
     /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both
     /// belong to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of
-    /// neither. So 1 is the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union,
-    /// 12 the complement of the first, which needs no second.
+    /// neither. So 1 is the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union
+    /// (of any number of trees), 12 the complement of the first, which needs no second.
+    ///
+    /// Trees of bytes with [`Rule::Occupancy`](crate::value::Rule::Occupancy) tell how far bodies cover cells, 255
+    /// being full; there the operations are on the bodies, which are taken to overlap as far as they can: see
+    /// [`joined_coverage`](crate::store::builder::joined_coverage). Where both bodies' surfaces go through a cell,
+    /// the intersection is at most half a cell too large and the union as much too small; everywhere else they are
+    /// exact.
     Set {
         /// The number, 0 to 15.
         number: u8,
@@ -49,6 +56,9 @@ pub enum Operation {
     /// The cells in which two trees differ, with the second's value, or the first's where the second is VOID.
     Changed,
 }
+
+/// The number of the union among set operations.
+pub(super) const UNION: u8 = 7;
 
 impl Operation {
     /// Whether cells that are in none of the trees belong to the result: there must then be a universe.
@@ -117,14 +127,26 @@ impl Operation {
         }
     }
 
-    /// The actions for nodes of two trees inside the extent, outside, and across its border, where they
-    /// depend on the nodes' states alone.
-    pub(super) fn merge_tables(self) -> [MergeTable; 3] {
-        match self {
-            Operation::Set { number, prefer } => merge_tables(number, prefer),
+    /// The ways to merge two trees inside the universe, outside, and across its border. `full` is the value of
+    /// full cells, if cells tell coverage.
+    pub(super) fn mergings(self, full: Option<Value>) -> [Merging; 3] {
+        let of = |actions, join| Merging { actions, join, full: None };
+        match (self, full) {
+            (Operation::Set { number, .. }, Some(_)) => {
+                coverage::mergings(number).map(|merging| Merging { full, ..merging })
+            }
+            // (Without values to be joined, nobody asks how.)
+            (Operation::Set { number, prefer }, None) => {
+                merge_tables(number, prefer).map(|actions| of(actions, Join::Equal))
+            }
             // Of two trees the first that is present is the union.
-            Operation::Over => merge_tables(7, Prefer::First),
-            _ => [MergeTable::new(|states| join_action(self == Operation::Changed, states)); 3],
+            (Operation::Over, _) => {
+                merge_tables(UNION, Prefer::First).map(|actions| of(actions, Join::Equal))
+            }
+            _ => {
+                let actions = MergeTable::new(|states| join_action(self == Operation::Changed, states));
+                [of(actions, self.join().unwrap_or(Join::Equal)); 3]
+            }
         }
     }
 
@@ -132,6 +154,7 @@ impl Operation {
     pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
         match self {
             Operation::Set { number: 12, .. } => 1..=2,
+            Operation::Set { number: UNION, prefer: Prefer::First } => 1..=usize::MAX,
             Operation::Set { .. } | Operation::Equal | Operation::Changed => 2..=2,
             _ => 1..=usize::MAX,
         }
@@ -157,14 +180,14 @@ impl fmt::Display for Operation {
 
 /// The action for a node where values are joined: VOID where one of the trees is; with `or_one`, the other
 /// tree's node.
-fn join_action(or_one: bool, states: [NodeState; 2]) -> MergeAction {
+fn join_action(or_one: bool, states: [MergeState; 2]) -> MergeAction {
     match states {
-        [NodeState::Void, NodeState::Void] => MergeAction::Void,
-        [NodeState::Void, _] if or_one => MergeAction::Take(1),
-        [_, NodeState::Void] if or_one => MergeAction::Take(0),
-        [NodeState::Void, _] | [_, NodeState::Void] => MergeAction::Void,
-        [NodeState::Leaf, NodeState::Leaf] => MergeAction::Join,
-        _ => MergeAction::Split,
+        [MergeState::Void, MergeState::Void] => MergeAction::Void,
+        [MergeState::Void, _] if or_one => MergeAction::Take(1),
+        [_, MergeState::Void] if or_one => MergeAction::Take(0),
+        [MergeState::Void, _] | [_, MergeState::Void] => MergeAction::Void,
+        [MergeState::Inner, _] | [_, MergeState::Inner] => MergeAction::Split,
+        _ => MergeAction::Join,
     }
 }
 
@@ -176,8 +199,11 @@ struct Possible {
 }
 
 impl Possible {
-    fn of(state: NodeState) -> Possible {
-        Possible { present: state != NodeState::Void, void: state != NodeState::Leaf }
+    fn of(state: MergeState) -> Possible {
+        Possible {
+            present: state != MergeState::Void,
+            void: matches!(state, MergeState::Void | MergeState::Inner),
+        }
     }
 }
 
@@ -192,7 +218,7 @@ fn merge_tables(number: u8, prefer: Prefer) -> [MergeTable; 3] {
 fn merge_action(
     number: u8,
     prefer: Prefer,
-    states: [NodeState; 2],
+    states: [MergeState; 2],
     (inside, outside): (bool, bool),
 ) -> MergeAction {
     // Below an INNER node cells may be present or VOID. Each combination that can occur adds an outcome; if
@@ -236,8 +262,8 @@ fn merge_action(
     }
     match (void, of) {
         (true, [false, false, false]) => MergeAction::Void,
-        (false, [true, false, false]) if states[0] == NodeState::Leaf => MergeAction::Take(0),
-        (false, [false, true, false]) if states[1] == NodeState::Leaf => MergeAction::Take(1),
+        (false, [true, false, false]) if states[0] == MergeState::Leaf => MergeAction::Take(0),
+        (false, [false, true, false]) if states[1] == MergeState::Leaf => MergeAction::Take(1),
         (false, [false, false, true]) => MergeAction::Fill,
         _ if is[0] => MergeAction::Take(0),
         _ if is[1] => MergeAction::Take(1),

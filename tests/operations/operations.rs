@@ -441,7 +441,7 @@ fn what_cannot_be_done_is_refused() {
     let trees = |count: usize| (0..count).map(|_| view.clone()).collect::<Vec<_>>();
     let set = |number| Operation::Set { number, prefer: Prefer::First };
     assert!(Combined::new(trees(2), set(16), [40, 30, 1]).is_err());
-    assert!(Combined::new(trees(3), set(7), [40, 30, 1]).is_err());
+    assert!(Combined::new(trees(3), set(1), [40, 30, 1]).is_err());
     assert!(Combined::new(trees(1), Operation::Changed, [40, 30, 1]).is_err());
     assert!(Combined::new(trees(0), Operation::Over, [40, 30, 1]).is_err());
     let other = vec![view.clone(), view.clone().deepened(9).unwrap()];

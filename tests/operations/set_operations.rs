@@ -22,7 +22,7 @@ fn set_operations(form: Form, seed: u64, size: [u64; 3]) {
     for number in 0..16u8 {
         for prefer in [Prefer::First, Prefer::Second] {
             let operation = Operation::Set { number, prefer };
-            let combined = combined(views.to_vec(), operation, size).filled_with(fill);
+            let combined = combined(views.to_vec(), operation, size).filled_with(fill).unwrap();
             let expected = made(form, size, |cell| {
                 let (a, b) = (cells[0].get(cell), cells[1].get(cell));
                 let bit = match (a.is_some(), b.is_some()) {

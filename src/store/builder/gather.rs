@@ -7,7 +7,8 @@ use zerocopy::IntoBytes;
 
 use super::averaging::{decode, encode, from_value};
 use super::block::{Block, Level};
-use super::reuse::{Join, MergeAction, Overlay, ReusableSource, SegmentNode, Subtree};
+use super::merge::{Join, MergeAction, MergeState, Overlay, join_coverages};
+use super::reuse::{ReusableSource, SegmentNode, Subtree};
 use super::reused::ReusedRecords;
 use crate::Result;
 use crate::space::Code;
@@ -222,11 +223,30 @@ struct MergeNode<B> {
     record: u32,
 }
 
+/// The node as merge actions tell it apart; `full` is the value of LEAFs that are full, where that matters.
+#[inline]
+fn merge_state<B: PartialEq + Copy>(node: MergeNode<B>, full: Option<B>) -> MergeState {
+    match full {
+        Some(full) if node.state == NodeState::Leaf && node.value != full => MergeState::Partial,
+        _ => node.state.into(),
+    }
+}
+
+/// The value that a VOID node is joined with, or a LEAF. (What is in a record where a child is VOID does not matter.)
+#[inline]
+fn value_or_zero<R: Record>(node: &MergeNode<R::Bytes>) -> R::Bytes {
+    if node.state == NodeState::Void { R::ZERO } else { node.value }
+}
+
 /// A function that joins the values of two LEAFs; `None` is VOID.
 type JoinValues<B> = fn(Join, B, B) -> Option<B>;
 
 /// [`Join::native`] of values' bytes; what is not a number is VOID.
 fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Option<R::Bytes> {
+    if let Join::Coverage(number) = join {
+        let mut coverages = a;
+        return join_coverages(number, coverages.as_mut_bytes(), b.as_bytes()).then_some(coverages);
+    }
     let value = join.native::<V>(decode::<R, V>(a), decode::<R, V>(b))?;
     (!value.is_nan()).then(|| encode::<R, V>(value))
 }
@@ -241,6 +261,7 @@ fn merge<R: Record>(
 ) -> Option<Vec<Level>> {
     let records = records.map(R::of);
     let width = size_of::<R::Bytes>();
+    let full = overlay.merging.full.map(from_value::<R>);
     let is_float = form.value.sample.is_float();
     let root = |node: &Child<SegmentNode<'_>>| {
         let value = from_value::<R>(node.value().unwrap_or_default());
@@ -257,7 +278,7 @@ fn merge<R: Record>(
             for i in 0..R::CHILDREN {
                 let pair = [first[i], second[i]];
                 let index = group * R::CHILDREN + i;
-                match overlay.actions.get([pair[0].state, pair[1].state]) {
+                match overlay.merging.actions.get(pair.map(|node| merge_state(node, full))) {
                     MergeAction::Void => {}
                     MergeAction::Take(tree) => {
                         let MergeNode { state, value, record } = pair[tree];
@@ -279,7 +300,8 @@ fn merge<R: Record>(
                         }
                     }
                     MergeAction::Join => {
-                        if let Some(value) = join_values(overlay.join, pair[0].value, pair[1].value) {
+                        let [first, second] = pair.map(|node| value_or_zero::<R>(&node));
+                        if let Some(value) = join_values(overlay.merging.join, first, second) {
                             level.states[index] = LEAF;
                             level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                         }

@@ -7,6 +7,7 @@
 mod averaging;
 mod block;
 mod gather;
+mod merge;
 mod options;
 mod part;
 mod reuse;
@@ -16,11 +17,12 @@ mod slab;
 mod tally;
 mod walk;
 
+pub use merge::{
+    FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
+};
 pub use options::{BuildOptions, depth_for};
 pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment, representative_of, uniform_children};
-pub use reuse::{
-    Join, MergeAction, MergeTable, Overlay, RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree,
-};
+pub use reuse::{RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree};
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};
 pub(in crate::store) use walk::{Builder, walk};

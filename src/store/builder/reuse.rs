@@ -4,12 +4,12 @@
 use std::any::Any;
 use std::ops::Range;
 
+use super::merge::Overlay;
 use crate::Result;
 use crate::io::{FileBytes, FileId};
 use crate::space::Code;
 use crate::store::container::Header;
-use crate::tree::{Child, MemTree, NodeState, Source};
-use crate::value::{Native, Value, ValueType, erase, native, with_native_type};
+use crate::tree::{MemTree, Source};
 
 /// A source that may tell which of its nodes are stored in files.
 pub trait ReusableSource: Source {
@@ -95,85 +95,4 @@ pub struct RecordRef {
     pub(in crate::store) address: u64,
     /// Levels below the node.
     pub height: u8,
-}
-
-/// Action at a pair of nodes when two trees are merged into one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MergeAction {
-    /// Nothing.
-    Void,
-    /// The node of this tree, with all that is below it.
-    Take(usize),
-    /// Something that neither tree has.
-    Fill,
-    /// A LEAF with the joined values of two LEAFs: see [`Join`].
-    Join,
-    /// An INNER node, whose children are merged in turn.
-    Split,
-}
-
-/// Operation that joins the values of two LEAFs to one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Join {
-    /// The smaller sample of each channel.
-    Min,
-    /// The larger sample of each channel.
-    Max,
-    /// The sum per channel, kept within what the type can hold.
-    Add,
-    /// The difference per channel, kept within what the type can hold.
-    Subtract,
-    /// The value, if both are the same; else VOID.
-    Equal,
-    /// The second value, if it is not the same as the first; else VOID.
-    Changed,
-}
-
-impl Join {
-    /// Joins two values; `None` is VOID.
-    pub(crate) fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
-        with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))
-    }
-
-    /// Joins two values of known type; `None` is VOID.
-    #[inline]
-    pub(super) fn native<V: Native>(self, a: V, b: V) -> Option<V> {
-        match self {
-            Join::Min => Some(a.min(b)),
-            Join::Max => Some(a.max(b)),
-            Join::Add => Some(a.by_channel(b, |a, b| a + b)),
-            Join::Subtract => Some(a.by_channel(b, |a, b| a - b)),
-            Join::Equal => a.same(b).then_some(a),
-            Join::Changed => (!a.same(b)).then_some(b),
-        }
-    }
-}
-
-/// Merge actions by what each of two trees has at a node.
-#[derive(Clone, Copy, Debug)]
-pub struct MergeTable([[MergeAction; 3]; 3]);
-
-impl MergeTable {
-    /// Asks once for each pair of states.
-    pub fn new(action: impl Fn([NodeState; 2]) -> MergeAction) -> MergeTable {
-        const STATES: [NodeState; 3] = [NodeState::Void, NodeState::Leaf, NodeState::Inner];
-        MergeTable(STATES.map(|first| STATES.map(|second| action([first, second]))))
-    }
-
-    /// The action for a pair of states.
-    #[inline]
-    pub fn get(&self, [first, second]: [NodeState; 2]) -> MergeAction {
-        self.0[first as usize][second as usize]
-    }
-}
-
-/// A node of two stored trees that are merged into one, cell by cell, with all that is below it.
-#[derive(Clone, Copy)]
-pub struct Overlay<'a> {
-    /// The node of each of the two trees.
-    pub nodes: [Child<SegmentNode<'a>>; 2],
-    /// Actions by which they are merged.
-    pub actions: MergeTable,
-    /// Operation on values where the actions say so.
-    pub join: Join,
 }
