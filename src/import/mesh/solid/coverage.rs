@@ -1,270 +1,350 @@
 //! Coverage of cells by a closed surface: exact, from its faces clipped to the cells.
 //!
-//! Let `c` be the mean winding number in a cell, `a` the area of the faces in it seen along an axis, counted
-//! by the change of winding number behind them and in areas of a cell's wall, and `b` the same with each bit
-//! of area weighted by the share of the cell behind it. Then `c - b` is the mean winding number on the wall
-//! where the cell begins, and
+//! Let `c` be the share of a cell that is inside, `a` the area of the faces in it that bound the inside, seen along an
+//! axis, counted by the change of inside behind them and in areas of a cell's wall, and `b` the same with each bit
+//! of area weighted by the share of the cell behind it. Then `c - b` is the share of the wall where the cell begins
+//! that is inside, and
 //!
 //! ```text
 //! (c - b) + a  =  c' - b'
 //! ```
 //!
 //! holds for the next cell along the axis, since that one begins where this one ends: what font rasterizers
-//! do with the areas under outlines, in space and from any neighbour. Cells without faces have the winding
-//! number of their centre, so that cells next to them are known, then cells next to those.
+//! do with the areas under outlines, in space and from any neighbour. Cells without faces are inside or outside as
+//! their centre is, so that cells next to them are known, then cells next to those. Cells for which that does not
+//! tell are divided, and so are those with more faces than can be compared with each other.
 
-use super::bits::Bits;
+use super::boundary::Neighbourhood;
+use super::crossing::Lattice;
+use super::fill::windings_at_centres;
 use super::grid::Triangle;
-use super::inside::FULL;
+use super::inside::{Inside, State};
+use super::polygon::{ClippedPolygon, Point, clip};
 use crate::{Progress, Result};
 
-/// Sums over the faces in a cell.
+/// Sums over the faces in a cell that bound the inside.
 #[derive(Clone, Copy, Default)]
-struct Faces {
+pub(super) struct Faces {
     cell: u32,
     /// Whether a face cuts the cell, and not only lies in its wall.
     is_cut: bool,
+    /// Whether a face lies in its wall.
+    in_wall: bool,
+    /// Whether the sums are those of the faces that bound the inside, and not of all.
+    is_settled: bool,
     /// The area seen along each axis: `a` above.
-    area: [f64; 3],
+    pub(super) area: [f64; 3],
     /// The volume behind it along each axis: `b` above.
-    behind: [f64; 3],
-    /// The mean winding number, once it is known: `c` above.
-    winding: Option<f64>,
+    pub(super) behind: [f64; 3],
+    /// The share that is inside, once it is known: `c` above.
+    share: Option<f64>,
 }
 
-/// The faces of a block of cells, `2^height` along each axis.
-pub(super) struct Coverage {
+impl Faces {
+    /// Adds a face of which the cell has this part; `weight` is what inside changes by where the winding number goes up
+    /// by one.
+    #[inline]
+    pub(super) fn add(&mut self, polygon: &ClippedPolygon, cell: [usize; 3], weight: f64) {
+        let Some((first, others)) = polygon.points().split_first() else { return };
+        for pair in others.windows(2) {
+            let [u, v]: [Point; 2] = [0, 1].map(|i| std::array::from_fn(|axis| pair[i][axis] - first[axis]));
+            for axis in 0..3 {
+                let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
+                // Behind a face that is seen from the front the winding number is one less.
+                let area = weight * (u[last] * v[next] - u[next] * v[last]) / 2.0;
+                // Depth is linear over a triangle: its mean is that of the corners.
+                let mean = (first[axis] + pair[0][axis] + pair[1][axis]) / 3.0;
+                self.area[axis] += area;
+                self.behind[axis] += area * ((cell[axis] + 1) as f64 - mean);
+            }
+        }
+    }
+}
+
+/// A cube of cells and the triangles that reach into it.
+#[derive(Clone, Copy)]
+pub(super) struct Cube<'a> {
+    pub(super) triangles: &'a [Triangle],
+    /// The grid point at which it begins.
+    pub(super) min: [i32; 3],
+    /// Grid steps along a cell.
+    pub(super) cell: i32,
+    /// There are `2^height` cells along each axis.
+    pub(super) height: u8,
+}
+
+/// The way to tell inside from outside.
+#[derive(Clone, Copy)]
+pub(super) struct Test<'a> {
+    pub(super) inside: &'a Inside,
+    pub(super) progress: &'a dyn Progress,
+}
+
+/// Parts of triangles that are listed at a time; where there are more the cube is worked on in eight parts, so that
+/// memory does not grow with triangles that reach into very many cells.
+const MANY: usize = 1 << 21;
+
+/// How often a cell is divided at most, into 4 x 4 x 4 parts each time. What is still not known then, at a sixteenth of
+/// the cell, is as its centre is.
+const DIVISIONS: u8 = 2;
+
+/// Shares that are beyond 0 or 1 by this much are wrong.
+const TOLERANCE: f64 = 1e-3;
+
+impl Cube<'_> {
+    /// The share of each cell that is inside, x fastest, then y, then z, from the winding numbers at the
+    /// cells' centres.
+    pub(super) fn shares(&self, windings: &[i32], test: Test<'_>) -> Result<Vec<f64>> {
+        let mut shares = vec![0.0; windings.len()];
+        self.cover(windings, test, DIVISIONS, &mut |cell, share| shares[cell] = share)?;
+        Ok(shares)
+    }
+
+    /// Hands out the number of each cell and its share.
+    fn cover(
+        &self,
+        windings: &[i32],
+        test: Test<'_>,
+        divisions: u8,
+        each: &mut dyn FnMut(usize, f64),
+    ) -> Result<()> {
+        let Some(mut coverage) = Coverage::new(self, test.progress)? else {
+            return self.cover_parts(windings, test, divisions, each);
+        };
+        coverage.settle(self, windings, test)?;
+        coverage.solve(windings, test)?;
+        for (cell, winding) in windings.iter().enumerate().filter(|(cell, _)| !coverage.is_cut(*cell)) {
+            each(cell, f64::from(u8::from(test.inside.has(*winding))));
+        }
+        for (number, faces) in coverage.faces.iter().enumerate().filter(|(_, faces)| faces.is_cut) {
+            let cell = faces.cell as usize;
+            let is_right = |share: &f64| (-TOLERANCE..=1.0 + TOLERANCE).contains(share);
+            let share = match faces.share.filter(is_right) {
+                Some(share) => share,
+                None => {
+                    self.divided(cell, &coverage.triangles(self, number), windings[cell], test, divisions)?
+                }
+            };
+            each(cell, share.clamp(0.0, 1.0));
+        }
+        Ok(())
+    }
+
+    /// Covers the eight parts of the cube, one after the other.
+    fn cover_parts(
+        &self,
+        windings: &[i32],
+        test: Test<'_>,
+        divisions: u8,
+        each: &mut dyn FnMut(usize, f64),
+    ) -> Result<()> {
+        let half = 1usize << (self.height - 1);
+        for part in 0..8 {
+            let from: [usize; 3] = std::array::from_fn(|axis| (part >> axis & 1) * half);
+            let min: [i32; 3] = std::array::from_fn(|axis| self.min[axis] + from[axis] as i32 * self.cell);
+            let width = i64::from(self.cell) * half as i64;
+            let reaches = |triangle: &&Triangle| {
+                (0..3).all(|axis| {
+                    i64::from(triangle.min(axis)) <= i64::from(min[axis]) + width
+                        && triangle.max(axis) >= min[axis]
+                })
+            };
+            let triangles: Vec<Triangle> = self.triangles.iter().filter(reaches).copied().collect();
+            let index = |cell: usize| {
+                let at = cell_of(cell, self.height - 1);
+                number_of(std::array::from_fn(|axis| from[axis] + at[axis]), self.height)
+            };
+            let inner: Vec<i32> = (0..half.pow(3)).map(|cell| windings[index(cell)]).collect();
+            let cube = Cube { triangles: &triangles, min, height: self.height - 1, ..*self };
+            cube.cover(&inner, test, divisions, &mut |cell, share| each(index(cell), share))?;
+        }
+        Ok(())
+    }
+
+    /// The share of a cell, by dividing it.
+    fn divided(
+        &self,
+        cell: usize,
+        triangles: &[Triangle],
+        winding: i32,
+        test: Test<'_>,
+        divisions: u8,
+    ) -> Result<f64> {
+        /// 4 x 4 x 4 parts.
+        const HEIGHT: u8 = 2;
+        // (Parts need a centre on the grid.)
+        if divisions == 0 || self.cell < 2 << HEIGHT {
+            return Ok(f64::from(u8::from(test.inside.has(winding))));
+        }
+        let around = self.neighbourhood(cell, triangles, winding);
+        let part = self.cell >> HEIGHT;
+        let lattice = Lattice { per_cell: [0; 3], step: [part; 3] };
+        let cube = Cube { triangles, min: around.min, cell: part, height: HEIGHT };
+        let winding = around.winding_at(lattice.first(cube.min));
+        let by_parity = matches!(test.inside, Inside::Parity);
+        let winding = if by_parity { winding & 1 } else { winding };
+        let state = State { winding, by_parity, ..State::default() };
+        let windings = windings_at_centres(&lattice, triangles, cube.min, HEIGHT, state, test.progress)?;
+        let mut sum = 0.0;
+        cube.cover(&windings, test, divisions - 1, &mut |_, share| sum += share)?;
+        Ok(sum / windings.len() as f64)
+    }
+
+    /// A cell, with the triangles that reach into it.
+    fn neighbourhood<'a>(&self, cell: usize, triangles: &'a [Triangle], winding: i32) -> Neighbourhood<'a> {
+        let at = cell_of(cell, self.height);
+        let min = std::array::from_fn(|axis| self.min[axis] + at[axis] as i32 * self.cell);
+        Neighbourhood { triangles, min, cell: self.cell, winding }
+    }
+}
+
+/// The number of a cell.
+fn number_of([x, y, z]: [usize; 3], height: u8) -> usize {
+    (z << height | y) << height | x
+}
+
+/// The cell of a number.
+fn cell_of(number: usize, height: u8) -> [usize; 3] {
+    let mask = (1usize << height) - 1;
+    [number & mask, number >> height & mask, number >> (2 * height)]
+}
+
+/// The faces of a cube of cells.
+struct Coverage {
     height: u8,
     /// One more than the index of a cell in `faces`, by cell; 0 where a cell has no face.
     numbers: Vec<u32>,
     faces: Vec<Faces>,
+    /// Index in `faces` and number of a triangle that reaches into that cell, in that order.
+    pieces: Vec<(u32, u32)>,
+    /// Index of the first piece of each cell with faces; one more than there are cells.
+    starts: Vec<u32>,
 }
 
-/// Bodies overlap or gape in a cell if its mean winding number is beyond 0 or 1 by this much.
-const TOLERANCE: f64 = 1e-3;
-
 impl Coverage {
-    /// Clips triangles to the cells of a block that begins at the grid point `min`.
-    pub(super) fn new(
-        triangles: &[Triangle],
-        min: [i32; 3],
-        cell: i32,
-        height: u8,
-        progress: &dyn Progress,
-    ) -> Result<Coverage> {
-        let mut coverage = Coverage { height, numbers: vec![0; 1 << (3 * height)], faces: Vec::new() };
-        let scale = 1.0 / f64::from(cell);
-        for triangle in triangles {
+    /// Clips the triangles to the cells; `None` if there are too many parts.
+    fn new(cube: &Cube<'_>, progress: &dyn Progress) -> Result<Option<Coverage>> {
+        let height = cube.height;
+        let numbers = vec![0; 1 << (3 * height)];
+        let (faces, pieces, starts) = (Vec::new(), Vec::new(), Vec::new());
+        let mut coverage = Coverage { height, numbers, faces, pieces, starts };
+        for (number, triangle) in (0..).zip(cube.triangles) {
             progress.check()?;
-            let corner = |corner: [i32; 3]| -> Point {
-                std::array::from_fn(|axis| (corner[axis] as i64 - min[axis] as i64) as f64 * scale)
-            };
-            coverage.clip(ClippedPolygon::triangle(triangle.corners.map(corner)), 3, [0; 3], true);
-        }
-        Ok(coverage)
-    }
-
-    /// Cuts a polygon into what lies in each of the cells, one of the first `axes` axes after the other.
-    fn clip(&mut self, polygon: ClippedPolygon, axes: usize, cell: [usize; 3], is_cut: bool) {
-        let Some(axis) = axes.checked_sub(1) else { return self.add(&polygon, cell, is_cut) };
-        let side = 1usize << self.height;
-        let (low, high) = polygon.range(axis);
-        let at = |index: usize| {
-            let mut cell = cell;
-            cell[axis] = index;
-            cell
-        };
-        if high < 0.0 || low >= side as f64 {
-            return;
-        }
-        let first = low.max(0.0) as usize;
-        if low == high && low == low.trunc() {
-            // In the wall at which a cell begins.
-            return self.clip(polygon, axis, at(first), false);
-        }
-        let end = (high.ceil() as usize).min(side);
-        let mut rest = if low < 0.0 { polygon.split(axis, 0.0).1 } else { polygon };
-        for index in first..end {
-            let wall = (index + 1) as f64;
-            if high <= wall {
-                return self.clip(rest, axis, at(index), is_cut);
+            let polygon = ClippedPolygon::of(triangle, cube.min, cube.cell);
+            clip(polygon, 1 << height, &mut |polygon, cell, is_cut| {
+                coverage.add(polygon, number, cell, is_cut);
+            });
+            // (A single cell cannot be divided here.)
+            if coverage.pieces.len() > MANY && height > 0 {
+                return Ok(None);
             }
-            let (below, above) = rest.split(axis, wall);
-            self.clip(below, axis, at(index), is_cut);
-            rest = above;
         }
+        coverage.pieces.sort_unstable();
+        coverage.pieces.dedup();
+        let cells = 0..=coverage.faces.len() as u32;
+        coverage.starts =
+            cells.map(|cell| coverage.pieces.partition_point(|piece| piece.0 < cell) as u32).collect();
+        Ok(Some(coverage))
     }
 
     /// Adds what lies in one cell.
-    fn add(&mut self, polygon: &ClippedPolygon, cell: [usize; 3], is_cut: bool) {
-        let points = polygon.points();
-        let Some((first, others)) = points.split_first().filter(|(_, others)| others.len() > 1) else {
-            return;
-        };
-        let index = (cell[2] << self.height | cell[1]) << self.height | cell[0];
+    fn add(&mut self, polygon: &ClippedPolygon, triangle: u32, cell: [usize; 3], is_cut: bool) {
+        let index = number_of(cell, self.height);
         let number = &mut self.numbers[index];
         if *number == 0 {
             self.faces.push(Faces { cell: index as u32, ..Faces::default() });
             *number = self.faces.len() as u32;
         }
-        let faces = &mut self.faces[*number as usize - 1];
+        let number = *number - 1;
+        let faces = &mut self.faces[number as usize];
         faces.is_cut |= is_cut;
-        for pair in others.windows(2) {
-            let (u, v): (Point, Point) = (minus(pair[0], *first), minus(pair[1], *first));
-            for axis in 0..3 {
-                let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
-                // Behind a face that is seen from the front the winding number is one less.
-                let area = (u[last] * v[next] - u[next] * v[last]) / 2.0;
-                // Depth is linear over a triangle: its mean is that of the corners.
-                let mean = (first[axis] + pair[0][axis] + pair[1][axis]) / 3.0;
-                faces.area[axis] += area;
-                faces.behind[axis] += area * ((cell[axis] + 1) as f64 - mean);
-            }
-        }
+        faces.in_wall |= !is_cut;
+        faces.add(polygon, cell, 1.0);
+        self.pieces.push((number, triangle));
     }
 
-    /// Coverage of all cells, 0 to 255, x fastest, then y, then z; `inside` tells at which centres the
-    /// winding number is `sign`, not 0.
-    ///
-    /// `None` if it does not follow from these: where bodies overlap, or no cell is without faces.
-    pub(super) fn solve(
-        mut self,
-        inside: &Bits,
-        sign: f64,
-        progress: &dyn Progress,
-    ) -> Result<Option<Vec<u32>>> {
-        let mut open: Vec<u32> =
-            (0..self.faces.len() as u32).filter(|number| self.faces[*number as usize].is_cut).collect();
-        while !open.is_empty() {
-            progress.check()?;
+    fn is_cut(&self, cell: usize) -> bool {
+        self.numbers[cell].checked_sub(1).is_some_and(|number| self.faces[number as usize].is_cut)
+    }
+
+    /// The triangles that reach into a cell with faces.
+    fn triangles(&self, cube: &Cube<'_>, number: usize) -> Vec<Triangle> {
+        let range = self.starts[number] as usize..self.starts[number + 1] as usize;
+        self.pieces[range].iter().map(|(_, triangle)| cube.triangles[*triangle as usize]).collect()
+    }
+
+    /// Leaves of each cell's faces those that bound the inside, as far as that can be told.
+    fn settle(&mut self, cube: &Cube<'_>, windings: &[i32], test: Test<'_>) -> Result<()> {
+        for number in 0..self.faces.len() {
+            test.progress.check()?;
+            let triangles = self.triangles(cube, number);
+            let faces = &mut self.faces[number];
+            let cell = faces.cell as usize;
+            let around = cube.neighbourhood(cell, &triangles, windings[cell]);
+            if let Some(weight) = around.weight(test.inside).filter(|_| !faces.in_wall) {
+                faces.area.iter_mut().chain(&mut faces.behind).for_each(|sum| *sum *= weight);
+                faces.is_settled = true;
+            } else if let Some(bounding) = around.bounding_faces(test.inside) {
+                (faces.area, faces.behind) = (bounding.area, bounding.behind);
+                faces.is_settled = true;
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds the shares of cells with faces, as far as they follow from those around them.
+    fn solve(&mut self, windings: &[i32], test: Test<'_>) -> Result<()> {
+        let mut open: Vec<u32> = (0..)
+            .zip(&self.faces)
+            .filter(|(_, faces)| faces.is_cut && faces.is_settled)
+            .map(|(number, _)| number)
+            .collect();
+        let mut before = usize::MAX;
+        while open.len() < before {
+            test.progress.check()?;
             // A wave is worked out as a whole before any of it is kept: the order of the faces has no
             // influence.
             let known: Vec<Option<f64>> =
-                open.iter().map(|number| self.next(*number, inside, sign)).collect();
-            let before = open.len();
+                open.iter().map(|number| self.next(*number, windings, test)).collect();
+            before = open.len();
             let mut known = known.into_iter();
             let faces = &mut self.faces;
             open.retain(|number| {
-                let winding = known.next().flatten();
-                faces[*number as usize].winding = winding;
-                winding.is_none()
+                let share = known.next().flatten();
+                faces[*number as usize].share = share;
+                share.is_none()
             });
-            if open.len() == before {
-                return Ok(None);
-            }
         }
-        let side = 1usize << self.height;
-        let mut values = vec![0; side * side * side];
-        for (row, bits) in inside.rows.iter().enumerate().filter(|(_, bits)| **bits != 0) {
-            let cells = &mut values[row << self.height..][..side];
-            cells.iter_mut().enumerate().for_each(|(x, value)| *value = (*bits >> x & 1) as u32 * FULL);
-        }
-        for faces in self.faces.iter().filter(|faces| faces.is_cut) {
-            let share = faces.winding.unwrap_or(f64::NAN) * sign;
-            if !(-TOLERANCE..=1.0 + TOLERANCE).contains(&share) {
-                return Ok(None);
-            }
-            values[faces.cell as usize] = (share.clamp(0.0, 1.0) * f64::from(FULL)).round() as u32;
-        }
-        Ok(Some(values))
+        Ok(())
     }
 
-    /// The mean winding number of a cell with faces, from a neighbour whose own is known.
-    fn next(&self, number: u32, inside: &Bits, sign: f64) -> Option<f64> {
+    /// The share of a cell with faces, from a neighbour whose own is known.
+    fn next(&self, number: u32, windings: &[i32], test: Test<'_>) -> Option<f64> {
         let faces = &self.faces[number as usize];
-        let mask = (1usize << self.height) - 1;
         let cell = faces.cell as usize;
-        let at = [cell & mask, cell >> self.height & mask, cell >> (2 * self.height)];
+        let at = cell_of(cell, self.height);
         (0..3).find_map(|axis| {
             let step = 1usize << (axis as u8 * self.height);
-            let before = (at[axis] > 0).then(|| self.known(cell - step, inside, sign)).flatten();
-            let begins = before.map(|(winding, other)| winding - other.behind[axis] + other.area[axis]);
+            let before = (at[axis] > 0).then(|| self.known(cell - step, windings, test)).flatten();
+            let begins = before.map(|(share, other)| share - other.behind[axis] + other.area[axis]);
             let begins = begins.or_else(|| {
-                let after = (at[axis] < mask).then(|| self.known(cell + step, inside, sign)).flatten();
-                after.map(|(winding, other)| winding - other.behind[axis] - faces.area[axis])
+                let is_last = at[axis] + 1 == 1 << self.height;
+                let after = (!is_last).then(|| self.known(cell + step, windings, test)).flatten();
+                after.map(|(share, other)| share - other.behind[axis] - faces.area[axis])
             });
             begins.map(|begins| begins + faces.behind[axis])
         })
     }
 
-    /// The mean winding number of a cell, if it is known, and its faces.
-    fn known(&self, cell: usize, inside: &Bits, sign: f64) -> Option<(f64, Faces)> {
+    /// The share of a cell, if it is known, and its faces.
+    fn known(&self, cell: usize, windings: &[i32], test: Test<'_>) -> Option<(f64, Faces)> {
         let faces = match self.numbers[cell] {
             0 => Faces::default(),
             number => self.faces[number as usize - 1],
         };
-        if faces.is_cut {
-            return faces.winding.map(|winding| (winding, faces));
+        if faces.is_cut || faces.in_wall && !faces.is_settled {
+            return faces.share.map(|share| (share, faces));
         }
-        let row = cell >> self.height;
-        let is_inside = inside.rows[row] >> (cell - (row << self.height)) & 1 != 0;
-        Some((if is_inside { sign } else { 0.0 }, faces))
-    }
-}
-
-/// A point, in cells of the block.
-type Point = [f64; 3];
-
-fn minus(a: Point, b: Point) -> Point {
-    std::array::from_fn(|axis| a[axis] - b[axis])
-}
-
-/// A convex polygon: a triangle cut by up to six planes has up to 9 corners. (There is room for a few more,
-/// since rounding may make a polygon that is parallel to a plane cross it more than twice; what does not fit
-/// then has no area to speak of.)
-#[derive(Clone, Copy)]
-struct ClippedPolygon {
-    points: [Point; 12],
-    len: usize,
-}
-
-impl ClippedPolygon {
-    const NONE: ClippedPolygon = ClippedPolygon { points: [[0.0; 3]; 12], len: 0 };
-
-    fn triangle(corners: [Point; 3]) -> ClippedPolygon {
-        let mut polygon = ClippedPolygon::NONE;
-        corners.into_iter().for_each(|corner| polygon.push(corner));
-        polygon
-    }
-
-    fn points(&self) -> &[Point] {
-        &self.points[..self.len]
-    }
-
-    fn push(&mut self, point: Point) {
-        if let Some(free) = self.points.get_mut(self.len) {
-            *free = point;
-            self.len += 1;
-        }
-    }
-
-    fn range(&self, axis: usize) -> (f64, f64) {
-        let along = self.points().iter().map(|point| point[axis]);
-        along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
-    }
-
-    /// Clips the polygon at a plane across an axis: the parts below and above it (Sutherland and Hodgman,
-    /// 1974).
-    fn split(&self, axis: usize, plane: f64) -> (ClippedPolygon, ClippedPolygon) {
-        let (mut below, mut above) = (ClippedPolygon::NONE, ClippedPolygon::NONE);
-        let Some(mut from) = self.points().last().copied() else { return (below, above) };
-        for to in self.points() {
-            let (a, b) = (from[axis] - plane, to[axis] - plane);
-            if (a < 0.0 && b > 0.0) || (a > 0.0 && b < 0.0) {
-                let share = a / (a - b);
-                let mut cut: Point = std::array::from_fn(|i| from[i] + (to[i] - from[i]) * share);
-                cut[axis] = plane;
-                below.push(cut);
-                above.push(cut);
-            }
-            if b <= 0.0 {
-                below.push(*to);
-            }
-            if b >= 0.0 {
-                above.push(*to);
-            }
-            from = *to;
-        }
-        (below, above)
+        Some((f64::from(u8::from(test.inside.has(windings[cell]))), faces))
     }
 }

@@ -31,7 +31,7 @@ impl Lattice {
 }
 
 /// The other two axes, in order.
-const fn others(axis: usize) -> (usize, usize) {
+pub(super) const fn others(axis: usize) -> (usize, usize) {
     match axis {
         0 => (1, 2),
         1 => (0, 2),

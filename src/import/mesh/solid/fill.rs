@@ -5,8 +5,8 @@
 //! through the rows.
 
 use super::bits::{Bits, Cells};
-use super::coverage::Coverage;
-use super::crossing::{Lattice, Projected};
+use super::coverage::{Cube, Test};
+use super::crossing::{Lattice, Projected, others};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use crate::import::mesh::face::triangle;
@@ -173,67 +173,57 @@ pub(super) fn each_run(
     Ok(())
 }
 
-/// Coverage of the cells of a block, exact; `None` where that does not follow from the faces.
+/// The winding numbers at a block's lattice points, x fastest, then y, then z; the lattice has one in each cell.
+pub(super) fn windings_at_centres(
+    lattice: &Lattice,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+    state: State,
+    progress: &dyn Progress,
+) -> Result<Vec<i32>> {
+    let mut windings = vec![0; 1 << (3 * height)];
+    each_run(lattice, triangles, min, height, state, progress, |y, z, from, to, state| {
+        windings[(z << height | y) << height..][from..to].fill(state.winding);
+    })?;
+    Ok(windings)
+}
+
+/// The cells of a block with their coverage.
 fn covered(
     (fill, inside): (&FillOptions<'_>, &Inside),
     triangles: &[Triangle],
     min: [i32; 3],
     height: u8,
     state: State,
-) -> Result<Option<Cells>> {
-    if !matches!(inside, Inside::Winding) {
-        return Ok(None);
-    }
-    let mut centres = Bits::new(height);
-    let (mut least, mut most) = (0, 0);
-    each_run(&fill.lattice, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
-        (least, most) = (state.winding.min(least), state.winding.max(most));
-        if state.winding != 0 {
-            centres.rows[z << height | y] |= Bits::run(from, to);
-        }
-    })?;
-    let sign = match (least, most) {
-        (0, 0 | 1) => 1.0,
-        (-1, 0) => -1.0,
-        _ => return Ok(None),
-    };
-    let coverage = Coverage::new(triangles, min, fill.cell(), height, fill.progress)?;
-    let Some(values) = coverage.solve(&centres, sign, fill.progress)? else { return Ok(None) };
-    for (row, values) in centres.rows.iter_mut().zip(values.chunks_exact(1 << height)) {
+) -> Result<Cells> {
+    let windings = windings_at_centres(&fill.lattice, triangles, min, height, state, fill.progress)?;
+    let cube = Cube { triangles, min, cell: fill.cell(), height };
+    let shares = cube.shares(&windings, Test { inside, progress: fill.progress })?;
+    let values: Vec<u32> = shares.into_iter().map(occupancy).collect();
+    let mut bits = Bits::new(height);
+    for (row, values) in bits.rows.iter_mut().zip(values.chunks_exact(1 << height)) {
         *row = values.iter().enumerate().fold(0, |bits, (x, value)| bits | u64::from(*value > 0) << x);
     }
-    Ok(Some(Cells { bits: centres, values: Some(values) }))
+    Ok(Cells { bits, values: Some(values) })
 }
 
-/// Coverage of the cells of a block, by many points in each cell.
-fn sampled(
-    (fill, inside): (&FillOptions<'_>, &Inside),
-    triangles: &[Triangle],
-    min: [i32; 3],
-    height: u8,
-    mut state: State,
-) -> Result<Cells> {
-    let samples = Lattice::new(SAMPLES, fill.grid.fraction);
-    let (mut at, to) = (fill.lattice.first(min), samples.first(min));
-    // From the first centre to the first sample.
-    state.winding += change::<2>(triangles, &mut at, to);
-    state.winding += change::<1>(triangles, &mut at, to);
-    state.winding += change::<0>(triangles, &mut at, to);
-    let mut counts = Counts::new(height);
-    each_run(&samples, triangles, min, height, state, fill.progress, |y, z, from, to, state| {
-        if inside.has(state.winding) {
-            counts.row(y, z, from, to);
-        }
-    })?;
-    Ok(counts.finish())
+/// The occupancy of a cell of which so much is inside.
+pub(super) fn occupancy(share: f64) -> u32 {
+    (share * f64::from(FULL)).round() as u32
 }
 
 /// Change of the winding number from one point to the coordinate of another along the axis `D`; moves the
 /// first point there.
-fn change<const D: usize>(triangles: &[Triangle], from: &mut [i32; 3], to: [i32; 3]) -> i32 {
+pub(super) fn change<const D: usize>(triangles: &[Triangle], from: &mut [i32; 3], to: [i32; 3]) -> i32 {
     let mut end = *from;
     end[D] = to[D];
-    let passed = triangles.iter().filter_map(|triangle| {
+    let (u, v) = others(D);
+    // Most are somewhere else.
+    let is_near = |triangle: &&Triangle| {
+        [u, v].iter().all(|axis| triangle.min(*axis) <= end[*axis] && end[*axis] <= triangle.max(*axis))
+    };
+    let passed = triangles.iter().filter(is_near).filter_map(|triangle| {
         let projected = Projected::<D>::new(triangle).filter(|projected| projected.is_met(end))?;
         Some(
             projected.change()
@@ -243,60 +233,6 @@ fn change<const D: usize>(triangles: &[Triangle], from: &mut [i32; 3], to: [i32;
     let change = passed.sum();
     *from = end;
     change
-}
-
-/// Points of a cell along each axis, as powers of two, where cells are sampled: 4 x 4 lines of 16.
-const SAMPLES: [u8; 3] = [4, 2, 2];
-
-/// Points inside, counted in cells.
-struct Counts {
-    height: u8,
-    /// Differences from one cell of a row to the next, with one more for each row's end.
-    differences: Vec<i32>,
-}
-
-impl Counts {
-    fn new(height: u8) -> Counts {
-        Counts { height, differences: vec![0; (1 << (3 * height)) + (1 << (2 * height))] }
-    }
-
-    /// Points `from .. to` of a row are inside.
-    #[inline]
-    fn row(&mut self, y: usize, z: usize, from: usize, to: usize) {
-        let side = 1usize << self.height;
-        let row = (z >> SAMPLES[2]) << self.height | y >> SAMPLES[1];
-        let differences = &mut self.differences[row * (side + 1)..][..side + 1];
-        let whole = 1i32 << SAMPLES[0];
-        // A run from `at` to the row's end has `whole - before` points in its first cell and `whole` in each
-        // one behind. As differences that is two entries; a run that ends is one from its start less one from
-        // its end.
-        for (at, sign) in [(from, 1), (to, -1)] {
-            let cell = at >> SAMPLES[0];
-            let before = at as i32 & (whole - 1);
-            if cell < side {
-                differences[cell] += sign * (whole - before);
-                differences[cell + 1] += sign * before;
-            }
-        }
-    }
-
-    fn finish(self) -> Cells {
-        let side = 1usize << self.height;
-        let all = SAMPLES.iter().sum::<u8>();
-        let mut cells = Bits::new(self.height);
-        let mut values = vec![0; side * side * side];
-        for (row, differences) in self.differences.chunks_exact(side + 1).enumerate() {
-            let mut sum = 0;
-            for (x, difference) in differences[..side].iter().enumerate() {
-                sum += difference;
-                // 255 times the share that is inside, to the nearest.
-                let value = (sum as u32 * FULL + (1 << (all - 1))) >> all;
-                values[row * side + x] = value;
-                cells.rows[row] |= u64::from(value > 0) << x;
-            }
-        }
-        Cells { bits: cells, values: Some(values) }
-    }
 }
 
 /// The cells of a block that begins at the grid point `min` and has `2^height` cells along each axis; `state`
@@ -309,8 +245,7 @@ pub(super) fn block(
     state: State,
 ) -> Result<Cells> {
     if fill.boundary == Boundary::Coverage && !fill.surface {
-        let exact = covered((fill, inside), triangles, min, height, state)?;
-        return exact.map_or_else(|| sampled((fill, inside), triangles, min, height, state), Ok);
+        return covered((fill, inside), triangles, min, height, state);
     }
     let mut painter = Painter::new(fill, height);
     if !fill.surface {

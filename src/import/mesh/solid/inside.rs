@@ -20,9 +20,9 @@ pub enum Boundary {
     #[default]
     Centre,
     /// Each cell has the share of it that lies inside. Closed surfaces are clipped to the cells, which is
-    /// exact; blocks of cells in which bodies overlap, and surfaces with faces turned inside out, are sampled
-    /// by 4 x 4 lines through each cell, of 16 points; open surfaces by 4 x 4 x 4 points of their winding
-    /// field.
+    /// exact, also where bodies overlap; cells with more than 48 faces that are turned against each other are
+    /// divided into 4 x 4 x 4 parts, and these once more. Of open surfaces, cells at the edges of holes are
+    /// sampled by 4 x 4 x 4 points of the winding field.
     Coverage,
 }
 

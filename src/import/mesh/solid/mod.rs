@@ -1,6 +1,7 @@
 //! Solids from models: vertices are snapped to a grid, triangles become a source, the source becomes a tree.
 
 mod bits;
+mod boundary;
 mod build;
 mod closure;
 mod coverage;
@@ -11,6 +12,7 @@ mod grid;
 mod inside;
 mod open;
 mod plan;
+mod polygon;
 mod source;
 mod triangles;
 mod units;

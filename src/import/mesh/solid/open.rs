@@ -8,12 +8,12 @@
 
 use glam::DVec3;
 
-use super::bits::{Bits, Cells};
-use super::coverage::Coverage;
+use super::bits::Cells;
+use super::coverage::{Cube, Test};
 use super::field::{DOUBT, LocalField, WindingField};
-use super::fill::{Painter, each_run};
+use super::fill::{Painter, occupancy, windings_at_centres};
 use super::grid::Triangle;
-use super::inside::{Attribute, Boundary, FULL, FillOptions, State};
+use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use crate::Result;
 use crate::import::mesh::face::triangle;
 
@@ -110,18 +110,8 @@ impl Open<'_> {
     ) -> Result<bool> {
         let (side, min, progress) = (1usize << height, self.corner(at), self.fill.progress);
         // Winding numbers against that of the first cell.
-        let mut windings = vec![0; side * side * side];
-        each_run(
-            &self.fill.lattice,
-            triangles,
-            min,
-            height,
-            State::default(),
-            progress,
-            |y, z, from, to, state| {
-                windings[(z << height | y) << height..][from..to].fill(state.winding);
-            },
-        )?;
+        let lattice = &self.fill.lattice;
+        let mut windings = windings_at_centres(lattice, triangles, min, height, State::default(), progress)?;
         let mut off = None;
         let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| (corner >> axis & 1) * (side - 1)));
         for cell in corners.chain([[side / 2; 3]]) {
@@ -136,7 +126,9 @@ impl Open<'_> {
         }
         let off = off.map_or(0, |off| off as i32);
         if self.fill.boundary == Boundary::Coverage && !triangles.is_empty() {
-            return self.cover(triangles, &mut windings, off, height, at);
+            windings.iter_mut().for_each(|winding| *winding += off);
+            self.cover(triangles, &windings, height, at)?;
+            return Ok(true);
         }
         // All of a cube without faces is behind the same one, as far as that can be said.
         let attribute = triangles.is_empty().then(|| self.attribute(self.middle(at, height)));
@@ -148,38 +140,17 @@ impl Open<'_> {
         Ok(true)
     }
 
-    /// Fills a cube of cells with their coverage, if that follows from their winding numbers.
-    fn cover(
-        &mut self,
-        triangles: &[Triangle],
-        windings: &mut [i32],
-        off: i32,
-        height: u8,
-        at: [usize; 3],
-    ) -> Result<bool> {
-        windings.iter_mut().for_each(|winding| *winding += off);
-        let (least, most) =
-            windings.iter().fold((0, 0), |(a, b), winding| (a.min(*winding), b.max(*winding)));
-        if most - least > 1 {
-            return Ok(false);
-        }
-        let sign = if least < 0 { -1.0 } else { 1.0 };
-        let mut inside = Bits::new(height);
-        for (row, windings) in inside.rows.iter_mut().zip(windings.chunks_exact(1 << height)) {
-            *row = windings
-                .iter()
-                .enumerate()
-                .fold(0, |bits, (x, winding)| bits | u64::from(*winding != 0) << x);
-        }
-        let progress = self.fill.progress;
-        let coverage = Coverage::new(triangles, self.corner(at), self.fill.cell(), height, progress)?;
-        let Some(values) = coverage.solve(&inside, sign, progress)? else { return Ok(false) };
+    /// Fills a cube of cells with their coverage.
+    fn cover(&mut self, triangles: &[Triangle], windings: &[i32], height: u8, at: [usize; 3]) -> Result<()> {
+        let cube = Cube { triangles, min: self.corner(at), cell: self.fill.cell(), height };
+        let test = Test { inside: &Inside::Winding, progress: self.fill.progress };
+        let values = cube.shares(windings, test)?.into_iter().map(occupancy);
         let mask = (1usize << height) - 1;
-        for (index, value) in values.into_iter().enumerate().filter(|(_, value)| *value > 0) {
+        for (index, value) in values.enumerate().filter(|(_, value)| *value > 0) {
             let cell = [index & mask, index >> height & mask, index >> (2 * height)];
             self.set(std::array::from_fn(|axis| at[axis] + cell[axis]), value, None);
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Fills a single cell.
