@@ -47,9 +47,13 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
     /// Columns and rows of the output. Amounts are averaged over each pixel's area, from a level with at least
-    /// four cells along its sides; classes are those at pixels' centres
+    /// four cells along its sides (off by at most a quarter of what values differ by within the cells at a pixel's
+    /// edges); classes are those at pixels' centres
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u64, u64)>,
+    /// With --size: averages that are exact, down to the deepest cells wherever a pixel's edge cuts a node
+    #[arg(long, requires = "size")]
+    exact: bool,
     /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
@@ -101,6 +105,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let cell = slice.cell(&tree, args.world)?;
     (bounds.min[across], bounds.max[across]) = (cell, cell + 1);
     let detail = match args.size {
+        Some((width, height)) if args.exact => Detail::Exact(width, height),
         Some((width, height)) => Detail::Size(width, height),
         None => Detail::Level(args.level.unwrap_or(tree.depth())),
     };

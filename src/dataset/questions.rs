@@ -2,15 +2,16 @@
 
 use super::viewed::value_at;
 use super::{Dataset, Reader};
-use crate::Result;
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PointSamples, Statistics, source_find, source_histogram, source_statistics,
+    Canvas, Condition, FoundBlock, PixelGrid, PixelSums, PointSamples, Statistics, source_find,
+    source_histogram, source_statistics,
 };
 use crate::space::{Bounds, Cell, Code};
 use crate::store::LevelCounts;
 use crate::tree::Source;
 use crate::value::Value;
+use crate::{Progress, Result};
 
 impl Dataset {
     /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the
@@ -111,6 +112,23 @@ impl Dataset {
                 source_statistics(viewed.view(), &self.header().within_picture(bounds), counts_classes)
             }
             _ => self.file().statistics(bounds),
+        }
+    }
+
+    /// Sums over the cells that pixels cover: see [`PixelSums`].
+    ///
+    /// # Errors
+    /// If the file is damaged there, or on interruption.
+    pub(crate) fn pixel_sums<'a>(
+        &self,
+        bounds: &Bounds,
+        grid: PixelGrid,
+        progress: &'a dyn Progress,
+    ) -> Result<PixelSums<'a>> {
+        match self.reader() {
+            Reader::Goblin(file) => PixelSums::of_file(file, bounds, grid, progress),
+            Reader::Autumnal(file) => PixelSums::of_source(file, bounds, grid, progress),
+            Reader::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, progress),
         }
     }
 

@@ -4,6 +4,7 @@ use super::image::{Format, ImageSpec, create};
 use super::stretch::Stretch;
 use crate::dataset::Dataset;
 use crate::io::Output;
+use crate::query::PixelGrid;
 use crate::space::{Bounds, Frame};
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Progress, Result};
@@ -47,12 +48,17 @@ pub enum Detail {
     /// So many columns and rows: from the level whose cells are the pixels, if there is one; else, where pixels are
     /// averaged, from the coarsest level that has at least four cells along each side of a pixel, and where they
     /// are not, from the coarsest that is fine enough.
+    ///
+    /// Each cell at a pixel's edge counts by the part of it that is in the pixel, as if it were alike all over: an average
+    /// is off by at most a quarter of what values differ by within such a cell, mostly by far less.
     Size(u64, u64),
+    /// So many columns and rows, averaged exactly: down to the deepest cells wherever a pixel's edge cuts a node.
+    Exact(u64, u64),
 }
 
 /// Writes a window of a tree to a picture or array file. An octree gives a slice, at `bounds.min[across]`.
 ///
-/// With [`Detail::Size`], trees of means and of occupancy are averaged over the area of each pixel, others
+/// With [`Detail::Size`] and [`Detail::Exact`], trees of means and of occupancy are averaged over the area of each pixel, others
 /// give the value at its centre. In trees of occupancy, VOID cells are 0.
 ///
 /// ```
@@ -165,6 +171,8 @@ struct Grid {
     step: [f64; 2],
     /// Whether pixels are other than whole cells.
     is_resampled: bool,
+    /// Whether pixels are means of the deepest cells.
+    is_exact: bool,
 }
 
 impl Grid {
@@ -203,10 +211,15 @@ impl Grid {
             Detail::Level(level) => {
                 return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
             }
+            Detail::Size(width, height) | Detail::Exact(width, height) if width == 0 || height == 0 => {
+                return Err(Error::invalid("size", format!("{width}x{height}"), "at least 1x1"));
+            }
+            Detail::Exact(..) if !is_averaged(tree) => {
+                let found = "exact means of values that are not averaged";
+                return Err(Error::invalid("detail", found, "a size: pixels are the cells at their centres"));
+            }
+            Detail::Exact(..) => depth,
             Detail::Size(width, height) => {
-                if width == 0 || height == 0 {
-                    return Err(Error::invalid("size", format!("{width}x{height}"), "at least 1x1"));
-                }
                 let first = axes.map(|axis| request.bounds.min[axis]);
                 level_for(tree, (first, size), (width, height))
             }
@@ -224,15 +237,16 @@ impl Grid {
                 (width, height, axes.map(|axis| source.min[axis] as f64), [1.0, 1.0])
             }
             // The window need not begin or end at cells of the level: its own corners count, divided evenly.
-            Detail::Size(width, height) => {
+            Detail::Size(width, height) | Detail::Exact(width, height) => {
                 let scale = (1u64 << shift) as f64;
                 let origin = axes.map(|axis| request.bounds.min[axis] as f64 / scale);
                 let step = [size[0] as f64 / scale / width as f64, size[1] as f64 / scale / height as f64];
                 (width, height, origin, step)
             }
         };
-        let is_resampled = matches!(request.detail, Detail::Size(..));
-        Ok(Grid { level, source, across, axes, width, height, origin, step, is_resampled })
+        let is_exact = matches!(request.detail, Detail::Exact(..));
+        let is_resampled = is_exact || matches!(request.detail, Detail::Size(..));
+        Ok(Grid { level, source, across, axes, width, height, origin, step, is_resampled, is_exact })
     }
 }
 
@@ -322,6 +336,10 @@ fn row_bytes(value: ValueType, grid: &Grid) -> u64 {
     if !grid.is_resampled {
         return row;
     }
+    if grid.is_exact {
+        // Sums of four channels, and an area.
+        return grid.width.saturating_mul(pixel + 5 * size_of::<f64>() as u64);
+    }
     let lines = grid.step[1].ceil() as u64 + 1;
     row.saturating_mul(lines).saturating_add(grid.width.saturating_mul(pixel + size_of::<Span>() as u64))
 }
@@ -370,8 +388,11 @@ impl Sampler<'_> {
             progress.check()?;
             let count = rows.min(height - row);
             let first = if is_upright { height - row - count } else { row };
-            let (mut bytes, mut valid) =
-                if is_resampled { self.resample(first, count)? } else { self.copy(first, count)? };
+            let (mut bytes, mut valid) = match (is_resampled, self.grid.is_exact) {
+                (_, true) => self.average(first, count, progress)?,
+                (true, _) => self.resample(first, count)?,
+                _ => self.copy(first, count)?,
+            };
             if is_upright {
                 flip_rows(&mut bytes, width as usize * self.tree.header().form.value.size());
                 flip_rows(&mut valid, width as usize);
@@ -446,6 +467,35 @@ impl Sampler<'_> {
             }
         }
         Ok((out, out_valid))
+    }
+
+    /// Rows of the output whose pixels are exact means of the deepest cells.
+    fn average(&self, row: u64, count: u64, progress: &dyn Progress) -> Result<(Vec<u8>, Vec<bool>)> {
+        let Grid { source, axes, origin, step, width, .. } = self.grid;
+        let ValueType { sample, channels } = self.tree.header().form.value;
+        let first = origin[1] + row as f64 * step[1];
+        let grid =
+            PixelGrid { axes, origin: [origin[0], first], step, size: [width as usize, count as usize] };
+        let mut bounds = source;
+        let rows = axes[1];
+        bounds.min[rows] = (first as u64).clamp(source.min[rows], source.max[rows] - 1);
+        let end = (first + count as f64 * step[1]).ceil() as u64;
+        bounds.max[rows] = end.clamp(bounds.min[rows] + 1, source.max[rows]);
+        let sums = self.tree.pixel_sums(&bounds, grid, progress)?;
+        let is_occupancy = self.tree.header().rule == Rule::Occupancy;
+        let mut bytes = Vec::with_capacity(sums.sums.len() * sample.size() * usize::from(channels));
+        let mut valid = Vec::with_capacity(sums.sums.len());
+        for (sums, area) in sums.sums.iter().zip(&sums.areas) {
+            // VOID is a number in trees of occupancy: an empty cell.
+            let weight = if is_occupancy { step[0] * step[1] } else { *area };
+            let void = if is_occupancy { (weight - area).max(0.0) * self.fill } else { 0.0 };
+            valid.push(weight > 0.0);
+            for sum in &sums[..usize::from(channels)] {
+                let mean = if weight > 0.0 { (sum + void) / weight } else { self.fill };
+                push_number(sample, mean, &mut bytes);
+            }
+        }
+        Ok((bytes, valid))
     }
 }
 

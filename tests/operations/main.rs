@@ -5,6 +5,7 @@ mod common;
 
 mod coverage;
 mod operations;
+mod pixels;
 mod queries;
 mod set_operations;
 mod solids;

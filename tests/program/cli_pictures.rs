@@ -156,8 +156,9 @@ fn pictures_of_any_size_are_averages_of_what_they_cover() {
     let (tree, out) = (name("t.goblin"), name("x.raw"));
     std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, Kind::Continuous)).unwrap();
     // So far a pixel is off from the mean of its area, on average. (The differences are 2000 at most.)
-    let error = |width: u64, height_: u64| {
-        command(&["get", "-q", &tree, &out, "--size", &format!("{width}x{height_}")]).assert().success();
+    let error = |width: u64, height_: u64, exact: &[&str]| {
+        let size = format!("{width}x{height_}");
+        command(&["get", "-q", &tree, &out, "--size", &size]).args(exact).assert().success();
         let bytes = std::fs::read(&out).unwrap();
         let pixels = bytes.chunks(4).map(|bytes| f64::from(f32::from_le_bytes(bytes.try_into().unwrap())));
         let mut sum = 0.0;
@@ -183,7 +184,9 @@ fn pictures_of_any_size_are_averages_of_what_they_cover() {
     for (width, height, most) in
         [(300, 170, 0.001), (43, 21, 8.0), (90, 50, 8.0), (125, 75, 0.001), (17, 11, 8.0)]
     {
-        let error = error(width, height);
-        assert!(error < most, "{width} x {height}: {error}");
+        let rough = error(width, height, &[]);
+        assert!(rough < most, "{width} x {height}: {rough}");
+        let exact = error(width, height, &["--exact"]);
+        assert!(exact < 0.0001, "{width} x {height}, exact: {exact}");
     }
 }
