@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::affine::{Axis, Map, View};
 use super::data_box::data_box;
 use super::tree_file::TreeFile;
-use crate::space::Code;
+use crate::space::{Code, Crs};
 use crate::store::OpenOptions;
 use crate::tree::Source;
 use crate::{Error, Result};
@@ -167,12 +167,8 @@ fn like(view: View, path: &Path) -> Result<View> {
     let other = TreeFile::open(path, &OpenOptions::default())?;
     let (there, extent) = (&other.metadata().frame, other.header().extent);
     let here = view.frame(false);
-    if let (Some(a), Some(b)) = (here.epsg, there.epsg)
-        && a != b
-    {
-        let what = "coordinate system of the tree to be like";
-        return Err(Error::invalid(what, format!("EPSG:{b}"), format!("EPSG:{a}")));
-    }
+    let name = format!("the tree to be like, {}", path.display());
+    Crs::check_same(("this tree", here.crs.as_ref()), (&name, there.crs.as_ref()))?;
     let back = Map::from_rows(there.matrix).inverse()?;
     let map = Map::from_rows(here.matrix).then(&back);
     // Trees that lie apart would make one without a cell: most often their coordinate systems are two.

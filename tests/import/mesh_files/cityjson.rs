@@ -2,6 +2,7 @@
 
 use super::mesh_files::*;
 use spinney::import::mesh::open;
+use spinney::space::Crs;
 
 /// The sides as a list of surfaces.
 fn surfaces() -> String {
@@ -57,7 +58,10 @@ fn kinds_of_geometry() {
     let model = files.open("a.json", text_cube()).unwrap();
     let info = model.info();
     assert_eq!(info.bounds, [[0.0; 3], [2.0; 3]]);
-    assert_eq!((info.epsg, info.unit.as_deref(), info.faces), (Some(7415), Some("m"), None));
+    assert_eq!(
+        (info.crs.clone(), info.unit.as_deref(), info.faces),
+        (Some(Crs::epsg(7415)), Some("m"), None)
+    );
     assert_eq!(info.format, "CityJSON 2.0");
 }
 
