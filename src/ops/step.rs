@@ -39,6 +39,8 @@ pub enum Step {
     Subtree(String),
     /// `embed=/2`: the root becomes that node of a larger tree.
     Embed(String),
+    /// `crs=DEF`: says in which coordinate system the cells lie, in place of what the file says; see [`Crs::parse`].
+    Crs(Crs),
     /// `like=FILE`: onto the cells of another tree, by the frames of both.
     Like(PathBuf),
 }
@@ -81,6 +83,7 @@ impl Step {
             Step::TreeDepth(depth) => view.deepened(*depth),
             Step::Subtree(code) => subtree(view, code),
             Step::Embed(code) => embed(view, code),
+            Step::Crs(crs) => Ok(view.in_system(crs.clone())),
             Step::Like(path) => like(view, path),
         }
     }

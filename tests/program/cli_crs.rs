@@ -193,11 +193,12 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
         setting.get("t.goblin", "out.tif");
         assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::parse(definition).unwrap()));
     }
-    // What has a number becomes keys.
-    std::fs::remove_file(setting.path("out.tif.aux.xml")).unwrap();
+    // What has a number becomes keys; the old file beside it is told.
     let numbered = AFRICA.replace("UNIT[\"metre\",1]", "UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32628\"]");
     setting.build(&picture, "t.goblin", &["--crs", &numbered]);
-    setting.get("t.goblin", "out.tif");
+    assert!(setting.get("t.goblin", "out.tif").contains("earlier picture"));
+    std::fs::remove_file(setting.path("out.tif.aux.xml")).unwrap();
+    assert_eq!(setting.get("t.goblin", "out.tif"), "");
     assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::epsg(32628)));
     assert!(!setting.path("out.tif.aux.xml").exists());
 }
@@ -268,7 +269,20 @@ fn different_systems_do_not_pass_as_equal() {
     command(&["-q", "combine", "union", &name("a.goblin"), &name("again.goblin"), "-o", &out])
         .assert()
         .success();
-    // The way out.
+    // The ways out.
+    let step = format!("crs=@{}", setting.write("mine.wkt", AFRICA.as_bytes()));
+    for tree in ["a", "none"] {
+        let named = setting.name(&format!("{tree}_named.goblin"));
+        command(&["-q", "transform", &name(&format!("{tree}.goblin")), &step, "-o", &named])
+            .assert()
+            .success();
+    }
+    let trees = [name("a_named.goblin"), name("none_named.goblin")];
+    command(&["-q", "combine", "union", &trees[0], &trees[1], "-o", &out]).assert().success();
+    assert_eq!(setting.info("out.goblin")["crs"]["definition"], AFRICA);
+    let view = ["--view", "crs=EPSG:2056", "--view", "rotate=90"];
+    command(&["-q", "get", &name("a.goblin"), &name("out.tif")]).args(view).assert().success();
+    assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::epsg(2056)));
     let crs = ["--crs", "EPSG:2056"];
     command(&["-q", "build", &name("a.tif"), &name("none.tif"), "-o", &out]).args(crs).assert().success();
     if let Some(data) = shared_data() {

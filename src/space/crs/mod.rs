@@ -147,8 +147,8 @@ impl Crs {
         let (found, expected) = (show(found), show(expected));
         let other = if found == expected { "another one: " } else { "" };
         let expected = format!(
-            "{expected}, as {here} has; bring both into one system before building trees, or if they are in one, say so \
-             with `spinney build --crs`"
+            "{expected}, as {here} has; if they are in one system, say so with `spinney build --crs` or the step crs= of \
+             `spinney transform`, otherwise bring them into one before building trees"
         );
         Err(Error::invalid(format!("coordinate system of {there}"), format!("{other}{found}"), expected))
     }
