@@ -127,8 +127,8 @@ impl GeoKeys {
     }
 
     /// The value of the tag GeoKeyDirectory, with a key for the raster type.
-    pub(crate) fn directory(&self, raster_type: u16) -> Vec<u16> {
-        let mut entries = self.entries.clone();
+    pub fn directory(&self, raster_type: u16) -> Vec<u16> {
+        let mut entries: Vec<_> = self.entries.iter().take(MOST_KEYS).copied().collect();
         let place =
             entries.iter().position(|[number, ..]| *number > key::RASTER_TYPE).unwrap_or(entries.len());
         entries.insert(place, [key::RASTER_TYPE, 0, 1, raster_type]);
@@ -138,12 +138,12 @@ impl GeoKeys {
     }
 
     /// The value of the tag GeoDoubleParams.
-    pub(crate) fn doubles(&self) -> &[f64] {
+    pub fn doubles(&self) -> &[f64] {
         &self.doubles
     }
 
     /// The value of the tag GeoAsciiParams, without the NUL that ends it.
-    pub(crate) fn texts(&self) -> &[u8] {
+    pub fn texts(&self) -> &[u8] {
         &self.texts
     }
 

@@ -174,7 +174,9 @@ fn models_in_different_systems_are_no_solid() {
         };
         let mut options = SolidOptions::new();
         options.crs = crs;
-        plan_models([("a.json", systems[0]), ("b.json", systems[1])].map(model).into(), &options).err().map(|error| error.to_string())
+        plan_models([("a.json", systems[0]), ("b.json", systems[1])].map(model).into(), &options)
+            .err()
+            .map(|error| error.to_string())
     };
     assert_eq!(plan(["EPSG:7415", "urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709"], None), None);
     let error = plan(["EPSG:7415", "EPSG:28992"], None).unwrap();
