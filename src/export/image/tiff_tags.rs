@@ -44,7 +44,8 @@ pub(super) mod tag_value {
     pub(crate) const FORMAT_FLOAT: u16 = 3;
 }
 
-/// Values of the GeoKey for the raster type, by their names in GeoTIFF 1.1.
+/// The GeoKey for the raster type and its values, by their names in GeoTIFF 1.1.
+const RASTER_TYPE: u16 = 1025;
 const RASTER_PIXEL_IS_AREA: u16 = 1;
 const RASTER_PIXEL_IS_POINT: u16 = 2;
 
@@ -153,9 +154,14 @@ pub(in crate::export) fn geo_keys(crs: &Crs) -> Option<GeoKeys> {
 
 /// The tags that define the coordinate system, and say what pixels are.
 fn geo_key_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
-    // Without a system there are no keys at all: readers make a local system of the one for the raster type.
-    let Some(keys) = frame.crs.as_ref().and_then(geo_keys) else { return Vec::new() };
+    // Without a system there are no keys at all: readers make a local system of the one for the raster type alone.
+    let Some(crs) = &frame.crs else { return Vec::new() };
     let raster_type = if frame.pixel_is_point { RASTER_PIXEL_IS_POINT } else { RASTER_PIXEL_IS_AREA };
+    let Some(keys) = geo_keys(crs) else {
+        // The system stands beside the file, and is the one that counts.
+        let points = IfdField::Short(vec![1, 1, 0, 1, RASTER_TYPE, 0, 1, RASTER_PIXEL_IS_POINT]);
+        return if frame.pixel_is_point { vec![(tag::GEO_KEY_DIRECTORY, points)] } else { Vec::new() };
+    };
     let mut tags = vec![(tag::GEO_KEY_DIRECTORY, IfdField::Short(keys.directory(raster_type)))];
     if !keys.doubles().is_empty() {
         tags.push((tag::GEO_DOUBLE_PARAMS, IfdField::Double(keys.doubles().to_vec())));
@@ -218,6 +224,18 @@ mod tests {
         assert_eq!(find(&tags, 33922), Some(vec![0.0, 0.0, 0.0, 8.0, 47.0, 0.0]));
         let keys = [[1, 1, 0, 3], [1024, 0, 1, 2], [1025, 0, 1, 2], [2048, 0, 1, 4326]].concat();
         assert_eq!(find(&tags, 34735), Some(keys.into_iter().map(f64::from).collect()));
+    }
+
+    #[test]
+    fn keys_without_a_system() {
+        let mut frame = Frame::planar([1.0, 0.0, 7.5, 0.0, -1.0, 47.5]);
+        frame.pixel_is_point = true;
+        // Nothing tells that these are points: their places are told as those of areas.
+        assert_eq!(find(&geo_tags(&frame), 34735), None);
+        assert_eq!(find(&geo_tags(&frame), 33922), Some(vec![0.0, 0.0, 0.0, 7.5, 47.5, 0.0]));
+        frame.crs = Some(Crs::Wkt("LOCAL_CS[\"site\",UNIT[\"metre\",1]]".into()));
+        assert_eq!(find(&geo_tags(&frame), 34735), Some(vec![1.0, 1.0, 0.0, 1.0, 1025.0, 0.0, 1.0, 2.0]));
+        assert_eq!(find(&geo_tags(&frame), 33922), Some(vec![0.0, 0.0, 0.0, 8.0, 47.0, 0.0]));
     }
 
     #[test]
