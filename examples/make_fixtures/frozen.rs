@@ -4,7 +4,7 @@ use std::path::Path;
 
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
-use spinney::space::{Bounds, Cell, Dimension, Frame};
+use spinney::space::{Bounds, Cell, Crs, Dimension, Frame, GeoKeys};
 use spinney::store::autumnal::Note;
 use spinney::store::{BuildOptions, Metadata, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
@@ -37,7 +37,10 @@ const QUAD: Form = Form::new(Dimension::Quad, BYTE);
 /// UTM zone 28 north, somewhere west of Africa.
 pub(crate) fn frame() -> Frame {
     let matrix = [[50.0, 0.0, 0.0, 300_000.0], [0.0, -50.0, 0.0, 3_200_000.0], [0.0, 0.0, 1.0, 0.0]];
-    Frame { matrix, epsg: Some(32628), crs_name: Some("WGS 84 / UTM zone 28N".into()), pixel_is_point: false }
+    // As GeoTIFF files have it: projected, with a citation (in the text from 0 on, 22 bytes), by its EPSG number.
+    let keys = [[1, 1, 0, 3], [1024, 0, 1, 1], [1026, 34737, 22, 0], [3072, 0, 1, 32628]];
+    let crs = GeoKeys::new(keys.as_flattened(), &[], b"WGS 84 / UTM zone 28N|").map(Crs::GeoKeys);
+    Frame { matrix, crs, pixel_is_point: false }
 }
 
 /// Builds one of [`FILES`] at `path`.

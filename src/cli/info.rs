@@ -7,7 +7,7 @@ use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::ChannelStatistics;
-use spinney::space::Frame;
+use spinney::space::{Crs, Frame};
 use spinney::store::LevelCounts;
 
 use super::open;
@@ -73,6 +73,7 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
     let stats = tree.statistics(None)?;
     let axes = header.form.axes();
     let row = |(level, [void, leaf, inner]): (usize, &[u64; 3])| json!({ "level": level, "void": void, "leaf": leaf, "inner": inner });
+    let epsg = metadata.frame.crs.as_ref().and_then(Crs::numbers);
     let levels = levels.map(|levels| levels.iter().enumerate().map(row).collect::<Vec<_>>());
     let [low, high] = metadata.frame.world_box(&header.picture());
     let sections: serde_json::Map<_, _> =
@@ -103,8 +104,9 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "cell": cell_size(&metadata.frame)[..axes],
         "world": [low[..axes], high[..axes]],
         "unit": unit(tree),
-        "epsg": metadata.frame.epsg,
-        "crs": metadata.frame.crs_name,
+        "epsg": epsg.map(|epsg| epsg.horizontal),
+        "vertical_epsg": epsg.and_then(|epsg| epsg.vertical),
+        "crs": metadata.frame.crs.as_ref().map(crs_as_json),
         "nodata": metadata.nodata,
         "bands": metadata.band_names,
         "scale_offset": metadata.scale_offset,
@@ -122,6 +124,10 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "provenance": metadata.provenance,
         "tags": metadata.tags,
     }))
+}
+
+fn crs_as_json(crs: &Crs) -> serde_json::Value {
+    json!({ "form": crs.form(), "name": crs.name(), "definition": crs.definition() })
 }
 
 fn as_text(tree: &Dataset, levels: Levels<'_>) -> Result<String> {
@@ -152,12 +158,15 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     writeln!(text, "size        {size} cells of {}, depth {depth}", header.form.value)?;
     writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;
     write_place(text, tree)?;
-    let name = metadata.frame.crs_name.as_deref();
-    match (metadata.frame.epsg, name) {
-        (Some(epsg), Some(name)) => writeln!(text, "crs         EPSG:{epsg} ({name})")?,
-        (Some(epsg), None) => writeln!(text, "crs         EPSG:{epsg}")?,
-        (None, Some(name)) => writeln!(text, "crs         {name}")?,
-        (None, None) => {}
+    if let Some(crs) = &metadata.frame.crs {
+        writeln!(text, "crs         {crs}")?;
+        if crs.numbers().is_none() {
+            let definition: Vec<_> = crs.definition().split_whitespace().map(String::from).collect();
+            let definition = definition.join(" ");
+            let shown: String = definition.chars().take(200).collect();
+            let more = if shown.len() < definition.len() { "... (--json shows all)" } else { "" };
+            writeln!(text, "            {shown}{more}")?;
+        }
     }
     if let Some(nodata) = metadata.nodata {
         writeln!(text, "nodata      {nodata}")?;

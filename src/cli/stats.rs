@@ -4,13 +4,12 @@ use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::Statistics;
-use spinney::space::{Bounds, is_geographic};
+use spinney::space::{Bounds, Crs};
 use spinney::value::Rule;
 
 use super::Global;
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::report::statistics::{channels_as_json, class_as_json};
-use super::report::unit::counts_feet;
 use super::report::{Work, print_json, print_text, solid};
 
 const EXAMPLES: &str = "Examples:
@@ -109,15 +108,15 @@ fn histogram(tree: &Dataset, bounds: &Bounds, stats: &Statistics, bins: u32) -> 
 /// the reason why they are not known.
 fn cell_area(tree: &Dataset) -> Result<f64, &'static str> {
     let frame = &tree.metadata().frame;
-    let epsg = frame.epsg.ok_or("no EPSG number tells how large a cell is")?;
-    if epsg == 3857 {
-        return Err("Web Mercator does not keep areas");
-    }
-    if is_geographic(u16::try_from(epsg).unwrap_or(0)) {
-        return Err("cells of degrees differ in area; build from a raster in a projected system");
-    }
-    if counts_feet(epsg, frame.crs_name.as_deref()) {
-        return Err("the coordinate system counts in feet");
+    let crs = frame.crs.as_ref();
+    let epsg = crs.and_then(Crs::numbers).ok_or("no EPSG number tells how large a cell is")?;
+    match crs.and_then(Crs::unit) {
+        _ if epsg.horizontal == 3857 => return Err("Web Mercator does not keep areas"),
+        Some("degrees") => {
+            return Err("cells of degrees differ in area; build from a raster in a projected system");
+        }
+        Some("m") => {}
+        _ => return Err("the coordinate system does not count in metres"),
     }
     let [a, b, _, d, e, _] = frame.affine();
     Ok((a * e - b * d).abs())

@@ -60,6 +60,7 @@ Steps:
   tree-depth=N             a deeper root over the same cells, so that the tree has N levels
   subtree=/031             a node becomes the root
   embed=/2                 the root becomes a node of a larger tree
+  crs=DEF                  says in which coordinate system the cells lie: EPSG:NUMBER, WKT, PROJJSON or @FILE
   like=OTHER.goblin        onto the cells of another tree, where it lies in the world
 
 Examples:
@@ -69,6 +70,7 @@ Examples:
   spinney transform map.goblin rotate=90 mirror=x -o turned.goblin
   spinney transform bunny.goblin rotate=30,1,1,0 scale=2 -o large.goblin
   spinney transform relief.goblin depth=10 -o coarse.goblin
+  spinney transform site.goblin crs=@site.wkt -o placed.goblin
   spinney transform old.goblin like=new.goblin -o old_on_new.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {

@@ -1,6 +1,6 @@
 //! A window of a tree as a picture, at any level or size, streamed in bands of rows.
 
-use super::image::{Format, ImageSpec, create};
+use super::image::{Format, ImageSpec, create, write_beside};
 use super::stretch::Stretch;
 use crate::dataset::Dataset;
 use crate::io::Output;
@@ -97,6 +97,7 @@ pub fn export_window(
         spec.value.sample = SampleType::U8;
         (spec.palette, spec.nodata) = (None, None);
     }
+    let path = output.path().to_path_buf();
     let mut writer = create(output, format, &spec)?;
     // Pictures of upright slices begin with the highest row, which is the last along the axis.
     let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
@@ -109,7 +110,8 @@ pub fn export_window(
         Ok(())
     })?;
     tree.check_unchanged()?;
-    writer.finish()
+    writer.finish()?;
+    write_beside(&path, format, spec.frame.as_ref(), progress)
 }
 
 /// The least and the greatest finite number of a window's pixels, opacity aside, between which a picture may be

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::tree_file::{TreeFile, TreeFileNode, check_form};
-use crate::space::Code;
+use crate::space::{Code, Crs};
 use crate::store::OpenOptions;
 use crate::store::builder::ReusableSource;
 use crate::tree::{Child, Children, Source, no_children};
@@ -120,7 +120,7 @@ pub struct FdRange {
 /// ```
 ///
 /// # Errors
-/// If they cannot be read, are of different forms, or `range` fails.
+/// If they cannot be read, are of different forms or in different coordinate systems, or `range` fails.
 pub fn diff_files(
     first: &Path,
     second: &Path,
@@ -128,6 +128,9 @@ pub fn diff_files(
 ) -> Result<Differences> {
     let options = OpenOptions::default();
     let (first, second) = (TreeFile::open(first, &options)?, TreeFile::open(second, &options)?);
+    let [here, there] = [&first, &second].map(|file| file.path().display().to_string());
+    let [a, b] = [&first, &second].map(|file| file.metadata().frame.crs.as_ref());
+    Crs::check_same((&here, a), (&there, b))?;
     let (axes, depth) = (first.form().axes(), first.depth());
     let mut sum = Differences::default();
     let mut run: Option<FdRange> = None;

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::affine::{Axis, Map, View};
 use super::data_box::data_box;
 use super::tree_file::TreeFile;
-use crate::space::Code;
+use crate::space::{Code, Crs};
 use crate::store::OpenOptions;
 use crate::tree::Source;
 use crate::{Error, Result};
@@ -39,6 +39,8 @@ pub enum Step {
     Subtree(String),
     /// `embed=/2`: the root becomes that node of a larger tree.
     Embed(String),
+    /// `crs=DEF`: says in which coordinate system the cells lie, in place of what the file says; see [`Crs::parse`].
+    Crs(Crs),
     /// `like=FILE`: onto the cells of another tree, by the frames of both.
     Like(PathBuf),
 }
@@ -81,6 +83,7 @@ impl Step {
             Step::TreeDepth(depth) => view.deepened(*depth),
             Step::Subtree(code) => subtree(view, code),
             Step::Embed(code) => embed(view, code),
+            Step::Crs(crs) => Ok(view.in_system(crs.clone())),
             Step::Like(path) => like(view, path),
         }
     }
@@ -167,12 +170,8 @@ fn like(view: View, path: &Path) -> Result<View> {
     let other = TreeFile::open(path, &OpenOptions::default())?;
     let (there, extent) = (&other.metadata().frame, other.header().extent);
     let here = view.frame(false);
-    if let (Some(a), Some(b)) = (here.epsg, there.epsg)
-        && a != b
-    {
-        let what = "coordinate system of the tree to be like";
-        return Err(Error::invalid(what, format!("EPSG:{b}"), format!("EPSG:{a}")));
-    }
+    let name = format!("the tree to be like, {}", path.display());
+    Crs::check_same(("this tree", here.crs.as_ref()), (&name, there.crs.as_ref()))?;
     let back = Map::from_rows(there.matrix).inverse()?;
     let map = Map::from_rows(here.matrix).then(&back);
     // Trees that lie apart would make one without a cell: most often their coordinate systems are two.

@@ -5,16 +5,20 @@ use std::str::FromStr;
 
 use super::affine::{Axis, Map};
 use super::step::{Step, Turn};
+use crate::space::Crs;
 use crate::{Error, Result};
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, bbox=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed= or like=";
+                     tree-depth=, subtree=, embed=, crs= or like=";
 
 impl FromStr for Step {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Step> {
+        if let Some(definition) = text.strip_prefix("crs=") {
+            return Crs::parse(definition).map(Step::Crs);
+        }
         let step = StepText::new(text)?;
         match step.name {
             "window" => step.window(),
@@ -230,6 +234,8 @@ impl fmt::Display for Step {
             Step::TreeDepth(depth) => write!(f, "tree-depth={depth}"),
             Step::Subtree(code) => write!(f, "subtree={code}"),
             Step::Embed(code) => write!(f, "embed={code}"),
+            // (In one line, as a part of the provenance; a break means no more than a space.)
+            Step::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
             Step::Like(path) => write!(f, "like={}", path.display()),
         }
     }
@@ -302,6 +308,8 @@ mod tests {
         for text in [
             "window=0,0,512,512",
             "window=-3,4,5,6,7,8",
+            "crs=EPSG:4326+5773",
+            "crs=LOCAL_CS[\"a, b@c=d\",UNIT[\"m\",1]]",
             "bbox=5.5,44,17,48",
             "crop",
             "translate=3,-0.25",
@@ -349,7 +357,7 @@ mod tests {
         for text in ["room=7", "root=/0", "nest=/0", "spin=3"] {
             let error = text.parse::<Step>().unwrap_err().to_string();
             assert!(
-                error.contains(text) && error.contains("tree-depth=, subtree=, embed= or like="),
+                error.contains(text) && error.contains("tree-depth=, subtree=, embed=, crs= or like="),
                 "{error}"
             );
         }

@@ -4,6 +4,7 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 use super::bounds::Bounds;
+use super::crs::Crs;
 
 /// The affine map from cell coordinates to the world, and the coordinate system it leads to.
 ///
@@ -12,10 +13,8 @@ use super::bounds::Bounds;
 pub struct Frame {
     /// Rows of the 3x4 matrix: world x, y, z from cell x, y, z, 1.
     pub matrix: [[f64; 4]; 3],
-    /// EPSG number of the coordinate system, where known.
-    pub epsg: Option<u32>,
-    /// The coordinate system in words (a GeoTIFF citation, say), where known.
-    pub crs_name: Option<String>,
+    /// The coordinate system, where known.
+    pub crs: Option<Crs>,
     /// Whether samples were points at pixel centres (GeoTIFF `PixelIsPoint`); the matrix already has the
     /// half-pixel shift applied, so that it always speaks of areas.
     pub pixel_is_point: bool,
@@ -26,8 +25,7 @@ impl Frame {
     pub fn identity() -> Frame {
         Frame {
             matrix: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
-            epsg: None,
-            crs_name: None,
+            crs: None,
             pixel_is_point: false,
         }
     }

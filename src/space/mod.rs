@@ -2,8 +2,8 @@
 
 mod bounds;
 mod code;
+mod crs;
 mod dimension;
-mod epsg;
 mod frame;
 mod region;
 mod up;
@@ -11,8 +11,8 @@ mod up;
 pub use bounds::Bounds;
 pub(crate) use code::morton_encode;
 pub use code::{Cell, Code};
+pub use crs::{Crs, Epsg, GeoKeys};
 pub use dimension::Dimension;
-pub use epsg::is_geographic;
 pub use frame::Frame;
 pub use region::Region;
 pub use up::Up;

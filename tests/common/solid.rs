@@ -45,7 +45,7 @@ impl Polygons {
             format: "polygons".into(),
             faces: Some(faces.len() as u64),
             bounds,
-            epsg: None,
+            crs: None,
             unit: None,
             parts: (0..parts).map(|part| format!("part {part}")).collect(),
             is_coloured: true,

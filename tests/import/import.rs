@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use spinney::import::raster::{self, ImportOptions, Pixels, Raster, RasterInfo, RasterOptions, plan};
 use spinney::io::Output;
-use spinney::space::{Code, Region};
+use spinney::space::{Code, Crs, Region};
 use spinney::store;
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Child, Source};
@@ -168,7 +168,7 @@ fn options_overrule_the_file() {
     let options = with(ImportOptions::new(), |it| {
         it.nodata = Some(7.0);
         it.depth = Some(12);
-        it.epsg = Some(3857);
+        it.crs = Some(Crs::epsg(3857));
         it.transform = Some([2.0, 0.0, 10.0, 0.0, -2.0, 20.0]);
         it.rule = Some(spinney::value::Rule::Max);
     });
@@ -184,7 +184,7 @@ fn options_overrule_the_file() {
     let file = open(&target);
     assert_eq!(file.header().form, quad(SampleType::U16, 1));
     assert_eq!(file.depth(), 12);
-    assert_eq!(file.metadata().frame.epsg, Some(3857));
+    assert_eq!(file.metadata().frame.crs, Some(Crs::epsg(3857)));
     assert_eq!(file.metadata().frame.affine(), [2.0, 0.0, 10.0, 0.0, -2.0, 20.0]);
     assert_eq!(file.metadata().nodata, Some(7.0));
     assert_eq!(file.metadata().provenance.len(), 2);

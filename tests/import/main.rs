@@ -21,3 +21,5 @@ mod pictures;
 mod raster_tiff;
 mod raster_tiff_hostile;
 mod real_rasters;
+#[cfg(feature = "raster")]
+mod sidecars;

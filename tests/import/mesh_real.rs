@@ -7,7 +7,7 @@ use spinney::import::mesh::{
     Attribute, Boundary, InsideTest, Resolution, SolidOptions, SolidReport, open_all, plan_models,
 };
 use spinney::io::Output;
-use spinney::space::Bounds;
+use spinney::space::{Bounds, Crs};
 use spinney::store::OpenOptions;
 
 use crate::common::{shared_data, with};
@@ -121,8 +121,8 @@ fn buildings_become_parts() {
     assert!(report.faces > 200, "{report:?}");
     assert_eq!(tree.metadata().class_names.len(), 16);
     // Only the other file tells its coordinate system.
-    assert_eq!(tree.metadata().frame.epsg, None);
+    assert_eq!(tree.metadata().frame.crs, None);
     let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cells(64));
     let (tree, _) = build(&[data.join("mesh/cityjson/delft.json")], &options);
-    assert_eq!(tree.metadata().frame.epsg, Some(7415));
+    assert_eq!(tree.metadata().frame.crs, Some(Crs::epsg(7415)));
 }

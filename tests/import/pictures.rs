@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use spinney::export::image::{Format, ImageSpec, create};
 use spinney::import::raster::{Order, Pixels, RasterInfo, RasterOptions, open};
 use spinney::io::Output;
-use spinney::space::{Frame, Region};
+use spinney::space::{Crs, Frame, Region};
 use spinney::value::{Kind, Palette, SampleType, ValueType};
 use spinney::{Error, Result};
 
@@ -292,7 +292,7 @@ fn hgt_tiles() {
     let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
     assert!(near(frame.to_world([0.5, 0.5, 0.0]), [8.0, 47.0, 0.0]));
     assert!(near(frame.to_world([1200.5, 1200.5, 0.0]), [9.0, 46.0, 0.0]));
-    assert_eq!((frame.epsg, raster.info().nodata), (Some(4326), Some(-32768.0)));
+    assert_eq!((frame.crs.clone(), raster.info().nodata), (Some(Crs::epsg(4326)), Some(-32768.0)));
     let mut pixels = Pixels::default();
     raster.read(Region::new(5, 2, 2, 2), &mut pixels).unwrap();
     assert_eq!(pixels.bytes, le_u16([2407, 2408, 3608, 3609]));

@@ -13,7 +13,7 @@ use spinney::export::{Detail, WindowRequest, export_window};
 use spinney::import::raster::{self, ImportOptions, Pixels, RasterOptions};
 use spinney::io::Output;
 use spinney::ops::{self, Chain, Operation, Prefer};
-use spinney::space::Region;
+use spinney::space::{Crs, Region};
 use spinney::value::{Kind, SampleType, Value};
 use tempfile::TempDir;
 
@@ -374,13 +374,16 @@ fn two_rasters(bench: &mut Bench, name: &str, a: &Tree, b: &Tree, limits: [f64; 
 fn land_cover_of_two_years() {
     let Some(mut bench) = Bench::new() else { return };
     let names = ["nlcd_zion/nlcd.tif", "nlcd_zion/nlcd2011.tif"];
-    // The second file tells its coordinate system by parameters, that of the first by number. Under two numbers they
-    // are refused.
-    let epsg = |number| with(ImportOptions::new(), |it| it.epsg = Some(number));
+    // The second file tells its coordinate system by parameters, the first by number: they are refused, as under two
+    // numbers, until somebody says that they are the same.
+    let epsg = |number| with(ImportOptions::new(), |it| it.crs = Some(Crs::epsg(number)));
     let [a, b] = [bench.build(names[0], &epsg(26912)), bench.build(names[1], &epsg(6367))];
     let error = bench.combine(Operation::Over, &a, &b).unwrap_err().to_string();
     assert!(error.contains("EPSG:26912") && error.contains("EPSG:6367"), "{error}");
     let [a, b] = names.map(|name| bench.build(name, &ImportOptions::default()));
+    let error = bench.combine(Operation::Over, &a, &b).unwrap_err().to_string();
+    assert!(error.contains("UTM Zone 12, Northern Hemisphere") && error.contains("--crs"), "{error}");
+    let [a, b] = names.map(|name| bench.build(name, &epsg(26912)));
     two_rasters(&mut bench, "land cover", &a, &b, [0.0, 255.0]);
     bench.ask_numpy();
 }

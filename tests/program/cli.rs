@@ -244,7 +244,7 @@ fn statistics() {
     let text = stdout(&["stats", &trees.classic]);
     assert!(text.contains("cells      64") && text.contains("area       unknown: no EPSG number"), "{text}");
     let degrees = trees.name("degrees.goblin");
-    let place = ["--epsg", "4326", "--transform", "1,0,7,0,-1,50", "--kind", "categorical"];
+    let place = ["--crs", "EPSG:4326", "--transform", "1,0,7,0,-1,50", "--kind", "categorical"];
     command(&["build", "-q", &fixture("classic.png"), "-o", &degrees]).args(place).assert().success();
     let text = stdout(&["stats", &degrees]);
     assert!(text.contains("area       unknown: cells of degrees"), "{text}");

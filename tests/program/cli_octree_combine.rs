@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use spinney::space::Frame;
+use spinney::space::{Crs, Frame};
 use spinney::value::{Kind, Rule, SampleType, Value};
 use tempfile::TempDir;
 
@@ -279,7 +279,7 @@ fn octrees_that_do_not_match() {
     let numbers = Cells::random(oct(SampleType::U16, 1), 7, [5; 3], 6, true);
     write_goblin(Path::new(&wide), &numbers, of_mean, frame());
     let elsewhere = setting.name("elsewhere.goblin");
-    let [here, there] = [32632, 4326].map(|epsg| Frame { epsg: Some(epsg), ..frame() });
+    let [here, there] = [32632, 4326].map(|epsg| Frame { crs: Some(Crs::epsg(epsg)), ..frame() });
     let near = setting.name("near.goblin");
     write_goblin(Path::new(&near), &setting.a.cells, of_mean, here);
     write_goblin(Path::new(&elsewhere), &setting.a.cells, of_mean, there);

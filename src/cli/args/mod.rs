@@ -1,6 +1,7 @@
 //! Options that several subcommands share, and how what people write is read.
 
 mod commit;
+mod crs;
 mod cuboid;
 mod global;
 mod memory;
@@ -18,6 +19,7 @@ use anyhow::{Context as _, Result, ensure};
 use spinney::dataset::Dataset;
 
 pub(crate) use commit::CommitOptions;
+pub(crate) use crs::parse_crs;
 pub(crate) use cuboid::{Cuboid, parse_cuboid};
 pub(crate) use global::Global;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory};

@@ -7,6 +7,7 @@ use spinney::dataset::Dataset;
 use spinney::ops::Step;
 
 use super::super::open;
+use super::parse_crs;
 
 /// A tree file, and the steps that it is seen through.
 #[derive(Args, Clone, Debug)]
@@ -28,7 +29,10 @@ impl ViewedTree {
     }
 }
 
-/// Reads a step.
+/// Reads a step; a coordinate system may stand in a file.
 pub(crate) fn parse_step(text: &str) -> Result<Step, String> {
+    if let Some(definition) = text.strip_prefix("crs=") {
+        return parse_crs(definition).map(Step::Crs);
+    }
     text.parse().map_err(|error: spinney::Error| error.to_string())
 }

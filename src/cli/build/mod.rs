@@ -11,12 +11,13 @@ use spinney::Progress;
 use spinney::import::mesh::{self, SolidImport};
 use spinney::import::raster;
 use spinney::io::Output;
+use spinney::space::Crs;
 use spinney::store::file_is_tree;
 
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use super::Global;
-use super::args::{Memory, check_output};
+use super::args::{Memory, check_output, parse_crs};
 use super::report::{Work, report_built};
 
 /// Make a tree of a picture, or of several on one grid, or of models of solids.
@@ -55,9 +56,10 @@ struct Common {
     /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the picture]
     #[arg(long, value_name = "N")]
     depth: Option<u8>,
-    /// Coordinate system of the pixels, by its EPSG number [default: from the file]
-    #[arg(long, value_name = "NUMBER")]
-    epsg: Option<u32>,
+    /// Coordinate system of the input: EPSG:NUMBER, EPSG:NUMBER+NUMBER with heights, WKT or PROJJSON, or @FILE
+    /// that has one of these [default: from the file]
+    #[arg(long, value_name = "DEF", value_parser = parse_crs)]
+    crs: Option<Crs>,
     #[command(flatten)]
     memory: Memory,
     /// Store equal subtrees once; for .autumn files
@@ -71,7 +73,7 @@ Examples:
   spinney build landcover.tif -o landcover.goblin --kind categorical --nodata 0
   spinney build scene.tif -o colour.goblin --band 4,3,2
   spinney build N46E007.hgt N46E008.hgt -o alps.goblin --memory 1G
-  spinney build scan.png -o scan.goblin --epsg 3857 --transform 0.5,0,1000,0,-0.5,2000
+  spinney build scan.png -o scan.goblin --crs EPSG:3857 --transform 0.5,0,1000,0,-0.5,2000
   spinney build bunny.ply -o bunny.goblin --cells 1024
   spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --boundary coverage
   spinney build city.json -o city.goblin --cell 0.5 --attribute part

@@ -47,10 +47,10 @@ impl PictureArgs {
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
         let PictureArgs { kind, rule, band, nodata, transform, layer } = self.clone();
-        let Common { depth, epsg, memory, share } = *common;
+        let Common { depth, crs, memory, share } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
-        (options.depth, options.epsg, options.share) = (depth, epsg, share);
+        (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);
         (options.transform, options.layer) = (transform, layer);
         options.memory = Some(memory.bytes);
         options

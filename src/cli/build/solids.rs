@@ -88,20 +88,20 @@ impl SolidArgs {
 
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
-        let Common { depth, epsg, memory, share } = *common;
+        let Common { depth, crs, memory, share } = common;
         check_output(self.like.as_deref(), output)?;
         let models = mesh::open_all(inputs, memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
         let mut options = SolidOptions::new();
-        options.resolution = self.resolution(depth, unit.as_deref())?;
+        options.resolution = self.resolution(*depth, unit.as_deref())?;
         options.boundary = self.boundary.unwrap_or_default();
         options.attribute = self.attribute.unwrap_or_default();
         options.surface = self.surface;
         options.up = self.up.unwrap_or_default();
         options.unit = self.unit.clone().or(unit);
-        options.epsg = epsg;
+        options.crs = crs.clone();
         options.memory = memory.bytes;
-        options.share = share;
+        options.share = *share;
         if self.surface && self.boundary.is_some() {
             bail!(
                 "--boundary: says which cells belong to a solid; with --surface all that the surface cuts do"

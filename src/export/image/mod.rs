@@ -1,5 +1,6 @@
 //! Pictures and arrays, written row by row.
 
+mod beside;
 mod exr;
 mod npy;
 mod png;
@@ -10,6 +11,7 @@ mod tiff_tags;
 
 use std::path::Path;
 
+pub(super) use beside::write as write_beside;
 pub(super) use npy::array_header;
 
 use crate::io::Output;

@@ -1,6 +1,6 @@
 //! The container of TIFF: tags, directories, and the tags that georeference a picture.
 
-use crate::space::Frame;
+use crate::space::{Crs, Frame, GeoKeys};
 
 /// Numbers of tags, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
 pub(super) mod tag {
@@ -22,6 +22,7 @@ pub(super) mod tag {
     pub(crate) const MODEL_TIEPOINT: u16 = 33922;
     pub(crate) const MODEL_TRANSFORMATION: u16 = 34264;
     pub(crate) const GEO_KEY_DIRECTORY: u16 = 34735;
+    pub(crate) const GEO_DOUBLE_PARAMS: u16 = 34736;
     pub(crate) const GEO_ASCII_PARAMS: u16 = 34737;
     pub(crate) const GDAL_METADATA: u16 = 42112;
     pub(crate) const GDAL_NODATA: u16 = 42113;
@@ -43,25 +44,10 @@ pub(super) mod tag_value {
     pub(crate) const FORMAT_FLOAT: u16 = 3;
 }
 
-/// GeoKeys and their values, by their names in GeoTIFF 1.1.
-mod geo_key {
-    /// The directory's first entry: its version and revisions, then the count of keys.
-    pub(super) const DIRECTORY_VERSION: u16 = 1;
-    pub(super) const KEY_REVISION: u16 = 1;
-    pub(super) const MINOR_REVISION: u16 = 0;
-
-    pub(super) const MODEL_TYPE: u16 = 1024;
-    pub(super) const RASTER_TYPE: u16 = 1025;
-    pub(super) const CITATION: u16 = 1026;
-    pub(super) const GEODETIC_CRS: u16 = 2048;
-    pub(super) const PROJECTED_CRS: u16 = 3072;
-
-    pub(super) const MODEL_PROJECTED: u16 = 1;
-    pub(super) const MODEL_GEOGRAPHIC: u16 = 2;
-    pub(super) const RASTER_PIXEL_IS_AREA: u16 = 1;
-    pub(super) const RASTER_PIXEL_IS_POINT: u16 = 2;
-    pub(super) const USER_DEFINED: u16 = 32767;
-}
+/// The GeoKey for the raster type and its values, by their names in GeoTIFF 1.1.
+const RASTER_TYPE: u16 = 1025;
+const RASTER_PIXEL_IS_AREA: u16 = 1;
+const RASTER_PIXEL_IS_POINT: u16 = 2;
 
 /// Types of a tag's numbers, by their names in TIFF 6.0 and BigTIFF.
 mod field_type {
@@ -74,7 +60,8 @@ mod field_type {
 
 /// A tag's value.
 pub(super) enum IfdField {
-    Ascii(String),
+    /// Without the NUL that ends it.
+    Ascii(Vec<u8>),
     Short(Vec<u16>),
     Long(Vec<u32>),
     Double(Vec<f64>),
@@ -86,7 +73,9 @@ impl IfdField {
     fn encode(&self) -> (u16, u64, Vec<u8>) {
         use field_type::{ASCII, DOUBLE, LONG, LONG8, SHORT};
         match self {
-            IfdField::Ascii(text) => (ASCII, text.len() as u64 + 1, text.bytes().chain([0]).collect()),
+            IfdField::Ascii(text) => {
+                (ASCII, text.len() as u64 + 1, text.iter().copied().chain([0]).collect())
+            }
             IfdField::Short(v) => (SHORT, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
             IfdField::Long(v) => (LONG, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
             IfdField::Double(v) => (DOUBLE, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
@@ -136,12 +125,13 @@ pub(super) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, big: bool) -> V
 
 /// GeoTIFF's tags.
 pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
-    let mut tags = geo_keys(frame);
+    let mut tags = geo_key_tags(frame);
     if frame.is_identity() {
         return tags;
     }
-    // Where samples are points, raster coordinates are those of the points.
-    let origin = if frame.pixel_is_point { [0.5, 0.5, 0.0] } else { [0.0; 3] };
+    // Where samples are points, and a key says so, raster coordinates are those of the points.
+    let has_keys = !tags.is_empty();
+    let origin = if frame.pixel_is_point && has_keys { [0.5, 0.5, 0.0] } else { [0.0; 3] };
     let [a, b, c, d, e, f] = frame.shifted(origin).affine();
     if b == 0.0 && d == 0.0 && a > 0.0 && e < 0.0 {
         tags.push((tag::MODEL_PIXEL_SCALE, IfdField::Double(vec![a, -e, 0.0])));
@@ -153,66 +143,62 @@ pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
     tags
 }
 
-/// The tags that name the coordinate system.
-fn geo_keys(frame: &Frame) -> Vec<(u16, IfdField)> {
-    let epsg = frame.epsg.and_then(|code| u16::try_from(code).ok());
-    let mut keys: Vec<[u16; 4]> = Vec::new();
-    // An entry is a key, the tag that has its value (0: the entry itself has it), the count and the value, or
-    // its index in the tag.
-    let mut key = |number, value| keys.push([number, 0, 1, value]);
-    match epsg {
-        Some(code) if crate::space::is_geographic(code) => {
-            key(geo_key::MODEL_TYPE, geo_key::MODEL_GEOGRAPHIC);
-            key(geo_key::GEODETIC_CRS, code);
-        }
-        Some(code) => {
-            key(geo_key::MODEL_TYPE, geo_key::MODEL_PROJECTED);
-            key(geo_key::PROJECTED_CRS, code);
-        }
-        None if frame.crs_name.is_some() => key(geo_key::MODEL_TYPE, geo_key::USER_DEFINED),
-        None => {}
+/// The keys that define a coordinate system: such as they came, or for its numbers. `None` where keys cannot say
+/// it.
+pub(in crate::export) fn geo_keys(crs: &Crs) -> Option<GeoKeys> {
+    match crs {
+        Crs::GeoKeys(keys) => Some(keys.clone()),
+        other => other.numbers().and_then(GeoKeys::of_epsg),
     }
-    if !frame.is_identity() || epsg.is_some() {
-        let is_point = frame.pixel_is_point;
-        key(
-            geo_key::RASTER_TYPE,
-            if is_point { geo_key::RASTER_PIXEL_IS_POINT } else { geo_key::RASTER_PIXEL_IS_AREA },
-        );
+}
+
+/// The tags that define the coordinate system, and say what pixels are.
+fn geo_key_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
+    // Without a system there are no keys at all: readers make a local system of the one for the raster type alone.
+    let Some(crs) = &frame.crs else { return Vec::new() };
+    let raster_type = if frame.pixel_is_point { RASTER_PIXEL_IS_POINT } else { RASTER_PIXEL_IS_AREA };
+    let Some(keys) = geo_keys(crs) else {
+        // The system stands beside the file, and is the one that counts.
+        let points = IfdField::Short(vec![1, 1, 0, 1, RASTER_TYPE, 0, 1, RASTER_PIXEL_IS_POINT]);
+        return if frame.pixel_is_point { vec![(tag::GEO_KEY_DIRECTORY, points)] } else { Vec::new() };
+    };
+    let mut tags = vec![(tag::GEO_KEY_DIRECTORY, IfdField::Short(keys.directory(raster_type)))];
+    if !keys.doubles().is_empty() {
+        tags.push((tag::GEO_DOUBLE_PARAMS, IfdField::Double(keys.doubles().to_vec())));
     }
-    let mut tags = Vec::new();
-    if let Some(name) = &frame.crs_name {
-        // The tag is 7-bit ASCII, and `|` ends a text in it.
-        let plain = |c: char| if c.is_ascii() && c != '|' && c != '\0' { c } else { '?' };
-        let text: String = name.chars().take(1000).map(plain).chain(['|']).collect();
-        keys.push([geo_key::CITATION, tag::GEO_ASCII_PARAMS, text.len() as u16, 0]);
-        tags.push((tag::GEO_ASCII_PARAMS, IfdField::Ascii(text)));
-    }
-    if !keys.is_empty() {
-        keys.sort();
-        let count = keys.len() as u16;
-        keys.insert(0, [geo_key::DIRECTORY_VERSION, geo_key::KEY_REVISION, geo_key::MINOR_REVISION, count]);
-        tags.push((tag::GEO_KEY_DIRECTORY, IfdField::Short(keys.concat())));
+    if !keys.texts().is_empty() {
+        tags.push((tag::GEO_ASCII_PARAMS, IfdField::Ascii(keys.texts().to_vec())));
     }
     tags
 }
 
 /// GDAL's tag for nodata.
 pub(super) fn nodata_tag(number: f64) -> (u16, IfdField) {
-    (tag::GDAL_NODATA, IfdField::Ascii(if number.is_nan() { "nan".into() } else { number.to_string() }))
+    (
+        tag::GDAL_NODATA,
+        IfdField::Ascii(if number.is_nan() { "nan".into() } else { number.to_string().into_bytes() }),
+    )
+}
+
+/// A text in XML.
+pub(in crate::export) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 /// GDAL's tag for names of bands, if any has one.
 pub(super) fn band_names_tag(names: &[String]) -> Option<(u16, IfdField)> {
-    let escape = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let mut xml = String::from("<GDALMetadata>\n");
     for (band, name) in names.iter().enumerate().filter(|(_, name)| !name.is_empty()) {
         // GDAL escapes twice, and so it reads.
-        let name = escape(&escape(&name.replace('\0', "")));
+        let name = escaped(&escaped(&name.replace('\0', "")));
         xml +=
             &format!("  <Item name=\"DESCRIPTION\" sample=\"{band}\" role=\"description\">{name}</Item>\n");
     }
     xml += "</GDALMetadata>\n";
-    names.iter().any(|name| !name.is_empty()).then_some((tag::GDAL_METADATA, IfdField::Ascii(xml)))
+    names
+        .iter()
+        .any(|name| !name.is_empty())
+        .then_some((tag::GDAL_METADATA, IfdField::Ascii(xml.into_bytes())))
 }
 
 #[cfg(test)]
@@ -231,7 +217,7 @@ mod tests {
     #[test]
     fn north_up_points() {
         let mut frame = Frame::planar([1.0, 0.0, 7.5, 0.0, -1.0, 47.5]);
-        frame.epsg = Some(4326);
+        frame.crs = Some(Crs::epsg(4326));
         frame.pixel_is_point = true;
         let tags = geo_tags(&frame);
         assert_eq!(find(&tags, 33550), Some(vec![1.0, 1.0, 0.0]));
@@ -241,9 +227,21 @@ mod tests {
     }
 
     #[test]
+    fn keys_without_a_system() {
+        let mut frame = Frame::planar([1.0, 0.0, 7.5, 0.0, -1.0, 47.5]);
+        frame.pixel_is_point = true;
+        // Nothing tells that these are points: their places are told as those of areas.
+        assert_eq!(find(&geo_tags(&frame), 34735), None);
+        assert_eq!(find(&geo_tags(&frame), 33922), Some(vec![0.0, 0.0, 0.0, 7.5, 47.5, 0.0]));
+        frame.crs = Some(Crs::Wkt("LOCAL_CS[\"site\",UNIT[\"metre\",1]]".into()));
+        assert_eq!(find(&geo_tags(&frame), 34735), Some(vec![1.0, 1.0, 0.0, 1.0, 1025.0, 0.0, 1.0, 2.0]));
+        assert_eq!(find(&geo_tags(&frame), 33922), Some(vec![0.0, 0.0, 0.0, 8.0, 47.0, 0.0]));
+    }
+
+    #[test]
     fn rotated_and_projected() {
         let mut frame = Frame::planar([2.0, 0.5, 10.0, -0.5, -2.0, 20.0]);
-        frame.epsg = Some(2056);
+        frame.crs = Some(Crs::epsg(2056));
         let tags = geo_tags(&frame);
         let matrix = [[2.0, 0.5, 0.0, 10.0], [-0.5, -2.0, 0.0, 20.0], [0.0; 4], [0.0, 0.0, 0.0, 1.0]];
         assert_eq!(find(&tags, 34264), Some(matrix.concat()));

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::Result;
+use crate::space::Crs;
 
 /// A planar face with its holes, as a reader hands it out.
 #[derive(Clone, Copy, Debug)]
@@ -32,8 +33,8 @@ pub struct ModelInfo {
     /// Least and greatest coordinate of all vertices along each axis, of those that no face uses, too: such as
     /// the file has them, and not what cells are laid over.
     pub bounds: [[f64; 3]; 2],
-    /// EPSG number of the coordinate system, where known.
-    pub epsg: Option<u32>,
+    /// The coordinate system, where known.
+    pub crs: Option<Crs>,
     /// Name of the unit of length, where the file tells: "mm".
     pub unit: Option<String>,
     /// Names of the parts: objects, groups, materials. A face's part is an index into this list; never empty.

@@ -12,7 +12,7 @@ use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData};
 use half::f16;
 
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, beside};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
@@ -65,7 +65,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     let names: Vec<String> = channels.iter().map(|&(index, _)| layer.channels[index].0.clone()).collect();
     let channels: Vec<(usize, ExrType)> =
         channels.iter().map(|&(_, number)| (number, header.channels.list[number].sample_type)).collect();
-    let info = RasterInfo {
+    let mut info = RasterInfo {
         stored_sample: match sample {
             SampleType::U32 => "uint32",
             _ if channels.iter().all(|&(_, sample)| sample == ExrType::F16) => "half",
@@ -78,6 +78,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         order: if header.blocks.has_tiles() { Order::Anywhere } else { Order::Bands },
         ..RasterInfo::plain([width, height], sample, channels.len())
     };
+    beside::place(path, &mut info.frame)?;
     let earlier_blocks: u64 = meta.headers[..layer.header].iter().map(|h| h.chunk_count as u64).sum();
     Ok(Box::new(Exr {
         path: path.to_path_buf(),

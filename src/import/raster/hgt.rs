@@ -5,7 +5,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::{Pixels, Raster, RasterInfo};
-use crate::space::{Frame, Region};
+use crate::space::{Crs, Frame, Region};
 use crate::value::{Kind, SampleType};
 use crate::{Error, Result};
 
@@ -36,7 +36,7 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn Raster>> {
     // half a step beyond it.
     let step = 1.0 / (side - 1) as f64;
     let mut frame = Frame::planar([step, 0.0, west - step / 2.0, 0.0, -step, south + 1.0 + step / 2.0]);
-    frame.epsg = Some(4326);
+    frame.crs = Some(Crs::epsg(4326));
     frame.pixel_is_point = true;
     let info = RasterInfo {
         frame,

@@ -1,6 +1,7 @@
 //! Raster files as input: one trait, one reader per format, mosaics of several.
 
 mod bands;
+mod beside;
 mod build;
 mod exr;
 #[cfg(test)]
@@ -16,6 +17,7 @@ mod spill;
 mod tiff;
 mod validity;
 mod worldfile;
+mod xml;
 
 use std::fs::File;
 use std::io::{self, Read};

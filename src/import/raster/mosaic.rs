@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
-use crate::space::Region;
+use crate::space::{Crs, Region};
 use crate::{Error, Result};
 
 /// Largest distance of a raster's pixels from the grid of the first one, in pixels.
@@ -90,11 +90,8 @@ fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
             "the same kind of pixels",
         ));
     }
-    if a.frame.epsg != b.frame.epsg {
-        let name = |info: &RasterInfo| info.frame.epsg.map_or("none".into(), |epsg| format!("EPSG:{epsg}"));
-        let found = format!("coordinate systems {} and {}", name(a), name(b));
-        return Err(Error::invalid(both(), found, "the same one (--epsg sets it for all)"));
-    }
+    let [here, there] = [first, other].map(|raster| raster.path().display().to_string());
+    Crs::check_same((&here, a.frame.crs.as_ref()), (&there, b.frame.crs.as_ref()))?;
     // If three corners lie on the grid, all pixels do.
     let (width, height) = (b.width as f64, b.height as f64);
     let shift = |[x, y]: [f64; 2]| {
@@ -269,7 +266,7 @@ mod tests {
         assert!(names(refused(&|info| info.frame.matrix[0][3] += 0.5 * 0.002), "102.5"));
         assert!(names(refused(&|info| info.frame.matrix[0][0] *= 1.001), "transforms"));
         assert!(names(refused(&|info| info.frame.matrix[1][1] *= -1.0), "transforms"));
-        assert!(names(refused(&|info| info.frame.epsg = Some(4326)), "EPSG:4326"));
+        assert!(names(refused(&|info| info.frame.crs = Some(Crs::epsg(4326))), "EPSG:4326"));
         assert!(names(refused(&|info| info.sample = SampleType::I16), "i16"));
         assert!(names(refused(&|info| info.frame.matrix[0][3] = f64::NAN), "transforms"));
     }

@@ -12,7 +12,7 @@ use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::errors::DecodeErrors;
 
-use super::{Pixels, Raster, RasterInfo, RasterOptions, worldfile};
+use super::{Pixels, Raster, RasterInfo, RasterOptions, beside};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
@@ -39,9 +39,7 @@ impl Picture {
     ) -> Result<Box<dyn Raster>> {
         let bytes = (info.width * info.height).saturating_mul(info.pixel_bytes() as u64);
         options.check_memory(path, "decoding the whole picture, which this format asks for,", bytes)?;
-        if let Some(frame) = worldfile::frame_beside(path)? {
-            info.frame = frame;
-        }
+        beside::place(path, &mut info.frame)?;
         Ok(Box::new(Picture { path: path.to_path_buf(), info, decode, decoded: None }))
     }
 }

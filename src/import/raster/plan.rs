@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::validity::as_stored;
 use super::{Pixels, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
-use crate::space::{Dimension, Frame, Region};
+use crate::space::{Crs, Dimension, Frame, Region};
 use crate::store::{BuildOptions, Metadata, depth_for};
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Result};
@@ -27,8 +27,8 @@ pub struct ImportOptions {
     pub nodata: Option<f64>,
     /// Levels of the tree, at least as many as the picture needs.
     pub depth: Option<u8>,
-    /// EPSG number of the coordinate system.
-    pub epsg: Option<u32>,
+    /// The coordinate system.
+    pub crs: Option<Crs>,
     /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
     pub transform: Option<[f64; 6]>,
     /// The layer of OpenEXR files.
@@ -103,7 +103,8 @@ impl Import {
 /// If a file cannot be read, the files do not fit together, or the options do not fit them.
 pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
-    let raster = mosaic(open_inputs(inputs, options, memory)?)?;
+    let mut overruled = None;
+    let raster = mosaic(open_inputs(inputs, options, memory, &mut overruled)?)?;
     let info = raster.info();
     let value = bands::value_type(raster.path(), info)?;
     let frame = frame(info, options)?;
@@ -111,7 +112,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
     let rule = options.rule.unwrap_or(kind.default_rule());
     let choices = Choices { value, kind, kind_reason, rule, depth: depth(info, options)? };
     let metadata = metadata(frame, inputs, info, options);
-    let description = describe(inputs, info, options, &choices, &metadata);
+    let description = describe(inputs, info, options, &choices, &metadata, overruled);
     let nodata = info.nodata;
     let options = BuildOptions::new(kind, choices.depth)
         .rule(rule)
@@ -121,8 +122,15 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
     Ok(Import { raster, value, nodata, options, memory, description })
 }
 
-/// Opens all inputs, with the channels, nodata number and EPSG number that the user chose.
-fn open_inputs(inputs: &[PathBuf], options: &ImportOptions, memory: u64) -> Result<Vec<Box<dyn Raster>>> {
+/// Opens all inputs, with the channels, nodata number and coordinate system that the user chose.
+///
+/// `overruled` becomes the first coordinate system that a file tells and that is not the one that the user chose.
+fn open_inputs(
+    inputs: &[PathBuf],
+    options: &ImportOptions,
+    memory: u64,
+    overruled: &mut Option<Crs>,
+) -> Result<Vec<Box<dyn Raster>>> {
     // Readers rarely need their share, but all together must not need more than half of the memory.
     let share = memory / 2 / inputs.len().max(1) as u64;
     let open_options = RasterOptions { memory: share, layer: options.layer.clone() };
@@ -134,7 +142,10 @@ fn open_inputs(inputs: &[PathBuf], options: &ImportOptions, memory: u64) -> Resu
         };
         let mut info = raster.info().clone();
         info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
-        info.frame.epsg = options.epsg.or(info.frame.epsg);
+        if let Some(chosen) = &options.crs {
+            let told = info.frame.crs.replace(chosen.clone());
+            *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
+        }
         Ok(Box::new(Described { raster, info }))
     };
     inputs.iter().map(open_one).collect()
@@ -181,6 +192,7 @@ fn describe(
     options: &ImportOptions,
     choices: &Choices,
     metadata: &Metadata,
+    overruled: Option<Crs>,
 ) -> Vec<(&'static str, String)> {
     let Choices { value, kind, kind_reason, rule, depth } = choices;
     let plural = if value.channels == 1 { "" } else { "s" };
@@ -191,6 +203,11 @@ fn describe(
         (None, Some(number)) => number.to_string(),
         (None, None) => "none".into(),
     };
+    let crs = match (&metadata.frame.crs, overruled) {
+        (None, _) => "none".into(),
+        (Some(crs), None) => crs.to_string(),
+        (Some(crs), Some(told)) => format!("{crs}, as you said; the input says {told}"),
+    };
     let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
     let mut lines = vec![
         ("input", inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")),
@@ -200,7 +217,7 @@ fn describe(
             "samples",
             format!("{} channel{plural} of {} (stored as {stored})", value.channels, value.sample.name()),
         ),
-        ("CRS", crs(&metadata.frame)),
+        ("CRS", crs),
         ("transform", if metadata.frame.is_identity() { "none".into() } else { affine }),
         ("nodata", nodata),
     ];
@@ -243,10 +260,6 @@ fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
             return Err(Error::invalid("transform", format!("{transform:?}"), expected));
         }
     }
-    if options.epsg.is_some() {
-        // The file's words may be about another system than the user's number.
-        frame.crs_name = None;
-    }
     Ok(frame)
 }
 
@@ -277,15 +290,6 @@ fn depth(info: &RasterInfo, options: &ImportOptions) -> Result<u8> {
     }
 }
 
-fn crs(frame: &Frame) -> String {
-    match (frame.epsg, &frame.crs_name) {
-        (Some(epsg), Some(name)) => format!("EPSG:{epsg} ({name})"),
-        (Some(epsg), None) => format!("EPSG:{epsg}"),
-        (None, Some(name)) => name.clone(),
-        (None, None) => "none".into(),
-    }
-}
-
 /// A line per input, and one for what the user said.
 fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Vec<String> {
     let mut lines: Vec<String> =
@@ -303,7 +307,7 @@ fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) ->
     say("bands", bands.as_ref().map(|bands| bands as _));
     say("nodata", options.nodata.as_ref().map(|nodata| nodata as _));
     say("depth", options.depth.as_ref().map(|depth| depth as _));
-    say("epsg", options.epsg.as_ref().map(|epsg| epsg as _));
+    say("crs", options.crs.as_ref().map(|crs| crs as _));
     say("transform", transform.as_ref().map(|transform| transform as _));
     say("layer", options.layer.as_ref().map(|layer| layer as _));
     if !said.is_empty() {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Limits, Reader};
 
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, worldfile};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, beside};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::{Kind, Palette, SampleType};
@@ -58,9 +58,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     let depth = header.bit_depth as u8;
     let mut info = describe(header);
     let void = void_rule(path, header, info.palette.as_ref())?;
-    if let Some(frame) = worldfile::frame_beside(path)? {
-        info.frame = frame;
-    }
+    beside::place(path, &mut info.frame)?;
     let raw = vec![0; row_bytes * if header.interlaced { header.height as usize } else { 1 }];
     Ok(Box::new(Png { path: path.to_path_buf(), info, reader, depth, raw, next_row: 0, void }))
 }

@@ -1,7 +1,7 @@
 //! Trees with different frames over one grid of cells.
 
 use super::map::Map;
-use crate::space::Frame;
+use crate::space::{Crs, Frame};
 use crate::{Error, Result};
 
 /// Position of a tree in a grid that it shares with others.
@@ -34,17 +34,7 @@ pub fn align(trees: &[(&str, &Frame, [u64; 3])]) -> Result<Vec<Alignment>> {
     let mut maps = Vec::new();
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for (name, frame, extent) in trees {
-        if let (Some(a), Some(b)) = (finest.1.epsg, frame.epsg)
-            && a != b
-        {
-            let expected =
-                format!("EPSG:{a}, as {} has; reproject the pictures before building trees", finest.0);
-            return Err(Error::invalid(
-                format!("coordinate system of {name}"),
-                format!("EPSG:{b}"),
-                expected,
-            ));
-        }
+        Crs::check_same((finest.0, finest.1.crs.as_ref()), (name, frame.crs.as_ref()))?;
         let map = Map::from_rows(frame.matrix).then(&to_grid);
         let map = without_rounding(&map, *extent).ok_or_else(|| {
             let [x, y, _] = map.to_rows();

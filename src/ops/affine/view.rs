@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::map::Map;
 use crate::ops::tree_file::TreeFile;
-use crate::space::Frame;
+use crate::space::{Crs, Frame};
 use crate::store::depth_for;
 use crate::tree::{Form, Source};
 use crate::value::Rule;
@@ -63,6 +63,8 @@ pub struct View {
     windows: Vec<(Map, DVec3)>,
     pub(super) sampling: Sampling,
     pub(super) lookup: Lookup,
+    /// The coordinate system, where it is not the source's.
+    crs: Option<Arc<Crs>>,
 }
 
 /// Maps and boxes for finding a view's cells, derived from the steps.
@@ -132,6 +134,7 @@ impl View {
             extent,
             depth,
             windows: Vec::new(),
+            crs: None,
             sampling: Sampling::Centre,
             lookup: Lookup {
                 to_source: Map::IDENTITY,
@@ -309,7 +312,16 @@ impl View {
         let source = &self.source.metadata().frame;
         let cells = if moves { Map::translation(self.origin.to_array()) } else { self.lookup.to_source };
         let world = Map::from_rows(source.matrix);
-        Frame { matrix: cells.then(&world).to_rows(), ..source.clone() }
+        let mut frame = Frame { matrix: cells.then(&world).to_rows(), ..source.clone() };
+        if let Some(crs) = &self.crs {
+            frame.crs = Some((**crs).clone());
+        }
+        frame
+    }
+
+    /// The same cells, of which it is said that they lie in this coordinate system.
+    pub fn in_system(self, crs: Crs) -> View {
+        View { crs: Some(Arc::new(crs)), ..self }
     }
 
     fn check_axes(&self, map: &Map) -> Result<()> {

@@ -69,7 +69,7 @@ impl Metadata {
             .filter(|bytes| bytes.len() <= LIMIT)
             .ok_or_else(|| Error::TooLarge {
                 path: path.to_path_buf(),
-                what: "the metadata (palette, names, tags)".into(),
+                what: "the metadata (coordinate system, palette, names, tags)".into(),
                 needed: LIMIT as u64 + 1,
                 limit: LIMIT as u64,
                 advice: "leave out tags or class names".into(),

@@ -1,7 +1,8 @@
 //! CityJSON and CityJSONSeq.
 
 use super::mesh_files::*;
-use spinney::import::mesh::open;
+use spinney::import::mesh::{SolidOptions, open, plan_models};
+use spinney::space::Crs;
 
 /// The sides as a list of surfaces.
 fn surfaces() -> String {
@@ -57,7 +58,10 @@ fn kinds_of_geometry() {
     let model = files.open("a.json", text_cube()).unwrap();
     let info = model.info();
     assert_eq!(info.bounds, [[0.0; 3], [2.0; 3]]);
-    assert_eq!((info.epsg, info.unit.as_deref(), info.faces), (Some(7415), Some("m"), None));
+    assert_eq!(
+        (info.crs.clone(), info.unit.as_deref(), info.faces),
+        (Some(Crs::epsg(7415)), Some("m"), None)
+    );
     assert_eq!(info.format, "CityJSON 2.0");
 }
 
@@ -158,4 +162,24 @@ fn real_cities() {
         assert_eq!(faces.len() as u64 + model.degenerate(), surfaces, "{name}");
         assert_eq!(model.degenerate(), degenerate, "{name}");
     }
+}
+
+#[test]
+fn models_in_different_systems_are_no_solid() {
+    let files = Files::new();
+    let plan = |systems: [&str; 2], crs: Option<Crs>| {
+        let model = |(name, system): (&str, &str)| {
+            let text = text_cube().replace("https://www.opengis.net/def/crs/EPSG/0/7415", system);
+            files.open(name, text).unwrap()
+        };
+        let mut options = SolidOptions::new();
+        options.crs = crs;
+        plan_models([("a.json", systems[0]), ("b.json", systems[1])].map(model).into(), &options)
+            .err()
+            .map(|error| error.to_string())
+    };
+    assert_eq!(plan(["EPSG:7415", "urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709"], None), None);
+    let error = plan(["EPSG:7415", "EPSG:28992"], None).unwrap();
+    assert!(error.contains("EPSG:7415") && error.contains("--crs"), "{error}");
+    assert_eq!(plan(["EPSG:7415", "EPSG:28992"], Some(Crs::epsg(28992))), None);
 }

@@ -15,6 +15,7 @@ use super::parts::Parts;
 use super::text::{line_number, shown};
 use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
+use crate::space::Crs;
 use crate::{Error, Result};
 
 struct CityJson {
@@ -48,12 +49,6 @@ struct Transform {
 struct CityMetadata {
     #[serde(rename = "referenceSystem")]
     reference_system: Option<String>,
-}
-
-/// The EPSG number at the end of a URL or URN: `.../EPSG/0/7415`, `urn:ogc:def:crs:EPSG::7415`.
-fn epsg(reference: &str) -> Option<u32> {
-    let (_, behind) = reference.split_once("EPSG")?;
-    behind.rsplit(['/', ':']).next()?.parse().ok()
 }
 
 /// Goes through all values of a file; each comes with the transform that holds for it.
@@ -419,7 +414,9 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         read_vertices(&source, document, transform, &mut bounds, memory)?;
         if count == 1 {
             version.clone_from(&document.version);
-            crs = document.metadata.as_ref().and_then(|metadata| epsg(metadata.reference_system.as_deref()?));
+            let reference =
+                document.metadata.as_ref().and_then(|metadata| metadata.reference_system.as_deref());
+            crs = reference.and_then(|reference| Crs::parse(reference).ok());
         }
         let Some(text) = document.objects else { return Ok(()) };
         walk(&source, text, &mut None, |failure, json| {
@@ -433,7 +430,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         format: format!("{kind} {}", version.unwrap_or_default()).trim_end().into(),
         faces: None,
         bounds,
-        epsg: crs,
+        crs,
         unit: Some("m".into()),
         parts: parts.names(),
         is_coloured: false,
@@ -469,19 +466,5 @@ impl Model for CityJson {
 
     fn degenerate(&self) -> u64 {
         self.degenerate
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::epsg;
-
-    #[test]
-    fn coordinate_systems() {
-        assert_eq!(epsg("https://www.opengis.net/def/crs/EPSG/0/7415"), Some(7415));
-        assert_eq!(epsg("urn:ogc:def:crs:EPSG::28992"), Some(28992));
-        assert_eq!(epsg("EPSG:4979"), Some(4979));
-        assert_eq!(epsg("urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709x"), None);
-        assert_eq!(epsg("https://www.opengis.net/def/crs/OGC/0/CRS84"), None);
     }
 }

@@ -135,7 +135,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         format: if header.has_colours { "COFF" } else { "OFF" }.into(),
         faces: Some(header.faces),
         bounds,
-        epsg: None,
+        crs: None,
         unit: None,
         parts: vec!["mesh".into()],
         is_coloured,

@@ -64,7 +64,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         format: if is_text { "STL, text" } else { "STL, binary" }.into(),
         faces: Some(faces),
         bounds,
-        epsg: None,
+        crs: None,
         unit: None,
         parts: parts.names(),
         is_coloured: false,

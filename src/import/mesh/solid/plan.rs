@@ -4,7 +4,7 @@ use super::crossing::Lattice;
 use super::grid::Grid;
 use super::inside::{Attribute, Boundary};
 use crate::import::mesh::Model;
-use crate::space::{Dimension, Frame, Up};
+use crate::space::{Crs, Dimension, Frame, Up};
 use crate::store::depth_for;
 use crate::{Error, Result};
 
@@ -41,8 +41,8 @@ pub struct SolidOptions {
     pub up: Up,
     /// Unit of length of the models' coordinates, to be kept in the file.
     pub unit: Option<String>,
-    /// EPSG number of the coordinate system; otherwise the models'.
-    pub epsg: Option<u32>,
+    /// The coordinate system; otherwise the models'.
+    pub crs: Option<Crs>,
     /// Bytes of memory for everything.
     pub memory: u64,
     /// Whether equal subtrees are stored once, in Autumnal files.
@@ -58,7 +58,7 @@ impl Default for SolidOptions {
             surface: false,
             up: Up::default(),
             unit: None,
-            epsg: None,
+            crs: None,
             memory: DEFAULT_MEMORY,
             share: false,
         }
@@ -132,12 +132,30 @@ pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> R
     }
     let bounds = bounds(&mut models, options.up)?;
     let Fitted { frame, depth, extent } = fit(bounds, options)?;
-    let known = models.iter().find_map(|model| model.info().epsg);
-    let frame = Frame { epsg: options.epsg.or(frame.epsg).or(known), ..frame };
+    let crs = match &options.crs {
+        Some(crs) => Some(crs.clone()),
+        None => common_crs(&models, frame.crs)?,
+    };
+    let frame = Frame { crs, ..frame };
     let grid = Grid::new(depth, frame)?;
     let lattice = Lattice::new([0; 3], grid.fraction);
     let description = describe(&models, options, &grid, extent);
     Ok(SolidImport { models, options: options.clone(), grid, lattice, extent, description })
+}
+
+/// The coordinate system of all models, or that of the tree that they are to be like.
+fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>) -> Result<Option<Crs>> {
+    let mut known = like.map(|crs| ("the tree to be like".to_string(), crs));
+    for info in models.iter().map(|model| model.info()) {
+        let name = info.path.display().to_string();
+        match (&known, &info.crs) {
+            (Some((first, crs)), Some(other)) => Crs::check_same((first, Some(crs)), (&name, Some(other)))?,
+            (None, Some(crs)) => known = Some((name, crs.clone())),
+            // Most formats cannot tell one: coordinates are then those of the others.
+            (_, None) => {}
+        }
+    }
+    Ok(known.map(|(_, crs)| crs))
 }
 
 /// The box around the faces of all models: a vertex far away that no face uses would make all cells large.

@@ -3,6 +3,7 @@
 use super::ifd::Directory;
 use super::spec::tag;
 use crate::Result;
+use crate::import::raster::xml::{attribute, elements, unescape};
 use crate::value::SampleType;
 
 /// The number that marks missing samples.
@@ -80,37 +81,4 @@ fn class_names(table: &str) -> Vec<(i64, String)> {
             Some((number as i64, unescape(fields.get(name)?)))
         })
         .collect()
-}
-
-/// Elements of a name, at any depth: attributes and content. GDAL nests none of these in themselves.
-fn elements<'a>(xml: &'a str, name: &'a str) -> impl Iterator<Item = (&'a str, &'a str)> {
-    let (open, close) = (format!("<{name}"), format!("</{name}>"));
-    let mut rest = xml;
-    std::iter::from_fn(move || {
-        loop {
-            let (_, found) = rest.split_once(&open)?;
-            rest = found;
-            if !found.starts_with([' ', '>', '/', '\n', '\t']) {
-                continue;
-            }
-            let (attributes, content) = found.split_once('>')?;
-            if attributes.ends_with('/') {
-                rest = content;
-                return Some((attributes, ""));
-            }
-            let (content, after) = content.split_once(&close)?;
-            rest = after;
-            return Some((attributes, content));
-        }
-    })
-}
-
-fn attribute(attributes: &str, name: &str) -> Option<String> {
-    let (_, value) = attributes.split_once(&format!(" {name}=\""))?;
-    Some(unescape(value.split_once('"')?.0))
-}
-
-fn unescape(text: &str) -> String {
-    let pairs = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")];
-    pairs.iter().fold(text.to_string(), |text, (from, to)| text.replace(from, to))
 }

@@ -1,43 +1,44 @@
 //! Georeferencing of a GeoTIFF: the model tags and the GeoKeys.
 
-use std::collections::HashMap;
-
 use super::ifd::Directory;
 use super::spec::tag;
 use crate::Result;
-use crate::space::Frame;
+use crate::space::{Crs, Frame, GeoKeys};
 
-// Keys by their names in the GeoTIFF specification.
-const GT_MODEL_TYPE: u16 = 1024;
+// The key for the raster type and its value for points, by their names in the GeoTIFF specification.
 const GT_RASTER_TYPE: u16 = 1025;
-const GT_CITATION: u16 = 1026;
-const GEOGRAPHIC_TYPE: u16 = 2048;
-const GEOG_CITATION: u16 = 2049;
-const PROJECTED_CS_TYPE: u16 = 3072;
-const PCS_CITATION: u16 = 3073;
-const PROJECTION: u16 = 3074;
-
-// Values of the keys for the model and raster type.
-const MODEL_TYPE_PROJECTED: u16 = 1;
 const RASTER_PIXEL_IS_POINT: u16 = 2;
 
-/// The frame that the tags tell, the identity if none.
-pub(super) fn frame(directory: &Directory<'_>) -> Result<Frame> {
-    let keys = Keys::read(directory)?;
-    let point = keys.numbers.get(&GT_RASTER_TYPE) == Some(&RASTER_PIXEL_IS_POINT);
-    let Some(mut affine) = affine(directory)? else {
-        // Tie points alone are ground control points, which no affine map goes through: then there is only
-        // the picture itself, and its coordinate system would be misleading.
-        let system = if directory.has(tag::MODEL_TIEPOINT) { None } else { keys.epsg() };
-        return Ok(Frame { epsg: system, ..Frame::identity() });
-    };
-    if point {
-        // What is said of a pixel's centre is to be said of its corner.
-        let [a, b, _, d, e, _] = affine;
-        affine[2] -= (a + b) / 2.0;
-        affine[5] -= (d + e) / 2.0;
+/// Place of a picture, as its tags tell.
+pub(super) struct Place {
+    /// The identity if they tell none.
+    pub(super) frame: Frame,
+    /// The coordinate system of ground control points, which are all that places the picture: it is not that of
+    /// the frame.
+    pub(super) control_crs: Option<Crs>,
+}
+
+impl Place {
+    pub(super) fn read(directory: &Directory<'_>) -> Result<Place> {
+        let (crs, is_point) = crs(directory)?;
+        let Some(mut affine) = affine(directory)? else {
+            let frame = Frame::identity();
+            // Tie points alone are ground control points, which no affine map goes through: then there is only
+            // the picture itself.
+            return Ok(match directory.has(tag::MODEL_TIEPOINT) {
+                true => Place { frame, control_crs: crs },
+                false => Place { frame: Frame { crs, ..frame }, control_crs: None },
+            });
+        };
+        if is_point {
+            // What is said of a pixel's centre is to be said of its corner.
+            let [a, b, _, d, e, _] = affine;
+            affine[2] -= (a + b) / 2.0;
+            affine[5] -= (d + e) / 2.0;
+        }
+        let frame = Frame { crs, pixel_is_point: is_point, ..Frame::planar(affine) };
+        Ok(Place { frame, control_crs: None })
     }
-    Ok(Frame { epsg: keys.epsg(), crs_name: keys.name(), pixel_is_point: point, ..Frame::planar(affine) })
 }
 
 /// The affine map as it stands, in the order of [`Frame::planar`].
@@ -57,59 +58,21 @@ fn affine(directory: &Directory<'_>) -> Result<Option<[f64; 6]>> {
     .filter(|affine| affine.iter().all(|number| number.is_finite())))
 }
 
-/// The GeoKeys that have a number of 16 bits or a text.
-#[derive(Default)]
-struct Keys {
-    numbers: HashMap<u16, u16>,
-    texts: HashMap<u16, String>,
-}
-
-impl Keys {
-    fn read(directory: &Directory<'_>) -> Result<Keys> {
-        let table = directory.numbers(tag::GEO_KEY_DIRECTORY)?.unwrap_or_default();
-        let texts = directory.bytes(tag::GEO_ASCII_PARAMS)?.unwrap_or_default();
-        let mut keys = Keys::default();
-        // The first four numbers are a version and a count, which the tag's length tells as well.
-        for entry in table.as_chunks::<4>().0.iter().skip(1) {
-            let [key, location, count, value] = entry.map(|number| number as u16);
-            match location {
-                0 => {
-                    keys.numbers.insert(key, value);
-                }
-                tag::GEO_ASCII_PARAMS => {
-                    let (start, count) = (usize::from(value), usize::from(count));
-                    let Some(text) = texts.get(start..start + count) else { continue };
-                    let text = String::from_utf8_lossy(text);
-                    keys.texts.insert(key, text.trim_end_matches(['|', '\0', ' ']).to_string());
-                }
-                _ => {}
-            }
+/// The coordinate system that the keys define, and whether they say that samples are points.
+fn crs(directory: &Directory<'_>) -> Result<(Option<Crs>, bool)> {
+    let table = directory.numbers(tag::GEO_KEY_DIRECTORY)?.unwrap_or_default();
+    let table: Vec<u16> = table.into_iter().map(|number| number as u16).collect();
+    let doubles = directory.doubles(tag::GEO_DOUBLE_PARAMS)?;
+    let texts = directory.bytes(tag::GEO_ASCII_PARAMS)?.unwrap_or_default();
+    let mut entries = table.as_chunks::<4>().0.iter().skip(1);
+    let is_point = entries.any(|entry| *entry == [GT_RASTER_TYPE, 0, 1, RASTER_PIXEL_IS_POINT]);
+    let crs = GeoKeys::new(&table, &doubles, &texts).map(|keys| {
+        // Keys that say no more than a number are that number.
+        let epsg = Crs::GeoKeys(keys.clone()).numbers();
+        match epsg.filter(|epsg| GeoKeys::of_epsg(*epsg).as_ref() == Some(&keys)) {
+            Some(epsg) => Crs::Epsg(epsg),
+            None => Crs::GeoKeys(keys),
         }
-        Ok(keys)
-    }
-
-    /// The EPSG number of the horizontal coordinate system.
-    fn epsg(&self) -> Option<u32> {
-        let cited = |words: &str| self.texts.values().any(|text| text.to_lowercase().contains(words));
-        // Some writers have names of their own for the system that most web maps use.
-        if cited("wgs_1984_web_mercator_auxiliary_sphere") || self.numbers.get(&PROJECTION) == Some(&3856) {
-            return Some(3857);
-        }
-        // ERDAS Imagine gives the metric system's number for systems in feet.
-        if cited("imagine geotiff support") && cited("feet") {
-            return None;
-        }
-        let code = match self.numbers.get(&PROJECTED_CS_TYPE) {
-            Some(code) => code,
-            None if self.numbers.get(&GT_MODEL_TYPE) == Some(&MODEL_TYPE_PROJECTED) => return None,
-            None => self.numbers.get(&GEOGRAPHIC_TYPE)?,
-        };
-        // 0 is undefined, 32767 is defined by the user.
-        (1024..32767).contains(code).then_some(u32::from(*code))
-    }
-
-    fn name(&self) -> Option<String> {
-        let names = [GT_CITATION, PCS_CITATION, GEOG_CITATION];
-        names.iter().find_map(|key| self.texts.get(key)).filter(|name| !name.is_empty()).cloned()
-    }
+    });
+    Ok((crs, is_point))
 }

@@ -15,22 +15,27 @@ mod spec;
 use std::path::Path;
 
 use self::colour::Colour;
+use self::geokeys::Place;
 use self::ifd::{Directory, Input};
 use self::image::Image;
 use self::samples::SampleFormat;
 use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, beside};
 use crate::space::Region;
 use crate::value::{Kind, Palette};
 use crate::{Error, Result};
+
+/// Name of the tag that keeps the coordinate system of ground control points.
+const CONTROL_CRS: &str = "coordinate system of ground control points";
 
 /// Opens a TIFF file, of which the first image counts.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (input, first) = Input::open(path, options.memory)?;
     let (directory, next) = input.directory(first)?;
     let mut image = Image::new(&input, &directory)?;
-    let info = info(&directory, &image)?;
+    let mut info = info(&directory, &image)?;
+    beside::place(path, &mut info.frame)?;
     if let Some(nodata) = info.nodata {
         image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
     }
@@ -144,8 +149,10 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
     } else {
         "strips".into()
     };
-    let frame = geokeys::frame(directory)?;
-    let format = if frame.is_identity() && frame.epsg.is_none() { "TIFF" } else { "GeoTIFF" };
+    let Place { frame, control_crs } = Place::read(directory)?;
+    let format = if frame.is_identity() && frame.crs.is_none() { "TIFF" } else { "GeoTIFF" };
+    let mut tags = tags(directory, metadata.items)?;
+    tags.extend(control_crs.map(|crs| (CONTROL_CRS.to_string(), crs.definition())));
     Ok(RasterInfo {
         width: layout.width,
         height: layout.height,
@@ -161,7 +168,7 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
         scale_offset: metadata.scale_offset,
         kind,
         layout: format!("{format}, {chunks}, {}", image.codec.name()),
-        tags: tags(directory, metadata.items)?,
+        tags,
         order: if layout.tiled { Order::Anywhere } else { Order::Bands },
     })
 }

@@ -36,6 +36,7 @@ pub(super) mod tag {
     pub(in crate::import::raster::tiff) const MODEL_TIEPOINT: u16 = 33922;
     pub(in crate::import::raster::tiff) const MODEL_TRANSFORMATION: u16 = 34264;
     pub(in crate::import::raster::tiff) const GEO_KEY_DIRECTORY: u16 = 34735;
+    pub(in crate::import::raster::tiff) const GEO_DOUBLE_PARAMS: u16 = 34736;
     pub(in crate::import::raster::tiff) const GEO_ASCII_PARAMS: u16 = 34737;
     pub(in crate::import::raster::tiff) const GDAL_METADATA: u16 = 42112;
     pub(in crate::import::raster::tiff) const GDAL_NODATA: u16 = 42113;

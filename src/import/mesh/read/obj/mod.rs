@@ -64,7 +64,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         format: "OBJ".into(),
         faces: Some(scan.faces),
         bounds,
-        epsg: None,
+        crs: None,
         unit: None,
         parts: scan.parts.names(),
         is_coloured: scan.coloured > 0 || !materials.is_empty(),

@@ -86,7 +86,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         format: format!("PLY, {encoding}"),
         faces: Some(faces.count),
         bounds,
-        epsg: None,
+        crs: None,
         unit: None,
         parts: vec!["mesh".into()],
         is_coloured: vertices.table(&source).is_coloured() || faces.colour().is_some(),

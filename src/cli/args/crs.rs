@@ -1,0 +1,25 @@
+//! Coordinate systems as arguments.
+
+use std::path::Path;
+
+use spinney::space::Crs;
+
+/// Bytes of a file that are read; definitions are shorter.
+const MOST: u64 = 2 << 20;
+
+/// Reads a definition, or the file that has it: after `@`, or by a path that nothing else could be meant by.
+pub(crate) fn parse_crs(text: &str) -> Result<Crs, String> {
+    let parse = |text: &str| Crs::parse(text).map_err(|error| error.to_string());
+    match text.strip_prefix('@') {
+        Some(path) => parse(&read(path)?),
+        None => parse(text)
+            .or_else(|error| if Path::new(text).is_file() { parse(&read(text)?) } else { Err(error) }),
+    }
+}
+
+fn read(path: &str) -> Result<String, String> {
+    use std::io::Read as _;
+    let mut definition = String::new();
+    let read = std::fs::File::open(path).and_then(|file| file.take(MOST).read_to_string(&mut definition));
+    read.map(|_| definition).map_err(|error| format!("{path}: cannot be read: {error}"))
+}

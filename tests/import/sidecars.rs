@@ -1,0 +1,130 @@
+//! Places and coordinate systems from files beside a picture, and from ground control points.
+
+use std::fs;
+use std::path::Path;
+
+use spinney::import::raster::{RasterInfo, RasterOptions, open};
+use spinney::space::{Crs, Frame};
+
+use crate::common::shared_data;
+use crate::common::tiff_file::{Ifd, Values, file};
+
+const LOCAL: &str = "LOCAL_CS[\"site <A> & B\",UNIT[\"metre\",1]]";
+const ESCAPED: &str = "LOCAL_CS[&quot;site &lt;A&gt; &amp; B&quot;,UNIT[&quot;metre&quot;,1]]";
+const TRANSFORM: &str = "<GeoTransform>  1.0e+02,  2.0, 0.0, 2.0e+02, 0.0, -2.0</GeoTransform>";
+
+fn info(path: &Path) -> Result<RasterInfo, String> {
+    let raster = open(path, &RasterOptions::default()).map_err(|error| error.to_string())?;
+    Ok(raster.info().clone())
+}
+
+fn placed(crs: Option<Crs>) -> Frame {
+    Frame { crs, ..Frame::planar([2.0, 0.0, 100.0, 0.0, -2.0, 200.0]) }
+}
+
+#[test]
+fn files_beside_pictures_place_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let grey = file(&[Ifd::grey(2, 2, vec![1, 2, 3, 4])]);
+    let png = fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png")).unwrap();
+    let local = Some(Crs::Wkt(LOCAL.into()));
+    for (name, bytes) in [("a.tif", &grey), ("a.png", &png)] {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        assert_eq!(info(&path).unwrap().frame, Frame::identity());
+        // A definition without a place says nothing: it may be of another file of that name.
+        let definition = folder.path().join("a.prj");
+        fs::write(&definition, format!("\u{feff}{LOCAL}\n")).unwrap();
+        assert_eq!(info(&path).unwrap().frame, Frame::identity());
+        let world = folder.path().join(if name == "a.tif" { "a.tfw" } else { "a.pgw" });
+        fs::write(&world, "2\n0\n0\n-2\n101\n199\n").unwrap();
+        assert_eq!(info(&path).unwrap().frame, placed(local.clone()));
+        // GDAL's file comes first, and has both.
+        let beside = folder.path().join(format!("{name}.aux.xml"));
+        let xml =
+            format!("<PAMDataset>\n  <SRS dataAxisToSRSAxisMapping=\"1,2\">EPSG:2056</SRS>\n  {TRANSFORM}\n");
+        fs::write(&beside, &xml).unwrap();
+        assert_eq!(info(&path).unwrap().frame, placed(Some(Crs::epsg(2056))));
+        fs::remove_file(&world).unwrap();
+        fs::write(&beside, xml.replace("EPSG:2056", ESCAPED)).unwrap();
+        assert_eq!(info(&path).unwrap().frame, placed(local.clone()));
+        // What is damaged is an error that says where.
+        for (from, to) in
+            [("EPSG:2056", "Projection UTM"), ("EPSG:2056", "PROJCS["), ("-2.0", "0.0"), ("-2.0", "x")]
+        {
+            fs::write(&beside, xml.replace(from, to)).unwrap();
+            let error = info(&path).unwrap_err();
+            assert!(error.contains("aux.xml"), "{error}");
+        }
+        fs::remove_file(&beside).unwrap();
+        fs::write(&world, "2\n0\n0\n-2\n101\n199\n").unwrap();
+        fs::write(&definition, "Projection GEOGRAPHIC\nDatum WGS84\n").unwrap();
+        let error = info(&path).unwrap_err();
+        assert!(error.contains("a.prj") && error.contains("--crs"), "{error}");
+        fs::remove_file(&world).unwrap();
+    }
+    // What the picture tells itself comes before all of it.
+    let path = folder.path().join("a.tif");
+    let keys = [[1, 1, 0, 2], [1024, 0, 1, 1], [3072, 0, 1, 32628]];
+    let ifd = Ifd::grey(2, 2, vec![1, 2, 3, 4]).short(34735, keys.as_flattened());
+    let ifd = ifd.tag(33550, Values::Double(vec![2.0, 2.0, 0.0]));
+    let ifd = ifd.tag(33922, Values::Double(vec![0.0, 0.0, 0.0, 100.0, 200.0, 0.0]));
+    fs::write(&path, file(&[ifd])).unwrap();
+    fs::write(folder.path().join("a.tif.aux.xml"), "<PAMDataset><SRS>EPSG:2056</SRS></PAMDataset>").unwrap();
+    assert_eq!(info(&path).unwrap().frame, placed(Some(Crs::epsg(32628))));
+}
+
+#[test]
+fn ground_control_points_do_not_lose_their_system() {
+    let points =
+        [[0.0, 0.0, 0.0, 7.0, 50.0, 0.0], [1.0, 2.0, 0.0, 8.0, 49.0, 0.0], [2.0, 0.0, 0.0, 9.0, 50.0, 0.0]];
+    let keys = [[1, 1, 0, 2], [1024, 0, 1, 2], [2048, 0, 1, 4258]];
+    let ifd = Ifd::grey(2, 2, vec![1, 2, 3, 4]).short(34735, keys.as_flattened());
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.tif");
+    fs::write(&path, file(&[ifd.tag(33922, Values::Double(points.concat()))])).unwrap();
+    let info = info(&path).unwrap();
+    // The picture's own cells are in no system.
+    assert_eq!(info.frame, Frame::identity());
+    let tag = ("coordinate system of ground control points".to_string(), "EPSG:4258".to_string());
+    assert!(info.tags.contains(&tag), "{:?}", info.tags);
+}
+
+#[test]
+fn hostile_keys_are_no_harm() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.tif");
+    // Counts and indices beyond the end, tags that are not there, and a directory that is cut short.
+    let tables: [&[u16]; 5] = [
+        &[1, 1, 0, 65535, 1024, 0, 1, 1, 3072, 0, 1, 2056],
+        &[1, 1, 0, 2, 2057, 34736, 65535, 65535, 1026, 34737, 65535, 65535],
+        &[1, 1, 0, 1, 3072, 34735, 1, 65535],
+        &[1, 1, 0, 1, 3072],
+        &[0; 4],
+    ];
+    let expected = [Some(Crs::epsg(2056)), None, None, None, None];
+    for (table, expected) in tables.into_iter().zip(expected) {
+        let ifd = Ifd::grey(2, 2, vec![1, 2, 3, 4]).short(34735, table).tag(34737, Values::Text("a|"));
+        fs::write(&path, file(&[ifd.tag(34736, Values::Double(vec![1.0]))])).unwrap();
+        let crs = info(&path).unwrap().frame.crs;
+        assert_eq!(
+            crs.as_ref().and_then(Crs::numbers),
+            expected.as_ref().and_then(Crs::numbers),
+            "{table:?}"
+        );
+        assert!(crs.is_none_or(|crs| !crs.definition().is_empty()));
+    }
+}
+
+#[test]
+fn systems_without_numbers_are_kept_and_told_apart() {
+    let Some(folder) = shared_data().map(|data| data.join("hostile/raster")) else { return };
+    let files = ["custom.tif", "customtm.tif", "nt_20201024_f18_nrt_s.tif"];
+    let systems = files.map(|name| info(&folder.join(name)).unwrap().frame.crs.unwrap());
+    for (a, crs) in systems.iter().enumerate() {
+        assert_eq!((crs.numbers(), crs.unit()), (None, Some("m")));
+        for (b, other) in systems.iter().enumerate() {
+            assert_eq!(crs.is_same(other), a == b, "{} and {}", files[a], files[b]);
+        }
+    }
+}
