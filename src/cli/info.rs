@@ -8,7 +8,7 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::ChannelStatistics;
 use spinney::space::Frame;
-use spinney::store::LevelCounts;
+use spinney::store::{LevelCounts, Metadata, TagScope};
 
 use super::open;
 use super::report::statistics::{channels_as_json, class_as_json};
@@ -108,6 +108,7 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "nodata": metadata.nodata,
         "bands": metadata.band_names,
         "scale_offset": metadata.scale_offset,
+        "units": metadata.units,
         "bytes": tree.file_size(),
         "raw_bytes": raw_bytes(tree),
         "sections": sections,
@@ -121,6 +122,8 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "classes": classes,
         "provenance": metadata.provenance,
         "tags": metadata.tags,
+        "scoped_tags": scoped_tags_as_json(metadata),
+        "control_points": control_points_as_json(metadata),
     }))
 }
 
@@ -134,10 +137,34 @@ fn as_text(tree: &Dataset, levels: Levels<'_>) -> Result<String> {
         writeln!(text, "from        {line}")?;
     }
     for (name, value) in &tree.metadata().tags {
-        let value: String = value.chars().take(200).collect();
-        writeln!(text, "tag         {name} = {value}")?;
+        writeln!(text, "tag         {name} = {}", shortened(value))?;
+    }
+    for (scope, tags) in &tree.metadata().scoped_tags {
+        let channel = scope.channel.map(|channel| format!("channel {}", u32::from(channel) + 1));
+        let domain = Some(scope.domain.clone()).filter(|domain| !domain.is_empty());
+        let scope = [channel, domain].into_iter().flatten().collect::<Vec<_>>().join(", ");
+        for (name, value) in tags {
+            writeln!(text, "tag         {scope}: {name} = {}", shortened(value))?;
+        }
     }
     Ok(text)
+}
+
+/// Enough of a text to know it.
+fn shortened(text: &str) -> String {
+    text.chars().take(200).collect()
+}
+
+fn scoped_tags_as_json(metadata: &Metadata) -> Vec<serde_json::Value> {
+    let json = |(scope, tags): (&TagScope, _)| json!({ "channel": scope.channel.map(|channel| u32::from(channel) + 1), "domain": scope.domain, "tags": tags });
+    metadata.scoped_tags.iter().map(json).collect()
+}
+
+fn control_points_as_json(metadata: &Metadata) -> Option<serde_json::Value> {
+    let points = metadata.control_points.as_ref()?;
+    let list: Vec<_> =
+        points.points.iter().map(|point| json!({ "cell": point.cell, "world": point.world })).collect();
+    Some(json!({ "epsg": points.system.epsg, "crs": points.system.crs_name, "points": list }))
 }
 
 /// Writes the tree's form and size, and where it lies in the world.
@@ -152,17 +179,26 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     writeln!(text, "size        {size} cells of {}, depth {depth}", header.form.value)?;
     writeln!(text, "values      {}, averaged by {}", header.kind, header.rule)?;
     write_place(text, tree)?;
-    let name = metadata.frame.crs_name.as_deref();
-    match (metadata.frame.epsg, name) {
-        (Some(epsg), Some(name)) => writeln!(text, "crs         EPSG:{epsg} ({name})")?,
-        (Some(epsg), None) => writeln!(text, "crs         EPSG:{epsg}")?,
-        (None, Some(name)) => writeln!(text, "crs         {name}")?,
-        (None, None) => {}
+    if let Some(system) = system_in_words(&metadata.frame) {
+        writeln!(text, "crs         {system}")?;
+    }
+    if let Some(points) = &metadata.control_points {
+        let system = system_in_words(&points.system).map_or(String::new(), |system| format!(" in {system}"));
+        writeln!(text, "points      {} ground control points{system}", points.points.len())?;
     }
     if let Some(nodata) = metadata.nodata {
         writeln!(text, "nodata      {nodata}")?;
     }
     Ok(())
+}
+
+/// The number and name of a frame's coordinate system.
+fn system_in_words(frame: &Frame) -> Option<String> {
+    match (frame.epsg, frame.crs_name.as_deref()) {
+        (Some(epsg), Some(name)) => Some(format!("EPSG:{epsg} ({name})")),
+        (Some(epsg), None) => Some(format!("EPSG:{epsg}")),
+        (None, name) => name.map(String::from),
+    }
 }
 
 /// Writes where the cells lie in the world.

@@ -5,6 +5,7 @@ use super::stretch::Stretch;
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::space::{Bounds, Frame};
+use crate::store::Metadata;
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Progress, Result};
 
@@ -89,7 +90,7 @@ pub fn export_window(
             return Err(Error::invalid("range", "an output other than PNG", "PNG: others hold the values"));
         }
         spec.value.sample = SampleType::U8;
-        (spec.palette, spec.nodata) = (None, None);
+        (spec.metadata.palette, spec.metadata.nodata) = (None, None);
     }
     let mut writer = create(output, format, &spec)?;
     // Pictures of upright slices begin with the highest row, which is the last along the axis.
@@ -286,23 +287,32 @@ impl VoidCells {
 fn image_spec(tree: &Dataset, grid: &Grid, void: &VoidCells) -> ImageSpec {
     let (value, metadata) = (tree.header().form.value, tree.metadata());
     let first = [grid.origin[0], grid.origin[1], grid.source.min[2] as f64];
-    let mut frame = metadata.frame.coarser(tree.depth() - grid.level).shifted(first);
-    for row in &mut frame.matrix {
-        row[0] *= grid.step[0];
-        row[1] *= grid.step[1];
-    }
+    // Pixels in a frame of the deepest level's cells.
+    let pixels_in = |cells: &Frame| {
+        let mut frame = cells.coarser(tree.depth() - grid.level).shifted(first);
+        for row in &mut frame.matrix {
+            row[0] *= grid.step[0];
+            row[1] *= grid.step[1];
+        }
+        frame
+    };
     // Upright slices have no frame: those of pictures are maps of x and y.
-    let has_frame = grid.across == 2 && metadata.frame != Frame::identity();
+    let is_flat = grid.across == 2;
+    let has_frame = is_flat && metadata.frame != Frame::identity();
+    let points = metadata.control_points.as_ref().filter(|_| is_flat);
+    let nodata = void.fill.filter(|_| !has_opacity(tree) && (void.may_be || metadata.nodata.is_some()));
     ImageSpec {
         width: grid.width,
         height: grid.height,
         value,
         alpha: has_opacity(tree),
         void: void.may_be,
-        frame: has_frame.then_some(frame),
-        nodata: void.fill.filter(|_| !has_opacity(tree) && (void.may_be || metadata.nodata.is_some())),
-        palette: metadata.palette.clone(),
-        band_names: metadata.band_names.clone(),
+        metadata: Metadata {
+            frame: if has_frame { pixels_in(&metadata.frame) } else { Frame::identity() },
+            control_points: points.and_then(|points| points.seen_through(&pixels_in(&Frame::identity()))),
+            nodata,
+            ..metadata.clone()
+        },
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod code;
+mod control_points;
 mod dimension;
 mod epsg;
 mod frame;
@@ -11,6 +12,7 @@ mod up;
 pub use bounds::Bounds;
 pub(crate) use code::morton_encode;
 pub use code::{Cell, Code};
+pub use control_points::{ControlPoint, ControlPoints};
 pub use dimension::Dimension;
 pub use epsg::is_geographic;
 pub use frame::Frame;

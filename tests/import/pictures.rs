@@ -7,6 +7,7 @@ use spinney::export::image::{Format, ImageSpec, create};
 use spinney::import::raster::{Order, Pixels, RasterInfo, RasterOptions, open};
 use spinney::io::Output;
 use spinney::space::{Frame, Region};
+use spinney::store::Metadata;
 use spinney::value::{Kind, Palette, SampleType, ValueType};
 use spinney::{Error, Result};
 
@@ -19,10 +20,7 @@ fn spec(width: u64, height: u64, sample: SampleType, channels: u8) -> ImageSpec 
         value: ValueType { sample, channels },
         alpha: channels.is_multiple_of(2),
         void: false,
-        frame: None,
-        nodata: None,
-        palette: None,
-        band_names: Vec::new(),
+        metadata: Metadata::default(),
     }
 }
 
@@ -160,7 +158,7 @@ fn png_palette_keeps_colours_and_void() {
     let path = folder.path().join("a.png");
     let colours = vec![[1, 2, 3, 255], [4, 5, 6, 128], [7, 8, 9, 255]];
     let mut spec = spec(4, 1, SampleType::U8, 1);
-    spec.palette = Some(Palette { colours: colours.clone() });
+    spec.metadata.palette = Some(Palette { colours: colours.clone() });
     write(&path, Format::Png, &spec, &[0, 1, 2, 3], None).unwrap();
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!(info.palette.unwrap().colours[..3], colours);
@@ -173,7 +171,7 @@ fn png_palette_keeps_colours_and_void() {
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((info.channels, info.alpha, info.palette.is_none()), (4, Some(3), true));
     assert_eq!(pixels.bytes, [1, 2, 3, 255, 0, 0, 0, 0, 4, 5, 6, 128, 7, 8, 9, 255]);
-    spec.nodata = Some(3.0);
+    spec.metadata.nodata = Some(3.0);
     write(&path, Format::Png, &spec, &[0, 3, 2, 3], Some(&[true, false, true, false])).unwrap();
     let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((pixels.bytes, pixels.valid), (vec![0, 3, 2, 3], Some(vec![true, false, true, false])));
@@ -217,7 +215,7 @@ fn png_colour_key_and_text() {
     assert_eq!((pixels.bytes, pixels.valid), (vec![9, 3], Some(vec![false, true])));
     assert_eq!(info.stored_sample, "uint4");
     let tag = |name: &str, text: &str| (name.to_string(), text.to_string());
-    assert_eq!(info.tags, [tag("Author", "somebody"), tag("Comment", "packed")]);
+    assert_eq!(info.tags, [tag("Author", "somebody"), tag("Comment", "packed")].into());
 
     let key = [0, 1, 0, 2, 3, 4];
     write_keyed(png::ColorType::Rgb, png::BitDepth::Sixteen, &key, &[0, 1, 0, 2, 3, 4, 0, 1, 0, 2, 4, 3]);
@@ -319,7 +317,7 @@ fn small_files(folder: &Path) -> Vec<PathBuf> {
     let mut spec = spec(9, 35, SampleType::F32, 3);
     write(&folder.join("a.exr"), Format::Exr, &spec, &samples(&spec), None).unwrap();
     spec.value = ValueType { sample: SampleType::U8, channels: 1 };
-    spec.palette = Some(Palette { colours: vec![[1, 2, 3, 4]; 7] });
+    spec.metadata.palette = Some(Palette { colours: vec![[1, 2, 3, 4]; 7] });
     write(&folder.join("a.png"), Format::Png, &spec, &samples(&spec), None).unwrap();
     let names = "adam7.png adam7_grey2.png rows.png grey.jpg rgb.jpg progressive.jpg cmyk.jpg lossy.webp \
                  lossless.webp alpha.webp";

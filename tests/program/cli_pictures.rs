@@ -6,6 +6,7 @@ use spinney::export::image::{Format, ImageSpec, create};
 use spinney::import::raster::{self, Pixels};
 use spinney::io::Output;
 use spinney::space::Region;
+use spinney::store::Metadata;
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 use crate::common::command::{command, complaint, stderr};
@@ -122,10 +123,7 @@ fn black_stays_black_beside_opacity() {
         value: ValueType { sample: SampleType::U8, channels: 4 },
         alpha: true,
         void: false,
-        frame: None,
-        nodata: None,
-        palette: None,
-        band_names: Vec::new(),
+        metadata: Metadata::default(),
     };
     let picture = name("in.tif");
     let mut writer = create(Output::create(picture.as_ref()).unwrap(), Format::Tiff, &spec).unwrap();

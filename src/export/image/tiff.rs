@@ -1,6 +1,7 @@
 //! (Geo)TIFF: compressed strips, and the directory after them, where everything is known.
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
@@ -8,8 +9,9 @@ use rayon::prelude::*;
 
 use super::seekable::Seekable;
 use super::tiff_tags::{self, IfdField, tag, tag_value};
-use super::{ImageSpec, RowWriter, Rows};
-use crate::io::Output;
+use super::{ImageSpec, RowWriter, Rows, gdal_xml};
+use crate::io::{Output, sidecar_of};
+use crate::store::Metadata;
 use crate::value::{Palette, SampleType};
 use crate::{Error, Result};
 
@@ -31,6 +33,35 @@ struct Tiff {
     sizes: Vec<u64>,
     /// All tags but those of the strips.
     tags: Vec<(u16, IfdField)>,
+    sidecar: Option<Sidecar>,
+}
+
+/// The file beside a picture with what has no room in it: the names of values.
+enum Sidecar {
+    Written(Output),
+    /// There is nothing to write, and one that is there is that of another picture.
+    None(PathBuf),
+}
+
+impl Sidecar {
+    fn of(picture: &Path, metadata: &Metadata) -> Result<Sidecar> {
+        let path = sidecar_of(picture);
+        let Some(xml) = gdal_xml::sidecar(metadata) else { return Ok(Sidecar::None(path)) };
+        let mut output = Output::create(&path)?;
+        output.write_all(xml.as_bytes()).map_err(Error::io(path, "write"))?;
+        Ok(Sidecar::Written(output))
+    }
+
+    /// Puts the sidecar beside its picture.
+    fn commit(self) -> Result<()> {
+        match self {
+            Sidecar::Written(output) => output.commit(),
+            Sidecar::None(path) => match std::fs::remove_file(&path) {
+                Err(error) if error.kind() != ErrorKind::NotFound => Err(Error::io(path, "remove")(error)),
+                _ => Ok(()),
+            },
+        }
+    }
 }
 
 /// Transform of rows before compression.
@@ -76,6 +107,15 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
         row_bytes: row_bytes as usize,
     };
     let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, spec.height);
+    let mut output = output;
+    // What has no file has no sidecar either.
+    let (sidecar, with_classes) = match output.file_mut() {
+        Some(_) => (Some(Sidecar::of(output.path(), &spec.metadata)?), false),
+        None => (None, true),
+    };
+    let mut tags = tags(spec, predictor, rows_per_strip);
+    let about = gdal_xml::metadata(&spec.metadata, with_classes);
+    tags.extend(about.map(|xml| (tag::GDAL_METADATA, IfdField::Ascii(xml))));
     let mut output = Seekable::new(output)?;
     output.append(tiff_tags::header(big).0)?;
     Ok(Box::new(Tiff {
@@ -87,14 +127,15 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
         waiting: Vec::new(),
         offsets: Vec::new(),
         sizes: Vec::new(),
-        tags: tags(spec, predictor, rows_per_strip),
+        tags,
+        sidecar,
     }))
 }
 
 /// The palette, if TIFF can hold it for such values.
 fn palette(spec: &ImageSpec) -> Option<&Palette> {
     let fits = spec.value.channels == 1 && matches!(spec.value.sample, SampleType::U8 | SampleType::U16);
-    spec.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
+    spec.metadata.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
 }
 
 fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16, IfdField)> {
@@ -136,9 +177,13 @@ fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16
         let channel = |c: usize| (0..entries).map(move |i| u16::from(colour(i)[c]) * 257);
         tags.push((tag::COLOR_MAP, Short((0..3).flat_map(channel).collect())));
     }
-    tags.extend(spec.frame.iter().flat_map(tiff_tags::geo_tags));
-    tags.extend(spec.nodata.map(tiff_tags::nodata_tag));
-    tags.extend(tiff_tags::band_names_tag(&spec.band_names));
+    let metadata = &spec.metadata;
+    tags.extend(match &metadata.control_points {
+        Some(points) => tiff_tags::control_point_tags(points),
+        None => tiff_tags::geo_tags(&metadata.frame),
+    });
+    tags.extend(metadata.nodata.map(tiff_tags::nodata_tag));
+    tags.extend(tiff_tags::text_tags(&metadata.tags));
     tags
 }
 
@@ -231,7 +276,7 @@ impl RowWriter for Tiff {
     fn finish(mut self: Box<Self>) -> Result<()> {
         self.rows.finish()?;
         self.write_strips()?;
-        let Tiff { mut output, mut tags, offsets, sizes, big, .. } = *self;
+        let Tiff { mut output, mut tags, offsets, sizes, big, sidecar, .. } = *self;
         if output.position() % 2 == 1 {
             output.append(&[0])?;
         }
@@ -244,7 +289,8 @@ impl RowWriter for Tiff {
         let at = output.position();
         output.append(&tiff_tags::directory(tags, at, big))?;
         output.patch(tiff_tags::header(big).1, &tiff_tags::word(at, big))?;
-        output.commit()
+        output.commit()?;
+        sidecar.map_or(Ok(()), Sidecar::commit)
     }
 }
 
@@ -260,10 +306,7 @@ mod tests {
             value: ValueType { sample, channels },
             alpha: channels.is_multiple_of(2),
             void: false,
-            frame: None,
-            nodata: None,
-            palette: None,
-            band_names: Vec::new(),
+            metadata: Metadata::default(),
         }
     }
 

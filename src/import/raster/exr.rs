@@ -1,6 +1,6 @@
 //! OpenEXR, block by block.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -207,16 +207,16 @@ fn layout(header: &Header) -> String {
     format!("OpenEXR, {blocks}, {}", header.compression)
 }
 
-fn tags(header: &Header, layer: &str) -> Vec<(String, String)> {
+fn tags(header: &Header, layer: &str) -> BTreeMap<String, String> {
     let window = |position: exr::math::Vec2<i32>, size: exr::math::Vec2<usize>| {
         format!("{} x {} at ({}, {})", size.0, size.1, position.0, position.1)
     };
     let display = header.shared_attributes.display_window;
     let own = &header.own_attributes;
-    let mut tags = vec![
+    let mut tags = BTreeMap::from([
         ("data window".to_string(), window(own.layer_position, header.layer_size)),
         ("display window".to_string(), window(display.position, display.size)),
-    ];
+    ]);
     let texts = [
         ("layer", Some(layer.to_string()).filter(|name| !name.is_empty())),
         ("owner", own.owner.as_ref().map(ToString::to_string)),

@@ -1,11 +1,12 @@
 //! Plans of imports: from raster files and options to the tree that will be built.
 
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::sidecar::Described;
 use super::validity::as_stored;
-use super::{Pixels, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
-use crate::space::{Dimension, Frame, Region};
+use super::{Raster, RasterInfo, RasterOptions, bands, mosaic, open};
+use crate::space::{Dimension, Frame};
 use crate::store::{BuildOptions, Metadata, depth_for};
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Result};
@@ -135,6 +136,9 @@ fn open_inputs(inputs: &[PathBuf], options: &ImportOptions, memory: u64) -> Resu
         let mut info = raster.info().clone();
         info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
         info.frame.epsg = options.epsg.or(info.frame.epsg);
+        if let (Some(points), Some(_)) = (&mut info.control_points, options.epsg) {
+            points.system = Frame { epsg: options.epsg, ..Frame::identity() };
+        }
         Ok(Box::new(Described { raster, info }))
     };
     inputs.iter().map(open_one).collect()
@@ -152,8 +156,11 @@ struct Choices {
 
 /// Metadata of the tree's file.
 fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Metadata {
+    // Control points are for pictures that nothing else places.
+    let control_points = info.control_points.clone().filter(|_| frame.is_identity());
     Metadata {
         frame,
+        control_points,
         nodata: info.nodata,
         palette: info.palette.clone(),
         class_names: info.class_names.iter().cloned().collect(),
@@ -169,7 +176,9 @@ fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &Impor
         },
         alpha: info.alpha.map(|alpha| alpha as u8),
         provenance: provenance(inputs, info, options),
-        tags: info.tags.iter().cloned().collect(),
+        units: if info.units.iter().all(String::is_empty) { Vec::new() } else { info.units.clone() },
+        tags: info.tags.clone(),
+        scoped_tags: info.scoped_tags.clone(),
         ..Metadata::default()
     }
 }
@@ -204,6 +213,12 @@ fn describe(
         ("transform", if metadata.frame.is_identity() { "none".into() } else { affine }),
         ("nodata", nodata),
     ];
+    if let Some(points) = &metadata.control_points {
+        lines.push((
+            "points",
+            format!("{} ground control points, {}", points.points.len(), crs(&points.system)),
+        ));
+    }
     if let Some(palette) = &metadata.palette {
         lines.push(("palette", format!("{} colours", palette.colours.len())));
     }
@@ -212,26 +227,6 @@ fn describe(
     lines.push(("rule", format!("{rule}, {default}")));
     lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
     lines
-}
-
-/// A raster of which the user knows more than its file tells.
-struct Described {
-    raster: Box<dyn Raster>,
-    info: RasterInfo,
-}
-
-impl Raster for Described {
-    fn info(&self) -> &RasterInfo {
-        &self.info
-    }
-
-    fn path(&self) -> &Path {
-        self.raster.path()
-    }
-
-    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
-        self.raster.read(region, pixels)
-    }
 }
 
 fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
@@ -252,9 +247,11 @@ fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
 
 fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
     let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
+    let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
     match (options.kind, info.kind) {
         (Some(kind), _) => (kind, "as you said"),
         (None, Some(kind @ Kind::Categorical)) if info.palette.is_some() => (kind, "it has a palette"),
+        (None, _) if has_classes => (Kind::Categorical, "its values have names"),
         (None, Some(kind)) => (kind, "as the file's samples tell"),
         (None, None) if small => (Kind::Continuous, "8-bit grey; for classes say --kind categorical"),
         (None, None) => (Kind::Continuous, "the usual for such samples"),

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::map::Map;
 use crate::ops::tree_file::TreeFile;
 use crate::space::Frame;
-use crate::store::depth_for;
+use crate::store::{Metadata, depth_for};
 use crate::tree::{Form, Source};
 use crate::value::Rule;
 use crate::{Error, Result};
@@ -307,9 +307,25 @@ impl View {
     /// arranged; with `moves`, they are moved in the world the way they were moved in the tree.
     pub fn frame(&self, moves: bool) -> Frame {
         let source = &self.source.metadata().frame;
-        let cells = if moves { Map::translation(self.origin.to_array()) } else { self.lookup.to_source };
         let world = Map::from_rows(source.matrix);
-        Frame { matrix: cells.then(&world).to_rows(), ..source.clone() }
+        Frame { matrix: self.placed_cells(moves).then(&world).to_rows(), ..source.clone() }
+    }
+
+    /// The source's metadata with the view's frame, and its control points at the view's cells.
+    pub fn metadata(&self, moves: bool) -> Metadata {
+        let source = self.source.metadata();
+        let cells = Frame { matrix: self.placed_cells(moves).to_rows(), ..Frame::identity() };
+        let points = source.control_points.as_ref();
+        Metadata {
+            frame: self.frame(moves),
+            control_points: points.and_then(|points| points.seen_through(&cells)),
+            ..source.clone()
+        }
+    }
+
+    /// The map from the view's cells to the source's cells at the same places of the world.
+    fn placed_cells(&self, moves: bool) -> Map {
+        if moves { Map::translation(self.origin.to_array()) } else { self.lookup.to_source }
     }
 
     fn check_axes(&self, map: &Map) -> Result<()> {

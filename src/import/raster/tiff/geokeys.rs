@@ -40,6 +40,20 @@ pub(super) fn frame(directory: &Directory<'_>) -> Result<Frame> {
     Ok(Frame { epsg: keys.epsg(), crs_name: keys.name(), pixel_is_point: point, ..Frame::planar(affine) })
 }
 
+/// The coordinate system alone, for control points; nothing if the tags tell a map.
+pub(super) fn system_of_points(directory: &Directory<'_>) -> Result<Option<Frame>> {
+    if affine(directory)?.is_some() {
+        return Ok(None);
+    }
+    let keys = Keys::read(directory)?;
+    Ok(Some(Frame { epsg: keys.epsg(), crs_name: keys.name(), ..Frame::identity() }))
+}
+
+/// Whether what is said of a pixel is said of its centre.
+pub(super) fn is_about_centres(directory: &Directory<'_>) -> Result<bool> {
+    Ok(Keys::read(directory)?.numbers.get(&GT_RASTER_TYPE) == Some(&RASTER_PIXEL_IS_POINT))
+}
+
 /// The affine map as it stands, in the order of [`Frame::planar`].
 fn affine(directory: &Directory<'_>) -> Result<Option<[f64; 6]>> {
     let tie_points = directory.doubles(tag::MODEL_TIEPOINT)?;
