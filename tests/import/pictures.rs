@@ -11,6 +11,7 @@ use spinney::store::Metadata;
 use spinney::value::{Kind, Palette, SampleType, ValueType};
 use spinney::{Error, Result};
 
+use crate::common::tiff_file::{Ifd, file, on_disk};
 use crate::common::with;
 
 fn spec(width: u64, height: u64, sample: SampleType, channels: u8) -> ImageSpec {
@@ -235,6 +236,44 @@ fn interlaced_pngs_need_memory() {
     assert!(grey.bytes.contains(&1) && grey.bytes.contains(&2));
     let little = with(RasterOptions::new(), |it| it.memory = 300);
     assert!(matches!(open(&fixture("adam7.png"), &little), Err(Error::TooLarge { .. })));
+}
+
+/// What libjpeg-turbo makes of `chroma.jpg`, which has one sample of chroma for 2 x 2 of luma: parts of a row and of a
+/// column, across edges of colour. Chroma of the nearest sample would be off by more than 50 there.
+#[test]
+fn subsampled_chroma_is_brought_to_size_by_a_triangle_filter() {
+    const ROW: [[u8; 3]; 7] = [
+        [57, 124, 55],
+        [52, 122, 59],
+        [61, 115, 66],
+        [99, 98, 80],
+        [166, 74, 99],
+        [202, 64, 113],
+        [201, 59, 117],
+    ];
+    const COLUMN: [[u8; 3]; 7] = [
+        [52, 121, 66],
+        [49, 124, 65],
+        [42, 111, 106],
+        [37, 88, 195],
+        [35, 78, 232],
+        [36, 82, 217],
+        [39, 84, 211],
+    ];
+    let jpeg = fs::read(fixture("chroma.jpg")).unwrap();
+    let strip =
+        Ifd::grey(32, 32, jpeg).short(258, &[8; 3]).short(277, &[3]).short(262, &[6]).short(259, &[7]);
+    let tiff = on_disk(&file(&[strip.short(530, &[2, 2])]));
+    for path in [fixture("chroma.jpg"), tiff.path().into()] {
+        let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();
+        let pixel = |x: usize, y: usize| &pixels.bytes[(y * 32 + x) * 3..][..3];
+        let row = ROW.iter().enumerate().map(|(i, colour)| (pixel(10 + i, 5), colour));
+        let column = COLUMN.iter().enumerate().map(|(i, colour)| (pixel(4, 15 + i), colour));
+        for (found, expected) in row.chain(column) {
+            let near = found.iter().zip(expected).all(|(a, b)| a.abs_diff(*b) <= 4);
+            assert!(near, "{}: {found:?}, not {expected:?}", path.display());
+        }
+    }
 }
 
 #[test]
