@@ -139,6 +139,34 @@ fn black_stays_black_beside_opacity() {
 }
 
 #[test]
+fn colours_below_opacity_are_kept_on_demand() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // Transparent red, black and no colour at all; half blue.
+    let cells = [[200, 10, 0, 0], [0, 0, 0, 0], [9, 9, 9, 0], [0, 0, 250, 128]];
+    let value = ValueType { sample: SampleType::U8, channels: 4 };
+    let spec =
+        ImageSpec { width: 4, height: 1, value, alpha: true, void: false, metadata: Metadata::default() };
+    let picture = name("in.png");
+    let mut writer = create(Output::create(picture.as_ref()).unwrap(), Format::Png, &spec).unwrap();
+    writer.write_rows(&cells.concat(), None).unwrap();
+    writer.finish().unwrap();
+    let built = |options: &[&str]| {
+        command(&[&["-q", "build", &picture, "-o", &name("t.goblin")], options].concat()).assert().success();
+        let outputs = ["out.tif", "out.png"].map(name);
+        outputs.map(|out| {
+            command(&["-q", "get", &name("t.goblin"), &out]).assert().success();
+            samples(&out)
+        })
+    };
+    let void = [[0; 4], [0; 4], [0; 4], cells[3]].concat();
+    assert_eq!(built(&[]), [void.clone(), void]);
+    assert_eq!(built(&["--keep-transparent"]), [cells.concat(), cells.concat()]);
+    let raster = raster::open(name("out.tif").as_ref(), &Default::default()).unwrap();
+    assert_eq!((raster.info().nodata, raster.info().alpha), (None, Some(3)));
+}
+
+#[test]
 fn pictures_of_any_size_are_averages_of_what_they_cover() {
     let (columns, rows) = (1000, 600);
     // Hills, and roughness.

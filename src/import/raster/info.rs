@@ -18,6 +18,7 @@ impl RasterInfo {
             stored_sample: sample.name().into(),
             channels,
             alpha: None,
+            keeps_transparent: false,
             frame: Frame::identity(),
             nodata: None,
             palette: None,

@@ -51,6 +51,8 @@ pub struct RasterInfo {
     pub channels: usize,
     /// Index of the opacity channel (0 is transparent), if there is one.
     pub alpha: Option<usize>,
+    /// Whether transparent pixels are pixels like all others; else they are VOID.
+    pub keeps_transparent: bool,
     /// Map from pixels to the world.
     pub frame: Frame,
     /// The number that marks missing samples.

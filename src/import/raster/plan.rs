@@ -37,6 +37,8 @@ pub struct ImportOptions {
     /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
     /// not said.
     pub memory: Option<u64>,
+    /// Whether pixels of opacity 0 become cells, with their colours; else they become VOID.
+    pub keep_transparent: bool,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
 }
@@ -135,6 +137,7 @@ fn open_inputs(inputs: &[PathBuf], options: &ImportOptions, memory: u64) -> Resu
         };
         let mut info = raster.info().clone();
         info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
+        info.keeps_transparent = options.keep_transparent;
         info.frame.epsg = options.epsg.or(info.frame.epsg);
         if let (Some(points), Some(_)) = (&mut info.control_points, options.epsg) {
             points.system = Frame { epsg: options.epsg, ..Frame::identity() };
@@ -303,6 +306,9 @@ fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) ->
     say("epsg", options.epsg.as_ref().map(|epsg| epsg as _));
     say("transform", transform.as_ref().map(|transform| transform as _));
     say("layer", options.layer.as_ref().map(|layer| layer as _));
+    if options.keep_transparent {
+        said.push("transparent pixels kept".into());
+    }
     if !said.is_empty() {
         lines.push(format!("imported with {}", said.join(", ")));
     }
