@@ -38,7 +38,7 @@ fn spec(size: [usize; 2], sample: SampleType, channels: u8, frame: Option<Frame>
     ImageSpec {
         width: size[0] as u64,
         height: size[1] as u64,
-        value: ValueType { sample, channels },
+        value: ValueType::new(sample, channels),
         alpha: false,
         void: false,
         metadata: Metadata { frame: frame.unwrap_or_else(Frame::identity), ..Metadata::default() },

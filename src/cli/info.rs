@@ -248,7 +248,7 @@ fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
     if stats.classes.is_empty() {
         for (number, channel) in (1..).zip(&stats.channels) {
-            let ChannelStatistics { min, max, mean, standard_deviation } = channel;
+            let ChannelStatistics { min, max, mean, standard_deviation, .. } = channel;
             writeln!(
                 text,
                 "channel {number}   min {min}, max {max}, mean {mean:.6}, standard deviation {standard_deviation:.6}"

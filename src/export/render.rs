@@ -131,7 +131,7 @@ pub fn render(
     let spec = ImageSpec {
         width,
         height,
-        value: ValueType { sample: SampleType::U8, channels },
+        value: ValueType::new(SampleType::U8, channels),
         alpha: channels == 4,
         void: false,
         metadata: Metadata::default(),

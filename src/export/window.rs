@@ -6,7 +6,7 @@ use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::space::{Bounds, Frame};
 use crate::store::Metadata;
-use crate::value::{Kind, Rule, SampleType, ValueType};
+use crate::value::{Kind, Rule, SampleType, Value, ValueType};
 use crate::{Error, Progress, Result};
 
 /// A window of a tree, and its level of detail.
@@ -418,7 +418,9 @@ impl Sampler<'_> {
     /// at their centres.
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let Grid { source, axes: [u, v], origin, step, width, .. } = self.grid;
-        let ValueType { sample, channels } = self.tree.header().form.value;
+        let value_type = self.tree.header().form.value;
+        let ValueType { sample, channels, .. } = value_type;
+        let missing = value_type.all_missing().map_or(self.fill, |value| value_type.first_sample(value));
         let mean = is_averaged(self.tree);
         let spans = |axis: usize, first: u64, count: u64, min: u64, max: u64| -> Vec<Span> {
             (first..first + count)
@@ -436,22 +438,27 @@ impl Sampler<'_> {
         for line in &lines {
             for column in &columns {
                 let mut sums = [0.0; 4];
-                let mut weight = 0.0;
+                // (Of each channel, since its sample may be missing.)
+                let mut weights = [0.0; 4];
                 for y in line.first..line.end {
                     for x in column.first..column.end {
                         let index = ((y - first) * source_width + x - source.min[u]) as usize;
                         if valid[index] {
                             let share = line.share(y) * column.share(x);
-                            weight += share;
-                            for (channel, sum) in sums.iter_mut().enumerate().take(channels) {
-                                *sum += share * number(sample, &bytes[(index * channels + channel) * size..]);
+                            let pixel = &bytes[index * channels * size..][..channels * size];
+                            let present = value_type.present(Value::from_bytes(pixel));
+                            for channel in (0..channels).filter(|channel| present[*channel]) {
+                                weights[channel] += share;
+                                sums[channel] += share * number(sample, &pixel[channel * size..]);
                             }
                         }
                     }
                 }
-                out_valid.push(weight > 0.0);
-                for sum in &sums[..channels] {
-                    push_number(sample, if weight > 0.0 { sum / weight } else { self.fill }, &mut out);
+                let is_valid = weights.iter().any(|weight| *weight > 0.0);
+                out_valid.push(is_valid);
+                let none = if is_valid { missing } else { self.fill };
+                for (sum, weight) in sums.iter().zip(weights).take(channels) {
+                    push_number(sample, if weight > 0.0 { sum / weight } else { none }, &mut out);
                 }
             }
         }

@@ -248,6 +248,7 @@ pub(crate) fn folder(path: &Path) -> &Path {
 }
 
 /// GDAL's sidecar of a file: `a.tif.aux.xml` for `a.tif`.
+#[cfg(feature = "raster")]
 pub(crate) fn sidecar_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".aux.xml");

@@ -55,7 +55,7 @@ fn write_noise(path: &Path, side: u64) {
     let spec = ImageSpec {
         width: side,
         height: side,
-        value: ValueType { sample: SampleType::U8, channels: 1 },
+        value: ValueType::new(SampleType::U8, 1),
         alpha: false,
         void: false,
         metadata: Metadata::default(),

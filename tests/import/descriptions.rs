@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use spinney::export::image::Format;
 use spinney::export::{Detail, WindowRequest, export_window};
-use spinney::import::raster::{self, ImportOptions, RasterInfo, plan};
+use spinney::import::raster::{self, ImportOptions, Pixels, RasterInfo, plan};
 use spinney::io::Output;
-use spinney::space::{Bounds, ControlPoint};
+use spinney::space::{Bounds, ControlPoint, Region};
 use spinney::value::Kind;
 
 use crate::common::tiff_file::{Ifd, Values, file};
@@ -95,6 +95,37 @@ fn scales_units_names_and_tags_come_through() {
     assert_same(&trip.window([0; 3], [8, 4, 1], 3), &info);
     assert_same(&trip.window([4, 0, 0], [8, 4, 1], 1), &info);
     assert!(!trip.path("out.tif.aux.xml").exists());
+}
+
+#[test]
+fn nodata_of_one_band_is_missing_there_alone() {
+    // Red is nodata in the first pixel, everything in the last.
+    let pixels = vec![0, 50, 60, 10, 26, 36, 30, 0, 90, 0, 0, 0];
+    let picture = Ifd::grey(4, 1, pixels.clone()).short(277, &[3]).short(258, &[8; 3]).short(262, &[2]);
+    let picture = picture.tag(42113, Values::Text("0"));
+    let (_, trip) = Trip::of(&file(std::slice::from_ref(&picture)), None, &ImportOptions::new());
+    assert_eq!(trip.tree.header().form.value.missing, Some([0; 4]));
+    let read = |detail| {
+        let path = trip.path("out.tif");
+        let info = trip.write(&path, Bounds { min: [0; 3], max: [4, 1, 1] }, detail);
+        let mut raster = raster::open(&path, &Default::default()).unwrap();
+        let mut found = Pixels::default();
+        raster.read(Region::new(0, 0, info.width, info.height), &mut found).unwrap();
+        assert_eq!(info.nodata, Some(0.0));
+        found.bytes
+    };
+    assert_eq!(read(Detail::Level(2)), pixels);
+    assert_eq!(read(Detail::Level(1)), [10, 38, 48, 30, 0, 90]);
+    assert_eq!(read(Detail::Level(0)), [20, 38, 62]);
+    // Averages over other areas than those of cells.
+    assert_eq!(read(Detail::Size(3, 1)), [10, 44, 54, 20, 26, 63, 30, 0, 90]);
+    let cells: Vec<u64> =
+        trip.tree.statistics(None).unwrap().channels.iter().map(|channel| channel.cells).collect();
+    assert_eq!(cells, [2, 2, 3]);
+    // Beside opacity nothing is missing, nor where there is one band.
+    let with_opacity = picture.short(277, &[4]).short(258, &[8; 4]).short(338, &[2]);
+    let (_, trip) = Trip::of(&file(&[with_opacity.short(256, &[3])]), None, &ImportOptions::new());
+    assert_eq!(trip.tree.header().form.value.missing, None);
 }
 
 #[test]

@@ -18,7 +18,7 @@ fn spec(width: u64, height: u64, sample: SampleType, channels: u8) -> ImageSpec 
     ImageSpec {
         width,
         height,
-        value: ValueType { sample, channels },
+        value: ValueType::new(sample, channels),
         alpha: channels.is_multiple_of(2),
         void: false,
         metadata: Metadata::default(),
@@ -355,7 +355,7 @@ fn what_is_no_raster_is_refused() {
 fn small_files(folder: &Path) -> Vec<PathBuf> {
     let mut spec = spec(9, 35, SampleType::F32, 3);
     write(&folder.join("a.exr"), Format::Exr, &spec, &samples(&spec), None).unwrap();
-    spec.value = ValueType { sample: SampleType::U8, channels: 1 };
+    spec.value = ValueType::new(SampleType::U8, 1);
     spec.metadata.palette = Some(Palette { colours: vec![[1, 2, 3, 4]; 7] });
     write(&folder.join("a.png"), Format::Png, &spec, &samples(&spec), None).unwrap();
     let names = "adam7.png adam7_grey2.png rows.png grey.jpg rgb.jpg progressive.jpg cmyk.jpg lossy.webp \

@@ -303,7 +303,7 @@ mod tests {
         ImageSpec {
             width: 37,
             height: 61,
-            value: ValueType { sample, channels },
+            value: ValueType::new(sample, channels),
             alpha: channels.is_multiple_of(2),
             void: false,
             metadata: Metadata::default(),

@@ -76,7 +76,7 @@ fn pick_tags(tags: &ScopedTags, chosen: &[usize]) -> ScopedTags {
 /// If trees cannot have such values; the message says which bands there are to choose from.
 pub fn value_type(path: &Path, info: &RasterInfo) -> Result<ValueType> {
     let channels = u8::try_from(info.channels).unwrap_or(u8::MAX);
-    let value = ValueType { sample: info.sample, channels };
+    let value = ValueType::new(info.sample, channels);
     if value.is_supported() {
         return Ok(value);
     }

@@ -108,7 +108,10 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
     let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
     let raster = mosaic(open_inputs(inputs, options, memory)?)?;
     let info = raster.info();
+    // Beside opacity nothing is missing: what has no value is transparent there.
+    let missing = info.nodata.filter(|_| info.alpha.is_none());
     let value = bands::value_type(raster.path(), info)?;
+    let value = missing.map_or(value, |nodata| value.with_missing(nodata));
     let frame = frame(info, options)?;
     let (kind, kind_reason) = kind(info, options);
     let rule = options.rule.unwrap_or(kind.default_rule());

@@ -130,9 +130,20 @@ pub enum Join {
 }
 
 impl Join {
-    /// Joins two values; `None` is VOID.
+    /// Joins two values; `None` is VOID. What is computed with samples is missing where one of them is.
     pub(crate) fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
-        with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))
+        let joined = with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))?;
+        let missing = value_type.all_missing().filter(|_| self.computes_samples());
+        let Some(missing) = missing else { return Some(joined) };
+        let (in_a, in_b) = (value_type.present(a), value_type.present(b));
+        let is_there = |channel: usize| in_a[channel] && in_b[channel];
+        let any = (0..usize::from(value_type.channels)).any(is_there);
+        any.then(|| value_type.by_channel(|channel| if is_there(channel) { joined } else { missing }))
+    }
+
+    /// Whether values are made sample by sample, instead of taken as they are.
+    pub(crate) fn computes_samples(self) -> bool {
+        matches!(self, Join::Min | Join::Max | Join::Add | Join::Subtract)
     }
 
     /// Joins two values of known type; `None` is VOID.
