@@ -139,6 +139,22 @@ fn black_stays_black_beside_opacity() {
 }
 
 #[test]
+fn names_of_classes_have_no_sidecar_beside_standard_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.tif");
+    let classes = "fixtures/v1/classes.goblin";
+    let run = command(&["-q", "get", classes, "-", "--format", "tif"]).assert().success();
+    std::fs::write(&path, &run.get_output().stdout).unwrap();
+    let info = raster::open(&path, &Default::default()).unwrap().info().clone();
+    assert!(info.class_names.contains(&(4, "forest".into())));
+    // Beside a file they have one.
+    command(&["-q", "get", classes, path.to_str().unwrap()]).assert().success();
+    assert!(folder.path().join("out.tif.aux.xml").exists());
+    let beside = raster::open(&path, &Default::default()).unwrap().info().clone();
+    assert_eq!(beside.class_names, info.class_names);
+}
+
+#[test]
 fn nodata_of_one_band_counts_nowhere() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();

@@ -8,7 +8,7 @@ use super::xml::Element;
 use super::{Pixels, Raster, RasterInfo, gdal};
 use crate::io::sidecar_of;
 use crate::space::{ControlPoint, ControlPoints, Frame, Region};
-use crate::value::Palette;
+use crate::value::{Kind, Palette};
 use crate::{Error, Result};
 
 /// Bytes of a sidecar: as much as a tree's metadata may have.
@@ -89,7 +89,12 @@ fn apply_band(band: &Element<'_>, channel: usize, info: &mut RasterInfo) {
             "GDALRasterAttributeTable" if info.class_names.is_empty() => {
                 gdal::take_class_names(info, channel, gdal::class_names(&element));
             }
-            "ColorTable" if info.channels == 1 => info.palette = palette(&element).or(info.palette.take()),
+            "ColorTable" if info.channels == 1 => {
+                if let Some(palette) = palette(&element) {
+                    // Colours are for classes, as in a picture that has them in itself.
+                    (info.palette, info.kind) = (Some(palette), Some(Kind::Categorical));
+                }
+            }
             "Metadata" => apply_metadata(&element, Some(channel), info),
             _ => {}
         }
@@ -231,6 +236,7 @@ mod tests {
             1,
         );
         assert_eq!(info.palette, Some(Palette { colours: vec![[1, 2, 3, 255], [4, 5, 6, 255]] }));
+        assert_eq!(info.kind, Some(Kind::Categorical));
         assert_eq!(info.class_names, [(-7, "minus seven".into())]);
     }
 
