@@ -15,6 +15,7 @@ use spinney::Result;
 use spinney::export::image::{ImageSpec, create, format_of};
 use spinney::io::Output;
 use spinney::space::Frame;
+use spinney::store::Metadata;
 use spinney::value::{Palette, SampleType, ValueType};
 
 fn main() -> Result<()> {
@@ -37,13 +38,10 @@ fn spec(size: [usize; 2], sample: SampleType, channels: u8, frame: Option<Frame>
     ImageSpec {
         width: size[0] as u64,
         height: size[1] as u64,
-        value: ValueType { sample, channels },
+        value: ValueType::new(sample, channels),
         alpha: false,
         void: false,
-        frame,
-        nodata: None,
-        palette: None,
-        band_names: Vec::new(),
+        metadata: Metadata { frame: frame.unwrap_or_else(Frame::identity), ..Metadata::default() },
     }
 }
 
@@ -62,9 +60,10 @@ fn pictures(folder: &Path, island: &Island) -> Result<()> {
     let classes: Vec<u8> = island.cover.iter().map(|cover| *cover as u8).collect();
     let palette = Some(Palette { colours: island::COLOURS.to_vec() });
     let mut spec_classes = spec(size, SampleType::U8, 1, frame.clone());
-    (spec_classes.void, spec_classes.nodata, spec_classes.palette) = (true, Some(0.0), palette);
+    spec_classes.void = true;
+    (spec_classes.metadata.nodata, spec_classes.metadata.palette) = (Some(0.0), palette);
     write(&folder.join("island_classes.png"), &spec_classes, &classes)?;
-    spec_classes.band_names = vec!["land cover".into()];
+    spec_classes.metadata.band_names = vec!["land cover".into()];
     write(&folder.join("island_classes.tif"), &spec_classes, &classes)?;
 
     // Heights: -9999 is no data.
@@ -72,8 +71,8 @@ fn pictures(folder: &Path, island: &Island) -> Result<()> {
     let heights: Vec<u8> =
         island.elevation().iter().flat_map(|height| height.unwrap_or(nodata).to_le_bytes()).collect();
     let mut spec_heights = spec(size, SampleType::F32, 1, frame);
-    (spec_heights.void, spec_heights.nodata) = (true, Some(nodata as f64));
-    spec_heights.band_names = vec!["height".into()];
+    (spec_heights.void, spec_heights.metadata.nodata) = (true, Some(nodata as f64));
+    spec_heights.metadata.band_names = vec!["height".into()];
     write(&folder.join("island_elevation.tif"), &spec_heights, &heights)?;
 
     let picture: Vec<u8> = island.picture().into_iter().flatten().collect();
@@ -81,6 +80,6 @@ fn pictures(folder: &Path, island: &Island) -> Result<()> {
 
     let mut spec_classic = spec([8, 8], SampleType::U8, 1, None);
     let colours = vec![[0, 0, 0, 255], [246, 240, 214, 255], [92, 158, 110, 255], [62, 96, 160, 255]];
-    spec_classic.palette = Some(Palette { colours });
+    spec_classic.metadata.palette = Some(Palette { colours });
     write(&folder.join("classic.png"), &spec_classic, &frozen::CLASSIC.concat())
 }

@@ -8,7 +8,7 @@ use serde_json::json;
 use spinney::dataset::Dataset;
 use spinney::query::ChannelStatistics;
 use spinney::space::{Crs, Frame};
-use spinney::store::LevelCounts;
+use spinney::store::{LevelCounts, Metadata, TagScope};
 
 use super::open;
 use super::report::statistics::{channels_as_json, class_as_json};
@@ -110,6 +110,7 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "nodata": metadata.nodata,
         "bands": metadata.band_names,
         "scale_offset": metadata.scale_offset,
+        "units": metadata.units,
         "bytes": tree.file_size(),
         "raw_bytes": raw_bytes(tree),
         "sections": sections,
@@ -123,6 +124,8 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         "classes": classes,
         "provenance": metadata.provenance,
         "tags": metadata.tags,
+        "scoped_tags": scoped_tags_as_json(metadata),
+        "control_points": control_points_as_json(metadata),
     }))
 }
 
@@ -140,10 +143,34 @@ fn as_text(tree: &Dataset, levels: Levels<'_>) -> Result<String> {
         writeln!(text, "from        {line}")?;
     }
     for (name, value) in &tree.metadata().tags {
-        let value: String = value.chars().take(200).collect();
-        writeln!(text, "tag         {name} = {value}")?;
+        writeln!(text, "tag         {name} = {}", shortened(value))?;
+    }
+    for (scope, tags) in &tree.metadata().scoped_tags {
+        let channel = scope.channel.map(|channel| format!("channel {}", u32::from(channel) + 1));
+        let domain = Some(scope.domain.clone()).filter(|domain| !domain.is_empty());
+        let scope = [channel, domain].into_iter().flatten().collect::<Vec<_>>().join(", ");
+        for (name, value) in tags {
+            writeln!(text, "tag         {scope}: {name} = {}", shortened(value))?;
+        }
     }
     Ok(text)
+}
+
+/// Enough of a text to know it.
+fn shortened(text: &str) -> String {
+    text.chars().take(200).collect()
+}
+
+fn scoped_tags_as_json(metadata: &Metadata) -> Vec<serde_json::Value> {
+    let json = |(scope, tags): (&TagScope, _)| json!({ "channel": scope.channel.map(|channel| u32::from(channel) + 1), "domain": scope.domain, "tags": tags });
+    metadata.scoped_tags.iter().map(json).collect()
+}
+
+fn control_points_as_json(metadata: &Metadata) -> Option<serde_json::Value> {
+    let points = metadata.control_points.as_ref()?;
+    let list: Vec<_> =
+        points.points.iter().map(|point| json!({ "cell": point.cell, "world": point.world })).collect();
+    Some(json!({ "crs": points.crs.as_ref().map(crs_as_json), "points": list }))
 }
 
 /// Writes the tree's form and size, and where it lies in the world.
@@ -163,10 +190,14 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
         if crs.numbers().is_none() {
             let definition: Vec<_> = crs.definition().split_whitespace().map(String::from).collect();
             let definition = definition.join(" ");
-            let shown: String = definition.chars().take(200).collect();
+            let shown = shortened(&definition);
             let more = if shown.len() < definition.len() { "... (--json shows all)" } else { "" };
             writeln!(text, "            {shown}{more}")?;
         }
+    }
+    if let Some(points) = &metadata.control_points {
+        let system = points.crs.as_ref().map_or(String::new(), |crs| format!(" in {crs}"));
+        writeln!(text, "points      {} ground control points{system}", points.points.len())?;
     }
     if let Some(nodata) = metadata.nodata {
         writeln!(text, "nodata      {nodata}")?;
@@ -221,7 +252,7 @@ fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
     if stats.classes.is_empty() {
         for (number, channel) in (1..).zip(&stats.channels) {
-            let ChannelStatistics { min, max, mean, standard_deviation } = channel;
+            let ChannelStatistics { min, max, mean, standard_deviation, .. } = channel;
             writeln!(
                 text,
                 "channel {number}   min {min}, max {max}, mean {mean:.6}, standard deviation {standard_deviation:.6}"

@@ -164,12 +164,17 @@ fn print(tree: &Dataset, stats: &Statistics, histogram: &[(f64, u64)]) -> Result
             let name = tree.metadata().band_names.get(index).filter(|name| !name.is_empty());
             writeln!(
                 text,
-                "channel {}  min {}  max {}  mean {:.6}  standard deviation {:.6}{}",
+                "channel {}  min {}  max {}  mean {:.6}  standard deviation {:.6}{}{}",
                 index + 1,
                 channel.min,
                 channel.max,
                 channel.mean,
                 channel.standard_deviation,
+                if channel.cells < stats.cells {
+                    format!("  of {} cells", channel.cells)
+                } else {
+                    String::new()
+                },
                 name.map(|name| format!("  ({name})")).unwrap_or_default()
             )?;
         }

@@ -23,7 +23,7 @@ impl Viewed {
         let mut header = file.header().clone();
         header.shape.depth = view.depth();
         header.extent = view.extent();
-        let metadata = Metadata { frame: view.frame(moves), ..file.metadata().clone() };
+        let metadata = view.metadata(moves);
         Viewed { view, moves, header, metadata }
     }
 

@@ -10,6 +10,7 @@ use crate::io::Output;
 use crate::parallel::{self, Pool};
 use crate::query::{Ray, Rays, SurfaceHit};
 use crate::space::{Bounds, Frame, Up};
+use crate::store::Metadata;
 use crate::value::{SampleType, ValueType};
 use crate::{Error, Progress, Result};
 
@@ -130,13 +131,10 @@ pub fn render(
     let spec = ImageSpec {
         width,
         height,
-        value: ValueType { sample: SampleType::U8, channels },
+        value: ValueType::new(SampleType::U8, channels),
         alpha: channels == 4,
         void: false,
-        frame: None,
-        nodata: None,
-        palette: None,
-        band_names: Vec::new(),
+        metadata: Metadata::default(),
     };
     let mut writer = create(output, format, &spec)?;
     // Rays remember where they were: what one row has read serves another.

@@ -7,6 +7,8 @@ use crate::value::{SampleType, ValueType};
 /// a grey between. Opacity keeps its meaning.
 pub(super) struct Stretch {
     sample: SampleType,
+    /// The sample that means that there is none, which no range is extended for.
+    missing: Option<[u8; 4]>,
     /// For each channel the number that becomes 0 and the one that becomes 255.
     ends: Vec<[f64; 2]>,
     /// Channels that are no opacity.
@@ -26,7 +28,7 @@ impl Stretch {
             *last = [0.0, opaque];
         }
         let colours = ends.len() - usize::from(alpha);
-        Stretch { sample: value.sample, ends, colours }
+        Stretch { sample: value.sample, missing: value.missing, ends, colours }
     }
 
     /// The samples of whole pixels.
@@ -39,7 +41,8 @@ impl Stretch {
     pub(super) fn extend(&self, range: &mut Option<[f64; 2]>, pixel: &[u8]) {
         for bytes in pixel.chunks_exact(self.sample.size()).take(self.colours) {
             let number = number(self.sample, bytes);
-            if number.is_finite() {
+            let is_missing = self.missing.is_some_and(|missing| missing.starts_with(bytes));
+            if number.is_finite() && !is_missing {
                 let [low, high] = range.unwrap_or([number; 2]);
                 *range = Some([low.min(number), high.max(number)]);
             }
@@ -73,7 +76,7 @@ mod tests {
 
     #[test]
     fn opacity_is_not_stretched() {
-        let value = ValueType { sample: SampleType::F32, channels: 2 };
+        let value = ValueType::new(SampleType::F32, 2);
         let pixel: Vec<u8> = [7.0f32, 0.5].iter().flat_map(|sample| sample.to_le_bytes()).collect();
         let stretch = Stretch::new(value, true, [7.0, 9.0]);
         assert_eq!(stretch.apply(&pixel), [0, 128]);

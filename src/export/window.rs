@@ -6,7 +6,8 @@ use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::query::PixelGrid;
 use crate::space::{Bounds, Frame};
-use crate::value::{Kind, Rule, SampleType, ValueType};
+use crate::store::Metadata;
+use crate::value::{Kind, Rule, SampleType, Value, ValueType};
 use crate::{Error, Progress, Result};
 
 /// A window of a tree, and its level of detail.
@@ -95,7 +96,7 @@ pub fn export_window(
             return Err(Error::invalid("range", "an output other than PNG", "PNG: others hold the values"));
         }
         spec.value.sample = SampleType::U8;
-        (spec.palette, spec.nodata) = (None, None);
+        (spec.metadata.palette, spec.metadata.nodata) = (None, None);
     }
     let path = output.path().to_path_buf();
     let mut writer = create(output, format, &spec)?;
@@ -111,7 +112,7 @@ pub fn export_window(
     })?;
     tree.check_unchanged()?;
     writer.finish()?;
-    write_beside(&path, format, spec.frame.as_ref(), progress)
+    write_beside(&path, format, &spec.metadata, progress)
 }
 
 /// The least and the greatest finite number of a window's pixels, opacity aside, between which a picture may be
@@ -302,23 +303,32 @@ impl VoidCells {
 fn image_spec(tree: &Dataset, grid: &Grid, void: &VoidCells) -> ImageSpec {
     let (value, metadata) = (tree.header().form.value, tree.metadata());
     let first = [grid.origin[0], grid.origin[1], grid.source.min[2] as f64];
-    let mut frame = metadata.frame.coarser(tree.depth() - grid.level).shifted(first);
-    for row in &mut frame.matrix {
-        row[0] *= grid.step[0];
-        row[1] *= grid.step[1];
-    }
+    // Pixels in a frame of the deepest level's cells.
+    let pixels_in = |cells: &Frame| {
+        let mut frame = cells.coarser(tree.depth() - grid.level).shifted(first);
+        for row in &mut frame.matrix {
+            row[0] *= grid.step[0];
+            row[1] *= grid.step[1];
+        }
+        frame
+    };
     // Upright slices have no frame: those of pictures are maps of x and y.
-    let has_frame = grid.across == 2 && metadata.frame != Frame::identity();
+    let is_flat = grid.across == 2;
+    let has_frame = is_flat && metadata.frame != Frame::identity();
+    let points = metadata.control_points.as_ref().filter(|_| is_flat);
+    let nodata = void.fill.filter(|_| !has_opacity(tree) && (void.may_be || metadata.nodata.is_some()));
     ImageSpec {
         width: grid.width,
         height: grid.height,
         value,
         alpha: has_opacity(tree),
         void: void.may_be,
-        frame: has_frame.then_some(frame),
-        nodata: void.fill.filter(|_| !has_opacity(tree) && (void.may_be || metadata.nodata.is_some())),
-        palette: metadata.palette.clone(),
-        band_names: metadata.band_names.clone(),
+        metadata: Metadata {
+            frame: if has_frame { pixels_in(&metadata.frame) } else { Frame::identity() },
+            control_points: points.and_then(|points| points.seen_through(&pixels_in(&Frame::identity()))),
+            nodata,
+            ..metadata.clone()
+        },
     }
 }
 
@@ -431,7 +441,9 @@ impl Sampler<'_> {
     /// at their centres.
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let Grid { source, axes: [u, v], origin, step, width, .. } = self.grid;
-        let ValueType { sample, channels } = self.tree.header().form.value;
+        let value_type = self.tree.header().form.value;
+        let ValueType { sample, channels, .. } = value_type;
+        let missing = value_type.all_missing().map_or(self.fill, |value| value_type.first_sample(value));
         let mean = is_averaged(self.tree);
         let spans = |axis: usize, first: u64, count: u64, min: u64, max: u64| -> Vec<Span> {
             (first..first + count)
@@ -449,22 +461,27 @@ impl Sampler<'_> {
         for line in &lines {
             for column in &columns {
                 let mut sums = [0.0; 4];
-                let mut weight = 0.0;
+                // (Of each channel, since its sample may be missing.)
+                let mut weights = [0.0; 4];
                 for y in line.first..line.end {
                     for x in column.first..column.end {
                         let index = ((y - first) * source_width + x - source.min[u]) as usize;
                         if valid[index] {
                             let share = line.share(y) * column.share(x);
-                            weight += share;
-                            for (channel, sum) in sums.iter_mut().enumerate().take(channels) {
-                                *sum += share * number(sample, &bytes[(index * channels + channel) * size..]);
+                            let pixel = &bytes[index * channels * size..][..channels * size];
+                            let present = value_type.present(Value::from_bytes(pixel));
+                            for channel in (0..channels).filter(|channel| present[*channel]) {
+                                weights[channel] += share;
+                                sums[channel] += share * number(sample, &pixel[channel * size..]);
                             }
                         }
                     }
                 }
-                out_valid.push(weight > 0.0);
-                for sum in &sums[..channels] {
-                    push_number(sample, if weight > 0.0 { sum / weight } else { self.fill }, &mut out);
+                let is_valid = weights.iter().any(|weight| *weight > 0.0);
+                out_valid.push(is_valid);
+                let none = if is_valid { missing } else { self.fill };
+                for (sum, weight) in sums.iter().zip(weights).take(channels) {
+                    push_number(sample, if weight > 0.0 { sum / weight } else { none }, &mut out);
                 }
             }
         }
@@ -474,7 +491,9 @@ impl Sampler<'_> {
     /// Rows of the output whose pixels are exact means of the deepest cells.
     fn average(&self, row: u64, count: u64, progress: &dyn Progress) -> Result<(Vec<u8>, Vec<bool>)> {
         let Grid { source, axes, origin, step, width, .. } = self.grid;
-        let ValueType { sample, channels } = self.tree.header().form.value;
+        let value_type = self.tree.header().form.value;
+        let ValueType { sample, channels, .. } = value_type;
+        let missing = value_type.all_missing().map_or(self.fill, |value| value_type.first_sample(value));
         let first = origin[1] + row as f64 * step[1];
         let grid =
             PixelGrid { axes, origin: [origin[0], first], step, size: [width as usize, count as usize] };
@@ -487,14 +506,15 @@ impl Sampler<'_> {
         let is_occupancy = self.tree.header().rule == Rule::Occupancy;
         let mut bytes = Vec::with_capacity(sums.sums.len() * sample.size() * usize::from(channels));
         let mut valid = Vec::with_capacity(sums.sums.len());
-        for (sums, area) in sums.sums.iter().zip(&sums.areas) {
-            // VOID is a number in trees of occupancy: an empty cell.
-            let weight = if is_occupancy { step[0] * step[1] } else { *area };
-            let void = if is_occupancy { (weight - area).max(0.0) * self.fill } else { 0.0 };
-            valid.push(weight > 0.0);
-            for sum in &sums[..usize::from(channels)] {
-                let mean = if weight > 0.0 { (sum + void) / weight } else { self.fill };
-                push_number(sample, mean, &mut bytes);
+        for (sums, areas) in sums.sums.iter().zip(&sums.areas) {
+            let is_valid = is_occupancy || areas.iter().any(|area| *area > 0.0);
+            valid.push(is_valid);
+            let none = if is_valid { missing } else { self.fill };
+            for (sum, area) in sums.iter().zip(areas).take(usize::from(channels)) {
+                // VOID is a number in trees of occupancy: an empty cell.
+                let weight = if is_occupancy { step[0] * step[1] } else { *area };
+                let void = if is_occupancy { (weight - area).max(0.0) * self.fill } else { 0.0 };
+                push_number(sample, if weight > 0.0 { (sum + void) / weight } else { none }, &mut bytes);
             }
         }
         Ok((bytes, valid))

@@ -422,6 +422,9 @@ impl ReusableSource for Combined {
     fn overlay(&self, node: &CombinedNode) -> Option<Overlay<'_>> {
         // Complements depend on the extent, too, not on the two nodes' states alone.
         let has_table = !matches!(self.operation, Operation::Set { number: 8.., .. });
+        // Nor do those of samples that may be missing.
+        let is_masked = self.form.value.missing.is_some()
+            && self.operation.join().is_some_and(|join| join.computes_samples());
         let CombinedNode::Open(open) = node else { return None };
         let [first, second] = &open.nodes[..] else { return None };
         let stored = |(tree, child): &(usize, Child<ViewNode>)| {
@@ -434,7 +437,7 @@ impl ReusableSource for Combined {
                 }
             })
         };
-        let nodes = has_table.then(|| Some([stored(first)?, stored(second)?]))??;
+        let nodes = (has_table && !is_masked).then(|| Some([stored(first)?, stored(second)?]))??;
         Some(Overlay { nodes, merging: self.mergings[0] })
     }
 }

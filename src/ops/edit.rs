@@ -195,7 +195,7 @@ fn aligned(view: View, tree: &Autumnal, path: &Path) -> Result<(View, Bounds)> {
 
 /// The value with these samples, or with one sample for all channels.
 fn value_of(value_type: ValueType, samples: &[f64]) -> Result<Value> {
-    let ValueType { sample, channels } = value_type;
+    let ValueType { sample, channels, .. } = value_type;
     let fits = samples.len() == 1 || samples.len() == usize::from(channels);
     let exact = samples.iter().all(|number| sample.can_hold(*number) || sample.is_float());
     if !fits || !exact {

@@ -12,7 +12,7 @@ use super::tree_file::{TreeFile, check_form};
 use super::universe::Universe;
 use crate::io::Output;
 use crate::space::Bounds;
-use crate::store::{BuildOptions, Metadata, OpenOptions};
+use crate::store::{BuildOptions, OpenOptions};
 use crate::tree::Source;
 use crate::value::Value;
 use crate::{Error, Progress, Result};
@@ -229,7 +229,7 @@ impl Derivation {
         let first = &views[0];
         let (header, extent) = (first.source().header().clone(), first.extent());
         let depth = views.iter().map(View::depth).max().unwrap_or(0);
-        let mut metadata = Metadata { frame: first.frame(self.moves), ..first.source().metadata().clone() };
+        let mut metadata = first.metadata(self.moves);
         metadata.provenance.push(match &universe {
             Some(universe) => {
                 let [first, size] =

@@ -9,7 +9,7 @@ use zerocopy::{FromBytes, IntoBytes};
 use super::walk::Zone;
 use crate::Result;
 use crate::store::container::subtree::{BadSkip, each_leaf};
-use crate::store::container::{Record, with_form_type};
+use crate::store::container::{Record, RecordLayout, with_form_type, with_record_type};
 use crate::tree::Form;
 use crate::value::{Native, Sample, Tally, Value, ValueType, erase, native, with_native_type};
 
@@ -37,6 +37,10 @@ pub(super) trait Count {
 
 /// A counter for trees of a form, which has counted nothing and does not count classes.
 pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
+    if form.value.missing.is_some() {
+        let subtree = with_record_type!(RecordLayout::new(form), R => count_masked_subtree::<R>);
+        return Box::new(MaskedCounter { tally: Tally::void(form.value), subtree });
+    }
     with_form_type!(form, V, R => Box::new(Counter::<V> {
         cells: 0,
         min: V::default(),
@@ -105,6 +109,7 @@ impl<V: Native> Count for Counter<V> {
         Tally {
             value_type: V::TYPE,
             cells: self.cells,
+            present: [self.cells; 4],
             min: erase(self.min),
             max: erase(self.max),
             sum: V::erase(self.sums),
@@ -123,6 +128,41 @@ fn count_subtree<V: Native, R: Record>(
         // (Both types have the same size, by the way they were chosen.)
         let wire = V::Wire::read_from_bytes(bytes.as_bytes()).expect("as many bytes as the value has");
         counter.add(V::from_wire(wire), cells);
+    })
+}
+
+/// A [`Tally`] of values in which samples can be missing.
+struct MaskedCounter {
+    tally: Tally,
+    subtree: CountSubtree<MaskedCounter>,
+}
+
+impl Count for MaskedCounter {
+    fn block(&mut self, value: Value, cells: u64) {
+        self.tally = Tally::merge(&[&self.tally, &Tally::leaf(self.tally.value_type, value, cells, false)]);
+    }
+
+    fn zone(&mut self, zone: &dyn Zone) -> Result<()> {
+        self.tally = Tally::merge(&[&self.tally, &Tally { classes: Vec::new(), ..zone.tally()? }]);
+        Ok(())
+    }
+
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+        (self.subtree)(self, records, levels)
+    }
+
+    fn finish(self: Box<Self>) -> Tally {
+        self.tally
+    }
+}
+
+fn count_masked_subtree<R: Record>(
+    counter: &mut MaskedCounter,
+    records: &[u8],
+    levels: u8,
+) -> Result<(), BadSkip> {
+    each_leaf(R::of(records), levels, |bytes, cells| {
+        counter.block(Value::from_bytes(bytes.as_bytes()), cells)
     })
 }
 

@@ -150,8 +150,12 @@ impl<'a> Search<'a> {
 
 impl Visitor for Search<'_> {
     fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool> {
-        let Tally { cells, min, max, .. } = zone.tally()?;
+        let Tally { present: [cells, ..], min, max, .. } = zone.tally()?;
         let full = cells == self.form.dimension.cells(self.depth - code.level());
+        if cells == 0 {
+            self.miss()?;
+            return Ok(true);
+        }
         match self.condition.of_zone((self.number)(min), (self.number)(max)) {
             Some(true) if full => self.pending.push((code, None)),
             Some(false) => self.miss()?,
@@ -161,6 +165,7 @@ impl Visitor for Search<'_> {
     }
 
     fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Walked {
+        let value = value.filter(|value| self.form.value.present(*value)[0]);
         let number = value.map(self.number).filter(|number| self.condition.met_by(*number));
         match (number, part) {
             (None, _) => self.miss(),

@@ -42,6 +42,8 @@ struct Bins {
     low: f64,
     /// Bins per unit.
     scale: f64,
+    /// The number that means that there is none; it belongs to no bin.
+    missing: Option<u64>,
     cells: Vec<u64>,
 }
 
@@ -56,6 +58,9 @@ impl Bins {
     /// Counts cells with a number.
     #[inline]
     fn add(&mut self, number: f64, cells: u64) {
+        if self.missing == Some(number.to_bits()) {
+            return;
+        }
         let bin = self.bin(number);
         self.cells[bin] += cells;
     }
@@ -71,8 +76,9 @@ struct Histogram {
 impl Histogram {
     fn new(form: Form, (low, high): (f64, f64), bins: usize) -> Histogram {
         let cells = vec![0; bins.max(1)];
+        let missing = form.value.all_missing().map(|value| form.value.first_sample(value).to_bits());
         Histogram {
-            bins: Bins { low, scale: cells.len() as f64 / (high - low), cells },
+            bins: Bins { low, scale: cells.len() as f64 / (high - low), missing, cells },
             number: number_of(form.value),
             subtree: with_form_type!(form, V, R => bin_subtree::<<V as Native>::Sample, R>),
         }
@@ -84,7 +90,7 @@ impl Visitor for Histogram {
         let zone = zone.tally()?;
         let [first, last] = [zone.min, zone.max].map(|value| self.bins.bin((self.number)(value)));
         if first == last {
-            self.bins.cells[first] += zone.cells;
+            self.bins.cells[first] += zone.present[0];
         }
         Ok(first == last)
     }

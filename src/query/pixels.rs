@@ -39,7 +39,7 @@ impl PixelGrid {
     }
 }
 
-/// Sums over the cells that pixels cover, each by its area in the pixel; VOID ones do not count.
+/// Sums over the cells that pixels cover, each by its area in the pixel; VOID ones and missing samples do not count.
 pub(crate) struct PixelSums<'a> {
     grid: PixelGrid,
     value_type: ValueType,
@@ -47,14 +47,14 @@ pub(crate) struct PixelSums<'a> {
     progress: &'a dyn Progress,
     /// By pixel, row by row: the sum of each channel.
     pub(crate) sums: Vec<[f64; 4]>,
-    /// By pixel: the area that is not VOID, in cells.
-    pub(crate) areas: Vec<f64>,
+    /// By pixel: the area in which each channel has a sample, in cells.
+    pub(crate) areas: Vec<[f64; 4]>,
 }
 
 impl<'a> PixelSums<'a> {
     fn new(grid: PixelGrid, value_type: ValueType, depth: u8, progress: &'a dyn Progress) -> PixelSums<'a> {
         let pixels = grid.size[0] * grid.size[1];
-        let (sums, areas) = (vec![[0.0; 4]; pixels], vec![0.0; pixels]);
+        let (sums, areas) = (vec![[0.0; 4]; pixels], vec![[0.0; 4]; pixels]);
         PixelSums { grid, value_type, depth, progress, sums, areas }
     }
 
@@ -105,9 +105,9 @@ impl Visitor for PixelSums<'_> {
         }
         if let (Some(column), Some(row)) = (columns.into_iter().next(), rows.into_iter().next()) {
             let (tally, pixel) = (zone.tally()?, row * self.grid.size[0] + column);
-            self.areas[pixel] += tally.cells as f64;
-            for (channel, sum) in self.sums[pixel].iter_mut().enumerate() {
-                *sum += tally.sum.number(channel);
+            for channel in 0..usize::from(self.value_type.channels) {
+                self.areas[pixel][channel] += tally.present[channel] as f64;
+                self.sums[pixel][channel] += tally.sum.number(channel);
             }
         }
         Ok(true)
@@ -116,7 +116,7 @@ impl Visitor for PixelSums<'_> {
     fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Walked {
         let Some(value) = value else { return Ok(()) };
         let cells = part.copied().unwrap_or_else(|| code.bounds(self.depth));
-        let samples = self.value_type.samples(value);
+        let (samples, present) = (self.value_type.samples(value), self.value_type.present(value));
         let [columns, rows] = self.touched(&cells);
         let [u, v] = self.grid.axes;
         for row in rows {
@@ -124,9 +124,11 @@ impl Visitor for PixelSums<'_> {
             for column in columns.clone() {
                 let area = height * self.grid.overlap(0, column, cells.min[u], cells.max[u]);
                 let pixel = row * self.grid.size[0] + column;
-                self.areas[pixel] += area;
-                for (sum, sample) in self.sums[pixel].iter_mut().zip(&samples[..]) {
-                    *sum += area * sample;
+                for (channel, sample) in
+                    samples[..].iter().enumerate().filter(|(channel, _)| present[*channel])
+                {
+                    self.areas[pixel][channel] += area;
+                    self.sums[pixel][channel] += area * sample;
                 }
             }
         }

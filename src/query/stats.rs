@@ -31,6 +31,9 @@ pub struct Statistics {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[allow(missing_docs)] // the names say it
 pub struct ChannelStatistics {
+    /// Cells that have a sample: all that are not VOID, unless single samples can be missing. All numbers are of these
+    /// cells, and not a number if there are none.
+    pub cells: u64,
     pub min: f64,
     pub max: f64,
     pub mean: f64,
@@ -76,15 +79,20 @@ fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statistics {
     let value_type = tally.value_type;
     let (min, max) = (value_type.samples(tally.min), value_type.samples(tally.max));
     let channel = |channel: usize| {
+        let cells = tally.present[channel];
+        if cells == 0 {
+            let none = f64::NAN;
+            return ChannelStatistics { cells, min: none, max: none, mean: none, standard_deviation: none };
+        }
         let (min, max) = (min[channel], max[channel]);
         // (Rounding must not make any of nothing.)
         let variance = if min == max && min.is_finite() {
             0.0
         } else {
-            Sums::variance(&tally.sum, &tally.squares, channel, tally.cells)
+            Sums::variance(&tally.sum, &tally.squares, channel, cells)
         };
-        let mean = tally.sum.number(channel) / tally.cells as f64;
-        ChannelStatistics { min, max, mean, standard_deviation: variance.sqrt() }
+        let mean = tally.sum.number(channel) / cells as f64;
+        ChannelStatistics { cells, min, max, mean, standard_deviation: variance.sqrt() }
     };
     let classes = if value_type.channels == 1 { &tally.classes[..] } else { &[] };
     let channels = if tally.cells > 0 { usize::from(value_type.channels) } else { 0 };

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod code;
+mod control_points;
 mod crs;
 mod dimension;
 mod frame;
@@ -11,6 +12,7 @@ mod up;
 pub use bounds::Bounds;
 pub(crate) use code::morton_encode;
 pub use code::{Cell, Code};
+pub use control_points::{ControlPoint, ControlPoints};
 pub use crs::{Crs, Epsg, GeoKeys};
 pub use dimension::Dimension;
 pub use frame::Frame;

@@ -8,7 +8,8 @@ mod write;
 
 pub use builder::{BuildOptions, Slab, Slabs, depth_for};
 pub use container::{
-    Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, Shape, TreeFormat, file_is_tree, split_commit,
+    Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, TagScope, TreeFormat,
+    file_is_tree, split_commit,
 };
 pub(crate) use write::build;
 #[cfg(feature = "mesh")]

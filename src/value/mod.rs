@@ -4,6 +4,7 @@
 mod dispatch;
 mod double;
 mod erased;
+mod missing;
 mod palette;
 mod rule;
 mod sample;

@@ -305,7 +305,7 @@ pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     type TotalSums: Copy + Debug + Default + Send + Sync;
 
     /// The type as a run-time value.
-    const TYPE: ValueType = ValueType { sample: Self::Sample::TYPE, channels: Self::CHANNELS as u8 };
+    const TYPE: ValueType = ValueType::new(Self::Sample::TYPE, Self::CHANNELS as u8);
 
     /// From disk.
     fn from_wire(wire: Self::Wire) -> Self;

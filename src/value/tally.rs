@@ -18,9 +18,11 @@ pub struct Tally {
     pub value_type: ValueType,
     /// Cells that are not VOID.
     pub cells: u64,
-    /// Smallest sample of each channel (meaningless without cells).
+    /// Cells that have a sample, per channel: all of them, unless samples of the type can be missing.
+    pub present: [u64; 4],
+    /// Smallest sample of each channel (zero without any).
     pub min: Value,
-    /// Largest sample of each channel (meaningless without cells).
+    /// Largest sample of each channel (zero without any).
     pub max: Value,
     /// Sum of each channel.
     pub sum: Sums,
@@ -35,14 +37,17 @@ impl Tally {
     pub fn void(value_type: ValueType) -> Tally {
         let zero = Sums::zero(value_type.sample);
         let (min, max) = (Value::ZERO, Value::ZERO);
-        Tally { value_type, cells: 0, min, max, sum: zero, squares: zero, classes: Vec::new() }
+        let present = [0; 4];
+        Tally { value_type, cells: 0, present, min, max, sum: zero, squares: zero, classes: Vec::new() }
     }
 
     /// The tally of `cells` cells of one value.
     pub fn leaf(value_type: ValueType, value: Value, cells: u64, count_classes: bool) -> Tally {
-        let (sum, squares) = with_native_type!(value_type, V => leaf_sums::<V>(value, cells));
+        let present = value_type.present(value).map(|is_there| if is_there { cells } else { 0 });
         let classes = if count_classes { vec![(value, cells)] } else { Vec::new() };
-        Tally { value_type, cells, min: value, max: value, sum, squares, classes }
+        let value = value_type.with_zeros(value);
+        let (sum, squares) = with_native_type!(value_type, V => leaf_sums::<V>(value, cells));
+        Tally { value_type, cells, present, min: value, max: value, sum, squares, classes }
     }
 
     /// The tally of the cells of all the parts; their number must be a power of two for the sums of floating
@@ -64,20 +69,50 @@ impl Tally {
 
     fn add(a: &Tally, b: &Tally) -> Tally {
         let value_type = a.value_type;
-        let (min, max) = match (a.cells, b.cells) {
-            (_, 0) => (a.min, a.max),
-            (0, _) => (b.min, b.max),
-            _ => (value_type.min(a.min, b.min), value_type.max(a.max, b.max)),
-        };
-        Tally {
-            value_type,
-            cells: a.cells + b.cells,
-            min,
-            max,
+        let mut tally = Tally {
             sum: a.sum.add(&b.sum),
             squares: a.squares.add(&b.squares),
             classes: merge_counts(value_type, &a.classes, &b.classes),
-        }
+            ..*a
+        };
+        tally.count_cells(b.min, b.max, b.cells, b.present);
+        tally
+    }
+
+    /// Counts cells whose samples are between those of two values, of which so many cells have one per channel; sums and
+    /// classes stay as they are.
+    pub(crate) fn count_cells(&mut self, min: Value, max: Value, cells: u64, present: [u64; 4]) {
+        let value_type = self.value_type;
+        (self.min, self.max) = match (self.cells, cells) {
+            (_, 0) => (self.min, self.max),
+            (0, _) if value_type.missing.is_none() => (min, max),
+            _ => {
+                let before = self.present;
+                let join = |old: Value, new: Value, both: Value| match value_type.missing {
+                    None => both,
+                    Some(_) => value_type.by_channel(|channel| match (before[channel], present[channel]) {
+                        (_, 0) => old,
+                        (0, _) => new,
+                        _ => both,
+                    }),
+                };
+                (
+                    join(self.min, min, value_type.min(self.min, min)),
+                    join(self.max, max, value_type.max(self.max, max)),
+                )
+            }
+        };
+        self.cells += cells;
+        self.present = std::array::from_fn(|channel| self.present[channel] + present[channel]);
+    }
+
+    /// Mean of each channel over the cells that have a sample in it; missing where none has.
+    fn mean(&self) -> Value {
+        let Some(missing) = self.value_type.all_missing() else { return self.mean_over(self.cells) };
+        self.value_type.by_channel(|channel| match self.present[channel] {
+            0 => missing,
+            cells => self.mean_over(cells),
+        })
     }
 
     /// Mean of each channel over so many cells, those beyond the tally's own counting as zero, rounded to the
@@ -130,12 +165,12 @@ pub(crate) fn representative(
     let value_type = tally.value_type;
     let values = || children.iter().flatten().map(|(value, _)| *value);
     let value = match rule {
-        Rule::Mean => Some(tally.mean_over(tally.cells)),
+        Rule::Mean => Some(tally.mean()),
         Rule::Occupancy => Some(tally.mean_over(cells)),
         Rule::Majority => tally.majority(),
         Rule::Dominant => Some(dominant(children.iter().flatten().copied())),
-        Rule::Min => values().reduce(|a, b| value_type.min(a, b)),
-        Rule::Max => values().reduce(|a, b| value_type.max(a, b)),
+        Rule::Min => values().reduce(|a, b| value_type.join_present(a, b, ValueType::min)),
+        Rule::Max => values().reduce(|a, b| value_type.join_present(a, b, ValueType::max)),
         Rule::Nearest => values().next(),
     };
     value.unwrap_or_default()

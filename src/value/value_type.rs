@@ -47,12 +47,15 @@ pub struct ValueType {
     pub sample: SampleType,
     /// Samples of one value, 1 to 4.
     pub channels: u8,
+    /// The sample (its bytes, then zeros) that means that a cell has none in a channel; only where there are several
+    /// channels. Sums, means and extremes of the channel leave such cells out.
+    pub missing: Option<[u8; 4]>,
 }
 
 impl ValueType {
     /// The type of values with so many samples of a type.
     pub const fn new(sample: SampleType, channels: u8) -> ValueType {
-        ValueType { sample, channels }
+        ValueType { sample, channels, missing: None }
     }
 
     /// Whether trees can have such values: 1 to 4 channels of u8, u16 or f32, or 1 channel of any type.

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use spinney::dataset::open;
 use spinney::export::image::{Format, ImageSpec, create};
 use spinney::io::Output;
+use spinney::store::Metadata;
 use spinney::value::{SampleType, ValueType};
 use tempfile::TempDir;
 
@@ -54,13 +55,10 @@ fn write_noise(path: &Path, side: u64) {
     let spec = ImageSpec {
         width: side,
         height: side,
-        value: ValueType { sample: SampleType::U8, channels: 1 },
+        value: ValueType::new(SampleType::U8, 1),
         alpha: false,
         void: false,
-        frame: None,
-        nodata: None,
-        palette: None,
-        band_names: Vec::new(),
+        metadata: Metadata::default(),
     };
     let mut writer = create(Output::create(path).unwrap(), Format::Tiff, &spec).unwrap();
     let mut random = Random(side);

@@ -23,3 +23,4 @@ mod hostile;
 #[cfg(unix)]
 mod kill;
 mod literature;
+mod missing;

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use spinney::import::raster::{self, ImportOptions, Pixels, Raster, RasterInfo, RasterOptions, plan};
 use spinney::io::Output;
-use spinney::space::{Code, Crs, Region};
+use spinney::space::{Code, Crs, Dimension, Region};
 use spinney::store;
 use spinney::store::goblin::Goblin;
-use spinney::tree::{Child, Source};
+use spinney::tree::{Child, Form, Source};
 use spinney::value::SampleType;
 use spinney::{Error, Result};
 
@@ -118,7 +118,7 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let pixels = bytes.chunks_exact_mut(value.size()).zip(&valid).filter(|(_, valid)| !**valid);
     pixels.for_each(|(pixel, _)| pixel.fill(0));
     let file = open(&target);
-    assert_eq!(file.header().form, quad(value.sample, value.channels));
+    assert_eq!(file.header().form, Form::new(Dimension::Quad, value));
     let expected = store::Metadata { counts: file.metadata().counts.clone(), ..metadata };
     // As text, in which NaN is equal to itself.
     assert_eq!(format!("{:?}", file.metadata()), format!("{expected:?}"));

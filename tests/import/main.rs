@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod descriptions;
 mod import;
 mod mesh_export;
 mod mesh_interrupts;

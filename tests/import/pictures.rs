@@ -7,22 +7,21 @@ use spinney::export::image::{Format, ImageSpec, create};
 use spinney::import::raster::{Order, Pixels, RasterInfo, RasterOptions, open};
 use spinney::io::Output;
 use spinney::space::{Crs, Frame, Region};
+use spinney::store::Metadata;
 use spinney::value::{Kind, Palette, SampleType, ValueType};
 use spinney::{Error, Result};
 
+use crate::common::tiff_file::{Ifd, file, on_disk};
 use crate::common::with;
 
 fn spec(width: u64, height: u64, sample: SampleType, channels: u8) -> ImageSpec {
     ImageSpec {
         width,
         height,
-        value: ValueType { sample, channels },
+        value: ValueType::new(sample, channels),
         alpha: channels.is_multiple_of(2),
         void: false,
-        frame: None,
-        nodata: None,
-        palette: None,
-        band_names: Vec::new(),
+        metadata: Metadata::default(),
     }
 }
 
@@ -160,7 +159,7 @@ fn png_palette_keeps_colours_and_void() {
     let path = folder.path().join("a.png");
     let colours = vec![[1, 2, 3, 255], [4, 5, 6, 128], [7, 8, 9, 255]];
     let mut spec = spec(4, 1, SampleType::U8, 1);
-    spec.palette = Some(Palette { colours: colours.clone() });
+    spec.metadata.palette = Some(Palette { colours: colours.clone() });
     write(&path, Format::Png, &spec, &[0, 1, 2, 3], None).unwrap();
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!(info.palette.unwrap().colours[..3], colours);
@@ -173,7 +172,7 @@ fn png_palette_keeps_colours_and_void() {
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((info.channels, info.alpha, info.palette.is_none()), (4, Some(3), true));
     assert_eq!(pixels.bytes, [1, 2, 3, 255, 0, 0, 0, 0, 4, 5, 6, 128, 7, 8, 9, 255]);
-    spec.nodata = Some(3.0);
+    spec.metadata.nodata = Some(3.0);
     write(&path, Format::Png, &spec, &[0, 3, 2, 3], Some(&[true, false, true, false])).unwrap();
     let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((pixels.bytes, pixels.valid), (vec![0, 3, 2, 3], Some(vec![true, false, true, false])));
@@ -217,7 +216,7 @@ fn png_colour_key_and_text() {
     assert_eq!((pixels.bytes, pixels.valid), (vec![9, 3], Some(vec![false, true])));
     assert_eq!(info.stored_sample, "uint4");
     let tag = |name: &str, text: &str| (name.to_string(), text.to_string());
-    assert_eq!(info.tags, [tag("Author", "somebody"), tag("Comment", "packed")]);
+    assert_eq!(info.tags, [tag("Author", "somebody"), tag("Comment", "packed")].into());
 
     let key = [0, 1, 0, 2, 3, 4];
     write_keyed(png::ColorType::Rgb, png::BitDepth::Sixteen, &key, &[0, 1, 0, 2, 3, 4, 0, 1, 0, 2, 4, 3]);
@@ -237,6 +236,44 @@ fn interlaced_pngs_need_memory() {
     assert!(grey.bytes.contains(&1) && grey.bytes.contains(&2));
     let little = with(RasterOptions::new(), |it| it.memory = 300);
     assert!(matches!(open(&fixture("adam7.png"), &little), Err(Error::TooLarge { .. })));
+}
+
+/// What libjpeg-turbo makes of `chroma.jpg`, which has one sample of chroma for 2 x 2 of luma: parts of a row and of a
+/// column, across edges of colour. Chroma of the nearest sample would be off by more than 50 there.
+#[test]
+fn subsampled_chroma_is_brought_to_size_by_a_triangle_filter() {
+    const ROW: [[u8; 3]; 7] = [
+        [57, 124, 55],
+        [52, 122, 59],
+        [61, 115, 66],
+        [99, 98, 80],
+        [166, 74, 99],
+        [202, 64, 113],
+        [201, 59, 117],
+    ];
+    const COLUMN: [[u8; 3]; 7] = [
+        [52, 121, 66],
+        [49, 124, 65],
+        [42, 111, 106],
+        [37, 88, 195],
+        [35, 78, 232],
+        [36, 82, 217],
+        [39, 84, 211],
+    ];
+    let jpeg = fs::read(fixture("chroma.jpg")).unwrap();
+    let strip =
+        Ifd::grey(32, 32, jpeg).short(258, &[8; 3]).short(277, &[3]).short(262, &[6]).short(259, &[7]);
+    let tiff = on_disk(&file(&[strip.short(530, &[2, 2])]));
+    for path in [fixture("chroma.jpg"), tiff.path().into()] {
+        let (_, pixels) = read(&path, &RasterOptions::default()).unwrap();
+        let pixel = |x: usize, y: usize| &pixels.bytes[(y * 32 + x) * 3..][..3];
+        let row = ROW.iter().enumerate().map(|(i, colour)| (pixel(10 + i, 5), colour));
+        let column = COLUMN.iter().enumerate().map(|(i, colour)| (pixel(4, 15 + i), colour));
+        for (found, expected) in row.chain(column) {
+            let near = found.iter().zip(expected).all(|(a, b)| a.abs_diff(*b) <= 4);
+            assert!(near, "{}: {found:?}, not {expected:?}", path.display());
+        }
+    }
 }
 
 #[test]
@@ -318,8 +355,8 @@ fn what_is_no_raster_is_refused() {
 fn small_files(folder: &Path) -> Vec<PathBuf> {
     let mut spec = spec(9, 35, SampleType::F32, 3);
     write(&folder.join("a.exr"), Format::Exr, &spec, &samples(&spec), None).unwrap();
-    spec.value = ValueType { sample: SampleType::U8, channels: 1 };
-    spec.palette = Some(Palette { colours: vec![[1, 2, 3, 4]; 7] });
+    spec.value = ValueType::new(SampleType::U8, 1);
+    spec.metadata.palette = Some(Palette { colours: vec![[1, 2, 3, 4]; 7] });
     write(&folder.join("a.png"), Format::Png, &spec, &samples(&spec), None).unwrap();
     let names = "adam7.png adam7_grey2.png rows.png grey.jpg rgb.jpg progressive.jpg cmyk.jpg lossy.webp \
                  lossless.webp alpha.webp";

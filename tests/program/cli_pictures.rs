@@ -6,6 +6,7 @@ use spinney::export::image::{Format, ImageSpec, create};
 use spinney::import::raster::{self, Pixels};
 use spinney::io::Output;
 use spinney::space::Region;
+use spinney::store::Metadata;
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 
 use crate::common::command::{command, complaint, stderr};
@@ -119,13 +120,10 @@ fn black_stays_black_beside_opacity() {
     let spec = ImageSpec {
         width: 4,
         height: 1,
-        value: ValueType { sample: SampleType::U8, channels: 4 },
+        value: ValueType::new(SampleType::U8, 4),
         alpha: true,
         void: false,
-        frame: None,
-        nodata: None,
-        palette: None,
-        band_names: Vec::new(),
+        metadata: Metadata::default(),
     };
     let picture = name("in.tif");
     let mut writer = create(Output::create(picture.as_ref()).unwrap(), Format::Tiff, &spec).unwrap();
@@ -138,6 +136,98 @@ fn black_stays_black_beside_opacity() {
         let raster = raster::open(out.as_ref(), &Default::default()).unwrap();
         assert_eq!((raster.info().nodata, raster.info().alpha), (None, Some(3)), "{out}");
     }
+}
+
+#[test]
+fn names_of_classes_have_no_sidecar_beside_standard_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.tif");
+    let classes = "fixtures/v1/classes.goblin";
+    let run = command(&["-q", "get", classes, "-", "--format", "tif"]).assert().success();
+    std::fs::write(&path, &run.get_output().stdout).unwrap();
+    let info = raster::open(&path, &Default::default()).unwrap().info().clone();
+    assert!(info.class_names.contains(&(4, "forest".into())));
+    // Beside a file they have one.
+    command(&["-q", "get", classes, path.to_str().unwrap()]).assert().success();
+    assert!(folder.path().join("out.tif.aux.xml").exists());
+    let beside = raster::open(&path, &Default::default()).unwrap().info().clone();
+    assert_eq!(beside.class_names, info.class_names);
+}
+
+#[test]
+fn nodata_of_one_band_counts_nowhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // Red is nodata in half of the pixels.
+    let pixels: Vec<u8> =
+        (0..64 * 64).flat_map(|i| [if i % 2 == 0 { 0 } else { 100 }, 50, 1 + (i % 64) as u8]).collect();
+    let metadata = Metadata { nodata: Some(0.0), ..Metadata::default() };
+    let value = ValueType::new(SampleType::U8, 3);
+    let spec = ImageSpec { width: 64, height: 64, value, alpha: false, void: false, metadata };
+    let mut writer = create(Output::create(name("in.tif").as_ref()).unwrap(), Format::Tiff, &spec).unwrap();
+    writer.write_rows(&pixels, None).unwrap();
+    writer.finish().unwrap();
+    for tree in ["t.goblin", "t.autumn"].map(name) {
+        command(&["-q", "build", &name("in.tif"), "-o", &tree]).assert().success();
+        let stats = |options: &[&str]| {
+            let run = command(&[&["stats", &tree, "--json"], options].concat()).assert().success();
+            let json: serde_json::Value = serde_json::from_slice(&run.get_output().stdout).unwrap();
+            let channel = |i: usize| json["channels"][i].clone();
+            let number = |i: usize, name: &str| channel(i)[name].as_f64();
+            (
+                json["cells"].as_u64(),
+                number(0, "cells"),
+                number(0, "min"),
+                number(0, "mean"),
+                number(2, "mean"),
+            )
+        };
+        assert_eq!(stats(&[]), (Some(4096), Some(2048.0), Some(100.0), Some(100.0), Some(32.5)));
+        assert_eq!(stats(&["--window", "0,0,1,1"]), (Some(1), Some(0.0), None, None, Some(1.0)));
+        let point = command(&["point", &tree, "--cells", "0,0", "--level", "0"]).assert().success();
+        assert_eq!(String::from_utf8_lossy(&point.get_output().stdout).trim(), "100,50,33");
+        if tree.ends_with("autumn") {
+            // Edits keep what is known of whole nodes right.
+            command(&["-q", "edit", &tree, "fill", "--window", "0,0,2,1", "--value", "0,7,9"])
+                .assert()
+                .success();
+            let mean = (32.5 * 4096.0 - 3.0 + 18.0) / 4096.0;
+            assert_eq!(stats(&[]), (Some(4096), Some(2047.0), Some(100.0), Some(100.0), Some(mean)));
+        }
+        command(&["-q", "verify", &tree]).assert().success();
+        command(&["-q", "get", &tree, &name("out.tif")]).assert().success();
+        let raster = raster::open(name("out.tif").as_ref(), &Default::default()).unwrap();
+        assert_eq!(raster.info().nodata, Some(0.0));
+        assert!(tree.ends_with("autumn") || samples(&name("out.tif")) == pixels);
+    }
+}
+
+#[test]
+fn colours_below_opacity_are_kept_on_demand() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // Transparent red, black and no colour at all; half blue.
+    let cells = [[200, 10, 0, 0], [0, 0, 0, 0], [9, 9, 9, 0], [0, 0, 250, 128]];
+    let value = ValueType::new(SampleType::U8, 4);
+    let spec =
+        ImageSpec { width: 4, height: 1, value, alpha: true, void: false, metadata: Metadata::default() };
+    let picture = name("in.png");
+    let mut writer = create(Output::create(picture.as_ref()).unwrap(), Format::Png, &spec).unwrap();
+    writer.write_rows(&cells.concat(), None).unwrap();
+    writer.finish().unwrap();
+    let built = |options: &[&str]| {
+        command(&[&["-q", "build", &picture, "-o", &name("t.goblin")], options].concat()).assert().success();
+        let outputs = ["out.tif", "out.png"].map(name);
+        outputs.map(|out| {
+            command(&["-q", "get", &name("t.goblin"), &out]).assert().success();
+            samples(&out)
+        })
+    };
+    let void = [[0; 4], [0; 4], [0; 4], cells[3]].concat();
+    assert_eq!(built(&[]), [void.clone(), void]);
+    assert_eq!(built(&["--keep-transparent"]), [cells.concat(), cells.concat()]);
+    let raster = raster::open(name("out.tif").as_ref(), &Default::default()).unwrap();
+    assert_eq!((raster.info().nodata, raster.info().alpha), (None, Some(3)));
 }
 
 #[test]

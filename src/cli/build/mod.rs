@@ -132,7 +132,7 @@ impl Args {
         if inputs.iter().any(|input| mesh::is_model(input)) {
             if pictures.are_given() {
                 bail!(
-                    "--kind, --rule, --band, --nodata, --transform and --layer are for pictures, not for models"
+                    "--kind, --rule, --band, --nodata, --transform, --layer and --keep-transparent are for pictures, not for models"
                 );
             }
             return Ok(Import::Solid(Box::new(solids.plan(inputs, output, common)?)));

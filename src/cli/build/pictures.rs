@@ -30,28 +30,34 @@ pub(super) struct PictureArgs {
     /// Layer of an OpenEXR file, by name [default: the first]
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
+    /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like all others
+    /// [default: they are VOID]
+    #[arg(long)]
+    keep_transparent: bool,
 }
 
 impl PictureArgs {
     /// Whether any of them was given, which makes no sense for models.
     pub(super) fn are_given(&self) -> bool {
-        let PictureArgs { kind, rule, band, nodata, transform, layer } = self;
+        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent } = self;
         kind.is_some()
             || rule.is_some()
             || band.is_some()
             || nodata.is_some()
             || transform.is_some()
             || layer.is_some()
+            || *keep_transparent
     }
 
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
-        let PictureArgs { kind, rule, band, nodata, transform, layer } = self.clone();
+        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent } = self.clone();
         let Common { depth, crs, memory, share } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);
         (options.transform, options.layer) = (transform, layer);
+        options.keep_transparent = keep_transparent;
         options.memory = Some(memory.bytes);
         options
     }

@@ -7,7 +7,7 @@ use spinney::query::Statistics;
 pub(crate) fn channels_as_json(statistics: &Statistics) -> Vec<Value> {
     let channels = statistics.channels.iter();
     channels
-        .map(|c| json!({ "min": c.min, "max": c.max, "mean": c.mean, "standard_deviation": c.standard_deviation }))
+        .map(|c| json!({ "cells": c.cells, "min": c.min, "max": c.max, "mean": c.mean, "standard_deviation": c.standard_deviation }))
         .collect()
 }
 

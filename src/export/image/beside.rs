@@ -1,53 +1,55 @@
-//! What a picture's file cannot hold, in a file beside it.
+//! The sidecar of a picture: GDAL's file `.aux.xml` beside it, with what has no room in it.
 
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::Format;
-use super::tiff_tags::{escaped, geo_keys};
-use crate::io::Output;
-use crate::space::Frame;
+use super::tiff_tags::geo_keys;
+use super::{Format, gdal_xml};
+use crate::io::{Output, sidecar_of};
+use crate::store::Metadata;
 use crate::{Error, Progress, Result};
 
-/// Writes the coordinate system of a GeoTIFF file that its keys cannot define into `.aux.xml`, as GDAL does, and
-/// tells so; also if such a file is there that is of an earlier picture.
+/// Writes what a GeoTIFF file cannot hold into a sidecar, as GDAL does: a coordinate system that no keys define, which is
+/// told, and the names of values. Where there is nothing to write, one of an earlier picture of that name is removed, and
+/// that is told, since programs would take what it says for that of the new picture.
 ///
 /// # Errors
 /// If it cannot be written.
 pub(in crate::export) fn write(
     picture: &Path,
     format: Format,
-    frame: Option<&Frame>,
+    metadata: &Metadata,
     progress: &dyn Progress,
 ) -> Result<()> {
     if format != Format::Tiff {
         return Ok(());
     }
-    let mut name = picture.as_os_str().to_owned();
-    name.push(".aux.xml");
-    let path = PathBuf::from(name);
-    let crs = frame.and_then(|frame| frame.crs.as_ref()).filter(|crs| geo_keys(crs).is_none());
-    let is_stdout = picture == Path::new("-");
-    let Some(crs) = crs else {
-        if !is_stdout && path.exists() {
-            progress.warn(
-                &path,
-                "is of an earlier picture of that name: programs may take its coordinate system",
-            );
+    let crs = match &metadata.control_points {
+        Some(points) => points.crs.as_ref(),
+        None => metadata.frame.crs.as_ref(),
+    };
+    let crs = crs.filter(|crs| geo_keys(crs).is_none());
+    if picture == Path::new("-") {
+        if crs.is_some() {
+            let text = "has no coordinate system: GeoTIFF has no keys for its definition, and files beside standard \
+                        output there are none";
+            progress.warn(picture, text);
+        }
+        return Ok(());
+    }
+    let path = sidecar_of(picture);
+    let Some(xml) = gdal_xml::sidecar(metadata, crs) else {
+        if path.exists() {
+            std::fs::remove_file(&path).map_err(Error::io(&path, "remove"))?;
+            progress.warn(&path, "was of an earlier picture of that name, and is removed");
         }
         return Ok(());
     };
-    if is_stdout {
-        let text = "has no coordinate system: GeoTIFF has no keys for its definition, and files beside standard output \
-                    there are none";
-        progress.warn(picture, text);
-        return Ok(());
-    }
-    let definition = escaped(&crs.definition());
-    let text = format!("<PAMDataset>\n  <SRS>{definition}</SRS>\n</PAMDataset>\n");
     let mut output = Output::create(&path)?;
-    output.write_all(text.as_bytes()).map_err(Error::io(&path, "write"))?;
+    output.write_all(xml.as_bytes()).map_err(Error::io(&path, "write"))?;
     output.commit()?;
-    progress.warn(&path, "has the coordinate system of the picture, for which GeoTIFF has no keys");
+    if crs.is_some() {
+        progress.warn(&path, "has the coordinate system of the picture, for which GeoTIFF has no keys");
+    }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 mod beside;
 mod exr;
+mod gdal_xml;
 mod npy;
 mod png;
 mod raw;
@@ -15,8 +16,8 @@ pub(super) use beside::write as write_beside;
 pub(super) use npy::array_header;
 
 use crate::io::Output;
-use crate::space::Frame;
-use crate::value::{Palette, ValueType};
+use crate::store::Metadata;
+use crate::value::ValueType;
 use crate::{Error, Result};
 
 /// Size, samples and metadata of a picture to be written.
@@ -33,15 +34,9 @@ pub struct ImageSpec {
     /// Whether pixels may be VOID. PNG then gets an opacity channel if it has none (or, with a palette, uses
     /// `nodata` if that is a value, and else writes colours).
     pub void: bool,
-    /// Frame of the pixels in the world, for formats that can hold one.
-    pub frame: Option<Frame>,
-    /// The number that VOID pixels have in every channel of the rows that are written, for formats that can
-    /// mark it.
-    pub nodata: Option<f64>,
-    /// Colours of the values, for formats that can keep them.
-    pub palette: Option<Palette>,
-    /// Names of the channels.
-    pub band_names: Vec<String>,
+    /// What is said about the picture, for formats that can keep it. Frame and control points are those of the
+    /// pixels; nodata is the number that VOID pixels have in every channel of the rows that are written.
+    pub metadata: Metadata,
 }
 
 /// A file format, chosen by name.

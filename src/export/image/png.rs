@@ -85,10 +85,13 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
             "write .tif",
         ));
     };
-    let palette = spec.palette.as_ref().filter(|_| depth == BitDepth::Eight && spec.value.channels == 1);
+    let palette =
+        spec.metadata.palette.as_ref().filter(|_| depth == BitDepth::Eight && spec.value.channels == 1);
     // Where no number is left for VOID, the colours themselves are written.
     let (palette, colours) = match palette {
-        Some(palette) if spec.void && void_entry(spec.nodata).is_none() => (None, Some(colours(palette))),
+        Some(palette) if spec.void && void_entry(spec.metadata.nodata).is_none() => {
+            (None, Some(colours(palette)))
+        }
         palette => (palette, None),
     };
     let own = if colours.is_some() { 4 } else { spec.value.channels };
@@ -111,7 +114,7 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
     });
     encoder.set_compression(Compression::Fast);
     if let Some(palette) = palette {
-        let (colours, opacities) = palette_chunks(palette, spec.nodata);
+        let (colours, opacities) = palette_chunks(palette, spec.metadata.nodata);
         encoder.set_palette(colours);
         if !opacities.is_empty() {
             encoder.set_trns(opacities);

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::seekable::Seekable;
 use super::tiff_tags::{self, IfdField, tag, tag_value};
-use super::{ImageSpec, RowWriter, Rows};
+use super::{ImageSpec, RowWriter, Rows, gdal_xml};
 use crate::io::Output;
 use crate::value::{Palette, SampleType};
 use crate::{Error, Result};
@@ -76,6 +76,12 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
         row_bytes: row_bytes as usize,
     };
     let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, spec.height);
+    let mut output = output;
+    // What has no file has no sidecar either.
+    let with_classes = output.file_mut().is_none();
+    let mut tags = tags(spec, predictor, rows_per_strip);
+    let about = gdal_xml::metadata(&spec.metadata, with_classes);
+    tags.extend(about.map(|xml| (tag::GDAL_METADATA, IfdField::Ascii(xml.into_bytes()))));
     let mut output = Seekable::new(output)?;
     output.append(tiff_tags::header(big).0)?;
     Ok(Box::new(Tiff {
@@ -87,14 +93,14 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
         waiting: Vec::new(),
         offsets: Vec::new(),
         sizes: Vec::new(),
-        tags: tags(spec, predictor, rows_per_strip),
+        tags,
     }))
 }
 
 /// The palette, if TIFF can hold it for such values.
 fn palette(spec: &ImageSpec) -> Option<&Palette> {
     let fits = spec.value.channels == 1 && matches!(spec.value.sample, SampleType::U8 | SampleType::U16);
-    spec.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
+    spec.metadata.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
 }
 
 fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16, IfdField)> {
@@ -136,9 +142,13 @@ fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16
         let channel = |c: usize| (0..entries).map(move |i| u16::from(colour(i)[c]) * 257);
         tags.push((tag::COLOR_MAP, Short((0..3).flat_map(channel).collect())));
     }
-    tags.extend(spec.frame.iter().flat_map(tiff_tags::geo_tags));
-    tags.extend(spec.nodata.map(tiff_tags::nodata_tag));
-    tags.extend(tiff_tags::band_names_tag(&spec.band_names));
+    let metadata = &spec.metadata;
+    tags.extend(match &metadata.control_points {
+        Some(points) => tiff_tags::control_point_tags(points),
+        None => tiff_tags::geo_tags(&metadata.frame),
+    });
+    tags.extend(metadata.nodata.map(tiff_tags::nodata_tag));
+    tags.extend(tiff_tags::text_tags(&metadata.tags));
     tags
 }
 
@@ -251,19 +261,17 @@ impl RowWriter for Tiff {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::Metadata;
     use crate::value::ValueType;
 
     fn spec(sample: SampleType, channels: u8) -> ImageSpec {
         ImageSpec {
             width: 37,
             height: 61,
-            value: ValueType { sample, channels },
+            value: ValueType::new(sample, channels),
             alpha: channels.is_multiple_of(2),
             void: false,
-            frame: None,
-            nodata: None,
-            palette: None,
-            band_names: Vec::new(),
+            metadata: Metadata::default(),
         }
     }
 

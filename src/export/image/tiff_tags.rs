@@ -1,6 +1,8 @@
 //! The container of TIFF: tags, directories, and the tags that georeference a picture.
 
-use crate::space::{Crs, Frame, GeoKeys};
+use std::collections::BTreeMap;
+
+use crate::space::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
 /// Numbers of tags, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
 pub(super) mod tag {
@@ -9,15 +11,22 @@ pub(super) mod tag {
     pub(crate) const BITS_PER_SAMPLE: u16 = 258;
     pub(crate) const COMPRESSION: u16 = 259;
     pub(crate) const PHOTOMETRIC_INTERPRETATION: u16 = 262;
+    pub(crate) const DOCUMENT_NAME: u16 = 269;
+    pub(crate) const IMAGE_DESCRIPTION: u16 = 270;
     pub(crate) const STRIP_OFFSETS: u16 = 273;
     pub(crate) const SAMPLES_PER_PIXEL: u16 = 277;
     pub(crate) const ROWS_PER_STRIP: u16 = 278;
     pub(crate) const STRIP_BYTE_COUNTS: u16 = 279;
     pub(crate) const PLANAR_CONFIGURATION: u16 = 284;
+    pub(crate) const SOFTWARE: u16 = 305;
+    pub(crate) const DATE_TIME: u16 = 306;
+    pub(crate) const ARTIST: u16 = 315;
+    pub(crate) const HOST_COMPUTER: u16 = 316;
     pub(crate) const PREDICTOR: u16 = 317;
     pub(crate) const COLOR_MAP: u16 = 320;
     pub(crate) const EXTRA_SAMPLES: u16 = 338;
     pub(crate) const SAMPLE_FORMAT: u16 = 339;
+    pub(crate) const COPYRIGHT: u16 = 33432;
     pub(crate) const MODEL_PIXEL_SCALE: u16 = 33550;
     pub(crate) const MODEL_TIEPOINT: u16 = 33922;
     pub(crate) const MODEL_TRANSFORMATION: u16 = 34264;
@@ -143,6 +152,18 @@ pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
     tags
 }
 
+/// GeoTIFF's tags for ground control points: tie points without a scale.
+pub(super) fn control_point_tags(points: &ControlPoints) -> Vec<(u16, IfdField)> {
+    // Pixels are spoken of by their corners, as those of areas are.
+    let mut tags = geo_key_tags(&Frame { crs: points.crs.clone(), ..Frame::identity() });
+    let tie_point = |point: &ControlPoint| {
+        let ([column, row], [x, y, z]) = (point.cell, point.world);
+        [column, row, 0.0, x, y, z]
+    };
+    tags.push((tag::MODEL_TIEPOINT, IfdField::Double(points.points.iter().flat_map(tie_point).collect())));
+    tags
+}
+
 /// The keys that define a coordinate system: such as they came, or for its numbers. `None` where keys cannot say
 /// it.
 pub(in crate::export) fn geo_keys(crs: &Crs) -> Option<GeoKeys> {
@@ -180,25 +201,22 @@ pub(super) fn nodata_tag(number: f64) -> (u16, IfdField) {
     )
 }
 
-/// A text in XML.
-pub(in crate::export) fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
-
-/// GDAL's tag for names of bands, if any has one.
-pub(super) fn band_names_tag(names: &[String]) -> Option<(u16, IfdField)> {
-    let mut xml = String::from("<GDALMetadata>\n");
-    for (band, name) in names.iter().enumerate().filter(|(_, name)| !name.is_empty()) {
-        // GDAL escapes twice, and so it reads.
-        let name = escaped(&escaped(&name.replace('\0', "")));
-        xml +=
-            &format!("  <Item name=\"DESCRIPTION\" sample=\"{band}\" role=\"description\">{name}</Item>\n");
-    }
-    xml += "</GDALMetadata>\n";
-    names
-        .iter()
-        .any(|name| !name.is_empty())
-        .then_some((tag::GDAL_METADATA, IfdField::Ascii(xml.into_bytes())))
+/// Tags that are texts, by the names that GDAL has for them.
+pub(super) fn text_tags(texts: &BTreeMap<String, String>) -> Vec<(u16, IfdField)> {
+    let tags = [
+        (tag::DOCUMENT_NAME, "TIFFTAG_DOCUMENTNAME"),
+        (tag::IMAGE_DESCRIPTION, "TIFFTAG_IMAGEDESCRIPTION"),
+        (tag::SOFTWARE, "TIFFTAG_SOFTWARE"),
+        (tag::DATE_TIME, "TIFFTAG_DATETIME"),
+        (tag::ARTIST, "TIFFTAG_ARTIST"),
+        (tag::HOST_COMPUTER, "TIFFTAG_HOSTCOMPUTER"),
+        (tag::COPYRIGHT, "TIFFTAG_COPYRIGHT"),
+    ];
+    tags.into_iter()
+        .filter_map(|(tag, name)| {
+            Some((tag, IfdField::Ascii(texts.get(name)?.replace('\0', "").into_bytes())))
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -248,6 +266,16 @@ mod tests {
         let keys = [[1, 1, 0, 3], [1024, 0, 1, 1], [1025, 0, 1, 1], [3072, 0, 1, 2056]].concat();
         assert_eq!(find(&tags, 34735), Some(keys.into_iter().map(f64::from).collect()));
         assert!(geo_tags(&Frame::identity()).is_empty());
+    }
+
+    #[test]
+    fn control_points_are_tie_points_without_a_scale() {
+        let crs = Some(Crs::epsg(4326));
+        let point = ControlPoint { cell: [0.5, 2.0], world: [7.0, 8.0, 9.0] };
+        let tags = control_point_tags(&ControlPoints { crs, points: vec![point, point] });
+        assert_eq!(find(&tags, 33922), Some([[0.5, 2.0, 0.0, 7.0, 8.0, 9.0]; 2].concat()));
+        assert_eq!(find(&tags, 33550), None);
+        assert_eq!(find(&tags, 34735).map(|keys| keys.len()), Some(16));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::{Pixels, Raster, RasterInfo};
 use crate::space::Region;
+use crate::store::{ScopedTags, TagScope};
 use crate::value::ValueType;
 use crate::{Error, Result};
 
@@ -34,11 +35,17 @@ pub fn select(raster: Box<dyn Raster>, bands: &[usize]) -> Result<Box<dyn Raster
     if chosen.iter().copied().eq(0..info.channels) {
         return Ok(raster);
     }
+    let place = |channel: usize| chosen.iter().position(|other| *other == channel);
+    let class_channel = place(info.class_channel);
     let info = RasterInfo {
         channels: chosen.len(),
-        alpha: info.alpha.and_then(|alpha| chosen.iter().position(|channel| *channel == alpha)),
+        alpha: info.alpha.and_then(place),
+        class_names: class_channel.map_or(Vec::new(), |_| info.class_names.clone()),
+        class_channel: class_channel.unwrap_or(0),
         band_names: pick(&info.band_names, &chosen),
         scale_offset: pick(&info.scale_offset, &chosen),
+        units: pick(&info.units, &chosen),
+        scoped_tags: pick_tags(&info.scoped_tags, &chosen),
         ..info.clone()
     };
     Ok(Box::new(Bands { raster, chosen, info, all: Vec::new() }))
@@ -49,13 +56,27 @@ fn pick<T: Clone>(items: &[T], chosen: &[usize]) -> Vec<T> {
     chosen.iter().filter_map(|channel| items.get(*channel).cloned()).collect()
 }
 
+/// The tags of the picture and of the chosen channels.
+fn pick_tags(tags: &ScopedTags, chosen: &[usize]) -> ScopedTags {
+    let mut picked: ScopedTags = tags.clone();
+    picked.retain(|scope, _| scope.channel.is_none());
+    for (scope, tags) in tags {
+        let places =
+            chosen.iter().zip(0..).filter(|(channel, _)| scope.channel.map(usize::from) == Some(**channel));
+        picked.extend(places.map(|(_, place)| {
+            (TagScope { channel: Some(place), domain: scope.domain.clone() }, tags.clone())
+        }));
+    }
+    picked
+}
+
 /// The type that a tree of all of a raster's channels has.
 ///
 /// # Errors
 /// If trees cannot have such values; the message says which bands there are to choose from.
 pub fn value_type(path: &Path, info: &RasterInfo) -> Result<ValueType> {
     let channels = u8::try_from(info.channels).unwrap_or(u8::MAX);
-    let value = ValueType { sample: info.sample, channels };
+    let value = ValueType::new(info.sample, channels);
     if value.is_supported() {
         return Ok(value);
     }
@@ -112,10 +133,13 @@ mod tests {
         let mut info = RasterInfo::plain([2, 2], SampleType::U16, 3);
         info.band_names = ["a", "b", "c"].map(String::from).to_vec();
         info.alpha = Some(2);
+        let scope = |channel| TagScope { channel, domain: "D".into() };
+        info.scoped_tags = [None, Some(1), Some(2)].map(|channel| (scope(channel), [].into())).into();
         let fake = || Box::new(Fake::new(info.clone(), (0..24).collect()));
         let mut picked = select(fake(), &[3, 1]).unwrap();
         assert_eq!((picked.info().channels, picked.info().alpha), (2, Some(0)));
         assert_eq!(picked.info().band_names, ["c", "a"]);
+        assert!(picked.info().scoped_tags.keys().eq(&[scope(None), scope(Some(0))]));
         let mut pixels = Pixels::default();
         picked.read(Region::new(0, 1, 2, 1), &mut pixels).unwrap();
         assert_eq!(pixels.bytes, [16, 17, 12, 13, 22, 23, 18, 19]);

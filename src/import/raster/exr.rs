@@ -1,6 +1,6 @@
 //! OpenEXR, block by block.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData};
 use half::f16;
 
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, beside};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
@@ -65,7 +65,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     let names: Vec<String> = channels.iter().map(|&(index, _)| layer.channels[index].0.clone()).collect();
     let channels: Vec<(usize, ExrType)> =
         channels.iter().map(|&(_, number)| (number, header.channels.list[number].sample_type)).collect();
-    let mut info = RasterInfo {
+    let info = RasterInfo {
         stored_sample: match sample {
             SampleType::U32 => "uint32",
             _ if channels.iter().all(|&(_, sample)| sample == ExrType::F16) => "half",
@@ -78,7 +78,6 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         order: if header.blocks.has_tiles() { Order::Anywhere } else { Order::Bands },
         ..RasterInfo::plain([width, height], sample, channels.len())
     };
-    beside::place(path, &mut info.frame)?;
     let earlier_blocks: u64 = meta.headers[..layer.header].iter().map(|h| h.chunk_count as u64).sum();
     Ok(Box::new(Exr {
         path: path.to_path_buf(),
@@ -208,16 +207,16 @@ fn layout(header: &Header) -> String {
     format!("OpenEXR, {blocks}, {}", header.compression)
 }
 
-fn tags(header: &Header, layer: &str) -> Vec<(String, String)> {
+fn tags(header: &Header, layer: &str) -> BTreeMap<String, String> {
     let window = |position: exr::math::Vec2<i32>, size: exr::math::Vec2<usize>| {
         format!("{} x {} at ({}, {})", size.0, size.1, position.0, position.1)
     };
     let display = header.shared_attributes.display_window;
     let own = &header.own_attributes;
-    let mut tags = vec![
+    let mut tags = BTreeMap::from([
         ("data window".to_string(), window(own.layer_position, header.layer_size)),
         ("display window".to_string(), window(display.position, display.size)),
-    ];
+    ]);
     let texts = [
         ("layer", Some(layer.to_string()).filter(|name| !name.is_empty())),
         ("owner", own.owner.as_ref().map(ToString::to_string)),

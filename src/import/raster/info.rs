@@ -1,5 +1,6 @@
 //! Checks and defaults that most readers share.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::{Order, RasterInfo, RasterOptions};
@@ -17,15 +18,20 @@ impl RasterInfo {
             stored_sample: sample.name().into(),
             channels,
             alpha: None,
+            keeps_transparent: false,
             frame: Frame::identity(),
             nodata: None,
             palette: None,
             class_names: Vec::new(),
+            class_channel: 0,
             band_names: vec![String::new(); channels],
             scale_offset: vec![(1.0, 0.0); channels],
+            units: vec![String::new(); channels],
             kind: None,
             layout: String::new(),
-            tags: Vec::new(),
+            tags: BTreeMap::new(),
+            scoped_tags: BTreeMap::new(),
+            control_points: None,
             order: Order::Anywhere,
         }
     }

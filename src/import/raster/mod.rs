@@ -6,12 +6,14 @@ mod build;
 mod exr;
 #[cfg(test)]
 mod fake;
+mod gdal;
 mod hgt;
 mod info;
 mod mosaic;
 mod picture;
 mod plan;
 mod png;
+mod sidecar;
 mod slabs;
 mod spill;
 mod tiff;
@@ -19,6 +21,7 @@ mod validity;
 mod worldfile;
 mod xml;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
@@ -28,7 +31,8 @@ pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, Import, ImportOptions, plan};
 pub use self::slabs::RasterSlabs;
 pub use self::spill::spill;
-use crate::space::{Frame, Region};
+use crate::space::{ControlPoints, Frame, Region};
+use crate::store::ScopedTags;
 use crate::value::{Kind, Palette, SampleType};
 use crate::{Error, Result};
 
@@ -48,6 +52,8 @@ pub struct RasterInfo {
     pub channels: usize,
     /// Index of the opacity channel (0 is transparent), if there is one.
     pub alpha: Option<usize>,
+    /// Whether transparent pixels are pixels like all others; else they are VOID.
+    pub keeps_transparent: bool,
     /// Map from pixels to the world.
     pub frame: Frame,
     /// The number that marks missing samples.
@@ -56,16 +62,24 @@ pub struct RasterInfo {
     pub palette: Option<Palette>,
     /// Names of values, by value.
     pub class_names: Vec<(i64, String)>,
+    /// Index of the channel whose values these are.
+    pub class_channel: usize,
     /// A name per channel where the file has them, else empty strings.
     pub band_names: Vec<String>,
     /// Scale and offset per channel: factor and summand from samples to physical units.
     pub scale_offset: Vec<(f64, f64)>,
+    /// Unit per channel of what scale and offset make; empty where the file does not tell.
+    pub units: Vec<String>,
     /// Kind of the samples, continuous or categorical, where the file tells.
     pub kind: Option<Kind>,
     /// The format and how the pixels lie in the file, in words: "GeoTIFF, 512x512 tiles, zstd".
     pub layout: String,
-    /// Other things worth keeping: name and value.
-    pub tags: Vec<(String, String)>,
+    /// Other things worth keeping, by name.
+    pub tags: BTreeMap<String, String>,
+    /// The same of single channels and of domains.
+    pub scoped_tags: ScopedTags,
+    /// Ground control points.
+    pub control_points: Option<ControlPoints>,
     /// Order in which regions are cheap to read.
     pub order: Order,
 }
@@ -131,13 +145,14 @@ impl RasterOptions {
     }
 }
 
-/// Opens a raster file, whose format is recognised by its first bytes (`.hgt` files from their name).
+/// Opens a raster file, whose format is recognised by its first bytes (`.hgt` files from their name), with what a
+/// sidecar (`.aux.xml`) beside it tells.
 ///
 /// # Errors
 /// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
 pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let magic = first_bytes(path)?;
-    match magic.as_slice() {
+    let raster = match magic.as_slice() {
         [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
         [0x89, b'P', b'N', b'G', ..] => png::open(path, options),
         [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
@@ -149,7 +164,8 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
             "a file of this format",
             "convert it to TIFF, PNG, JPEG, WebP, OpenEXR or .hgt",
         )),
-    }
+    };
+    sidecar::describe(raster?)
 }
 
 /// Enough of a file's start to tell its format.

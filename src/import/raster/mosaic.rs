@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::validity::Validity;
 use super::{Order, Pixels, Raster, RasterInfo};
-use crate::space::{Crs, Region};
+use crate::space::{Crs, Frame, Region};
 use crate::{Error, Result};
 
 /// Largest distance of a raster's pixels from the grid of the first one, in pixels.
@@ -46,7 +46,9 @@ pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
     let corner: [i64; 2] =
         std::array::from_fn(|axis| offsets.iter().map(|offset| offset[axis]).min().unwrap_or(0));
     let mut info = first.info().clone();
+    let first_cell = Frame::identity().shifted([corner[0] as f64, corner[1] as f64, 0.0]);
     info.frame = info.frame.shifted([corner[0] as f64, corner[1] as f64, 0.0]);
+    info.control_points = info.control_points.and_then(|points| points.seen_through(&first_cell));
     let flag_all = rasters.iter().any(|raster| !same_number(raster.info().nodata, info.nodata));
     if flag_all {
         info.nodata = None;
@@ -188,7 +190,6 @@ mod tests {
 
     use super::super::fake::Fake;
     use super::*;
-    use crate::space::Frame;
     use crate::value::SampleType;
 
     fn info(at: [i64; 2], size: [u64; 2]) -> RasterInfo {

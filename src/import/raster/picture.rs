@@ -12,7 +12,7 @@ use zune_core::options::DecoderOptions;
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::errors::DecodeErrors;
 
-use super::{Pixels, Raster, RasterInfo, RasterOptions, beside};
+use super::{Pixels, Raster, RasterInfo, RasterOptions};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::SampleType;
@@ -34,12 +34,11 @@ impl Picture {
     fn open(
         path: &Path,
         options: &RasterOptions,
-        mut info: RasterInfo,
+        info: RasterInfo,
         decode: fn(&Path, &RasterInfo) -> Result<Vec<u8>>,
     ) -> Result<Box<dyn Raster>> {
         let bytes = (info.width * info.height).saturating_mul(info.pixel_bytes() as u64);
         options.check_memory(path, "decoding the whole picture, which this format asks for,", bytes)?;
-        beside::place(path, &mut info.frame)?;
         Ok(Box::new(Picture { path: path.to_path_buf(), info, decode, decoded: None }))
     }
 }

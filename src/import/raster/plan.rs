@@ -1,11 +1,12 @@
 //! Plans of imports: from raster files and options to the tree that will be built.
 
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use super::sidecar::Described;
 use super::validity::as_stored;
-use super::{Pixels, Raster, RasterInfo, RasterOptions, bands, mosaic, open};
-use crate::space::{Crs, Dimension, Frame, Region};
+use super::{Raster, RasterInfo, RasterOptions, bands, mosaic, open};
+use crate::space::{Crs, Dimension, Frame};
 use crate::store::{BuildOptions, Metadata, depth_for};
 use crate::value::{Kind, Rule, SampleType, ValueType};
 use crate::{Error, Result};
@@ -36,6 +37,8 @@ pub struct ImportOptions {
     /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
     /// not said.
     pub memory: Option<u64>,
+    /// Whether pixels of opacity 0 become cells, with their colours; else they become VOID.
+    pub keep_transparent: bool,
     /// Whether equal subtrees are stored once, in Autumnal files.
     pub share: bool,
 }
@@ -106,7 +109,10 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
     let mut overruled = None;
     let raster = mosaic(open_inputs(inputs, options, memory, &mut overruled)?)?;
     let info = raster.info();
+    // Beside opacity nothing is missing: what has no value is transparent there.
+    let missing = info.nodata.filter(|_| info.alpha.is_none());
     let value = bands::value_type(raster.path(), info)?;
+    let value = missing.map_or(value, |nodata| value.with_missing(nodata));
     let frame = frame(info, options)?;
     let (kind, kind_reason) = kind(info, options);
     let rule = options.rule.unwrap_or(kind.default_rule());
@@ -142,8 +148,12 @@ fn open_inputs(
         };
         let mut info = raster.info().clone();
         info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
+        info.keeps_transparent = options.keep_transparent;
         if let Some(chosen) = &options.crs {
-            let told = info.frame.crs.replace(chosen.clone());
+            let told = match &mut info.control_points {
+                Some(points) => points.crs.replace(chosen.clone()),
+                None => info.frame.crs.replace(chosen.clone()),
+            };
             *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
         }
         Ok(Box::new(Described { raster, info }))
@@ -163,8 +173,11 @@ struct Choices {
 
 /// Metadata of the tree's file.
 fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Metadata {
+    // Control points are for pictures that nothing else places.
+    let control_points = info.control_points.clone().filter(|_| frame.is_identity());
     Metadata {
         frame,
+        control_points,
         nodata: info.nodata,
         palette: info.palette.clone(),
         class_names: info.class_names.iter().cloned().collect(),
@@ -180,7 +193,9 @@ fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &Impor
         },
         alpha: info.alpha.map(|alpha| alpha as u8),
         provenance: provenance(inputs, info, options),
-        tags: info.tags.iter().cloned().collect(),
+        units: if info.units.iter().all(String::is_empty) { Vec::new() } else { info.units.clone() },
+        tags: info.tags.clone(),
+        scoped_tags: info.scoped_tags.clone(),
         ..Metadata::default()
     }
 }
@@ -221,6 +236,10 @@ fn describe(
         ("transform", if metadata.frame.is_identity() { "none".into() } else { affine }),
         ("nodata", nodata),
     ];
+    if let Some(points) = &metadata.control_points {
+        let crs = points.crs.as_ref().map_or("none".into(), Crs::to_string);
+        lines.push(("points", format!("{} ground control points, CRS {crs}", points.points.len())));
+    }
     if let Some(palette) = &metadata.palette {
         lines.push(("palette", format!("{} colours", palette.colours.len())));
     }
@@ -229,26 +248,6 @@ fn describe(
     lines.push(("rule", format!("{rule}, {default}")));
     lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
     lines
-}
-
-/// A raster of which the user knows more than its file tells.
-struct Described {
-    raster: Box<dyn Raster>,
-    info: RasterInfo,
-}
-
-impl Raster for Described {
-    fn info(&self) -> &RasterInfo {
-        &self.info
-    }
-
-    fn path(&self) -> &Path {
-        self.raster.path()
-    }
-
-    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
-        self.raster.read(region, pixels)
-    }
 }
 
 fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
@@ -265,9 +264,11 @@ fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
 
 fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
     let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
+    let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
     match (options.kind, info.kind) {
         (Some(kind), _) => (kind, "as you said"),
         (None, Some(kind @ Kind::Categorical)) if info.palette.is_some() => (kind, "it has a palette"),
+        (None, _) if has_classes => (Kind::Categorical, "its values have names"),
         (None, Some(kind)) => (kind, "as the file's samples tell"),
         (None, None) if small => (Kind::Continuous, "8-bit grey; for classes say --kind categorical"),
         (None, None) => (Kind::Continuous, "the usual for such samples"),
@@ -310,6 +311,9 @@ fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) ->
     say("crs", options.crs.as_ref().map(|crs| crs as _));
     say("transform", transform.as_ref().map(|transform| transform as _));
     say("layer", options.layer.as_ref().map(|layer| layer as _));
+    if options.keep_transparent {
+        said.push("transparent pixels kept".into());
+    }
     if !said.is_empty() {
         lines.push(format!("imported with {}", said.join(", ")));
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Limits, Reader};
 
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, beside};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions};
 use crate::import::guard::guard;
 use crate::space::Region;
 use crate::value::{Kind, Palette, SampleType};
@@ -56,9 +56,8 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         return Err(damaged(path, "the first picture of an animation that does not fill it"));
     }
     let depth = header.bit_depth as u8;
-    let mut info = describe(header);
+    let info = describe(header);
     let void = void_rule(path, header, info.palette.as_ref())?;
-    beside::place(path, &mut info.frame)?;
     let raw = vec![0; row_bytes * if header.interlaced { header.height as usize } else { 1 }];
     Ok(Box::new(Png { path: path.to_path_buf(), info, reader, depth, raw, next_row: 0, void }))
 }

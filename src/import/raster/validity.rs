@@ -17,7 +17,8 @@ pub(super) struct Validity {
 impl Validity {
     /// By opacity alone: for what leaves nodata and NaN to others.
     pub(super) fn by_opacity(info: &RasterInfo) -> Validity {
-        let RasterInfo { sample, channels, alpha, .. } = *info;
+        let RasterInfo { sample, channels, alpha, keeps_transparent, .. } = *info;
+        let alpha = alpha.filter(|_| !keeps_transparent);
         Validity { sample, channels, alpha, nodata: None, nan: false }
     }
 

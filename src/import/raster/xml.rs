@@ -1,36 +1,230 @@
-//! As much of XML as GDAL writes.
+//! Elements of XML documents, as far as GDAL's need it: no document is built, elements are slices of the text, and
+//! nothing is expanded but the five entities of XML and numbers of characters. What is not well-formed ends the search.
 
-/// Elements of a name, at any depth: attributes and content. GDAL nests none of these in themselves.
-pub(super) fn elements<'a>(xml: &'a str, name: &'a str) -> impl Iterator<Item = (&'a str, &'a str)> {
-    let (open, close) = (format!("<{name}"), format!("</{name}>"));
-    let mut rest = xml;
-    std::iter::from_fn(move || {
+/// An element of a document.
+#[derive(Clone, Copy)]
+pub(super) struct Element<'a> {
+    pub(super) name: &'a str,
+    /// What stands behind the name in the tag.
+    attributes: &'a str,
+    /// What stands between the tags.
+    pub(super) content: &'a str,
+}
+
+/// A piece of markup.
+enum Markup<'a> {
+    /// What a start tag has between its brackets.
+    Start(&'a str),
+    /// The same of an empty element's.
+    Empty(&'a str),
+    End,
+    /// Text that nothing is to be expanded in.
+    Data(&'a str),
+    /// Comments, instructions and declarations.
+    Other,
+}
+
+impl<'a> Element<'a> {
+    /// A document as the element around its root.
+    pub(super) fn document(text: &'a str) -> Element<'a> {
+        Element { name: "", attributes: "", content: text }
+    }
+
+    /// The elements directly in this one.
+    pub(super) fn children(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
+        let content = self.content;
+        let mut at = 0;
+        std::iter::from_fn(move || {
+            loop {
+                let (_, markup, end) = next_markup(content, at)?;
+                at = end;
+                match markup {
+                    Markup::Empty(tag) => return Some(Element::new(tag, "")),
+                    Markup::Start(tag) => {
+                        let (last, behind) = end_of_element(content, end)?;
+                        at = behind;
+                        return Some(Element::new(tag, &content[end..last]));
+                    }
+                    _ => {}
+                }
+            }
+        })
+    }
+
+    /// The elements of a name directly in this one.
+    pub(super) fn named(&self, name: &'static str) -> impl Iterator<Item = Element<'a>> + use<'a> {
+        self.children().filter(move |child| child.name == name)
+    }
+
+    fn new(tag: &'a str, content: &'a str) -> Element<'a> {
+        let end = tag.find(|c: char| c.is_ascii_whitespace()).unwrap_or(tag.len());
+        Element { name: &tag[..end], attributes: &tag[end..], content }
+    }
+
+    pub(super) fn attribute(&self, name: &str) -> Option<String> {
+        let mut rest = self.attributes;
         loop {
-            let (_, found) = rest.split_once(&open)?;
-            rest = found;
-            if !found.starts_with([' ', '>', '/', '\n', '\t']) {
-                continue;
+            let (key, value) = rest.split_once('=')?;
+            let value = value.trim_start();
+            let quote = value.chars().next().filter(|c| matches!(c, '"' | '\''))?;
+            let (value, behind) = value[1..].split_once(quote)?;
+            if key.trim() == name {
+                return Some(unescaped(value));
             }
-            let (attributes, content) = found.split_once('>')?;
-            if attributes.ends_with('/') {
-                rest = content;
-                return Some((attributes, ""));
+            rest = behind;
+        }
+    }
+
+    /// The text in this element, and in those that are in it.
+    pub(super) fn text(&self) -> String {
+        let (mut text, mut at) = (String::new(), 0);
+        while let Some((start, markup, end)) = next_markup(self.content, at) {
+            text += &unescaped(&self.content[at..start]);
+            if let Markup::Data(data) = markup {
+                text += data;
             }
-            let (content, after) = content.split_once(&close)?;
-            rest = after;
-            return Some((attributes, content));
+            at = end;
+        }
+        text + &unescaped(&self.content[at..])
+    }
+}
+
+/// The first markup from `at` on: where it starts, what it is, and where it ends. Nothing if there is none, or it
+/// has no end.
+fn next_markup(text: &str, at: usize) -> Option<(usize, Markup<'_>, usize)> {
+    const DATA: &str = "<![CDATA[";
+    let start = at + text[at..].find('<')?;
+    let rest = &text[start..];
+    let up_to = |end: &str, from: usize| Some(from + rest.get(from..)?.find(end)? + end.len());
+    let (markup, length) = if rest.starts_with(DATA) {
+        let length = up_to("]]>", DATA.len())?;
+        (Markup::Data(&rest[DATA.len()..length - 3]), length)
+    } else if rest.starts_with("<!--") {
+        (Markup::Other, up_to("-->", 4)?)
+    } else if rest.starts_with("<?") {
+        (Markup::Other, up_to("?>", 2)?)
+    } else if rest.starts_with("<!") {
+        (Markup::Other, up_to(">", 2)?)
+    } else if rest.starts_with("</") {
+        (Markup::End, up_to(">", 2)?)
+    } else {
+        let length = 1 + end_of_tag(&rest[1..])?;
+        let tag = &rest[1..length];
+        (tag.strip_suffix('/').map_or(Markup::Start(tag), Markup::Empty), length + 1)
+    };
+    Some((start, markup, start + length))
+}
+
+/// Where a start tag's closing bracket stands, which may also be in an attribute's value.
+fn end_of_tag(tag: &str) -> Option<usize> {
+    let mut quote = None;
+    tag.bytes().position(|byte| {
+        match (quote, byte) {
+            (None, b'>') => return true,
+            (None, b'"' | b'\'') => quote = Some(byte),
+            (Some(open), byte) if open == byte => quote = None,
+            _ => {}
+        }
+        false
+    })
+}
+
+/// Where the end tag of an element starts and ends whose content begins at `at`.
+fn end_of_element(text: &str, mut at: usize) -> Option<(usize, usize)> {
+    let mut open = 1u64;
+    loop {
+        let (start, markup, end) = next_markup(text, at)?;
+        match markup {
+            Markup::Start(_) => open += 1,
+            Markup::End if open == 1 => return Some((start, end)),
+            Markup::End => open -= 1,
+            _ => {}
+        }
+        at = end;
+    }
+}
+
+/// A text with characters in place of entities; those that are unknown stay as they are.
+pub(super) fn unescaped(text: &str) -> String {
+    /// Characters between `&` and `;`, at most.
+    const LONGEST: usize = 8;
+    let (mut out, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(start) = rest.find('&') {
+        out += &rest[..start];
+        rest = &rest[start + 1..];
+        let end = rest.bytes().take(LONGEST + 1).position(|byte| byte == b';');
+        match end.and_then(|end| Some((entity(&rest[..end])?, end))) {
+            Some((character, end)) => {
+                out.push(character);
+                rest = &rest[end + 1..];
+            }
+            None => out.push('&'),
+        }
+    }
+    out + rest
+}
+
+fn entity(name: &str) -> Option<char> {
+    Some(match name {
+        "lt" => '<',
+        "gt" => '>',
+        "amp" => '&',
+        "quot" => '"',
+        "apos" => '\'',
+        _ => {
+            let number = name.strip_prefix('#')?;
+            let code = match number.strip_prefix('x') {
+                Some(hex) => u32::from_str_radix(hex, 16),
+                None => number.parse(),
+            };
+            char::from_u32(code.ok()?)?
         }
     })
 }
 
-/// An attribute's value.
-pub(super) fn attribute(attributes: &str, name: &str) -> Option<String> {
-    let (_, value) = attributes.split_once(&format!(" {name}=\""))?;
-    Some(unescape(value.split_once('"')?.0))
-}
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
 
-/// A text without XML's escapes.
-pub(super) fn unescape(text: &str) -> String {
-    let pairs = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")];
-    pairs.iter().fold(text.to_string(), |text, (from, to)| text.replace(from, to))
+    use super::*;
+
+    #[test]
+    fn elements_attributes_and_texts() {
+        let text = "<?xml version=\"1.0\"?><!-- <A>no</A> --><A b = 'x > \"y\"' c=\"&lt;&#xe9;&#65;\">
+            t &amp; u<B/><C><B>inner</B></C><![CDATA[<&amp;>]]><B d=\"1\">last &unknown; &amp</B></A>";
+        let root = Element::document(text).children().next().unwrap();
+        assert_eq!(root.name, "A");
+        assert_eq!(root.attribute("b").as_deref(), Some("x > \"y\""));
+        assert_eq!(root.attribute("c").as_deref(), Some("<éA"));
+        assert_eq!(root.attribute("d"), None);
+        let names: Vec<&str> = root.children().map(|child| child.name).collect();
+        assert_eq!(names, ["B", "C", "B"]);
+        let texts: Vec<String> = root.named("B").map(|child| child.text()).collect();
+        assert_eq!(texts, ["", "last &unknown; &amp"]);
+        assert_eq!(root.text().trim(), "t & uinner<&amp;>last &unknown; &amp");
+    }
+
+    #[test]
+    fn what_is_not_closed_is_not_there() {
+        for text in
+            ["<A", "<A>", "<A><B></B>", "<A b=\"></A>", "<!-- <A></A>", "</A>", "<", "a", "<![CDATA[<A/>"]
+        {
+            assert_eq!(Element::document(text).children().count(), 0, "{text}");
+        }
+        // As deep as it likes: nothing recurs.
+        let deep = "<A>".repeat(100_000) + &"</A>".repeat(100_000);
+        assert_eq!(Element::document(&deep).children().count(), 1);
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_panics(text in "[<>/!?&;#xA\"'= \\-\\[\\]é]{0,60}") {
+            let mut pending = vec![Element::document(&text)];
+            while let Some(element) = pending.pop() {
+                element.text();
+                element.attribute("A");
+                pending.extend(element.children());
+            }
+        }
+    }
 }

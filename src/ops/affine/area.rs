@@ -6,7 +6,7 @@ use super::view::TINY;
 use crate::Result;
 use crate::ops::tree_file::{TreeFile, TreeFileNode};
 use crate::tree::{Child, Form, Source, no_children};
-use crate::value::{Rule, Value};
+use crate::value::{Rule, Value, ValueType};
 
 /// Adds up what lies in a box of the source.
 pub(super) struct Area<'a> {
@@ -18,6 +18,8 @@ pub(super) struct Area<'a> {
     max: DVec3,
     /// Area (or volume) of what is not VOID.
     area: f64,
+    /// The same of each channel, whose sample may be missing.
+    areas: [f64; 4],
     /// Sums of the samples of each channel, weighted by area.
     sums: [f64; 4],
     /// Area of each value.
@@ -37,6 +39,7 @@ impl<'a> Area<'a> {
             min,
             max,
             area: 0.0,
+            areas: [0.0; 4],
             sums: [0.0; 4],
             shares: Vec::new(),
             extreme: None,
@@ -88,15 +91,21 @@ impl<'a> Area<'a> {
         self.area += share;
         match self.rule {
             Rule::Mean | Rule::Occupancy => {
-                for (sum, sample) in self.sums.iter_mut().zip(value_type.samples(value).iter()) {
-                    *sum += share * sample;
+                let (samples, present) = (value_type.samples(value), value_type.present(value));
+                for (channel, sample) in samples.iter().enumerate().filter(|(channel, _)| present[*channel]) {
+                    self.sums[channel] += share * sample;
+                    self.areas[channel] += share;
                 }
             }
             Rule::Min => {
-                self.extreme = Some(self.extreme.map_or(value, |least| value_type.min(least, value)));
+                self.extreme = Some(
+                    self.extreme.map_or(value, |least| value_type.join_present(least, value, ValueType::min)),
+                );
             }
             Rule::Max => {
-                self.extreme = Some(self.extreme.map_or(value, |most| value_type.max(most, value)));
+                self.extreme = Some(
+                    self.extreme.map_or(value, |most| value_type.join_present(most, value, ValueType::max)),
+                );
             }
             Rule::Majority | Rule::Dominant | Rule::Nearest => {
                 match self.shares.iter_mut().find(|(other, _)| *other == value) {
@@ -120,8 +129,12 @@ impl<'a> Area<'a> {
             Rule::Mean | Rule::Occupancy => {
                 // How full a cell is counts what is VOID, too.
                 let whole: f64 = (0..self.form.axes()).map(|axis| self.max[axis] - self.min[axis]).product();
-                let area = if self.rule == Rule::Occupancy { whole } else { self.area };
+                let missing = value_type.all_missing().map(|value| value_type.first_sample(value));
                 Some(value_type.nearest(|channel| {
+                    let area = if self.rule == Rule::Occupancy { whole } else { self.areas[channel] };
+                    if let (true, Some(missing)) = (area == 0.0, missing) {
+                        return missing;
+                    }
                     let mean = self.sums[channel] / area;
                     // Means of integers are rounded as those of whole cells are: a half upwards.
                     if value_type.sample.is_float() { mean } else { (mean + 0.5).floor() }

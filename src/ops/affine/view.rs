@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::map::Map;
 use crate::ops::tree_file::TreeFile;
 use crate::space::{Crs, Frame};
-use crate::store::depth_for;
+use crate::store::{Metadata, depth_for};
 use crate::tree::{Form, Source};
 use crate::value::Rule;
 use crate::{Error, Result};
@@ -310,9 +310,8 @@ impl View {
     /// arranged; with `moves`, they are moved in the world the way they were moved in the tree.
     pub fn frame(&self, moves: bool) -> Frame {
         let source = &self.source.metadata().frame;
-        let cells = if moves { Map::translation(self.origin.to_array()) } else { self.lookup.to_source };
         let world = Map::from_rows(source.matrix);
-        let mut frame = Frame { matrix: cells.then(&world).to_rows(), ..source.clone() };
+        let mut frame = Frame { matrix: self.placed_cells(moves).then(&world).to_rows(), ..source.clone() };
         if let Some(crs) = &self.crs {
             frame.crs = Some((**crs).clone());
         }
@@ -322,6 +321,23 @@ impl View {
     /// The same cells, of which it is said that they lie in this coordinate system.
     pub fn in_system(self, crs: Crs) -> View {
         View { crs: Some(Arc::new(crs)), ..self }
+    }
+
+    /// The source's metadata with the view's frame, and its control points at the view's cells.
+    pub fn metadata(&self, moves: bool) -> Metadata {
+        let source = self.source.metadata();
+        let cells = Frame { matrix: self.placed_cells(moves).to_rows(), ..Frame::identity() };
+        let points = source.control_points.as_ref();
+        Metadata {
+            frame: self.frame(moves),
+            control_points: points.and_then(|points| points.seen_through(&cells)),
+            ..source.clone()
+        }
+    }
+
+    /// The map from the view's cells to the source's cells at the same places of the world.
+    fn placed_cells(&self, moves: bool) -> Map {
+        if moves { Map::translation(self.origin.to_array()) } else { self.lookup.to_source }
     }
 
     fn check_axes(&self, map: &Map) -> Result<()> {

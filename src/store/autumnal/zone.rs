@@ -41,6 +41,10 @@ impl Zone {
         let mut bytes = Vec::with_capacity(64);
         put(&mut bytes, u128::from(*records));
         put(&mut bytes, u128::from(tally.cells));
+        if tally.value_type.missing.is_some() {
+            let present = tally.present.iter().take(usize::from(tally.value_type.channels));
+            present.for_each(|cells| put(&mut bytes, u128::from(*cells)));
+        }
         bytes.extend_from_slice(&tally.min.to_bytes()[..width]);
         bytes.extend_from_slice(&tally.max.to_bytes()[..width]);
         for sums in [tally.sum, tally.squares] {
@@ -74,7 +78,15 @@ impl Zone {
         if cells > form.dimension.cells(height) {
             return Err(BadZone::Wrong);
         }
-        let mut tally = Tally { cells, ..Tally::void(form.value) };
+        let mut tally = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
+        if form.value.missing.is_some() {
+            for present in tally.present.iter_mut().take(usize::from(form.value.channels)) {
+                *present = get_u64(rest)?;
+                if *present > cells {
+                    return Err(BadZone::Wrong);
+                }
+            }
+        }
         tally.min = value(rest, width)?;
         tally.max = value(rest, width)?;
         for sums in [&mut tally.sum, &mut tally.squares] {
@@ -177,6 +189,16 @@ mod tests {
         assert_eq!(Zone::from_bytes(&bytes, form, 6, true).as_ref(), Ok(&zone));
         assert_eq!(Zone::from_bytes(&bytes[..bytes.len() - 1], form, 6, true), Err(BadZone::Short));
         assert_eq!(Zone::from_bytes(&bytes, form, 3, true), Err(BadZone::Wrong));
+        let rgb = ValueType::new(SampleType::U8, 3).with_missing(9.0);
+        let parts = [[9u8, 5, 9], [200, 9, 9]].map(|value| Tally::leaf(rgb, Value::from(value), 16, false));
+        let zone = Zone { records: 2, tally: Tally::merge(&[&parts[0], &parts[1]]) };
+        assert_eq!(zone.tally.present, [16, 16, 0, 32]);
+        let (mut bytes, form) = (zone.to_bytes(false), Form::new(Dimension::Quad, rgb));
+        let found = Zone::from_bytes(&bytes, form, 6, false).unwrap();
+        assert_eq!((found.to_bytes(false), found.tally.present), (bytes.clone(), [16, 16, 0, 32]));
+        // More cells with a sample than there are.
+        bytes[4] = 33;
+        assert_eq!(Zone::from_bytes(&bytes, form, 6, false), Err(BadZone::Wrong));
         let form = Form::new(Dimension::Quad, float);
         let floats = Zone { records: 1, tally: Tally::leaf(float, Value::from([-0.25f32]), 64, false) };
         assert_eq!(Zone::from_bytes(&floats.to_bytes(false), form, 6, false), Ok(floats));

@@ -13,6 +13,7 @@
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::averaging::{Averaging, Local, Majorities, Means, sum_by_value};
+use super::masked::{MaskedExtremes, MaskedMeans};
 use super::part::Part;
 use super::reused::{ReusedNode, ReusedRecords};
 use super::tally;
@@ -22,7 +23,7 @@ use crate::store::container::{
     INNER, LEAF, LevelCounts, Record, RecordLayout, VOID, with_form_type, with_record_type,
 };
 use crate::tree::{Child, Form};
-use crate::value::{Rule, Value};
+use crate::value::{Native, Rule, Value};
 
 /// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level
 /// above.
@@ -123,6 +124,14 @@ impl Block {
     pub(super) fn build(mut self, rule: Rule, count_classes: bool, counts: &mut LevelCounts) -> Part {
         let (form, code) = (self.form, self.code);
         let classes = with_form_type!(form, V, R => match rule {
+            Rule::Mean if V::CHANNELS > 1 && form.value.missing.is_some() => {
+                reduce::<R, _>(&mut self, &mut MaskedMeans::<V>::new(form.value));
+                None
+            }
+            Rule::Min | Rule::Max if V::CHANNELS > 1 && form.value.missing.is_some() => {
+                reduce::<R, _>(&mut self, &mut MaskedExtremes::new(form.value, rule));
+                None
+            }
             Rule::Mean | Rule::Occupancy => {
                 reduce::<R, _>(&mut self, &mut Means::<V>::new(rule == Rule::Occupancy));
                 None

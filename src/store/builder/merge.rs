@@ -54,7 +54,7 @@ pub fn joined_coverage(number: u8, a: u8, b: u8) -> u8 {
 }
 
 impl Join {
-    /// Joins two values; `None` is VOID.
+    /// Joins two values; `None` is VOID. What is computed with samples is missing where one of them is.
     pub(crate) fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
         match self {
             Join::Coverage(number) => {
@@ -62,8 +62,24 @@ impl Join {
                 let is_there = join_coverages(number, &mut bytes[..value_type.size()], &other);
                 is_there.then(|| Value::from_bytes(&bytes[..value_type.size()]))
             }
-            _ => with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase)),
+            _ => self.samples(value_type, a, b),
         }
+    }
+
+    /// Joins two values that are no coverages.
+    fn samples(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
+        let joined = with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))?;
+        let missing = value_type.all_missing().filter(|_| self.computes_samples());
+        let Some(missing) = missing else { return Some(joined) };
+        let (in_a, in_b) = (value_type.present(a), value_type.present(b));
+        let is_there = |channel: usize| in_a[channel] && in_b[channel];
+        let any = (0..usize::from(value_type.channels)).any(is_there);
+        any.then(|| value_type.by_channel(|channel| if is_there(channel) { joined } else { missing }))
+    }
+
+    /// Whether values are made sample by sample, instead of taken as they are.
+    pub(crate) fn computes_samples(self) -> bool {
+        matches!(self, Join::Min | Join::Max | Join::Add | Join::Subtract)
     }
 
     /// Joins two values of known type; `None` is VOID.

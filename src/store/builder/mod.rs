@@ -7,6 +7,7 @@
 mod averaging;
 mod block;
 mod gather;
+mod masked;
 mod merge;
 mod options;
 mod part;

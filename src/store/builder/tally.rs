@@ -4,6 +4,7 @@
 
 use super::averaging::{decode, pairwise};
 use super::block::{Block, for_leaves};
+use super::masked;
 use crate::store::container::{INNER, LEAF, Record, with_form_type};
 use crate::value::{Native, Sums, Tally, Value, erase};
 
@@ -13,7 +14,10 @@ pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tal
     let is_float = form.value.sample.is_float();
     let mut tally = match &classes {
         Some(classes) if !is_float => of_classes(block, classes),
-        _ => with_form_type!(form, V, R => of_leaves::<V, R>(block, is_float)),
+        _ => with_form_type!(form, V, R => match form.value.missing {
+            Some(_) if V::CHANNELS > 1 => masked::tally::<V, R>(block),
+            _ => of_leaves::<V, R>(block, is_float),
+        }),
     };
     tally.classes = classes.unwrap_or_default();
     tally
@@ -44,11 +48,20 @@ fn of_leaves<V: Native, R: Record>(block: &Block, is_float: bool) -> Tally {
         }
     });
     let (sum, squares) = if is_float {
-        pairwise_sums::<V, R>(block)
+        pairwise_sums::<V, R>(block, &|value| value)
     } else {
         (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
     };
-    Tally { value_type: V::TYPE, cells, min: erase(min), max: erase(max), sum, squares, classes: Vec::new() }
+    Tally {
+        value_type: V::TYPE,
+        cells,
+        present: [cells; 4],
+        min: erase(min),
+        max: erase(max),
+        sum,
+        squares,
+        classes: Vec::new(),
+    }
 }
 
 /// Some leaf's value.
@@ -78,8 +91,8 @@ fn add_both<V: Native>(a: SumsAndSquares<V>, b: SumsAndSquares<V>) -> SumsAndSqu
     (V::add_sums(a.0, b.0), V::add_sums(a.1, b.1))
 }
 
-/// Adds samples and squares of every leaf, pairwise in Z order: see [`Tally`].
-fn pairwise_sums<V: Native, R: Record>(block: &Block) -> (Sums, Sums) {
+/// Adds samples and squares of what counts of every leaf, pairwise in Z order: see [`Tally`].
+pub(super) fn pairwise_sums<V: Native, R: Record>(block: &Block, counted: &impl Fn(V) -> V) -> (Sums, Sums) {
     let mut below: Vec<SumsAndSquares<V>> = Vec::new();
     for (index, level) in block.levels.iter().enumerate().rev() {
         let cells = block.cells_at(index) as u64;
@@ -89,14 +102,14 @@ fn pairwise_sums<V: Native, R: Record>(block: &Block) -> (Sums, Sums) {
             let leaves = level.states.iter().zip(level.values_of::<R>());
             for (sum, (state, value)) in sums.iter_mut().zip(leaves) {
                 if *state == LEAF {
-                    *sum = of_leaf(decode::<R, V>(*value), cells);
+                    *sum = of_leaf(counted(decode::<R, V>(*value)), cells);
                 }
             }
         }
         for node in &level.reused {
             let reused = block.reused_records::<R>(node);
             let height = block.height - index as u8;
-            sums[node.index as usize] = pairwise_of_records::<V, R>(reused, 0, height);
+            sums[node.index as usize] = pairwise_of_records::<V, R>(reused, 0, height, counted);
         }
         for (group, children) in below.chunks_exact(R::CHILDREN).enumerate() {
             sums[level.parent(group)] = pairwise(children, add_both::<V>);
@@ -108,17 +121,23 @@ fn pairwise_sums<V: Native, R: Record>(block: &Block) -> (Sums, Sums) {
 }
 
 /// Adds samples and squares of every leaf of a subtree of records that were checked, pairwise in Z order.
-fn pairwise_of_records<V: Native, R: Record>(records: &[R], at: usize, height: u8) -> SumsAndSquares<V> {
+fn pairwise_of_records<V: Native, R: Record>(
+    records: &[R],
+    at: usize,
+    height: u8,
+    counted: &impl Fn(V) -> V,
+) -> SumsAndSquares<V> {
     let record = &records[at];
     let mut next = at + 1;
     let mut sums = [SumsAndSquares::<V>::default(); 8];
     for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
         match record.state(child) {
             LEAF => {
-                *sum = of_leaf(decode::<R, V>(record.values()[child]), 1 << (R::AXES * (height as usize - 1)))
+                let value = counted(decode::<R, V>(record.values()[child]));
+                *sum = of_leaf(value, 1 << (R::AXES * (height as usize - 1)))
             }
             INNER => {
-                *sum = pairwise_of_records::<V, R>(records, next, height - 1);
+                *sum = pairwise_of_records::<V, R>(records, next, height - 1, counted);
                 next += records[next].skip() as usize;
             }
             _ => {}

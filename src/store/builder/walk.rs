@@ -96,6 +96,7 @@ impl Plan {
             && shape.depth - level == levels
             && (level >= shape.block_level() || shape.is_cut_like(&self.shape))
             && header.rule == self.rule
+            && header.form.value == self.form.value
             && header.counts_classes() == self.count_classes
     }
 

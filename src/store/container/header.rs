@@ -64,9 +64,11 @@ struct RawHeader {
     depth: u8,
     reach: u8,
     stride: u8,
-    zero: [u8; 3],
+    /// 1 if samples can be missing.
+    has_missing: u8,
+    zero: [u8; 2],
     heavy_threshold: U32,
-    zero2: U32,
+    missing: [u8; 4],
     extent: [U64; 3],
     checksum: U32,
 }
@@ -125,9 +127,10 @@ impl Header {
             depth: self.shape.depth,
             reach: self.shape.reach,
             stride: self.shape.stride,
-            zero: [0; 3],
+            has_missing: self.form.value.missing.is_some().into(),
+            zero: [0; 2],
             heavy_threshold: self.shape.heavy_threshold.into(),
-            zero2: 0.into(),
+            missing: self.form.value.missing.unwrap_or_default(),
             extent: self.extent.map(U64::new),
             checksum: 0.into(),
         };
@@ -189,7 +192,14 @@ impl Header {
             return Err(corrupt(format!("extent {extent:?}"), "1 to 2^depth cells along every axis"));
         }
         let sample = *sample.ok_or_else(|| number("sample type", raw.sample, "0 to 6"))?;
-        let value = ValueType::new(sample, raw.channels);
+        let missing = match raw.has_missing {
+            0 => None,
+            1 if raw.channels > 1 => Some(raw.missing),
+            other => {
+                return Err(number("missing samples", other, "0, or 1 where there are several channels"));
+            }
+        };
+        let value = ValueType { missing, ..ValueType::new(sample, raw.channels) };
         if !value.is_supported() {
             return Err(corrupt(
                 format!("values {value}"),

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::level_counts::LevelCounts;
-use crate::space::Frame;
+use crate::space::{ControlPoints, Frame};
 use crate::value::Palette;
 use crate::{Error, Result};
 
@@ -26,6 +26,8 @@ pub struct Metadata {
     /// Factor and summand per channel that make physical units of samples; nothing where there is nothing to
     /// do.
     pub scale_offset: Vec<(f64, f64)>,
+    /// Unit per channel of what scale and offset make; empty strings or nothing where unknown.
+    pub units: Vec<String>,
     /// Number of the channel that is opacity.
     pub alpha: Option<u8>,
     /// Nodes per level.
@@ -34,6 +36,22 @@ pub struct Metadata {
     pub provenance: Vec<String>,
     /// Anything else.
     pub tags: BTreeMap<String, String>,
+    /// Anything else that is said of one channel, or in a domain.
+    pub scoped_tags: ScopedTags,
+    /// Ground control points.
+    pub control_points: Option<ControlPoints>,
+}
+
+/// Tags by what they are about.
+pub type ScopedTags = BTreeMap<TagScope, BTreeMap<String, String>>;
+
+/// What some tags are about: one channel, a domain (a room of its own for names, as in GDAL), or both.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct TagScope {
+    /// The channel, from 0; `None` is the whole picture.
+    pub channel: Option<u16>,
+    /// The domain; empty is the usual one.
+    pub domain: String,
 }
 
 impl Default for Metadata {
@@ -45,10 +63,13 @@ impl Default for Metadata {
             class_names: BTreeMap::new(),
             band_names: Vec::new(),
             scale_offset: Vec::new(),
+            units: Vec::new(),
             alpha: None,
             counts: LevelCounts::default(),
             provenance: Vec::new(),
             tags: BTreeMap::new(),
+            scoped_tags: BTreeMap::new(),
+            control_points: None,
         }
     }
 }
@@ -69,7 +90,7 @@ impl Metadata {
             .filter(|bytes| bytes.len() <= LIMIT)
             .ok_or_else(|| Error::TooLarge {
                 path: path.to_path_buf(),
-                what: "the metadata (coordinate system, palette, names, tags)".into(),
+                what: "the metadata (coordinate system, palette, names, tags, control points)".into(),
                 needed: LIMIT as u64 + 1,
                 limit: LIMIT as u64,
                 advice: "leave out tags or class names".into(),

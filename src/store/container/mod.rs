@@ -16,7 +16,7 @@ pub use format::{TreeFormat, file_is_tree, split_commit};
 pub(in crate::store) use header::HEADER_SIZE;
 pub use header::{Codec, Header};
 pub use level_counts::LevelCounts;
-pub use metadata::Metadata;
+pub use metadata::{Metadata, ScopedTags, TagScope};
 pub use options::OpenOptions;
 pub use record::{CUT, INNER, LEAF, RecordHead, RecordLayout, VOID};
 pub(crate) use record::{

@@ -7,7 +7,7 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use crate::space::Code;
 use crate::tree::Form;
-use crate::value::{DoubleDouble, Sums, Tally};
+use crate::value::{DoubleDouble, Sums, Tally, ValueType};
 use crate::{Error, Result};
 
 /// One entry of the directory, understood.
@@ -56,9 +56,10 @@ struct RawChannel {
 const ENTRY_CHECKSUM_AT: usize = std::mem::offset_of!(RawEntry, entry_checksum);
 const _: () = assert!(ENTRY_CHECKSUM_AT == 36);
 
-/// Bytes of one entry for values of so many channels.
-pub(super) const fn entry_size(channels: u8) -> usize {
-    size_of::<RawEntry>() + channels as usize * size_of::<RawChannel>()
+/// Bytes of one entry for values of a type: where samples can be missing, a count per channel stands at the end.
+pub(super) const fn entry_size(value_type: ValueType) -> usize {
+    let present = if value_type.missing.is_some() { size_of::<U64>() } else { 0 };
+    size_of::<RawEntry>() + value_type.channels as usize * (size_of::<RawChannel>() + present)
 }
 
 /// The code that an entry starts with, checked by nothing yet.
@@ -117,6 +118,10 @@ impl Entry {
             };
             bytes.extend_from_slice(raw.as_bytes());
         }
+        if value_type.missing.is_some() {
+            let present = self.zone.present.iter().take(usize::from(value_type.channels));
+            present.for_each(|cells| bytes.extend_from_slice(&cells.to_le_bytes()));
+        }
         // (That of the entry with zeros in the checksum's place.)
         let checksum = crc32c::crc32c(&bytes);
         bytes[ENTRY_CHECKSUM_AT..ENTRY_CHECKSUM_AT + 4].copy_from_slice(&checksum.to_le_bytes());
@@ -128,7 +133,7 @@ impl Entry {
         let corrupt = |found: String, expected: String| {
             Error::corrupt(path, format!("directory entry {index}"), found, expected)
         };
-        let (raw, channels) = RawEntry::ref_from_prefix(bytes)
+        let (raw, rest) = RawEntry::ref_from_prefix(bytes)
             .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "a whole entry".into()))?;
         let checksum = {
             let (before, after) = (&bytes[..ENTRY_CHECKSUM_AT], &bytes[ENTRY_CHECKSUM_AT + 4..]);
@@ -140,9 +145,16 @@ impl Entry {
         let code = Code::from_bits(form.dimension, raw.code.get())
             .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;
         let count = usize::from(form.value.channels);
-        let channels = <[RawChannel]>::ref_from_bytes_with_elems(channels, count)
-            .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "statistics per channel".into()))?;
-        let mut zone = Tally { cells: raw.cells.get(), ..Tally::void(form.value) };
+        let short = || corrupt(format!("{} bytes", bytes.len()), "statistics per channel".into());
+        let (channels, rest) =
+            <[RawChannel]>::ref_from_prefix_with_elems(rest, count).map_err(|_| short())?;
+        let cells = raw.cells.get();
+        let mut zone = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
+        if form.value.missing.is_some() {
+            let present = <[U64]>::ref_from_bytes_with_elems(rest, count).map_err(|_| short())?;
+            zone.present.iter_mut().zip(present).for_each(|(cells, raw)| *cells = raw.get());
+            zone.present[count..].fill(cells);
+        }
         zone.min = form.value.nearest(|channel| f64::from_bits(channels[channel].min.get()));
         zone.max = form.value.nearest(|channel| f64::from_bits(channels[channel].max.get()));
         for (channel, raw) in channels.iter().enumerate() {

@@ -45,7 +45,7 @@ impl Goblin {
         let length = backend.len();
         let tail = length.min(TAIL as u64);
         let trailer = Trailer::from_bytes(path, &backend.read(length - tail, tail as usize)?, length)?;
-        let entry_size = entry_size(header.form.value.channels);
+        let entry_size = entry_size(header.form.value);
         let Section { offset, length, .. } = trailer.directory;
         // Whatever is read later of the directory relies on this: it lies in the file (the trailer's sections
         // all do) and has an entry for each segment; the segments lie before it.

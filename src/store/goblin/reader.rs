@@ -172,9 +172,10 @@ impl Goblin {
         let entry = Entry::from_bytes(&self.path, index, self.entry_bytes(index), form)?;
         let height = self.header.depth().checked_sub(entry.code.level());
         let cells = height.map_or(0, |height| form.dimension.cells(height));
-        let Tally { cells: counted, sum, squares, .. } = &entry.zone;
+        let Tally { cells: counted, present, sum, squares, .. } = &entry.zone;
+        let has_more = present.iter().any(|present| present > counted);
         // Sums of zones that are possible can be added up without overflow.
-        if *counted > cells || !sum.are_possible(*counted) || !squares.are_possible(*counted) {
+        if *counted > cells || has_more || !sum.are_possible(*counted) || !squares.are_possible(*counted) {
             let sums = show_sums(sum, form.value.channels);
             let found = format!("statistics of {counted} cells with sums {sums}");
             let expected = format!("those of at most {cells} cells");

@@ -159,6 +159,7 @@ fn are_same(a: &Tally, b: &Tally) -> bool {
     let same_sums =
         |a: &Sums, b: &Sums| channels.clone().all(|channel| a.to_bytes(channel) == b.to_bytes(channel));
     a.cells == b.cells
+        && a.present[channels.clone()] == b.present[channels.clone()]
         && (a.min, a.max) == (b.min, b.max)
         && same_sums(&a.sum, &b.sum)
         && same_sums(&a.squares, &b.squares)
@@ -178,12 +179,16 @@ fn show_child(value_type: ValueType, child: Child<()>) -> String {
 
 /// Statistics as text.
 fn show_tally(tally: &Tally) -> String {
-    let Tally { value_type, cells, min, max, sum, squares, classes } = tally;
+    let Tally { value_type, cells, present, min, max, sum, squares, classes } = tally;
     let [min, max] = [min, max].map(|value| value_type.show(*value));
     let [sum, squares] = [sum, squares].map(|sums| show_sums(sums, value_type.channels));
     let class = |(value, cells): &(_, u64)| format!("({}, {cells})", value_type.show(*value));
     let classes = classes.iter().map(class).collect::<Vec<_>>().join(", ");
+    let present = match value_type.missing {
+        Some(_) => format!(", present: {:?}", &present[..usize::from(value_type.channels)]),
+        None => String::new(),
+    };
     format!(
-        "Tally {{ cells: {cells}, min: {min}, max: {max}, sum: {sum}, squares: {squares}, classes: [{classes}] }}"
+        "Tally {{ cells: {cells}{present}, min: {min}, max: {max}, sum: {sum}, squares: {squares}, classes: [{classes}] }}"
     )
 }

@@ -49,7 +49,7 @@ impl Writer {
     /// Starts a file; about `memory` bytes hold directory entries before they go to a temporary file.
     fn new(out: Output, header: &Header, memory: u64) -> Result<Writer> {
         let path = out.path().to_path_buf();
-        let sorter = Sorter::new(folder(&path), entry_size(header.form.value.channels), memory);
+        let sorter = Sorter::new(folder(&path), entry_size(header.form.value), memory);
         let layout = header.record_layout();
         let mut writer = Writer { out, path, layout, position: 0, sorter, stored_records: 0 };
         writer.write(&header.to_bytes(TreeFormat::Goblin), "write the header")?;

@@ -3,7 +3,7 @@
 use super::ifd::Directory;
 use super::spec::tag;
 use crate::Result;
-use crate::space::{Crs, Frame, GeoKeys};
+use crate::space::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
 // The key for the raster type and its value for points, by their names in the GeoTIFF specification.
 const GT_RASTER_TYPE: u16 = 1025;
@@ -13,21 +13,21 @@ const RASTER_PIXEL_IS_POINT: u16 = 2;
 pub(super) struct Place {
     /// The identity if they tell none.
     pub(super) frame: Frame,
-    /// The coordinate system of ground control points, which are all that places the picture: it is not that of
-    /// the frame.
-    pub(super) control_crs: Option<Crs>,
+    /// Ground control points, where they are all that places the picture.
+    pub(super) control_points: Option<ControlPoints>,
 }
 
 impl Place {
     pub(super) fn read(directory: &Directory<'_>) -> Result<Place> {
         let (crs, is_point) = crs(directory)?;
         let Some(mut affine) = affine(directory)? else {
-            let frame = Frame::identity();
             // Tie points alone are ground control points, which no affine map goes through: then there is only
-            // the picture itself.
-            return Ok(match directory.has(tag::MODEL_TIEPOINT) {
-                true => Place { frame, control_crs: crs },
-                false => Place { frame: Frame { crs, ..frame }, control_crs: None },
+            // the picture itself, whose cells are in no system.
+            let points = tie_points(directory, is_point)?;
+            return Ok(if points.is_empty() {
+                Place { frame: Frame { crs, ..Frame::identity() }, control_points: None }
+            } else {
+                Place { frame: Frame::identity(), control_points: Some(ControlPoints { crs, points }) }
             });
         };
         if is_point {
@@ -37,8 +37,23 @@ impl Place {
             affine[5] -= (d + e) / 2.0;
         }
         let frame = Frame { crs, pixel_is_point: is_point, ..Frame::planar(affine) };
-        Ok(Place { frame, control_crs: None })
+        Ok(Place { frame, control_points: None })
     }
+}
+
+/// The tie points; those with numbers that are not finite are left out.
+fn tie_points(directory: &Directory<'_>, is_point: bool) -> Result<Vec<ControlPoint>> {
+    // A pixel's number may be that of its centre.
+    let centre = if is_point { 0.5 } else { 0.0 };
+    let numbers = directory.doubles(tag::MODEL_TIEPOINT)?;
+    let points = numbers.as_chunks::<6>().0.iter();
+    let points = points.filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+    Ok(points
+        .map(|&[column, row, _, x, y, z]| ControlPoint {
+            cell: [column + centre, row + centre],
+            world: [x, y, z],
+        })
+        .collect())
 }
 
 /// The affine map as it stands, in the order of [`Frame::planar`].

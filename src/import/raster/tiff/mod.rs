@@ -3,7 +3,6 @@
 mod cache;
 mod codec;
 mod colour;
-mod gdal;
 mod geokeys;
 mod ifd;
 mod image;
@@ -12,6 +11,7 @@ mod predictor;
 mod samples;
 mod spec;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use self::colour::Colour;
@@ -21,21 +21,17 @@ use self::image::Image;
 use self::samples::SampleFormat;
 use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
-use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, beside};
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, gdal};
 use crate::space::Region;
 use crate::value::{Kind, Palette};
 use crate::{Error, Result};
-
-/// Name of the tag that keeps the coordinate system of ground control points.
-const CONTROL_CRS: &str = "coordinate system of ground control points";
 
 /// Opens a TIFF file, of which the first image counts.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (input, first) = Input::open(path, options.memory)?;
     let (directory, next) = input.directory(first)?;
     let mut image = Image::new(&input, &directory)?;
-    let mut info = info(&directory, &image)?;
-    beside::place(path, &mut info.frame)?;
+    let info = info(&directory, &image)?;
     if let Some(nodata) = info.nodata {
         image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
     }
@@ -122,8 +118,8 @@ fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
 
 fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
     let Image { layout, sample_format, channels, .. } = image;
-    let nodata = gdal::nodata(directory, sample_format.sample())?;
-    let metadata = gdal::metadata(directory, *channels)?;
+    let nodata =
+        directory.text(tag::GDAL_NODATA)?.and_then(|text| gdal::nodata(&text, sample_format.sample()));
     let colours = if *channels == 1 { colour_map(directory, *sample_format)? } else { None };
     let kind = match (sample_format, image.photometric) {
         _ if colours.is_some() => Some(Kind::Categorical),
@@ -149,28 +145,23 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
     } else {
         "strips".into()
     };
-    let Place { frame, control_crs } = Place::read(directory)?;
+    let Place { frame, control_points } = Place::read(directory)?;
     let format = if frame.is_identity() && frame.crs.is_none() { "TIFF" } else { "GeoTIFF" };
-    let mut tags = tags(directory, metadata.items)?;
-    tags.extend(control_crs.map(|crs| (CONTROL_CRS.to_string(), crs.definition())));
-    Ok(RasterInfo {
-        width: layout.width,
-        height: layout.height,
-        sample: sample_format.sample(),
+    let mut info = RasterInfo {
         stored_sample: sample_format.name(),
-        channels: *channels,
         alpha: alpha(directory, image)?,
         frame,
         nodata,
         palette,
-        class_names: metadata.class_names,
-        band_names: metadata.band_names,
-        scale_offset: metadata.scale_offset,
         kind,
         layout: format!("{format}, {chunks}, {}", image.codec.name()),
-        tags,
+        tags: tags(directory)?,
+        control_points,
         order: if layout.tiled { Order::Anywhere } else { Order::Bands },
-    })
+        ..RasterInfo::plain([layout.width, layout.height], sample_format.sample(), *channels)
+    };
+    gdal::apply(&directory.text(tag::GDAL_METADATA)?.unwrap_or_default(), &mut info);
+    Ok(info)
 }
 
 /// The channel that is opacity.
@@ -215,20 +206,21 @@ fn ramp(image: &Image) -> Option<Palette> {
     Some(Palette { colours })
 }
 
-/// Texts worth keeping.
-fn tags(directory: &Directory<'_>, items: Vec<(String, String)>) -> Result<Vec<(String, String)>> {
-    let mut tags = Vec::new();
+/// Texts worth keeping, by GDAL's names.
+fn tags(directory: &Directory<'_>) -> Result<BTreeMap<String, String>> {
+    let mut tags = BTreeMap::new();
     for (tag, name) in [
-        (tag::IMAGE_DESCRIPTION, "description"),
-        (tag::SOFTWARE, "software"),
-        (tag::DATE_TIME, "date"),
-        (tag::ARTIST, "artist"),
-        (tag::COPYRIGHT, "copyright"),
+        (tag::DOCUMENT_NAME, "TIFFTAG_DOCUMENTNAME"),
+        (tag::IMAGE_DESCRIPTION, "TIFFTAG_IMAGEDESCRIPTION"),
+        (tag::SOFTWARE, "TIFFTAG_SOFTWARE"),
+        (tag::DATE_TIME, "TIFFTAG_DATETIME"),
+        (tag::ARTIST, "TIFFTAG_ARTIST"),
+        (tag::HOST_COMPUTER, "TIFFTAG_HOSTCOMPUTER"),
+        (tag::COPYRIGHT, "TIFFTAG_COPYRIGHT"),
     ] {
         if let Some(text) = directory.text(tag)?.filter(|text| !text.is_empty()) {
-            tags.push((name.to_string(), text));
+            tags.insert(name.to_string(), text);
         }
     }
-    tags.extend(items);
     Ok(tags)
 }

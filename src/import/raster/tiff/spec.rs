@@ -10,6 +10,7 @@ pub(super) mod tag {
     pub(in crate::import::raster::tiff) const COMPRESSION: u16 = 259;
     pub(in crate::import::raster::tiff) const PHOTOMETRIC_INTERPRETATION: u16 = 262;
     pub(in crate::import::raster::tiff) const FILL_ORDER: u16 = 266;
+    pub(in crate::import::raster::tiff) const DOCUMENT_NAME: u16 = 269;
     pub(in crate::import::raster::tiff) const IMAGE_DESCRIPTION: u16 = 270;
     pub(in crate::import::raster::tiff) const STRIP_OFFSETS: u16 = 273;
     pub(in crate::import::raster::tiff) const SAMPLES_PER_PIXEL: u16 = 277;
@@ -19,6 +20,7 @@ pub(super) mod tag {
     pub(in crate::import::raster::tiff) const SOFTWARE: u16 = 305;
     pub(in crate::import::raster::tiff) const DATE_TIME: u16 = 306;
     pub(in crate::import::raster::tiff) const ARTIST: u16 = 315;
+    pub(in crate::import::raster::tiff) const HOST_COMPUTER: u16 = 316;
     pub(in crate::import::raster::tiff) const PREDICTOR: u16 = 317;
     pub(in crate::import::raster::tiff) const COLOR_MAP: u16 = 320;
     pub(in crate::import::raster::tiff) const TILE_WIDTH: u16 = 322;
