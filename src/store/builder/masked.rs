@@ -7,17 +7,43 @@ use std::marker::PhantomData;
 
 use zerocopy::IntoBytes;
 
-use super::averaging::{Averaging, from_value, pairwise};
+use super::averaging::{Averaging, decode, encode, from_value, pairwise};
 use super::block::{Block, for_leaves};
 use super::tally::pairwise_sums;
 use crate::store::container::{INNER, LEAF, Record, VOID};
-use crate::value::{Native, Rule, Tally, Value, ValueType, erase, native};
+use crate::value::{Native, Rule, Tally, Value, ValueType, erase};
+
+/// Which channels of a value's bytes have a sample.
+#[inline]
+fn channels_of<V: Native>(bytes: &[u8], missing: [u8; 4]) -> [bool; 4] {
+    let size = V::TYPE.sample.size();
+    let mut present = [true; 4];
+    for (is_there, sample) in present.iter_mut().zip(bytes.chunks_exact(size)) {
+        *is_there = sample != &missing[..size];
+    }
+    present
+}
+
+/// A value with another one's samples in the channels in which it has none.
+#[inline]
+fn filled<V: Native, R: Record>(mut bytes: R::Bytes, present: [bool; 4], other: V) -> V {
+    let size = V::TYPE.sample.size();
+    let other = encode::<R, V>(other);
+    let samples = bytes.as_mut_bytes().chunks_exact_mut(size).zip(other.as_bytes().chunks_exact(size));
+    for ((sample, other), is_there) in samples.zip(present) {
+        if !is_there {
+            sample.copy_from_slice(other);
+        }
+    }
+    decode::<R, V>(bytes)
+}
 
 /// A value of known type, with zeros where samples are missing, and where there are some.
 #[inline]
-fn present<V: Native>(value_type: ValueType, bytes: &[u8]) -> (V, [bool; 4]) {
-    let value = Value::from_bytes(bytes);
-    (native::<V>(value_type.with_zeros(value)), value_type.present(value))
+fn present<V: Native, R: Record>(value_type: ValueType, bytes: R::Bytes) -> (V, [bool; 4]) {
+    let Some(missing) = value_type.missing else { return (decode::<R, V>(bytes), [true; 4]) };
+    let present = channels_of::<V>(bytes.as_bytes(), missing);
+    (filled::<V, R>(bytes, present, decode::<R, V>(R::ZERO)), present)
 }
 
 /// Adds cells to the counts of the channels that have a sample.
@@ -58,7 +84,7 @@ impl<V: Native> MaskedMeans<V> {
         for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
             match record.state(child) {
                 LEAF => {
-                    let (value, there) = present::<V>(self.value_type, record.values()[child].as_bytes());
+                    let (value, there) = present::<V, R>(self.value_type, record.values()[child]);
                     count(&mut counts, there, cells);
                     *sum = value.block_sums(cells);
                 }
@@ -94,7 +120,7 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
         for (i, state) in states.iter().enumerate() {
             match *state {
                 LEAF => {
-                    let (value, there) = present::<V>(self.value_type, values[i].as_bytes());
+                    let (value, there) = present::<V, R>(self.value_type, values[i]);
                     count(&mut counts, there, cells);
                     sums[i] = value.block_sums(cells);
                 }
@@ -144,25 +170,32 @@ pub(super) fn tally<V: Native, R: Record>(block: &Block) -> Tally {
     let value_type = block.form().value;
     let is_float = value_type.sample.is_float();
     let mut tally = Tally::void(value_type);
+    let (mut min, mut max) = (V::default(), V::default());
     let mut sums = V::BlockSums::default();
     let mut squares = V::BlockSquares::default();
     for_leaves::<R>(block, &mut |bytes, cells| {
-        let value = Value::from_bytes(bytes.as_bytes());
-        tally.count_cells(
-            value,
-            value,
-            u64::from(cells),
-            value_type.present(value).map(|is| if is { u64::from(cells) } else { 0 }),
-        );
+        let (value, there) = present::<V, R>(value_type, bytes);
+        // Extremes of a channel begin with its first sample.
+        let seen = tally.present.map(|cells| cells > 0);
+        if seen != [true; 4] {
+            min = filled::<V, R>(encode::<R, V>(min), seen, value);
+            max = filled::<V, R>(encode::<R, V>(max), seen, value);
+        }
+        min = min.min(filled::<V, R>(bytes, there, min));
+        max = max.max(filled::<V, R>(bytes, there, max));
+        tally.cells += u64::from(cells);
+        for (count, is_there) in tally.present.iter_mut().zip(there) {
+            *count += if is_there { u64::from(cells) } else { 0 };
+        }
         // Sums of floating samples depend on the order of adding: see below.
         if !is_float {
-            let value = native::<V>(value_type.with_zeros(value));
             sums = V::add_block_sums(sums, value.block_sums(cells));
             squares = V::add_block_squares(squares, value.block_squares(cells));
         }
     });
+    (tally.min, tally.max) = (erase(min), erase(max));
     (tally.sum, tally.squares) = if is_float {
-        pairwise_sums::<V, R>(block, &|value: V| native::<V>(value_type.with_zeros(erase(value))))
+        pairwise_sums::<V, R>(block, &|value: V| present::<V, R>(value_type, encode::<R, V>(value)).0)
     } else {
         (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
     };
