@@ -175,7 +175,7 @@ fn control_points_move_and_shrink_with_the_picture() {
     assert_eq!(info.control_points.as_ref().unwrap().points, points);
     let whole = trip.window([0; 3], [8, 4, 1], 3);
     assert_eq!(whole.control_points, info.control_points);
-    assert_eq!(whole.control_points.unwrap().system.epsg, Some(4326));
+    assert_eq!(whole.control_points.unwrap().crs, Some(spinney::space::Crs::epsg(4326)));
     let at = |info: RasterInfo| {
         info.control_points.unwrap().points.iter().map(|point| point.cell).collect::<Vec<_>>()
     };
