@@ -15,6 +15,7 @@ mod autumnal_hostile;
 #[cfg(unix)]
 mod autumnal_processes;
 mod codes;
+mod faults;
 mod fixtures;
 mod formats_md;
 mod frozen;
