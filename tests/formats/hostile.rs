@@ -15,7 +15,7 @@ use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Result};
 
-use crate::common::command::is_alone;
+use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
 
 /// What a file says to every question, in a form that can be compared.
@@ -517,15 +517,8 @@ fn versions() {
     assert!(error.to_string().contains("version 2") && error.to_string().contains("as new as"), "{error}");
 }
 
-/// Peak memory of this process.
 fn memory_stays_bounded() {
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
-        eprintln!("skipped: no /proc");
-        return;
-    };
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
-    let kilobytes: u64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
-    assert!(kilobytes < 1 << 20, "{peak}");
+    assert!(own_peak_memory() < 1 << 30, "{} bytes", own_peak_memory());
 }
 
 /// Records that say anything, unchecked: what is made of them may be nonsense, but is made or refused.

@@ -6,6 +6,9 @@ mod common;
 mod frozen_files;
 #[path = "../../examples/make_fixtures/island.rs"]
 mod island;
+#[allow(dead_code, unreachable_pub)] // what fuzzing alone uses
+#[path = "../../fuzz/targets/mod.rs"]
+mod targets;
 
 mod autumnal;
 mod autumnal_crash;
@@ -19,6 +22,7 @@ mod faults;
 mod fixtures;
 mod formats_md;
 mod frozen;
+mod fuzz_corpus;
 mod goblin;
 mod hostile;
 #[cfg(unix)]
