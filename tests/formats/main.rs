@@ -10,6 +10,8 @@ mod island;
 #[path = "../../fuzz/targets/mod.rs"]
 mod targets;
 
+mod attack_autumnal;
+mod attack_goblin;
 mod autumnal;
 mod autumnal_crash;
 mod autumnal_damage;
