@@ -17,6 +17,7 @@ mod autumnal_crash;
 mod autumnal_damage;
 mod autumnal_edits;
 mod autumnal_hostile;
+mod autumnal_imitations;
 mod autumnal_machine;
 #[cfg(unix)]
 mod autumnal_processes;
