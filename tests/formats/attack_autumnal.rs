@@ -87,7 +87,8 @@ fn fields_of_octrees() {
 #[test]
 fn fields_of_zones_and_shared_subtrees() {
     if is_alone("attack_autumnal::fields_of_zones_and_shared_subtrees") {
-        let stripes = MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(byte((x % 2) as u8)));
+        let stripes =
+            MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(byte((x / 8 % 2) as u8)));
         attack("zones", &file(&stripes, [128, 100, 1], (Rule::Majority, Kind::Categorical), true));
     }
 }

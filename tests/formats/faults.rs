@@ -85,12 +85,7 @@ fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
         let done = write(Output::create(&path).unwrap().with_faults(disk.clone()));
         (done, disk.asked.load(Ordering::Relaxed))
     };
-    for failure in [
-        Failure::Error(StorageFull),
-        Failure::Error(Other),
-        Failure::Short(StorageFull),
-        Failure::Short(Other),
-    ] {
+    for failure in [Failure::Error(StorageFull), Failure::Error(Other), Failure::Short(StorageFull)] {
         let mut failures = 0;
         for at in 0.. {
             let (done, asked) = attempt(failure, at);
