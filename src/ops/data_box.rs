@@ -1,9 +1,6 @@
 //! Bounding box of a tree's data: the smallest box around all that is not VOID.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
-
-use super::affine::{View, ViewNode};
+use super::affine::View;
 use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::tree::{Child, Source, no_children};
@@ -23,61 +20,34 @@ pub fn data_box(view: &View) -> Result<Option<Bounds>> {
     Ok(Some(bounds))
 }
 
-/// A node, and how far its cells within the picture can reach in the direction that is looked in.
-struct Candidate {
-    reach: u64,
-    code: Code,
-    child: Child<ViewNode>,
-}
-
-impl Candidate {
-    /// What comes first: the furthest, and of those the smallest.
-    fn rank(&self) -> (u64, u8) {
-        (self.reach, self.code.level())
-    }
-}
-
-impl PartialEq for Candidate {
-    fn eq(&self, other: &Candidate) -> bool {
-        self.rank() == other.rank()
-    }
-}
-
-impl Eq for Candidate {}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Candidate) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Candidate {
-    fn cmp(&self, other: &Candidate) -> Ordering {
-        self.rank().cmp(&other.rank())
-    }
-}
-
 /// The least or the greatest bound, along an axis, of all cells that are not VOID.
 fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
     let picture = Bounds::picture(view.extent());
-    let candidate = |code: Code, child| {
+    // How far the cells of a node within the picture can reach; nothing if there are none.
+    let reach = |code: Code| {
         let bounds = code.bounds(view.depth()).intersect(&picture);
-        let is_there = !bounds.is_empty() && !matches!(child, Child::Void);
         let reach = if is_max { bounds.max[axis] } else { u64::MAX - bounds.min[axis] };
-        is_there.then_some(Candidate { reach, code, child })
+        (!bounds.is_empty()).then_some(reach)
     };
-    let mut pending: BinaryHeap<Candidate> =
-        candidate(Code::root(view.form().dimension), view.root()?).into_iter().collect();
+    let mut found = None;
     let mut children = no_children();
-    while let Some(Candidate { reach, code, child }) = pending.pop() {
+    let root = Code::root(view.form().dimension);
+    let mut pending = vec![(reach(root), root, view.root()?)];
+    while let Some((reach_of_node, code, child)) = pending.pop() {
+        if matches!(child, Child::Void) || reach_of_node <= found {
+            continue;
+        }
         match child {
             Child::Inner { node, .. } if code.level() < view.depth() => {
                 view.children(&node, &mut children)?;
                 let below = children[..view.form().children()].iter_mut().map(std::mem::take).enumerate();
-                pending.extend(below.filter_map(|(step, child)| candidate(code.child(step), child)));
+                let start = pending.len();
+                pending.extend(below.map(|(step, child)| (reach(code.child(step)), code.child(step), child)));
+                // The last one comes first.
+                pending[start..].sort_by_key(|(reach, ..)| *reach);
             }
-            _ => return Ok(Some(if is_max { reach } else { u64::MAX - reach })),
+            _ => found = reach_of_node,
         }
     }
-    Ok(None)
+    Ok(found.map(|reach| if is_max { reach } else { u64::MAX - reach }))
 }

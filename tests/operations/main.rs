@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod crops;
 mod operations;
 mod queries;
 mod set_operations;
