@@ -1,7 +1,7 @@
 //! Writing a file so that nobody ever sees half of it.
 
 use std::fs::{File, TryLockError};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -96,19 +96,20 @@ impl Output {
         self
     }
 
-    /// Whether bytes go to a file, which can be overwritten in place while it is being made.
-    pub(crate) fn is_file(&self) -> bool {
+    /// Whether bytes go to a file that takes its place in the end, and not to a stream.
+    pub fn is_file(&self) -> bool {
         matches!(self.sink, Sink::File { .. })
     }
 
     /// Overwrites bytes of a file that were written before. A stream has no such bytes.
+    #[cfg(feature = "raster")]
     pub(crate) fn overwrite(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
         let Sink::File { file, .. } = &mut self.sink else { return Err(io::ErrorKind::Unsupported.into()) };
         file.flush()?;
         let TemporaryFile { file, faults } = file.get_mut();
         faults.write_all_at(file.as_file(), bytes, offset)?;
         // (Where positioned writes move the cursor, too.)
-        file.seek(SeekFrom::End(0)).map(drop)
+        io::Seek::seek(file, io::SeekFrom::End(0)).map(drop)
     }
 
     /// The file as something to be written in any order, if there is one.

@@ -15,10 +15,8 @@ fn slow_box(cells: &Cells) -> Option<Bounds> {
         let i = i as u64;
         let cell = [i % width, i / width % height, i / width / height];
         let bounds = found.get_or_insert(Bounds { min: cell, max: cell.map(|at| at + 1) });
-        for axis in 0..3 {
-            bounds.min[axis] = bounds.min[axis].min(cell[axis]);
-            bounds.max[axis] = bounds.max[axis].max(cell[axis] + 1);
-        }
+        bounds.min = std::array::from_fn(|axis| bounds.min[axis].min(cell[axis]));
+        bounds.max = std::array::from_fn(|axis| bounds.max[axis].max(cell[axis] + 1));
     }
     found
 }
