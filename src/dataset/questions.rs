@@ -2,16 +2,19 @@
 
 use super::viewed::value_at;
 use super::{Dataset, Reader};
+#[cfg(feature = "raster")]
+use crate::Progress;
+use crate::Result;
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PixelGrid, PixelSums, PointSamples, Statistics, source_find,
-    source_histogram, source_statistics,
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, source_find, source_histogram, source_statistics,
 };
+#[cfg(feature = "raster")]
+use crate::query::{PixelGrid, PixelSums};
 use crate::space::{Bounds, Cell, Code};
 use crate::store::LevelCounts;
 use crate::tree::Source;
 use crate::value::Value;
-use crate::{Progress, Result};
 
 impl Dataset {
     /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the
@@ -119,6 +122,7 @@ impl Dataset {
     ///
     /// # Errors
     /// If the file is damaged there, or on interruption.
+    #[cfg(feature = "raster")]
     pub(crate) fn pixel_sums<'a>(
         &self,
         bounds: &Bounds,

@@ -72,7 +72,7 @@ impl WriteBackend for LockedFile {
     }
 
     fn check_path(&self) -> Result<()> {
-        let FileBackend { file, path } = &self.0;
+        let FileBackend { file, path, .. } = &self.0;
         let what = match FileId::at(path) {
             Ok(there) if there == self.id() || there.is_unique() => return Ok(()),
             Ok(_) => "was replaced by another file",

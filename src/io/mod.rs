@@ -1,6 +1,7 @@
 //! Files: read where they are mapped or at positions, written whole or not at all, locked, sorted beyond
 //! memory.
 
+mod faults;
 mod file_id;
 mod lock;
 mod output;
@@ -9,6 +10,7 @@ mod read;
 mod sorter;
 mod write;
 
+pub use faults::Faults;
 pub use file_id::FileId;
 pub(crate) use lock::LockedFile;
 pub use output::Output;

@@ -3,9 +3,11 @@
 use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
+use super::faults::{Faults, MayFail};
 use super::platform::set_output_permissions;
+use super::write::FileBackend;
 use crate::{Error, Result};
 
 /// Destination of output: a new file that appears whole or not at all, or standard output.
@@ -21,7 +23,7 @@ pub struct Output {
 
 enum Sink {
     File {
-        file: BufWriter<tempfile::NamedTempFile>,
+        file: BufWriter<TemporaryFile>,
         /// (Behind the file, so that it goes after it.)
         _unfinished: Unfinished,
         /// The place of the file, which the path may lead to by symbolic links.
@@ -31,6 +33,22 @@ enum Sink {
     },
     /// Standard output, a device or a pipe: there is nothing to take the place of.
     Stream(BufWriter<Box<dyn Write + Send>>),
+}
+
+/// A file that has another name until it is finished.
+struct TemporaryFile {
+    file: tempfile::NamedTempFile,
+    faults: MayFail,
+}
+
+impl Write for TemporaryFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(self.faults.arriving(bytes)?)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
 }
 
 /// Larger pieces, such as most segments, are written as they are.
@@ -56,7 +74,7 @@ impl Output {
                 temporary(&target).map_err(Error::io(path, "create a temporary file beside the target"))?;
             Sink::File {
                 _unfinished: Unfinished::new(file.path()),
-                file: BufWriter::with_capacity(BUFFER, file),
+                file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
                 target,
                 must_be_new: false,
             }
@@ -69,12 +87,37 @@ impl Output {
         &self.path
     }
 
-    /// Whether bytes go to a file, which can be overwritten in place while it is being made.
-    pub fn file_mut(&mut self) -> Option<&mut File> {
-        match &mut self.sink {
-            Sink::File { file, .. } => Some(file.get_mut().as_file_mut()),
-            Sink::Stream(_) => None,
+    /// Makes writes and syncs of a file fail as a test wants it.
+    #[must_use]
+    pub fn with_faults(mut self, faults: Arc<dyn Faults>) -> Output {
+        if let Sink::File { file, .. } = &mut self.sink {
+            file.get_mut().faults = MayFail(Some(faults));
         }
+        self
+    }
+
+    /// Whether bytes go to a file that takes its place in the end, and not to a stream.
+    pub fn is_file(&self) -> bool {
+        matches!(self.sink, Sink::File { .. })
+    }
+
+    /// Overwrites bytes of a file that were written before. A stream has no such bytes.
+    #[cfg(feature = "raster")]
+    pub(crate) fn overwrite(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        let Sink::File { file, .. } = &mut self.sink else { return Err(io::ErrorKind::Unsupported.into()) };
+        file.flush()?;
+        let TemporaryFile { file, faults } = file.get_mut();
+        faults.write_all_at(file.as_file(), bytes, offset)?;
+        // (Where positioned writes move the cursor, too.)
+        io::Seek::seek(file, io::SeekFrom::End(0)).map(drop)
+    }
+
+    /// The file as something to be written in any order, if there is one.
+    pub(crate) fn backend(&self) -> Option<io::Result<FileBackend>> {
+        let Sink::File { file, .. } = &self.sink else { return None };
+        let TemporaryFile { file, faults } = file.get_ref();
+        let copy = file.as_file().try_clone();
+        Some(copy.map(|copy| FileBackend::with_faults(copy, &self.path, faults.clone())))
     }
 
     /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
@@ -106,11 +149,12 @@ impl Output {
             Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
             Sink::File { file, target, must_be_new, _unfinished } => {
                 let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
+                let TemporaryFile { file, faults } = file;
                 set_output_permissions(file.as_file(), &path)
                     .map_err(Error::io(&path, "set the permissions"))?;
                 // The bytes are durable before the name leads to them; the folder comes last, which makes the
                 // rename durable.
-                file.as_file().sync_all().map_err(Error::io(&path, "sync"))?;
+                faults.sync().and_then(|()| file.as_file().sync_all()).map_err(Error::io(&path, "sync"))?;
                 // (One step, so that no file can appear between a look and the renaming.)
                 let persisted =
                     if must_be_new { file.persist_noclobber(&target) } else { file.persist(&target) };

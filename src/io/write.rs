@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::faults::MayFail;
 use super::file_id::FileId;
-use super::platform::write_all_at;
 use super::read::{Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
 use crate::{Error, Result};
 
@@ -47,20 +47,26 @@ pub trait WriteBackend: Send {
 pub(crate) struct FileBackend {
     pub(crate) file: File,
     pub(crate) path: PathBuf,
+    faults: MayFail,
 }
 
 impl FileBackend {
     pub(crate) fn new(file: File, path: &Path) -> FileBackend {
-        FileBackend { file, path: path.to_path_buf() }
+        FileBackend::with_faults(file, path, MayFail::default())
+    }
+
+    pub(super) fn with_faults(file: File, path: &Path, faults: MayFail) -> FileBackend {
+        FileBackend { file, path: path.to_path_buf(), faults }
     }
 }
 
 impl WriteBackend for FileBackend {
     fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
-        write_all_at(&self.file, bytes, offset)
+        self.faults.write_all_at(&self.file, bytes, offset)
     }
 
     fn sync(&mut self) -> io::Result<()> {
+        self.faults.sync()?;
         self.file.sync_data()
     }
 

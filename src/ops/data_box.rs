@@ -5,34 +5,49 @@ use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::tree::{Child, Source, no_children};
 
-/// The smallest box of cells around all that is not VOID; `None` if all is. Goes only into nodes that may
-/// enlarge what was found, so it reads little more than the border.
+/// The smallest box of cells around all that is not VOID; `None` if all is. Goes, for each side of the box, only into nodes
+/// that may reach further than what was found, the furthest first.
 ///
 /// # Errors
 /// If the file is damaged.
 pub fn data_box(view: &View) -> Result<Option<Bounds>> {
-    let form = view.form();
-    let mut found: Option<Bounds> = None;
+    let mut bounds = Bounds::picture(view.extent());
+    for axis in 0..view.form().axes() {
+        let Some(min) = furthest(view, axis, false)? else { return Ok(None) };
+        let Some(max) = furthest(view, axis, true)? else { return Ok(None) };
+        (bounds.min[axis], bounds.max[axis]) = (min, max);
+    }
+    Ok(Some(bounds))
+}
+
+/// The least or the greatest bound, along an axis, of all cells that are not VOID.
+fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
+    let picture = Bounds::picture(view.extent());
+    // How far the cells of a node within the picture can reach; nothing if there are none.
+    let reach = |code: Code| {
+        let bounds = code.bounds(view.depth()).intersect(&picture);
+        let reach = if is_max { bounds.max[axis] } else { u64::MAX - bounds.min[axis] };
+        (!bounds.is_empty()).then_some(reach)
+    };
+    let mut found = None;
     let mut children = no_children();
-    let mut pending = vec![(Code::root(form.dimension), view.root()?)];
-    while let Some((code, child)) = pending.pop() {
-        let bounds = code.bounds(view.depth());
-        if matches!(child, Child::Void) || found.is_some_and(|found| found.contains(&bounds)) {
+    let root = Code::root(view.form().dimension);
+    let mut pending = vec![(reach(root), root, view.root()?)];
+    while let Some((reach_of_node, code, child)) = pending.pop() {
+        if matches!(child, Child::Void) || reach_of_node <= found {
             continue;
         }
         match child {
             Child::Inner { node, .. } if code.level() < view.depth() => {
                 view.children(&node, &mut children)?;
-                let below = children[..form.children()].iter_mut().map(std::mem::take).enumerate();
-                pending.extend(below.map(|(step, child)| (code.child(step), child)));
+                let below = children[..view.form().children()].iter_mut().map(std::mem::take).enumerate();
+                let start = pending.len();
+                pending.extend(below.map(|(step, child)| (reach(code.child(step)), code.child(step), child)));
+                // The last one comes first.
+                pending[start..].sort_by_key(|(reach, ..)| *reach);
             }
-            _ => {
-                found = Some(found.map_or(bounds, |found| Bounds {
-                    min: std::array::from_fn(|axis| found.min[axis].min(bounds.min[axis])),
-                    max: std::array::from_fn(|axis| found.max[axis].max(bounds.max[axis])),
-                }));
-            }
+            _ => found = reach_of_node,
         }
     }
-    Ok(found)
+    Ok(found.map(|reach| if is_max { reach } else { u64::MAX - reach }))
 }

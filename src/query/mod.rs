@@ -12,6 +12,7 @@ mod field;
 mod find;
 mod histogram;
 mod occupancy;
+#[cfg(feature = "raster")]
 mod pixels;
 mod points;
 mod ray;
@@ -25,6 +26,7 @@ pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};
 pub(crate) use histogram::source_histogram;
 pub(crate) use occupancy::{Filling, OccupancyLevel};
+#[cfg(feature = "raster")]
 pub(crate) use pixels::{PixelGrid, PixelSums};
 pub use points::PointSamples;
 pub use ray::{CellHit, Ray, Rays, SurfaceHit};

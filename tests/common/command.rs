@@ -106,3 +106,10 @@ pub fn is_alone(test: &str) -> bool {
     assert!(run.status.success() && said.contains("1 passed"), "{said}{}", say(&run.stderr));
     false
 }
+
+/// The most memory that this process ever had, in bytes; 0 where that is not to be known.
+pub fn own_peak_memory() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
+    peak.and_then(|kilobytes| kilobytes.parse::<u64>().ok()).unwrap_or(0) << 10
+}

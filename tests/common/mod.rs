@@ -3,6 +3,7 @@
 
 pub mod command;
 pub mod octree;
+pub mod reference;
 pub mod solid;
 pub mod tiff_file;
 

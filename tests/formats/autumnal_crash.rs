@@ -1,97 +1,16 @@
 //! What a crash at any instant leaves of an Autumnal file: the last commit, or the one before.
 
-use std::io;
-use std::path::Path;
-use std::sync::{Arc, Mutex};
-
-use spinney::io::{FileId, Output, ReadBackend, WriteBackend};
+use spinney::io::Output;
 use spinney::ops::{Edit, apply_edits};
 use spinney::store::autumnal::{Autumnal, Editor, Note};
 use spinney::store::build_tree;
 use spinney::value::{Kind, Rule};
 
 use crate::common::{Cells, QUAD, Random, assert_same, byte, cells_of, options};
+use crate::targets::disk::{Disk, Event, put};
 
 const SIZE: [u64; 3] = [70, 90, 1];
 const SECTOR: usize = 512;
-
-/// What was asked of a disk.
-#[derive(Clone)]
-enum Event {
-    Write(u64, Vec<u8>),
-    Sync,
-}
-
-/// A disk in memory that remembers everything, and may fail.
-#[derive(Clone)]
-struct Disk(Arc<Mutex<State>>);
-
-struct State {
-    bytes: Vec<u8>,
-    events: Vec<Event>,
-    /// Writes and syncs that will still succeed.
-    good: usize,
-    id: FileId,
-}
-
-impl Disk {
-    fn new(bytes: Vec<u8>) -> Disk {
-        Disk(Arc::new(Mutex::new(State {
-            bytes,
-            events: Vec::new(),
-            good: usize::MAX,
-            id: FileId::unique(),
-        })))
-    }
-}
-
-impl State {
-    fn may_go_on(&mut self) -> io::Result<()> {
-        match self.good.checked_sub(1) {
-            Some(good) => self.good = good,
-            None => return Err(io::Error::other("the disk has failed")),
-        }
-        Ok(())
-    }
-}
-
-fn put(bytes: &mut Vec<u8>, offset: u64, new: &[u8]) {
-    let end = offset as usize + new.len();
-    if bytes.len() < end {
-        bytes.resize(end, 0);
-    }
-    bytes[offset as usize..end].copy_from_slice(new);
-}
-
-impl WriteBackend for Disk {
-    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
-        let mut state = self.0.lock().unwrap();
-        if let Err(error) = state.may_go_on() {
-            // Half of it arrives.
-            let half = &bytes[..bytes.len() / 2];
-            put(&mut state.bytes, offset, half);
-            return Err(error);
-        }
-        put(&mut state.bytes, offset, bytes);
-        state.events.push(Event::Write(offset, bytes.to_vec()));
-        Ok(())
-    }
-
-    fn sync(&mut self) -> io::Result<()> {
-        let mut state = self.0.lock().unwrap();
-        state.may_go_on()?;
-        state.events.push(Event::Sync);
-        Ok(())
-    }
-
-    fn reader(&self) -> spinney::Result<Box<dyn ReadBackend>> {
-        Ok(Box::new(self.0.lock().unwrap().bytes.clone()))
-    }
-
-    fn id(&self) -> FileId {
-        self.0.lock().unwrap().id
-    }
-}
 
 /// The bytes of a new file of cells.
 fn start(cells: &Cells) -> Vec<u8> {
@@ -100,10 +19,6 @@ fn start(cells: &Cells) -> Vec<u8> {
     let options = options(Rule::Mean, Kind::Continuous, cells.depth());
     build_tree(&cells.tree(Rule::Mean), cells.size, &options, Output::create(&path).unwrap(), &()).unwrap();
     std::fs::read(&path).unwrap()
-}
-
-fn editor(disk: &Disk) -> spinney::Result<Editor> {
-    Editor::on(Box::new(disk.clone()), Path::new("(disk)"), 1 << 20)
 }
 
 /// Changes some cells, and commits.
@@ -134,15 +49,15 @@ fn every_crash_leaves_the_last_commit_or_the_one_before() {
     let begin = start(&cells);
     let disk = Disk::new(begin.clone());
     let mut commits = vec![cells.clone()];
-    let mut editor = editor(&disk).unwrap();
+    let mut editor = disk.editor().unwrap();
     // How many commits there are after so many events.
     let mut ends = Vec::new();
     for _ in 0..6 {
         change(&mut editor, &mut random, &mut cells).unwrap();
         commits.push(cells.clone());
-        ends.push(disk.0.lock().unwrap().events.len());
+        ends.push(disk.state().events.len());
     }
-    let events = disk.0.lock().unwrap().events.clone();
+    let events = disk.state().events.clone();
     // What is durable, and what may or may not be.
     let mut durable = begin;
     let mut pending: Vec<(u64, Vec<u8>)> = Vec::new();
@@ -193,18 +108,18 @@ fn after_a_failure_nothing_more_is_written() {
         let mut cells = Cells::random(QUAD, 1, SIZE, 5, true);
         let disk = Disk::new(start(&cells));
         let mut commits = vec![cells.clone()];
-        disk.0.lock().unwrap().good = good;
+        disk.state().good = good;
         let failed = (|| {
-            let mut editor = editor(&disk)?;
+            let mut editor = disk.editor()?;
             for _ in 0..20 {
                 let changed = change(&mut editor, &mut random, &mut cells);
                 commits.push(cells.clone());
                 if let Err(error) = changed {
                     // The disk is well again, but nobody knows what is on it.
-                    disk.0.lock().unwrap().good = usize::MAX;
-                    let events = disk.0.lock().unwrap().events.len();
+                    disk.state().good = usize::MAX;
+                    let events = disk.state().events.len();
                     assert!(change(&mut editor, &mut random, &mut cells).is_err());
-                    assert_eq!(disk.0.lock().unwrap().events.len(), events);
+                    assert_eq!(disk.state().events.len(), events);
                     return Err(error);
                 }
             }
@@ -212,17 +127,17 @@ fn after_a_failure_nothing_more_is_written() {
         })();
         let error = failed.unwrap_err();
         assert!(matches!(error, spinney::Error::Io { .. }), "{error}");
-        disk.0.lock().unwrap().good = usize::MAX;
-        let bytes = disk.0.lock().unwrap().bytes.clone();
+        disk.state().good = usize::MAX;
+        let bytes = disk.state().bytes.clone();
         let number = found(bytes, &commits);
         assert!(number + 1 >= commits.len(), "commit {number} of {}", commits.len());
         // The next editor goes on from there.
-        let mut next = editor(&disk).unwrap();
+        let mut next = disk.editor().unwrap();
         let mut cells = commits[number - 1].clone();
         change(&mut next, &mut random, &mut cells).unwrap();
         commits.truncate(number);
         commits.push(cells);
-        let bytes = disk.0.lock().unwrap().bytes.clone();
+        let bytes = disk.state().bytes.clone();
         assert_eq!(found(bytes, &commits), number + 1);
     }
 }

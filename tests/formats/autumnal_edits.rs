@@ -25,7 +25,7 @@ fn open(path: &Path) -> Autumnal {
 }
 
 /// A file of cells.
-fn write(path: &Path, cells: &Cells, (rule, kind): (Rule, Kind), share: bool) {
+pub(super) fn write(path: &Path, cells: &Cells, (rule, kind): (Rule, Kind), share: bool) {
     let goblin = path.with_extension("first.goblin");
     std::fs::write(&goblin, goblin_bytes(cells, rule, kind)).unwrap();
     convert(&goblin, share, Output::create(path).unwrap(), MEMORY, &()).unwrap();
@@ -42,7 +42,7 @@ fn note(message: impl Into<String>) -> Note {
 }
 
 /// Some edit, already done to the cells; other trees go to the folder.
-fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells) -> Edit {
+pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells) -> Edit {
     let (form, extent) = (cells.form, cells.size);
     let value = |random: &mut Random| {
         let number = random.below(6);
@@ -367,6 +367,25 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     let expected =
         made(QUAD, [512, 512, 1], |[x, y, _]| if x >= 256 && y < 256 { None } else { cells.get([x, y, 0]) });
     assert_same(&cells_of(&file, [512, 512, 1]), &expected, "what has changed");
+}
+
+#[test]
+fn compaction_keeps_commits_that_are_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let [path, small] = ["t.autumn", "small.autumn"].map(|name| folder.path().join(name));
+    let cells = Cells::random(QUAD, 1, [9, 9, 1], 5, true);
+    write(&path, &cells, (Rule::Mean, Kind::Continuous), false);
+    let region = FillRegion::Box(Bounds { min: [1, 2, 0], max: [5, 6, 1] });
+    edit(&path, [Ok(Edit::Fill(region, None))], note("a hole"), MEMORY, &()).unwrap().unwrap();
+    edit(&path, [Ok(Edit::Revert(1))], note("back"), MEMORY, &()).unwrap().unwrap();
+    // Without the commit between them the first and the last have the same tree.
+    let made =
+        compact(&path, &Keep::Numbers(vec![1, 3]), false, Output::create(&small).unwrap(), MEMORY, &())
+            .unwrap();
+    let told: Vec<_> = made.iter().map(|commit| (commit.number, commit.note.message.as_str())).collect();
+    assert_eq!(told, [(1, ""), (3, "back")]);
+    assert_eq!(open(&small).commit().number, 3);
+    assert_good(&small);
 }
 
 #[test]

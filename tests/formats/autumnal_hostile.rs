@@ -139,7 +139,7 @@ fn extent(file: &mut Vec<u8>, kind: u8, payload: &[u8]) -> u64 {
     start
 }
 
-fn encoded(document: impl Serialize) -> Vec<u8> {
+pub(super) fn encoded(document: impl Serialize) -> Vec<u8> {
     bincode::serde::encode_to_vec(document, bincode::config::standard()).unwrap()
 }
 
@@ -354,9 +354,10 @@ fn zones_and_lengths_that_ask_for_too_much_are_refused() {
     assert!(is_refused("a long extent", file));
 }
 
-/// The head of an extent of records, as the specification has it.
-fn head(start: u64, length: u64, checksum: u32) -> Vec<u8> {
-    let mut head = b"Extt\0\0\0\0".to_vec();
+/// The head of an extent, as the specification has it.
+pub(super) fn head(kind: u8, start: u64, length: u64, checksum: u32) -> Vec<u8> {
+    let mut head = b"Extt".to_vec();
+    head.extend([kind, 0, 0, 0]);
     head.extend(start.to_le_bytes());
     head.extend(length.to_le_bytes());
     head.extend(checksum.to_le_bytes());
@@ -396,7 +397,7 @@ fn cells_that_imitate_the_head_of_an_extent_are_cells() {
     for (corner, at) in &found {
         // (Of these bytes some would not be numbers.)
         let head =
-            (64..).map(|length| head(*at as u64, length, 7)).find(|head| head[31] & 0x7f != 0x7f).unwrap();
+            (64..).map(|length| head(0, *at as u64, length, 7)).find(|head| head[31] & 0x7f != 0x7f).unwrap();
         for (index, bytes) in indices(*corner).into_iter().zip(head.chunks(8)) {
             cells.cells[index] = Some(Value::from_bytes(bytes));
         }

@@ -15,7 +15,8 @@ use spinney::tree::{Child, MemTree, Source};
 use spinney::value::{Kind, Rule, SampleType};
 use spinney::{Error, Result};
 
-use crate::common::command::is_alone;
+use crate::common::command::{is_alone, own_peak_memory};
+use crate::common::reference::{self, Cut};
 use crate::common::{self, Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
 
 /// What a file says to every question, in a form that can be compared.
@@ -178,6 +179,16 @@ fn damage_to_other_types_is_found() {
     let cells = Cells::random(quad(SampleType::F32, 1), 4, [90, 70, 1], 60, true);
     let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
     truncate_and_flip(&bytes, 997, 40);
+}
+
+#[test]
+fn damage_to_files_that_are_cut_everywhere_is_found() {
+    for (form, size) in [(QUAD, [30, 17, 1]), (OCT, [9, 12, 7])] {
+        let cells = Cells::random(form, 6, size, 9, true);
+        let tree = cells.tree(Rule::Majority);
+        let kind = (Rule::Majority, Kind::Categorical);
+        truncate_and_flip(&reference::goblin(&tree, size, kind, Cut::EVERYWHERE), 97, 400);
+    }
 }
 
 const HEADER: usize = 60;
@@ -517,15 +528,8 @@ fn versions() {
     assert!(error.to_string().contains("version 2") && error.to_string().contains("as new as"), "{error}");
 }
 
-/// Peak memory of this process.
 fn memory_stays_bounded() {
-    let Ok(status) = std::fs::read_to_string("/proc/self/status") else {
-        eprintln!("skipped: no /proc");
-        return;
-    };
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
-    let kilobytes: u64 = peak.trim().trim_end_matches(" kB").parse().unwrap();
-    assert!(kilobytes < 1 << 20, "{peak}");
+    assert!(own_peak_memory() < 1 << 30, "{} bytes", own_peak_memory());
 }
 
 /// Records that say anything, unchecked: what is made of them may be nonsense, but is made or refused.

@@ -6,18 +6,27 @@ mod common;
 mod frozen_files;
 #[path = "../../examples/make_fixtures/island.rs"]
 mod island;
+#[allow(dead_code, unreachable_pub)] // what fuzzing alone uses
+#[path = "../../fuzz/targets/mod.rs"]
+mod targets;
 
+mod attack_autumnal;
+mod attack_goblin;
 mod autumnal;
 mod autumnal_crash;
 mod autumnal_damage;
 mod autumnal_edits;
 mod autumnal_hostile;
+mod autumnal_imitations;
+mod autumnal_machine;
 #[cfg(unix)]
 mod autumnal_processes;
 mod codes;
+mod faults;
 mod fixtures;
 mod formats_md;
 mod frozen;
+mod fuzz_corpus;
 mod goblin;
 mod hostile;
 #[cfg(unix)]

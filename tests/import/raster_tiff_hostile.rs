@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::common::command::is_alone;
+use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use spinney::Result;
 use spinney::import::raster::{self, Pixels, RasterOptions};
@@ -98,14 +98,7 @@ fn flip(seed: &[u8], times: usize) {
         }
         let _ = read(&bytes);
     }
-    assert!(peak_memory() < 100 << 20, "{} bytes", peak_memory());
-}
-
-/// The most memory that this process ever had, where that can be known.
-fn peak_memory() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));
-    peak.and_then(|kilobytes| kilobytes.parse::<u64>().ok()).unwrap_or(0) << 10
+    assert!(own_peak_memory() < 100 << 20, "{} bytes", own_peak_memory());
 }
 
 #[test]

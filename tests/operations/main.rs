@@ -4,6 +4,7 @@
 mod common;
 
 mod coverage;
+mod crops;
 mod operations;
 mod pixels;
 mod queries;

@@ -168,3 +168,67 @@ fn any_number_of_threads_can_be_asked_for() {
     let file = fixture("v1/classes.goblin");
     spinney(&["--threads", "65535", "info", file.to_str().unwrap()]).success();
 }
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_disk_is_told_by_every_command_that_writes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let [map, ball, history, model] =
+        [path("map.goblin"), path("ball.goblin"), path("history.autumn"), path("ball.ply")];
+    std::fs::copy(fixture("v1/classes.goblin"), &map).unwrap();
+    std::fs::copy(fixture("v1/ball.goblin"), &ball).unwrap();
+    std::fs::copy(fixture("v1/history.autumn"), &history).unwrap();
+    spinney(&["-q", "export", &ball, &model]).success();
+    let tif = fixture("island_elevation.tif").to_str().unwrap().to_owned();
+    let old = |name: &str| {
+        std::fs::write(folder.path().join(name), "old").unwrap();
+        path(name)
+    };
+    let commands: [&[&str]; 10] = [
+        &["build", &tif, "-o", &old("a.goblin")],
+        &["build", &tif, "-o", &path("b.autumn")],
+        &["build", &model, "-o", &old("c.goblin")],
+        &["publish", &map, &path("d.autumn")],
+        &["compact", &history, "-o", &path("e.autumn")],
+        &["transform", &map, "rotate=30", "-o", &old("f.goblin")],
+        &["combine", "union", &map, &map, "-o", &old("g.goblin")],
+        &["get", &map, &old("h.tif")],
+        &["export", &ball, &old("i.ply")],
+        &["render", &ball, &old("j.png")],
+    ];
+    let files = || {
+        let entries = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+        let mut files: Vec<_> = entries.map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
+        files.sort();
+        files
+    };
+    let before = files();
+    // In blocks of 512 bytes, or 1024: nothing, or some of it.
+    for blocks in [0, 3] {
+        for command in commands {
+            let mut shell = Command::new("sh");
+            shell
+                .args(["-c", &format!("ulimit -f {blocks}; exec \"$@\""), "sh", PROGRAM, "-q"])
+                .args(command);
+            let run = shell.output().unwrap();
+            let text = String::from_utf8_lossy(&run.stderr);
+            assert_eq!(run.status.code(), Some(1), "{blocks} blocks, {command:?}: {text}");
+            assert!(text.starts_with("spinney: ") && text.contains("File too large"), "{command:?}: {text}");
+            assert!(files() == before, "{blocks} blocks, {command:?}");
+        }
+    }
+    // What goes to standard output meets a disk that is full.
+    for command in [
+        &["get", &map, "-", "--format", "tif"][..],
+        &["dump", &map, "--codes"],
+        &["stats", &map],
+        &["info", &map],
+    ] {
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let run = Command::new(PROGRAM).arg("-q").args(command).stdout(full).output().unwrap();
+        let text = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(1), "{command:?}: {text}");
+        assert!(text.contains("No space left"), "{command:?}: {text}");
+    }
+}

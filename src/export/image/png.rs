@@ -38,25 +38,44 @@ enum Opacity {
 
 /// The output, which the encoder takes for itself and never gives back.
 #[derive(Clone)]
-struct Shared(Rc<RefCell<Output>>);
-
-impl Write for Shared {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.borrow_mut().write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.0.borrow_mut().flush()
-    }
+struct Shared {
+    output: Rc<RefCell<Output>>,
+    /// The system's answer to a write that failed: the encoder keeps no more of it than its text.
+    failure: Rc<RefCell<Option<io::Error>>>,
 }
 
 impl Shared {
+    fn new(output: Output) -> Shared {
+        Shared { output: Rc::new(RefCell::new(output)), failure: Rc::default() }
+    }
+
+    /// Remembers the answer, if it is a failure.
+    fn remember<T>(&self, answer: io::Result<T>) -> io::Result<T> {
+        answer.map_err(|failure| {
+            let kind = failure.kind();
+            *self.failure.borrow_mut() = Some(failure);
+            kind.into()
+        })
+    }
+
     fn error(&self, error: EncodingError) -> Error {
-        let source = match error {
+        let cause = self.failure.take().unwrap_or_else(|| match error {
             EncodingError::IoError(error) => error,
             other => io::Error::other(other),
-        };
-        Error::io(self.0.borrow().path(), "write")(source)
+        });
+        Error::io(self.output.borrow().path(), "write")(cause)
+    }
+}
+
+impl Write for Shared {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.output.borrow_mut().write(bytes);
+        self.remember(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let flushed = self.output.borrow_mut().flush();
+        self.remember(flushed)
     }
 }
 
@@ -102,7 +121,7 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
     };
     let channels = own + u8::from(opacity == Opacity::Added);
 
-    let output = Shared(Rc::new(RefCell::new(output)));
+    let output = Shared::new(output);
     let mut encoder = Encoder::new(output.clone(), width as u32, height as u32);
     encoder.set_depth(depth);
     encoder.set_color(match (palette, channels) {
@@ -201,7 +220,7 @@ impl RowWriter for Png {
         self.rows.finish()?;
         let Png { stream, output, .. } = *self;
         stream.finish().map_err(|error| output.error(error))?;
-        match Rc::try_unwrap(output.0) {
+        match Rc::try_unwrap(output.output) {
             Ok(output) => output.into_inner().commit(),
             Err(_) => unreachable!("the encoder is gone, so nobody else has the output"),
         }

@@ -16,10 +16,10 @@ pub(super) struct Seekable {
 }
 
 impl Seekable {
-    pub(super) fn new(mut output: Output) -> Result<Seekable> {
-        let spool = match output.file_mut() {
-            Some(_) => None,
-            None => {
+    pub(super) fn new(output: Output) -> Result<Seekable> {
+        let spool = match output.is_file() {
+            true => None,
+            false => {
                 let file =
                     tempfile::tempfile().map_err(Error::io(output.path(), "make a temporary file for"))?;
                 Some(BufWriter::with_capacity(1 << 20, file))
@@ -51,10 +51,7 @@ impl Seekable {
     pub(super) fn patch(&mut self, at: u64, bytes: &[u8]) -> Result<()> {
         let patched = match &mut self.spool {
             Some(spool) => spool.flush().and_then(|()| overwrite(spool.get_mut(), at, bytes)),
-            None => self.output.flush().and_then(|()| match self.output.file_mut() {
-                Some(file) => overwrite(file, at, bytes),
-                None => unreachable!("an output without a file has a spool"),
-            }),
+            None => self.output.overwrite(at, bytes),
         };
         patched.map_err(Error::io(self.path(), "write"))
     }

@@ -76,9 +76,8 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
         row_bytes: row_bytes as usize,
     };
     let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, spec.height);
-    let mut output = output;
     // What has no file has no sidecar either.
-    let with_classes = output.file_mut().is_none();
+    let with_classes = !output.is_file();
     let mut tags = tags(spec, predictor, rows_per_strip);
     let about = gdal_xml::metadata(&spec.metadata, with_classes);
     tags.extend(about.map(|xml| (tag::GDAL_METADATA, IfdField::Ascii(xml.into_bytes()))));

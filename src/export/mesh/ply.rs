@@ -33,8 +33,8 @@ pub(super) struct Ply {
 
 impl Ply {
     /// Starts a file, with coordinates of double precision, or of single.
-    pub(super) fn new(mut output: Output, attribute: FaceAttribute, double: bool) -> Result<Ply> {
-        let (vertex_spill, face_spill) = (Spill::new(&mut output)?, Spill::new(&mut output)?);
+    pub(super) fn new(output: Output, attribute: FaceAttribute, double: bool) -> Result<Ply> {
+        let (vertex_spill, face_spill) = (Spill::new(&output)?, Spill::new(&output)?);
         let bytes = Vec::new();
         Ok(Ply { output, attribute, double, vertices: 0, faces: 0, vertex_spill, face_spill, bytes })
     }

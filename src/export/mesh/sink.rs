@@ -79,11 +79,11 @@ pub(super) struct Spill {
 }
 
 impl Spill {
-    pub(super) fn new(output: &mut Output) -> Result<Spill> {
+    pub(super) fn new(output: &Output) -> Result<Spill> {
         let path = output.path().to_path_buf();
-        let file = match output.file_mut() {
-            Some(_) => tempfile::tempfile_in(crate::io::folder(&path)),
-            None => tempfile::tempfile(),
+        let file = match output.is_file() {
+            true => tempfile::tempfile_in(crate::io::folder(&path)),
+            false => tempfile::tempfile(),
         };
         let file = file.map_err(Error::io(&path, "make a temporary file for"))?;
         Ok(Spill { path, file: BufWriter::with_capacity(1 << 20, file) })

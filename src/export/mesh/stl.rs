@@ -16,8 +16,8 @@ pub(super) struct Stl {
 }
 
 impl Stl {
-    pub(super) fn new(mut output: Output) -> Result<Stl> {
-        let spill = Spill::new(&mut output)?;
+    pub(super) fn new(output: Output) -> Result<Stl> {
+        let spill = Spill::new(&output)?;
         Ok(Stl { output, triangles: 0, spill })
     }
 }

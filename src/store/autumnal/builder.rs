@@ -1,5 +1,7 @@
 //! Makes records of the parts of a tree, and keeps those that the file has already.
 
+use std::ops::Range;
+
 use super::append::{Appender, NewRecord};
 use super::commit::Root;
 use super::reader::{Autumnal, Node};
@@ -26,7 +28,35 @@ pub(super) enum Mode<'a> {
     /// They are written, unless the file has them.
     Write(&'a mut Appender),
     /// All of them should be in the file, and those that are not are findings.
-    Check(&'a mut Vec<Finding>, &'a Verified),
+    Check(Check<'a>),
+}
+
+/// A check of the records of a file.
+pub(super) struct Check<'a> {
+    pub(super) findings: &'a mut Vec<Finding>,
+    pub(super) verified: &'a Verified,
+    /// Bytes of the extent that the record before was in.
+    extent: Range<u64>,
+}
+
+impl<'a> Check<'a> {
+    pub(super) fn new(findings: &'a mut Vec<Finding>, verified: &'a Verified) -> Check<'a> {
+        Check { findings, verified, extent: 0..0 }
+    }
+
+    /// Fails if a record with so many bytes of zone is not all in an extent.
+    fn check_place(&mut self, tree: &Autumnal, node: Node, zone: usize) -> Result<()> {
+        if !self.extent.contains(&node.address) {
+            self.extent = tree.extents().records_at(node.address)?;
+        }
+        let size = tree.layout().record_size(tree.record(node)?.states) + zone;
+        if self.extent.end - node.address < size as u64 {
+            let found = format!("{size} bytes");
+            let expected = format!("an end at byte {} or before, where its extent ends", self.extent.end);
+            return Err(tree.extents().corrupt(format!("record at {}", node.address), found, &expected));
+        }
+        Ok(())
+    }
 }
 
 /// A node and all that is below it, which is in the file.
@@ -148,19 +178,20 @@ impl<'a> RecordBuilder<'a> {
         if let (Some(base), Some(old)) = (self.base, old)
             && is_same(base, old, record)?
         {
-            if let Mode::Check(_, verified) = &self.mode
-                && !record.zone.is_empty()
-            {
-                verified.insert(old);
+            if let Mode::Check(check) = &mut self.mode {
+                check.check_place(base, old, record.zone.len())?;
+                if !record.zone.is_empty() {
+                    check.verified.insert(old);
+                }
             }
             return Ok(old.address);
         }
         match &mut self.mode {
             Mode::Write(appender) => appender.record(record),
-            Mode::Check(findings, _) => {
+            Mode::Check(check) => {
                 let place = format!("node {code}");
                 let problem = "its record, or its zone, is not what the leaves below make it";
-                findings.push(Finding { place, problem: problem.into() });
+                check.findings.push(Finding { place, problem: problem.into() });
                 // So that the nodes above are not found to be wrong for no other reason than this one.
                 Ok(old.map_or(0, |old| old.address))
             }

@@ -80,7 +80,7 @@ pub fn compact(
         let mut fill = |sink: &mut dyn TreeSink, shape| walk(&tree, &options, shape, true, sink, progress);
         editor.fill([u64::MAX; 3], &options, before.as_ref(), &mut fill)?;
         editor.set_metadata(options.metadata)?;
-        made.extend(editor.commit_as(number, note)?);
+        made.push(editor.commit_as(number, note)?);
         before = Some(tree);
     }
     drop(editor);

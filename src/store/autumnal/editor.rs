@@ -205,7 +205,23 @@ impl Editor {
     /// one writes nothing more.
     pub fn commit(&mut self, note: Note) -> Result<Option<Commit>> {
         let number = self.newest.as_ref().map_or(Ok(1), |newest| self.after(newest.number))?;
-        self.commit_as(number, note)
+        let metadata = self.metadata_offset()?;
+        let root = &self.draft.commit.root;
+        let is_newest = |newest: &Commit| *root == newest.root && metadata == newest.metadata;
+        if self.newest.as_ref().is_some_and(is_newest) {
+            return Ok(None);
+        }
+        self.write_commit(number, note, metadata).map(Some)
+    }
+
+    /// Makes all edits so far a commit, whether they differ from the newest one or not, with any number that is larger
+    /// than the newest one's.
+    ///
+    /// # Errors
+    /// Those of [`Editor::commit`].
+    pub(super) fn commit_as(&mut self, number: u64, note: Note) -> Result<Commit> {
+        let metadata = self.metadata_offset()?;
+        self.write_commit(number, note, metadata)
     }
 
     /// The number after one that the file has.
@@ -216,14 +232,8 @@ impl Editor {
         })
     }
 
-    /// Makes a commit, like [`Editor::commit`], with any number that is larger than the newest one's.
-    pub(super) fn commit_as(&mut self, number: u64, note: Note) -> Result<Option<Commit>> {
+    fn write_commit(&mut self, number: u64, note: Note, metadata: u64) -> Result<Commit> {
         let draft = self.draft.clone();
-        let metadata = self.metadata_offset(&draft)?;
-        let is_newest = |newest: &Commit| draft.commit.root == newest.root && metadata == newest.metadata;
-        if self.newest.as_ref().is_some_and(is_newest) {
-            return Ok(None);
-        }
         let previous = self.newest.as_ref().map_or(0, |_| self.meta.commit);
         let jump =
             self.newest.as_ref().map_or(Ok((0, 0)), |newest| newest.next_jump(draft.extents(), previous))?;
@@ -242,11 +252,12 @@ impl Editor {
         self.begin = self.appender.position();
         self.newest = Some(commit.clone());
         self.set_draft(commit.clone(), draft.metadata().clone())?;
-        Ok(Some(commit))
+        Ok(commit)
     }
 
     /// Offset of the metadata; writes them if they are not those of the newest commit.
-    fn metadata_offset(&mut self, draft: &Autumnal) -> Result<u64> {
+    fn metadata_offset(&mut self) -> Result<u64> {
+        let draft = self.draft.clone();
         let bytes = draft.metadata().to_bytes(draft.path())?;
         if let Some(newest) = &self.newest
             && draft.extents().whole(ExtentKind::Metadata, newest.metadata)?[..] == bytes

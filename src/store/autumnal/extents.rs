@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::io;
-use std::ops::Deref;
+use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -210,6 +210,23 @@ impl Extents {
     /// Finds the extent of records that an address is in, checks it, and remembers that it is good.
     #[cold]
     fn verify_extent(&self, address: u64) -> Result<()> {
+        let extent = self.extent_of(address)?;
+        if self.check {
+            self.check_payload(&extent)?;
+        }
+        for sector in extent.start / SECTOR..extent.end().div_ceil(SECTOR) {
+            self.verified[(sector / 64) as usize].fetch_or(1 << (sector % 64), Ordering::Relaxed);
+        }
+        Ok(())
+    }
+
+    /// The bytes, behind the head, of the extent of records that an address is in. (To readers any byte is in it that is in
+    /// one of its sectors.)
+    pub(super) fn records_at(&self, address: u64) -> Result<Range<u64>> {
+        self.extent_of(address).map(|extent| extent.payload_start()..extent.end())
+    }
+
+    fn extent_of(&self, address: u64) -> Result<Extent> {
         let outside = || {
             let found = format!("a pointer to byte {address}");
             self.corrupt("record", found, "one to a record of this commit")
@@ -229,16 +246,7 @@ impl Extents {
             start -= SECTOR;
         };
         let is_inside = (extent.payload_start()..extent.end()).contains(&address);
-        if extent.kind != ExtentKind::Records as u8 || !is_inside {
-            return Err(outside());
-        }
-        if self.check {
-            self.check_payload(&extent)?;
-        }
-        for sector in extent.start / SECTOR..extent.end().div_ceil(SECTOR) {
-            self.verified[(sector / 64) as usize].fetch_or(1 << (sector % 64), Ordering::Relaxed);
-        }
-        Ok(())
+        if extent.kind == ExtentKind::Records as u8 && is_inside { Ok(extent) } else { Err(outside()) }
     }
 
     /// The extent that starts at an offset of the file, if there is one.

@@ -90,7 +90,7 @@ fn meta_at(extents: &Extents, start: u64, commit: &Commit) -> Result<Meta> {
     Ok(Meta { sequence: commit.sequence, commit: start, end })
 }
 
-/// Looks for a commit in all of the file: by its extents as far as these follow each other, else sector by
+/// Looks for a commit in all of the file: by the heads of its extents as far as these follow each other, else sector by
 /// sector.
 fn scan(path: &Path, file: &dyn WriteBackend, number: u64, progress: &dyn Progress) -> Result<Meta> {
     let bytes = file.reader()?;
@@ -100,8 +100,7 @@ fn scan(path: &Path, file: &dyn WriteBackend, number: u64, progress: &dyn Progre
     let mut start = FIRST_EXTENT;
     while start < length {
         progress.check()?;
-        let extent = extents.extent_at(start)?.filter(|extent| extents.check_payload(extent).is_ok());
-        let Some(extent) = extent else {
+        let Some(extent) = extents.extent_at(start)? else {
             start += SECTOR;
             continue;
         };
@@ -111,6 +110,7 @@ fn scan(path: &Path, file: &dyn WriteBackend, number: u64, progress: &dyn Progre
         {
             found = Some(meta_at(&extents, start, &commit)?);
         }
+        // (Also if its bytes are damaged: there may be some among them that imitate a commit.)
         start = extent.end().next_multiple_of(SECTOR);
     }
     let expected = "one that is whole";

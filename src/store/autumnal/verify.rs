@@ -3,7 +3,7 @@
 //! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every
 //! record that this would write must be there.
 
-use super::builder::{Mode, RecordBuilder, shape};
+use super::builder::{Check, Mode, RecordBuilder, shape};
 use super::commit::Commit;
 use super::extents::{FIRST_EXTENT, PAGE, SECTOR};
 use super::meta::Slot;
@@ -98,7 +98,8 @@ impl Autumnal {
         Ok(())
     }
 
-    /// All commits, the newest first: numbers and sequences count, metadata and roots can be read.
+    /// All commits, the newest first: numbers and sequences count, each leads to the older ones
+    /// that it should, metadata and roots can be read.
     fn verify_commits(&self, findings: &mut Vec<Finding>) -> Result<()> {
         let mut next = self.archive.meta.commit;
         let mut after: Option<Commit> = None;
@@ -116,12 +117,27 @@ impl Autumnal {
                 findings.push(Finding { place: format!("commit at {next}"), problem });
                 return Ok(());
             }
+            add(findings, format!("commit {}, its older commit", commit.number), self.verify_jump(&commit))?;
             let metadata = Autumnal::new(self.archive.clone(), commit.clone()).map(|_| ());
             add(findings, format!("commit {}", commit.number), metadata)?;
             next = commit.previous;
             after = Some(commit);
         }
         Ok(())
+    }
+
+    /// The older commit that a commit leads to is the one that it should.
+    fn verify_jump(&self, commit: &Commit) -> Result<()> {
+        let extents = self.extents();
+        let should = match commit.previous {
+            0 => (0, 0),
+            previous => Commit::read(extents, previous)?.next_jump(extents, previous)?,
+        };
+        if commit.jump == should {
+            return Ok(());
+        }
+        let show = |(sequence, start)| format!("sequence {sequence} at byte {start}");
+        Err(extents.corrupt("older commit", show(commit.jump), &show(should)))
     }
 
     /// Checks the commit's tree, but for what was verified already.
@@ -135,7 +151,7 @@ impl Autumnal {
         let options = BuildOptions::like(self.header(), memory);
         let form = self.form();
         let mut made = Vec::new();
-        let mode = Mode::Check(&mut made, verified);
+        let mode = Mode::Check(Check::new(&mut made, verified));
         let mut builder = RecordBuilder::new(form, &options, [u64::MAX; 3], mode, Some(self), None);
         let source = Unverified { tree: self, verified };
         let shape = shape(form.dimension, options.depth);

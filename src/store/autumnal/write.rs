@@ -41,9 +41,8 @@ pub(super) fn backend(output: &mut Output) -> Result<Box<FileBackend>> {
     }
     // The same holds at the end: an edit of a file that appears meanwhile must not be lost either.
     output.keep_existing();
-    let Some(file) = output.file_mut() else {
-        return Err(Error::unsupported(&path, "an Autumnal file in a pipe", "write it to a file"));
-    };
-    let file = file.try_clone().map_err(Error::io(&path, "open"))?;
-    Ok(Box::new(FileBackend::new(file, &path)))
+    match output.backend() {
+        Some(file) => file.map(Box::new).map_err(Error::io(&path, "open")),
+        None => Err(Error::unsupported(&path, "an Autumnal file in a pipe", "write it to a file")),
+    }
 }

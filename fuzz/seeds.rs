@@ -1,0 +1,286 @@
+//! Makes the seeds in `fuzz/corpus/`: small files of every kind, the same bytes every time.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use spinney::Result;
+use spinney::export::image::{ImageSpec, create, format_of};
+use spinney::io::Output;
+use spinney::ops::{Edit, FillRegion, edit};
+use spinney::space::{Bounds, Dimension, Frame};
+use spinney::store::autumnal::Note;
+use spinney::store::{BuildOptions, build_tree, depth_for};
+use spinney::tree::{Form, MemTree};
+use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney_fuzz::targets::seal;
+
+use reference::Cut;
+
+#[path = "../tests/common/reference.rs"]
+mod reference;
+#[path = "../tests/common/tiff_file.rs"]
+#[allow(dead_code)]
+mod tiff_file;
+
+/// Quadtrees and octrees of values with so many samples of a type.
+const fn form(dimension: Dimension, sample: SampleType, channels: u8) -> Form {
+    Form::new(dimension, ValueType::new(sample, channels))
+}
+
+const QUAD: Form = form(Dimension::Quad, SampleType::U8, 1);
+const OCT: Form = form(Dimension::Oct, SampleType::U8, 1);
+
+/// Something with much detail, VOID in places.
+fn tree(form: Form, size: [u64; 3], rule: Rule) -> MemTree {
+    MemTree::from_cells(form, depth_for(size), rule, &|[x, y, z]| {
+        let inside = [x, y, z].into_iter().zip(size).all(|(cell, end)| u64::from(cell) < end);
+        let number = (x * 5 / 7 + y * y / 6 + 3 * z) % 9;
+        (inside && number != 4)
+            .then(|| form.value.nearest(|channel| f64::from(number) * 3.0 + channel as f64))
+    })
+}
+
+fn main() -> Result<()> {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let put = |target: &str, name: &str, bytes: &[u8]| {
+        let folder = root.join("corpus").join(target);
+        fs::create_dir_all(&folder).unwrap();
+        fs::write(folder.join(name), bytes).unwrap();
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let project = root.join("..");
+    goblins(&put, &project, folder.path())?;
+    autumnals(&put, &project, folder.path())?;
+    pictures(&put, &project, folder.path())?;
+    meshes(&put);
+    texts(&put);
+    Ok(())
+}
+
+type Put<'a> = &'a dyn Fn(&str, &str, &[u8]);
+
+fn build(
+    path: &Path,
+    form: Form,
+    size: [u64; 3],
+    (rule, kind): (Rule, Kind),
+    share: bool,
+) -> Result<Vec<u8>> {
+    let options = BuildOptions::new(kind, depth_for(size)).rule(rule).share(share);
+    let _ = fs::remove_file(path);
+    build_tree(&tree(form, size, rule), size, &options, Output::create(path)?, &())?;
+    Ok(fs::read(path).unwrap())
+}
+
+fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
+    put("goblin_read", "classic", &fs::read(project.join("fixtures/v1/classic.goblin")).unwrap());
+    let path = folder.join("t.goblin");
+    let continuous = (Rule::Mean, Kind::Continuous);
+    put("goblin_read", "octree", &build(&path, OCT, [5, 4, 6], continuous, false)?);
+    let floats = form(Dimension::Quad, SampleType::F32, 2);
+    put("goblin_read", "floats", &build(&path, floats, [6, 7, 1], continuous, false)?);
+    for (name, form, size, (rule, kind)) in [
+        ("cuts", QUAD, [9, 14, 1], continuous),
+        ("cuts_of_classes", QUAD, [12, 9, 1], (Rule::Majority, Kind::Categorical)),
+        ("cuts_of_octree", OCT, [6, 7, 5], (Rule::Max, Kind::Continuous)),
+    ] {
+        put(
+            "goblin_read",
+            name,
+            &reference::goblin(&tree(form, size, rule), size, (rule, kind), Cut::EVERYWHERE),
+        );
+    }
+    Ok(())
+}
+
+fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
+    let history = fs::read(project.join("fixtures/v1/history.autumn")).unwrap();
+    let path = folder.join("t.autumn");
+    let small = build(&path, OCT, [5, 4, 3], (Rule::Mean, Kind::Continuous), true)?;
+    let floats = form(Dimension::Quad, SampleType::F64, 1);
+    build(&path, floats, [6, 7, 1], (Rule::Mean, Kind::Continuous), false)?;
+    let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 3, 1] });
+    edit(&path, [Ok(Edit::Fill(region, Some(vec![0.25])))], Note::default(), 1 << 20, &())?;
+    let floats = fs::read(&path).unwrap();
+    // Large enough for zones; stripes, so that equal subtrees are many.
+    let stripes =
+        MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(Value::from([(x % 2) as u8])));
+    let options = BuildOptions::new(Kind::Categorical, 7).rule(Rule::Majority).share(true);
+    fs::remove_file(&path).unwrap();
+    build_tree(&stripes, [128, 100, 1], &options, Output::create(&path)?, &())?;
+    let zones = fs::read(&path).unwrap();
+    for (name, file) in [("history", history), ("octree", small), ("floats", floats), ("zones", zones)] {
+        let packed = seal::packed(&file);
+        assert!(packed.len() < 4000, "{name}: {} bytes", packed.len());
+        put("autumnal_read", name, &packed);
+        let script: [u8; 8] = *b"\x81\x02\x03\x05\x03\0\0\x01";
+        let script = [&script[..], &packed].concat();
+        put("autumnal_edit", name, &script);
+        put("autumnal_file", name, &script);
+    }
+    Ok(())
+}
+
+fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
+    let samples: Vec<u8> = (0..=255).map(|byte: u8| byte / 3 * 2).collect();
+    for (target, name, file, sample, channels) in [
+        ("png", "rgb", "a.png", SampleType::U8, 3),
+        ("png", "deep", "a.png", SampleType::U16, 1),
+        ("tiff", "rgb", "a.tif", SampleType::U8, 3),
+        ("tiff", "floats", "a.tif", SampleType::F32, 1),
+        ("exr", "floats", "a.exr", SampleType::F32, 1),
+        ("exr", "rgb", "a.exr", SampleType::F32, 3),
+    ] {
+        let path = folder.join(file);
+        let (width, height) = (5, 4);
+        let value = ValueType::new(sample, channels);
+        let spec = ImageSpec {
+            width,
+            height,
+            value,
+            alpha: false,
+            void: false,
+            frame: Some(Frame::planar([2.0, 0.0, 10.0, 0.0, -2.0, 20.0])),
+            nodata: None,
+            palette: None,
+            band_names: Vec::new(),
+        };
+        let mut writer = create(Output::create(&path)?, format_of(&path).unwrap(), &spec)?;
+        writer.write_rows(&samples[..(width * height) as usize * value.size()], None)?;
+        writer.finish()?;
+        put(target, name, &fs::read(&path).unwrap());
+    }
+    use tiff_file::{Ifd, Values};
+    let chunk = |byte| vec![byte; 256];
+    let tiles = Ifd::grey(20, 17, vec![])
+        .short(322, &[16])
+        .short(323, &[16])
+        .tag(33550, Values::Double(vec![10.0, 10.0, 0.0]))
+        .tag(33922, Values::Double(vec![0.0, 0.0, 0.0, 5.0, 6.0, 0.0]))
+        .tag(42113, Values::Text("7"))
+        .chunks(&[chunk(7), chunk(2), vec![], chunk(4)]);
+    let packbits =
+        Ifd::grey(9, 3, vec![0xfc, 0x12, 0x04, 1, 2, 3, 4, 5, 0xfc, 9]).short(258, &[4]).short(259, &[32773]);
+    put("tiff", "tiles", &tiff_file::file(&[tiles]));
+    put("tiff", "packbits", &tiff_file::file(&[packbits]));
+    let made = project.join("tests/import/pictures");
+    for (target, name) in [
+        ("png", "adam7.png"),
+        ("png", "adam7_grey2.png"),
+        ("jpeg", "cmyk.jpg"),
+        ("jpeg", "grey.jpg"),
+        ("jpeg", "rgb.jpg"),
+        ("jpeg", "progressive.jpg"),
+        ("webp", "alpha.webp"),
+        ("webp", "lossless.webp"),
+        ("webp", "lossy.webp"),
+    ] {
+        put(target, name.split('.').next().unwrap(), &fs::read(made.join(name)).unwrap());
+    }
+    put("hgt", "tile", b"N46E008.hgt\x01\x02\x80\0\x03\x04");
+    put("world_file", "turned", b"0.5\n0.1\n-0.1\n-0.25\n10.25\n49.875\n");
+    Ok(())
+}
+
+/// Corners of a cube, and its sides seen from outside.
+const CORNERS: [[u8; 3]; 8] =
+    [[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [0, 0, 2], [2, 0, 2], [0, 2, 2], [2, 2, 2]];
+const SIDES: [[usize; 4]; 6] =
+    [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+
+fn meshes(put: Put<'_>) {
+    let lines = |start: &str, corner: &dyn Fn([u8; 3]) -> String, side: &dyn Fn([usize; 4]) -> String| {
+        let corners: String = CORNERS.into_iter().map(corner).collect();
+        format!("{start}{corners}{}", SIDES.into_iter().map(side).collect::<String>())
+    };
+    let words = |numbers: &[usize]| numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
+    let point = |[x, y, z]: [u8; 3]| format!("{x} {y} {z}\n");
+    let off = lines("OFF\n8 6 0\n", &point, &|side| format!("4 {}\n", words(&side)));
+    put("off", "cube", off.as_bytes());
+    let coloured =
+        off.replacen("OFF", "COFF", 1).replace(" 0\n", " 0 255 0 0\n").replace(" 2\n", " 2 1 2 3\n");
+    put("off", "colours", coloured.as_bytes());
+    let head = |format: &str, colours: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n{colours}\
+             element face 6\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let ply = lines(&head("ascii", ""), &point, &|side| format!("4 {}\n", words(&side)));
+    put("ply", "text", ply.as_bytes());
+    let mut binary =
+        head("binary_little_endian", "property uchar red\nproperty uchar green\nproperty uchar blue\n")
+            .into_bytes();
+    for corner in CORNERS {
+        corner.iter().for_each(|number| binary.extend(f32::from(*number).to_le_bytes()));
+        binary.extend([1, 2, 3]);
+    }
+    for side in SIDES {
+        binary.push(4);
+        side.iter().for_each(|corner| binary.extend((*corner as i32).to_le_bytes()));
+    }
+    put("ply", "binary", &binary);
+    let obj = lines("o cube\nusemtl red\n", &|[x, y, z]| format!("v {x} {y} {z}\n"), &|side| {
+        format!("f {}\n", words(&side.map(|corner| corner + 1)))
+    });
+    put("obj", "cube", obj.as_bytes());
+    put("obj", "turned", b"g a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf -4//1 -2//1 -3//1\nf 1 2 4\nf 1 4 3\ng b\nf 2 3 4\n");
+    let mut facets = Vec::new();
+    for [a, b, c, d] in SIDES {
+        facets.extend([[a, b, c], [a, c, d]]);
+    }
+    let mut text = String::from("solid cube\n");
+    let mut stl = vec![0; 80];
+    stl.extend((facets.len() as u32).to_le_bytes());
+    for facet in facets {
+        text += "facet normal 0 0 0\nouter loop\n";
+        stl.extend([0; 12]);
+        for corner in facet {
+            let [x, y, z] = CORNERS[corner];
+            text += &format!("vertex {x} {y} {z}\n");
+            CORNERS[corner].iter().for_each(|number| stl.extend(f32::from(*number).to_le_bytes()));
+        }
+        text += "endloop\nendfacet\n";
+        stl.extend([0; 2]);
+    }
+    put("stl", "text", (text + "endsolid cube\n").as_bytes());
+    put("stl", "binary", &stl);
+    let sides: Vec<String> = SIDES.iter().map(|side| format!("[{side:?}]")).collect();
+    let city = |kind: &str, boundaries: &str| {
+        format!(
+            "{{\"type\":\"CityJSON\",\"version\":\"2.0\",\"transform\":{{\"scale\":[0.5,0.5,0.5],\"translate\":[0,0,0]}},\
+             \"CityObjects\":{{\"b\":{{\"type\":\"Building\",\"geometry\":[{{\"type\":\"{kind}\",\"lod\":\"2\",\"boundaries\":\
+             {boundaries}}}]}}}},\"metadata\":{{\"referenceSystem\":\"https://www.opengis.net/def/crs/EPSG/0/7415\"}},\
+             \"vertices\":{CORNERS:?}}}"
+        )
+    };
+    put("cityjson", "solid", city("Solid", &format!("[[{}]]", sides.join(","))).as_bytes());
+    put("cityjson", "surface", city("MultiSurface", &format!("[{}]", sides.join(","))).as_bytes());
+    let sequence = "{\"type\":\"CityJSON\",\"version\":\"2.0\",\"transform\":{\"scale\":[1,1,1],\"translate\":[0,0,0]},\
+                    \"CityObjects\":{},\"vertices\":[]}\n{\"type\":\"CityJSONFeature\",\"id\":\"f\",\"CityObjects\":{\"f\":{\"type\":\
+                    \"Building\",\"geometry\":[{\"type\":\"MultiSurface\",\"lod\":\"1\",\"boundaries\":[[[0,1,2]],[[0,2,1]]]}]}},\
+                    \"vertices\":[[0,0,0],[4,0,0],[0,4,1]]}\n";
+    put("cityjson", "sequence", sequence.as_bytes());
+}
+
+fn texts(put: Put<'_>) {
+    put("step_text", "turns", b"rotate=30\nscale=2,3\ntranslate=0.5,1\nmirror=x\n");
+    put(
+        "step_text",
+        "turns_in_space",
+        b"rotate=30,1,2,3@4,5,6\naxes=+y,-x,+z\naffine=1,0,2,0,1,3\ntranspose\n",
+    );
+    put("step_text", "boxes", b"window=1,2,3,4\nbbox=0,0,5,5\ncrop\ndepth=4\n");
+    put("step_text", "nodes", b"subtree=/03\nembed=/2\ntree-depth=5\nlike=a.goblin\n");
+    put("df_text", "classic", b"\x18GG1G13331G3312GG31331G3222G11221G221G1211");
+    put("df_text", "octree", b"\x11M(VFV1)FM[7]VVVVVVFF0");
+    put("df_text", "colours", b"\x12G[1,2,3][4,5,6]WB");
+    put("df_text", "floats", b"\x1eG[0.5][-1e300]W[0]");
+    put("cells", "text", b"1,2,3\n0 0 void\n7;7;200\n");
+    let header = "{'descr': '<i2', 'fortran_order': False, 'shape': (2, 3), }\n";
+    let mut array = b"\x93NUMPY\x01\0".to_vec();
+    array.extend((header.len() as u16).to_le_bytes());
+    array.extend(header.as_bytes());
+    [1i16, 2, 3, 4, 5, 6].iter().for_each(|number| array.extend(number.to_le_bytes()));
+    put("cells", "array", &array);
+}

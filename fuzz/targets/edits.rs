@@ -1,0 +1,185 @@
+//! Autumnal files edited: what is good stays good, and has what the edits made of it.
+
+use std::sync::Arc;
+
+use spinney::dataset::{self, Dataset};
+use spinney::io::Output;
+use spinney::ops::{Edit, FillRegion, apply_edits};
+use spinney::space::Bounds;
+use spinney::store::OpenOptions;
+use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact, recover};
+use spinney::{Error, Result};
+
+use super::disk::Disk;
+use super::importers::in_file;
+use super::seal;
+use super::trees::is_good;
+
+/// Bytes before the file that say what is done to it.
+const SCRIPT: usize = 8;
+/// Cells along an axis of files whose cells are compared.
+const SIDE: u64 = 16;
+const MEMORY: u64 = 1 << 20;
+/// Records of trees that are verified: shared subtrees make a small file one that takes for ever.
+const MOST_RECORDS: u64 = 1 << 12;
+
+/// A script of edits and an Autumnal file, packed (see [`seal::packed`]): edited on a disk in memory, and verified.
+pub fn autumnal_edit(bytes: &[u8]) {
+    let Some((script, packed)) = bytes.split_at_checked(SCRIPT) else { return };
+    if let Some(file) = seal::unpacked(packed) {
+        edit_as(script, file);
+    }
+}
+
+/// Edits a file as a script says, on a disk in memory.
+pub fn edit_as(script: &[u8], file: Vec<u8>) {
+    // (Whoever opens a file to edit it waits for a moment where it seems that somebody else is writing to it.)
+    if Autumnal::from_bytes(file.clone()).is_err() && !crc32c::crc32c(&file).is_multiple_of(32) {
+        return;
+    }
+    let was_good = open(&file).is_some_and(|tree| is_good(&tree));
+    let before = open(&file).and_then(|tree| cells(&tree));
+    let disk = Disk::new(file);
+    let Ok(mut editor) = disk.editor() else { return };
+    let changed = change(&mut editor, script, before);
+    drop(editor);
+    let file = disk.state().bytes.clone();
+    if was_good {
+        let expected = changed.unwrap();
+        let tree = Autumnal::from_bytes(file).and_then(|file| Dataset::of(Arc::new(file).into())).unwrap();
+        assert_eq!(tree.verify(MEMORY, &()).unwrap(), [], "an edit has damaged a good file");
+        assert_eq!(cells(&tree), expected, "an edit has made something else");
+    }
+}
+
+/// The newest commit of a file, if its tree is not too large to be looked at.
+fn open(file: &[u8]) -> Option<Dataset> {
+    let file = Autumnal::from_bytes(file.to_vec()).ok()?;
+    file.level_counts(MOST_RECORDS).ok()??;
+    Dataset::of(Arc::new(file).into()).ok()
+}
+
+/// Does what a script says, and tells the cells there should be then.
+fn change(editor: &mut Editor, script: &[u8], cells: Option<Cells>) -> Result<Option<Cells>> {
+    let mut cells = cells;
+    for step in script.chunks(4) {
+        let [what, x, y, value] = step.try_into().unwrap_or_default();
+        let extent = editor.tree().header().extent;
+        let at: [u64; 3] = [x, y, y].map(u64::from);
+        let at = std::array::from_fn(|axis| at[axis] % extent[axis]);
+        match what % 4 {
+            0 => {
+                let set = Edit::Set(vec![(at, sample(value))]);
+                apply_edits(editor, &mut [Ok(set)].into_iter(), &())?;
+                fill(&mut cells, Bounds { min: at, max: at.map(|at| at + 1) }, value);
+            }
+            1 | 2 => {
+                let most = u64::from(what);
+                let max = std::array::from_fn(|axis| (at[axis] + 1 + most).min(extent[axis]));
+                let bounds = Bounds { min: at, max };
+                let edit = Edit::Fill(FillRegion::Box(bounds), sample(value));
+                apply_edits(editor, &mut [Ok(edit)].into_iter(), &())?;
+                fill(&mut cells, bounds, value);
+            }
+            _ => {
+                // What another commit has is not known here.
+                apply_edits(editor, &mut [Ok(Edit::Revert(value.into()))].into_iter(), &()).or_else(
+                    |error| {
+                        if matches!(error, Error::Invalid { .. }) { Ok(()) } else { Err(error) }
+                    },
+                )?;
+                cells = Dataset::of(editor.tree().into()).ok().and_then(|tree| self::cells(&tree));
+            }
+        }
+        if what & 128 != 0 {
+            editor.commit(Note::default())?;
+        }
+    }
+    editor.commit(Note::default())?;
+    Ok(cells)
+}
+
+/// A number as all samples of a value; every eighth is VOID.
+fn sample(value: u8) -> Option<Vec<f64>> {
+    (!value.is_multiple_of(8)).then(|| vec![f64::from(value)])
+}
+
+/// The cells of a small tree: its picture's size, bytes of the values, and which cells are not VOID.
+#[derive(Clone, Debug, PartialEq)]
+struct Cells {
+    size: [u64; 3],
+    values: Vec<Vec<u8>>,
+    /// Bytes of the value for each number that a script can have.
+    of_number: Vec<Vec<u8>>,
+}
+
+/// All cells of a tree, if they are few.
+fn cells(tree: &Dataset) -> Option<Cells> {
+    let (header, size) = (tree.header(), tree.header().extent);
+    if size.iter().any(|cells| *cells > SIDE) {
+        return None;
+    }
+    let (bounds, width) = (Bounds::picture(size), header.form.width());
+    let count = bounds.volume() as usize;
+    let (mut bytes, mut valid) = (vec![0; count * width], vec![false; count]);
+    tree.window(tree.depth(), &bounds, 0.0, &mut bytes, Some(&mut valid)).ok()?;
+    let values =
+        bytes.chunks(width).zip(valid).map(|(value, valid)| if valid { value.to_vec() } else { vec![] });
+    let of_number = (0..=255u8).map(|number| match number % 8 {
+        0 => vec![],
+        _ => header.form.value.nearest(|_| f64::from(number)).to_bytes()[..width].to_vec(),
+    });
+    Some(Cells { size, values: values.collect(), of_number: of_number.collect() })
+}
+
+fn fill(cells: &mut Option<Cells>, bounds: Bounds, number: u8) {
+    let Some(cells) = cells else { return };
+    let value = cells.of_number[usize::from(number)].clone();
+    for z in bounds.min[2]..bounds.max[2] {
+        for y in bounds.min[1]..bounds.max[1] {
+            for x in bounds.min[0]..bounds.max[0] {
+                cells.values[((z * cells.size[1] + y) * cells.size[0] + x) as usize] = value.clone();
+            }
+        }
+    }
+}
+
+/// A script and an Autumnal file, packed, on a real disk: its commits are listed, it is recovered, edited, compacted and
+/// verified.
+pub fn autumnal_file(bytes: &[u8]) {
+    let Some((script, packed)) = bytes.split_at_checked(SCRIPT) else { return };
+    let Some(file) = seal::unpacked(packed) else { return };
+    let is_small = open(&file).is_some();
+    if Autumnal::from_bytes(file.clone()).is_err() && !crc32c::crc32c(&file).is_multiple_of(32) {
+        return;
+    }
+    in_file("t.autumn", &file, |path| {
+        if let Ok(history) = History::open(path, &OpenOptions::new()) {
+            history.commits().take(100).for_each(drop);
+            let _ = history.commit(script[0].into());
+        }
+        if recover(path, (script[0] % 8).into(), &()).is_ok() {
+            Autumnal::open(path, &OpenOptions::new()).unwrap();
+        }
+        if !is_small {
+            return;
+        }
+        let Ok(tree) = dataset::open(path, &OpenOptions::new()) else { return };
+        let was_good = is_good(&tree);
+        drop(tree);
+        let edited = Editor::open(path, MEMORY).and_then(|mut editor| change(&mut editor, script, None));
+        let small = path.with_file_name("small.autumn");
+        let _ = std::fs::remove_file(&small);
+        let keep = Keep::Last(1 + u64::from(script[1] % 4));
+        let made = Output::create(&small)
+            .and_then(|output| compact(path, &keep, script[2] % 2 == 0, output, MEMORY, &()));
+        if was_good {
+            edited.unwrap();
+            let made = made.unwrap();
+            let tree = dataset::open(&small, &OpenOptions::new()).unwrap();
+            assert!(is_good(&tree), "compaction has damaged a good file");
+            assert_eq!(tree.commit().map(|commit| commit.number), made.last().map(|commit| commit.number));
+        }
+        let _ = std::fs::remove_file(&small);
+    });
+}

@@ -1,0 +1,161 @@
+//! Importers: files of other programs, which are read, and built if they are small.
+
+use std::cell::OnceCell;
+use std::path::Path;
+
+use spinney::dataset;
+use spinney::import::cells::CellList;
+use spinney::import::mesh::{self, Resolution, SolidOptions, plan_models};
+use spinney::import::raster::{self, ImportOptions, Order, Pixels, RasterOptions, plan};
+use spinney::io::Output;
+use spinney::space::Region;
+use spinney::store::OpenOptions;
+use spinney::store::goblin::Goblin;
+use spinney::{Error, Result};
+use tempfile::TempDir;
+
+/// Bytes of memory that importers may use.
+const MEMORY: u64 = 4 << 20;
+/// Bytes of samples that are read at once.
+const MOST_BYTES: u64 = 1 << 20;
+/// Cells of pictures that are built.
+const MOST_CELLS: u64 = 1 << 14;
+/// Faces of models that are built.
+const MOST_FACES: u32 = 200;
+
+thread_local! {
+    static FOLDER: OnceCell<TempDir> = const { OnceCell::new() };
+}
+
+/// Runs something with a file of some bytes, under a name, in a folder of this thread.
+pub fn in_file(name: &str, bytes: &[u8], run: impl FnOnce(&Path)) {
+    FOLDER.with(|folder| {
+        let folder = folder.get_or_init(|| tempfile::tempdir().unwrap());
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        run(&path);
+    });
+}
+
+/// A target for each format of pictures, all of which go the same way: the first bytes tell the format.
+macro_rules! pictures {
+    ($($name:ident $file:literal),*) => {
+        $(#[doc = concat!("A picture, as a file with the name `", $file, "`.")]
+        pub fn $name(bytes: &[u8]) {
+            in_file($file, bytes, read_picture);
+        })*
+    };
+}
+
+pictures!(tiff "a.tif", png "a.png", exr "a.exr", jpeg "a.jpg", webp "a.webp");
+
+/// The name of an SRTM tile and what it starts with; the rest, to the length that such files have, is zeros.
+pub fn hgt(bytes: &[u8]) {
+    const LENGTH: u64 = 1201 * 1201 * 2;
+    let (name, bytes) = bytes.split_at_checked(11).unwrap_or((b"N46E008.hgt", bytes));
+    let name = String::from_utf8_lossy(name).replace(['/', '\0'], "_");
+    let name = if Path::new(&name).file_name().is_some() { name } else { "N46E008.hgt".into() };
+    in_file(&name, bytes, |path| {
+        std::fs::File::options().write(true).open(path).and_then(|file| file.set_len(LENGTH)).unwrap();
+        read_picture(path);
+        std::fs::remove_file(path).unwrap();
+    });
+}
+
+/// A world file, beside a picture.
+pub fn world_file(bytes: &[u8]) {
+    // A grey pixel.
+    const PICTURE: &[u8] = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0:~\x9bU\0\0\0\nIDATx\x9cc`\x07\0\0\x09\0\x08 #\xc3\x8c\0\0\0\0IEND\xaeB`\x82";
+    in_file("b.pgw", bytes, |_| in_file("b.png", PICTURE, read_picture));
+}
+
+/// Reads what it can of a picture, and builds it if it is small: what was built must be good.
+fn read_picture(path: &Path) {
+    let Ok(is_small) = read_pixels(path) else { return };
+    if !is_small {
+        return;
+    }
+    let mut options = ImportOptions::new();
+    options.memory = Some(2 * MEMORY);
+    let built = path.with_extension("goblin");
+    let import = plan(&[path.to_path_buf()], &options);
+    if import.and_then(|import| import.build(Output::create(&built)?, &())).is_ok() {
+        check_built(&built);
+    }
+}
+
+/// Reads pixels of the upper left corner; tells whether there are few others.
+fn read_pixels(path: &Path) -> Result<bool> {
+    let mut options = RasterOptions::new();
+    options.memory = MEMORY;
+    let mut raster = raster::open(path, &options)?;
+    let info = raster.info().clone();
+    let pixel = info.channels as u64 * info.sample.size() as u64;
+    let width = if info.order == Order::Bands { info.width } else { info.width.min(64) };
+    let most_rows = MOST_BYTES / width.saturating_mul(pixel).max(1);
+    if most_rows == 0 {
+        return Ok(false);
+    }
+    let mut pixels = Pixels::default();
+    raster.read(Region::new(0, 0, width, info.height.min(64).min(most_rows)), &mut pixels)?;
+    assert_eq!(pixels.bytes.len() as u64, width * info.height.min(64).min(most_rows) * pixel);
+    Ok(info.width.saturating_mul(info.height) <= MOST_CELLS)
+}
+
+/// Makes sure that a tree that was built is good.
+fn check_built(path: &Path) {
+    let tree = dataset::open(path, &OpenOptions::new()).unwrap();
+    assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
+}
+
+/// A target for each format of meshes; which it is, the name tells where the bytes leave it open.
+macro_rules! meshes {
+    ($($name:ident $file:literal),*) => {
+        $(#[doc = concat!("A mesh, as a file with the name `", $file, "`.")]
+        pub fn $name(bytes: &[u8]) {
+            in_file($file, bytes, |path| drop(read_mesh(path)));
+        })*
+    };
+}
+
+meshes!(obj "a.obj", ply "a.ply", stl "a.stl", off "a.off", cityjson "a.json");
+
+/// Reads a model twice, and builds it if it has few faces: what was built must be good.
+fn read_mesh(path: &Path) -> Result<()> {
+    let mut model = mesh::open(path, MEMORY)?;
+    let mut count = || {
+        let (mut faces, mut corners) = (0u32, 0);
+        model.faces(&mut |face| {
+            faces += 1;
+            corners += face.points.len();
+            if faces > 10 * MOST_FACES { Err(Error::Interrupted) } else { Ok(()) }
+        })?;
+        Ok::<_, Error>((faces, corners))
+    };
+    let (faces, corners) = count()?;
+    assert_eq!(count()?, (faces, corners), "another model the second time");
+    if faces > MOST_FACES {
+        return Ok(());
+    }
+    let mut options = SolidOptions::new();
+    options.resolution = Resolution::Cells(16);
+    options.memory = 2 * MEMORY;
+    let built = path.with_extension("goblin");
+    plan_models(vec![model], &options)?.build(Output::create(&built)?, &())?;
+    check_built(&built);
+    Ok(())
+}
+
+/// Cells with values, as text or a NumPy array, for a quadtree of bytes.
+pub fn cells(bytes: &[u8]) {
+    thread_local! {
+        static TREE: Goblin = Goblin::from_bytes(super::texts::CLASSIC.to_vec()).unwrap();
+    }
+    in_file("cells", bytes, |path| {
+        TREE.with(|tree| {
+            if let Ok(list) = CellList::open(path, tree.header()) {
+                list.take_while(Result::is_ok).for_each(drop);
+            }
+        });
+    });
+}

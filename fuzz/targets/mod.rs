@@ -1,0 +1,42 @@
+//! Targets of fuzzing: functions of bytes that nobody vouches for. Whatever the bytes are, a target comes to its end soon,
+//! needs little memory and does not panic; what it is told must fit together.
+//!
+//! `fuzz/run` runs them under libFuzzer; `cargo test` replays `fuzz/corpus/`.
+
+pub mod disk;
+pub mod edits;
+mod importers;
+pub mod seal;
+mod texts;
+pub mod trees;
+
+pub use edits::{autumnal_edit, autumnal_file};
+pub use importers::{cells, cityjson, exr, hgt, jpeg, obj, off, ply, png, stl, tiff, webp, world_file};
+pub use texts::{df_text, step_text};
+pub use trees::{autumnal_read, goblin_read};
+
+/// Function of bytes that is fuzzed.
+pub type Target = fn(&[u8]);
+
+/// All targets with their names, which are those of their folders in `fuzz/corpus/`.
+pub const TARGETS: [(&str, Target); 19] = [
+    ("autumnal_edit", autumnal_edit),
+    ("autumnal_file", autumnal_file),
+    ("autumnal_read", autumnal_read),
+    ("cells", cells),
+    ("cityjson", cityjson),
+    ("df_text", df_text),
+    ("exr", exr),
+    ("goblin_read", goblin_read),
+    ("hgt", hgt),
+    ("jpeg", jpeg),
+    ("obj", obj),
+    ("off", off),
+    ("ply", ply),
+    ("png", png),
+    ("step_text", step_text),
+    ("stl", stl),
+    ("tiff", tiff),
+    ("webp", webp),
+    ("world_file", world_file),
+];

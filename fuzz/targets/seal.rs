@@ -1,0 +1,203 @@
+//! Right checksums for files whose fields were changed, as somebody would make them who means harm.
+//!
+//! Only checksums are written: offsets, lengths and counts stay as they are, and what they do not lead to inside the file is
+//! left alone.
+
+/// Bytes of the header that both formats have.
+pub const HEADER: usize = 60;
+/// Bytes of a Goblin file's end, behind the trailer.
+pub const END: usize = 16;
+/// Bytes of a trailer before its sections.
+pub const TRAILER: usize = 68;
+/// Bytes of a section in a trailer.
+pub const SECTION: usize = 24;
+/// Offset of the part of an Autumnal file's header page that tells of pointers.
+pub const POINTERS: usize = 64;
+/// Offsets of the meta slots.
+pub const SLOTS: [usize; 2] = [4096, 8192];
+/// Bytes of a slot.
+pub const SLOT: usize = 40;
+/// Offset of the first extent.
+pub const FIRST_EXTENT: usize = 12288;
+/// Bytes of an extent's head.
+pub const HEAD: usize = 32;
+/// First bytes of a head.
+pub const HEAD_MAGIC: &[u8; 4] = b"Extt";
+const SECTOR: usize = 512;
+const PAGE: usize = 4096;
+
+/// The number of four bytes at an offset; 0 where there is none.
+pub fn short(bytes: &[u8], at: usize) -> u32 {
+    let four = at.checked_add(4).and_then(|end| bytes.get(at..end));
+    four.map_or(0, |four| u32::from_le_bytes(four.try_into().unwrap()))
+}
+
+/// The number of eight bytes at an offset; 0 where there is none.
+pub fn long(bytes: &[u8], at: usize) -> u64 {
+    let eight = at.checked_add(8).and_then(|end| bytes.get(at..end));
+    eight.map_or(0, |eight| u64::from_le_bytes(eight.try_into().unwrap()))
+}
+
+/// Writes a number, where there is room for it.
+pub fn set_short(bytes: &mut [u8], at: usize, number: u32) {
+    if let Some(four) = at.checked_add(4).and_then(|end| bytes.get_mut(at..end)) {
+        four.copy_from_slice(&number.to_le_bytes());
+    }
+}
+
+/// Writes a number, where there is room for it.
+pub fn set_long(bytes: &mut [u8], at: usize, number: u64) {
+    if let Some(eight) = at.checked_add(8).and_then(|end| bytes.get_mut(at..end)) {
+        eight.copy_from_slice(&number.to_le_bytes());
+    }
+}
+
+/// So many bytes from an offset on, if the file has them.
+fn part(bytes: &[u8], offset: u64, length: u64) -> Option<&[u8]> {
+    bytes.get(usize::try_from(offset).ok()?..usize::try_from(offset.checked_add(length)?).ok()?)
+}
+
+/// Writes the checksum of some bytes at an offset.
+fn seal(bytes: &mut [u8], from: usize, to: usize, at: usize) {
+    if let Some(sealed) = bytes.get(from..to) {
+        let checksum = crc32c::crc32c(sealed);
+        set_short(bytes, at, checksum);
+    }
+}
+
+/// Offset of a Goblin file's trailer, by the length that the file's end tells.
+pub fn trailer(file: &[u8]) -> Option<usize> {
+    let end = file.len().checked_sub(END)?;
+    end.checked_sub(short(file, end) as usize)
+}
+
+/// Seals a Goblin file: header, segments, directory, metadata, trailer.
+pub fn goblin(file: &mut [u8]) {
+    seal(file, 0, HEADER - 4, HEADER - 4);
+    let Some(trailer) = trailer(file) else { return };
+    let end = file.len() - END;
+    let channels = usize::from(file.get(14).copied().unwrap_or(1).clamp(1, 4));
+    let sections = (end.saturating_sub(trailer + TRAILER) / SECTION).min(short(file, trailer + 64) as usize);
+    for section in 0..sections {
+        let at = trailer + TRAILER + section * SECTION;
+        let (offset, length) = (long(file, at + 8), long(file, at + 16));
+        if part(file, offset, length).is_none() {
+            continue;
+        }
+        let (offset, length) = (offset as usize, length as usize);
+        if file[at..].starts_with(b"DIRE") {
+            entries(file, offset, offset + length, 48 + 48 * channels);
+        }
+        seal(file, offset, offset + length, at + 4);
+    }
+    seal(file, trailer, end, end + 4);
+}
+
+/// Seals the entries of a directory, and the segments that they lead to.
+fn entries(file: &mut [u8], start: usize, end: usize, size: usize) {
+    for entry in (start..end).step_by(size).filter(|entry| entry + size <= end) {
+        if let Some(segment) = part(file, long(file, entry + 8), long(file, entry + 16)) {
+            let checksum = crc32c::crc32c(segment);
+            set_short(file, entry + 32, checksum);
+        }
+        set_short(file, entry + 36, 0);
+        seal(file, entry, entry + size, entry + 36);
+    }
+}
+
+/// Makes the last bytes of a Goblin file such that it can be one: those that tell where the trailer is, and the length.
+pub fn goblin_end(file: &mut [u8]) {
+    if file.len() < HEADER + TRAILER + END {
+        return;
+    }
+    let end = file.len() - END;
+    file[end + 8..].copy_from_slice(b"\nnilboG\x93");
+    if let Some(trailer) = trailer(file) {
+        let length = file.len() as u64;
+        set_long(file, trailer + 56, length);
+    }
+}
+
+/// Offsets of the heads of an Autumnal file's extents, as they follow each other; where one leads nowhere, those behind are
+/// looked for.
+pub fn extents(file: &[u8]) -> Vec<usize> {
+    let mut found = Vec::new();
+    let mut at = FIRST_EXTENT;
+    while at + HEAD <= file.len() {
+        let length = long(file, at + 16);
+        if file[at..].starts_with(HEAD_MAGIC) {
+            found.push(at);
+            if part(file, (at + HEAD) as u64, length).is_some() {
+                at = (at + HEAD + length as usize).next_multiple_of(SECTOR);
+                continue;
+            }
+        }
+        at += SECTOR;
+    }
+    found
+}
+
+/// Seals an Autumnal file: header page, meta slots, extents.
+pub fn autumnal(file: &mut [u8]) {
+    seal(file, 0, HEADER - 4, HEADER - 4);
+    seal(file, POINTERS, POINTERS + 4, POINTERS + 4);
+    for slot in SLOTS {
+        // (An empty one has no checksum.)
+        if file.get(slot..slot + SLOT).is_some_and(|slot| slot.iter().any(|byte| *byte != 0)) {
+            seal(file, slot, slot + SLOT - 4, slot + SLOT - 4);
+        }
+    }
+    for head in extents(file) {
+        let length = long(file, head + 16);
+        if part(file, (head + HEAD) as u64, length).is_some() {
+            seal(file, head + HEAD, head + HEAD + length as usize, head + 24);
+        }
+        seal(file, head, head + HEAD - 4, head + HEAD - 4);
+    }
+}
+
+/// Bytes of a packed file before its extents.
+const PACKED: usize = 72 + 2 * SLOT;
+/// Bit of a packed extent's kind: it starts at a page.
+const AT_PAGE: u8 = 128;
+
+/// An Autumnal file without what is always the same, so that little of what a fuzzer changes is without meaning: 72 bytes of
+/// the header page, the slots, and of each extent its kind, the number of its bytes (`u16`), and these.
+pub fn packed(file: &[u8]) -> Vec<u8> {
+    let mut packed = file[..72].to_vec();
+    SLOTS.iter().for_each(|slot| packed.extend(&file[*slot..*slot + SLOT]));
+    for head in extents(file) {
+        let length = long(file, head + 16) as u16;
+        packed.push(file[head + 4] | if head.is_multiple_of(PAGE) { AT_PAGE } else { 0 });
+        packed.extend(length.to_le_bytes());
+        packed.extend(&file[head + HEAD..][..usize::from(length)]);
+    }
+    packed
+}
+
+/// The file of packed bytes, sealed; nothing if there are too few.
+pub fn unpacked(packed: &[u8]) -> Option<Vec<u8>> {
+    let (start, mut rest) = packed.split_at_checked(PACKED)?;
+    let mut file = start[..72].to_vec();
+    for (slot, bytes) in SLOTS.into_iter().zip(start[72..].chunks(SLOT)) {
+        file.resize(slot, 0);
+        file.extend(bytes);
+    }
+    file.resize(FIRST_EXTENT, 0);
+    while let [kind, low, high, bytes @ ..] = rest {
+        let length = usize::from(u16::from_le_bytes([*low, *high])).min(bytes.len());
+        let unit = if kind & AT_PAGE != 0 { PAGE } else { SECTOR };
+        file.resize(file.len().next_multiple_of(unit), 0);
+        let start = file.len() as u64;
+        file.extend(HEAD_MAGIC);
+        file.extend([kind & !AT_PAGE, 0, 0, 0]);
+        file.extend(start.to_le_bytes());
+        file.extend((length as u64).to_le_bytes());
+        file.extend([0; 8]);
+        file.extend(&bytes[..length]);
+        rest = &bytes[length..];
+    }
+    file.resize(file.len().next_multiple_of(SECTOR), 0);
+    autumnal(&mut file);
+    Some(file)
+}

@@ -1,0 +1,71 @@
+//! Texts: steps of views, and DF-expressions.
+
+use spinney::dataset::Dataset;
+use spinney::ops::Step;
+use spinney::space::{Bounds, Dimension};
+use spinney::store::goblin::Goblin;
+use spinney::tree::{Form, df};
+use spinney::value::{Rule, SampleType, Value, ValueType};
+
+/// A small file to look at through views: the picture of the specification.
+pub const CLASSIC: &[u8] = include_bytes!("../../fixtures/v1/classic.goblin");
+
+/// Cells along an axis of views that are looked through further.
+const LONGEST: u64 = 1 << 18;
+
+/// Steps, a line each: their texts say the same when they are read again, and views through them answer.
+pub fn step_text(bytes: &[u8]) {
+    let text = String::from_utf8_lossy(bytes);
+    let steps: Vec<Step> = text.lines().take(4).filter_map(|line| line.parse().ok()).collect();
+    for step in &steps {
+        let text = step.to_string();
+        let again: Step = text.parse().unwrap_or_else(|error| panic!("`{text}`: {error}"));
+        assert_eq!(again.to_string(), text);
+    }
+    // (No files but this one.)
+    if steps.is_empty() || steps.iter().any(|step| matches!(step, Step::Like(_))) {
+        return;
+    }
+    let Ok(mut view) = Goblin::from_bytes(CLASSIC.to_vec()).and_then(|file| Dataset::of(file.into())) else {
+        return;
+    };
+    for step in steps {
+        // (Of huge pictures a crop, say, takes as long as their border is.)
+        if view.header().extent.iter().any(|cells| *cells > LONGEST) {
+            return;
+        }
+        match view.view(&[step]) {
+            Ok(next) => view = next,
+            Err(_) => return,
+        }
+    }
+    let size = view.header().extent;
+    for min in [[0; 3], size.map(|cells| cells / 2), size.map(|cells| cells - 1)] {
+        let max = std::array::from_fn(|axis| size[axis].min(min[axis] + 8));
+        let bounds = Bounds { min, max };
+        let mut bytes = vec![0; bounds.volume() as usize];
+        let _ = view.window(view.depth(), &bounds, 0.0, &mut bytes, None);
+        let _ = view.point(min, view.depth(), &mut [0.0; 4]);
+    }
+}
+
+/// A DF-expression of a form that the first byte chooses: its tree has an expression that makes the same tree.
+pub fn df_text(bytes: &[u8]) {
+    let Some((choice, text)) = bytes.split_first() else { return };
+    let dimension = if choice & 1 == 0 { Dimension::Quad } else { Dimension::Oct };
+    let value = match choice >> 1 & 3 {
+        0 => ValueType::new(SampleType::U8, 1),
+        1 => ValueType::new(SampleType::U8, 3),
+        2 => ValueType::new(SampleType::I32, 1),
+        _ => ValueType::new(SampleType::F64, 1),
+    };
+    let (form, depth, rule) = (Form::new(dimension, value), choice >> 3, Rule::Nearest);
+    let full: Value = value.nearest(|_| 9.0);
+    let Ok(tree) = df::from_text(form, &String::from_utf8_lossy(text), depth, full, rule) else { return };
+    let text = df::to_text(&tree, Some(full)).unwrap();
+    let again = df::from_text(form, &text, depth, full, rule).unwrap();
+    assert_eq!(df::to_text(&again, Some(full)).unwrap(), text);
+    let packed = df::to_packed(&tree).unwrap();
+    let again = df::from_packed(form, &packed, depth, rule).unwrap();
+    assert_eq!(df::to_text(&again, Some(full)).unwrap(), text);
+}

@@ -1,0 +1,155 @@
+//! Both formats read: opened, asked everything, verified.
+
+use std::borrow::Cow;
+use std::path::Path;
+use std::sync::Arc;
+
+use spinney::Result;
+use spinney::dataset::Dataset;
+use spinney::io::ReadBackend;
+use spinney::query::{Condition, PointSamples};
+use spinney::space::Bounds;
+use spinney::store::OpenOptions;
+use spinney::store::autumnal::Autumnal;
+use spinney::store::goblin::Goblin;
+
+use super::seal;
+
+/// Bytes that cannot be seen where they are, as those of files that are read at positions.
+struct Copied(Vec<u8>);
+
+impl ReadBackend for Copied {
+    fn len(&self) -> u64 {
+        self.0.len() as u64
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        None
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        self.0.read(offset, length).map(|bytes| Cow::Owned(bytes.into_owned()))
+    }
+}
+
+/// A Goblin file whose checksums are made right.
+pub fn goblin_read(bytes: &[u8]) {
+    let mut file = bytes.to_vec();
+    seal::goblin_end(&mut file);
+    seal::goblin(&mut file);
+    ask_goblin(file);
+}
+
+/// Asks everything of a Goblin file.
+pub fn ask_goblin(file: Vec<u8>) {
+    // One way to the bytes or the other, the same for the same bytes.
+    let is_copied = crc32c::crc32c(&file).is_multiple_of(4);
+    let backend: Box<dyn ReadBackend> = if is_copied { Box::new(Copied(file)) } else { Box::new(file) };
+    let Ok(file) = Goblin::from_backend(Path::new("(fuzz)"), backend, &OpenOptions::new()) else { return };
+    if let Ok(tree) = Dataset::of(file.into()) {
+        ask(&tree);
+    }
+}
+
+/// An Autumnal file, packed (see [`seal::packed`]), whose checksums are made right.
+pub fn autumnal_read(bytes: &[u8]) {
+    if let Some(file) = seal::unpacked(bytes) {
+        ask_autumnal(file);
+    }
+}
+
+/// Asks everything of an Autumnal file.
+pub fn ask_autumnal(file: Vec<u8>) {
+    let Ok(file) = Autumnal::from_bytes(file) else { return };
+    if let Ok(tree) = Dataset::of(Arc::new(file).into()) {
+        ask(&tree);
+    }
+}
+
+/// Records of trees of which everything is asked. Shared subtrees make a small file one that takes for ever.
+const MOST_RECORDS: u64 = 1 << 14;
+/// Cells of a window along an axis.
+const SIDE: u64 = 24;
+
+/// Asks everything that can be asked of a tree. If verification finds nothing, no question may fail, and the answers must fit
+/// together.
+pub fn ask(tree: &Dataset) {
+    let is_small =
+        matches!(tree.level_counts(MOST_RECORDS), Ok(Some(_))) && tree.stored_records() <= MOST_RECORDS;
+    let quick = questions(tree);
+    if !is_small {
+        return;
+    }
+    let slow = long_questions(tree);
+    if is_good(tree) {
+        assert!(quick.unwrap(), "a window and a point differ");
+        assert!(slow.unwrap(), "statistics and counts differ");
+    }
+}
+
+/// Whether verification finds nothing.
+pub fn is_good(tree: &Dataset) -> bool {
+    tree.verify(1 << 20, &()).is_ok_and(|findings| findings.is_empty())
+}
+
+/// Box of cells in the middle of a picture, along no axis longer than `most`.
+fn middle(size: [u64; 3], most: u64) -> Bounds {
+    let min = size.map(|cells| cells / 3);
+    Bounds { min, max: std::array::from_fn(|axis| size[axis].min(min[axis] + most)) }
+}
+
+/// Questions that are answered soon whatever the tree is; tells whether the answers fit together.
+fn questions(tree: &Dataset) -> Result<bool> {
+    let header = tree.header();
+    let (depth, width) = (tree.depth(), header.form.width());
+    let (mut done, mut fits) = (Ok(()), true);
+    let mut note = |result: Result<()>| {
+        if done.is_ok() {
+            done = result;
+        }
+    };
+    let all = Bounds::picture(header.extent);
+    for level in [0, depth / 2, depth] {
+        let size = tree.extent_at(level).max;
+        for bounds in [middle(size, SIDE), Bounds { min: [0; 3], max: size.map(|cells| cells.min(SIDE)) }] {
+            let mut bytes = vec![0; bounds.volume() as usize * width];
+            let mut valid = vec![false; bounds.volume() as usize];
+            let drawn = tree.window(level, &bounds, 7.0, &mut bytes, Some(&mut valid));
+            // The first cell is what a point says.
+            let mut value = [0.0; 4];
+            let point = tree.point(bounds.min, level, &mut value);
+            if let (Ok(()), Ok(found)) = (&drawn, &point) {
+                fits &= valid[0] == *found;
+            }
+            note(drawn);
+            note(point.map(|_| ()));
+            let cells = [bounds.min, size.map(|cells| cells - 1), [u64::MAX; 3]];
+            let mut samples = PointSamples::default();
+            note(tree.points(&cells, level, &mut samples));
+        }
+    }
+    let _ = tree.metadata().counts.records();
+    let _ = (tree.sections(), tree.remark(), tree.commit(), tree.segments());
+    note(tree.statistics(None).map(|_| ()));
+    note(tree.value_bounds().map(|_| ()));
+    note(tree.statistics(Some(middle(header.extent, SIDE))).map(|_| ()));
+    note(tree.may_have_void(all).map(|_| ()));
+    done.map(|()| fits)
+}
+
+/// Questions that may look at every node; tells whether the answers fit together.
+fn long_questions(tree: &Dataset) -> Result<bool> {
+    let all = Bounds::picture(tree.header().extent);
+    let mut count = 0;
+    tree.find(Condition::Above(1.0), None, &mut |_| {
+        count += 1;
+        Ok(count < 10_000)
+    })?;
+    tree.histogram(&all, 0.0, 9.0, 9)?;
+    let [known, counted] = [tree.statistics(None)?, tree.statistics(Some(all))?];
+    // (These refuse what is too large for them.)
+    let _ = tree.df_text(1000);
+    let _ = tree.classic_table(1000);
+    let _ = tree.leaf_codes(1000);
+    Ok((known.cells, known.void_cells) == (counted.cells, counted.void_cells))
+}

@@ -1,0 +1,310 @@
+//! Writes Goblin files by the letter of formats.md, from trees in memory: with any reach, stride and threshold, which
+//! Spinney's own writer does not choose. Values are integers.
+
+use std::collections::BTreeMap;
+
+use spinney::space::{Code, Dimension};
+use spinney::tree::{Child, MemTree, Source, no_children};
+use spinney::value::{Kind, Rule, Value, ValueType};
+
+/// The numbers of a file that say how its tree is cut into segments.
+#[derive(Clone, Copy, Debug)]
+pub struct Cut {
+    pub reach: u8,
+    pub stride: u8,
+    pub threshold: u32,
+}
+
+impl Cut {
+    /// As many CUT children as there can be.
+    pub const EVERYWHERE: Cut = Cut { reach: 2, stride: 1, threshold: 1 };
+
+    fn is_candidate(self, depth: u8, level: u8) -> bool {
+        level > 0 && level + self.reach <= depth && (depth - self.reach - level).is_multiple_of(self.stride)
+    }
+}
+
+/// An INNER node with all that is below it.
+struct Inner {
+    code: Code,
+    children: Vec<Place>,
+    /// INNER nodes of the subtree.
+    records: u64,
+    sums: Sums,
+}
+
+enum Place {
+    Void,
+    Leaf(Value),
+    Inner(Value, Box<Inner>),
+}
+
+/// What is known of the cells below a node.
+#[derive(Clone, Default)]
+struct Sums {
+    cells: u64,
+    /// Least, greatest, sum and sum of squares, by channel.
+    channels: Vec<(f64, f64, i128, i128)>,
+    classes: BTreeMap<Vec<u8>, u64>,
+}
+
+struct Writer<'a> {
+    tree: &'a MemTree,
+    cut: Cut,
+    counts_classes: bool,
+    /// VOID, LEAF and INNER nodes by level.
+    levels: Vec<[u64; 3]>,
+    file: Vec<u8>,
+    /// Entries of the directory, by code.
+    entries: BTreeMap<u64, Vec<u8>>,
+    stored: u64,
+}
+
+/// The bytes of a file. Classes are counted where the specification says so.
+pub fn goblin(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), cut: Cut) -> Vec<u8> {
+    let counts_classes = kind == Kind::Categorical || rule == Rule::Majority;
+    let (levels, entries) = (vec![[0; 3]; usize::from(tree.depth()) + 1], BTreeMap::new());
+    let file = header(tree, extent, (rule, kind), cut);
+    let mut writer = Writer { tree, cut, counts_classes, levels, file, entries, stored: 0 };
+    let root = writer.place(Code::root(tree.form().dimension), tree.root().unwrap());
+    if let Place::Inner(_, node) = &root {
+        writer.segments(node, true);
+    }
+    writer.finish(&root)
+}
+
+fn header(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, Kind), cut: Cut) -> Vec<u8> {
+    let form = tree.form();
+    let mut file = b"\x93Goblin\n\x01\0\0\0".to_vec();
+    let axes = if form.dimension == Dimension::Quad { 2 } else { 3 };
+    let number = |rule| Rule::ALL.iter().position(|other| *other == rule).unwrap() as u8;
+    let kind = if kind == Kind::Categorical { 0 } else { 1 };
+    file.extend([axes, form.value.sample as u8, form.value.channels, number(rule), kind, 0]);
+    file.extend([tree.depth(), cut.reach, cut.stride, 0, 0, 0]);
+    file.extend(cut.threshold.to_le_bytes());
+    file.extend([0; 4]);
+    extent.iter().for_each(|cells| file.extend(cells.to_le_bytes()));
+    file.extend(crc32c::crc32c(&file).to_le_bytes());
+    file
+}
+
+impl Writer<'_> {
+    fn value_type(&self) -> ValueType {
+        self.tree.form().value
+    }
+
+    fn bytes(&self, value: Value) -> Vec<u8> {
+        value.to_bytes()[..self.value_type().size()].to_vec()
+    }
+
+    /// A node with all that is below it, counted.
+    fn place(&mut self, code: Code, child: Child<<MemTree as Source>::Node>) -> Place {
+        let level = usize::from(code.level());
+        self.levels[level][child.state() as usize] += 1;
+        match child {
+            Child::Void => Place::Void,
+            Child::Leaf(value) => Place::Leaf(value),
+            Child::Inner { representative, node } => {
+                let mut children = no_children();
+                self.tree.children(&node, &mut children).unwrap();
+                let count = self.tree.form().children();
+                let places = children.into_iter().take(count).enumerate();
+                let children: Vec<Place> =
+                    places.map(|(step, child)| self.place(code.child(step), child)).collect();
+                let mut inner = Inner { code, records: 1, sums: Sums::default(), children };
+                for child in &inner.children {
+                    if let Place::Inner(_, below) = child {
+                        inner.records += below.records;
+                    }
+                    inner.sums.add(&self.sums(code.level() + 1, child));
+                }
+                Place::Inner(representative, Box::new(inner))
+            }
+        }
+    }
+
+    fn sums(&self, level: u8, place: &Place) -> Sums {
+        match place {
+            Place::Void => Sums::default(),
+            Place::Inner(_, inner) => inner.sums.clone(),
+            Place::Leaf(value) => {
+                let cells = self.tree.form().dimension.cells(self.tree.depth() - level);
+                let samples = self.value_type().samples(*value);
+                let sums = |sample: &f64| {
+                    let (number, cells) = (*sample as i128, i128::from(cells));
+                    (*sample, *sample, number * cells, number * number * cells)
+                };
+                let classes = [(self.bytes(*value), cells)].into();
+                Sums { cells, channels: samples.iter().map(sums).collect(), classes }
+            }
+        }
+    }
+
+    fn is_heavy(&self, node: &Inner) -> bool {
+        node.records > u64::from(self.cut.threshold)
+    }
+
+    fn is_candidate(&self, level: u8) -> bool {
+        self.cut.is_candidate(self.tree.depth(), level)
+    }
+
+    /// Writes the segment of a node, if it owns one, and those of all nodes below it.
+    fn segments(&mut self, node: &Inner, is_root: bool) {
+        if is_root || self.is_candidate(node.code.level()) && self.is_heavy(node) {
+            self.segment(node);
+        }
+        for child in &node.children {
+            if let Place::Inner(_, node) = child {
+                self.segments(node, false);
+            }
+        }
+    }
+
+    fn segment(&mut self, node: &Inner) {
+        let mut records = Vec::new();
+        let count = self.records(node, node.code.level(), (false, false), &mut records);
+        let start = self.file.len();
+        self.file.extend(records);
+        let classes = if self.counts_classes { node.sums.classes.clone() } else { BTreeMap::new() };
+        // (By value: of unsigned bytes the order is that of the numbers.)
+        for (value, cells) in &classes {
+            self.file.extend(value);
+            self.file.extend(cells.to_le_bytes());
+        }
+        self.stored += u64::from(count);
+        let mut entry = node.code.bits().to_le_bytes().to_vec();
+        entry.extend((start as u64).to_le_bytes());
+        entry.extend(((self.file.len() - start) as u64).to_le_bytes());
+        entry.extend(count.to_le_bytes());
+        entry.extend((classes.len() as u32).to_le_bytes());
+        entry.extend(crc32c::crc32c(&self.file[start..]).to_le_bytes());
+        entry.extend([0; 4]);
+        entry.extend(node.sums.cells.to_le_bytes());
+        for (min, max, sum, squares) in &node.sums.channels {
+            entry.extend(min.to_le_bytes());
+            entry.extend(max.to_le_bytes());
+            entry.extend(sum.to_le_bytes());
+            entry.extend(squares.to_le_bytes());
+        }
+        let checksum = crc32c::crc32c(&entry);
+        entry[36..40].copy_from_slice(&checksum.to_le_bytes());
+        self.entries.insert(node.code.bits(), entry);
+    }
+
+    /// Appends the records of a node that a segment of level `top` has, and tells how many. The node may be behind a
+    /// candidate, as seen from the segment's node, or in an inline one without another between.
+    fn records(
+        &self,
+        node: &Inner,
+        top: u8,
+        (is_behind, is_whole): (bool, bool),
+        records: &mut Vec<u8>,
+    ) -> u32 {
+        let (mut states, mut skip) = (0u32, 1);
+        for child in &node.children {
+            let value = match child {
+                Place::Void => Value::ZERO,
+                Place::Leaf(value) | Place::Inner(value, _) => *value,
+            };
+            records.extend(self.bytes(value));
+        }
+        let is_octree = self.tree.form().dimension == Dimension::Oct;
+        let head = records.len();
+        records.extend(vec![0; if is_octree { 8 } else { 4 }]);
+        for (step, child) in node.children.iter().enumerate() {
+            let state = match child {
+                Place::Void => 0,
+                Place::Leaf(_) => 1,
+                Place::Inner(_, inner) => {
+                    let level = inner.code.level();
+                    let is_candidate = self.is_candidate(level);
+                    let is_whole = is_whole || is_candidate && !is_behind && !self.is_heavy(inner);
+                    if is_whole || level < top + self.cut.reach {
+                        skip += self.records(inner, top, (is_behind || is_candidate, is_whole), records);
+                        2
+                    } else {
+                        3
+                    }
+                }
+            };
+            states |= state << (2 * step);
+        }
+        if is_octree {
+            records[head..head + 2].copy_from_slice(&(states as u16).to_le_bytes());
+            records[head + 4..head + 8].copy_from_slice(&skip.to_le_bytes());
+        } else {
+            records[head] = states as u8;
+            records[head + 1..head + 4].copy_from_slice(&skip.to_le_bytes()[..3]);
+        }
+        skip
+    }
+
+    /// Version, frame (the identity), nothing that is known of the data, and the nodes per level.
+    fn metadata(&self) -> Vec<u8> {
+        let mut metadata = vec![1];
+        for row in 0..3 {
+            (0..4).for_each(|column| metadata.extend(f64::from(u8::from(row == column)).to_le_bytes()));
+        }
+        metadata.extend([0; 9]);
+        let deepest = self.levels.iter().rposition(|nodes| *nodes != [0; 3]).map_or(0, |level| level + 1);
+        metadata.push(deepest as u8);
+        for number in self.levels[..deepest].iter().flatten() {
+            match number {
+                0..=250 => metadata.push(*number as u8),
+                251..=0xffff => metadata.extend([&[251][..], &(*number as u16).to_le_bytes()].concat()),
+                _ => metadata.extend([&[252][..], &(*number as u32).to_le_bytes()].concat()),
+            }
+        }
+        metadata.extend([0; 2]);
+        metadata
+    }
+
+    fn finish(mut self, root: &Place) -> Vec<u8> {
+        let metadata = self.metadata();
+        let directory: Vec<u8> = self.entries.values().flatten().copied().collect();
+        let (state, value) = match root {
+            Place::Void => (0, Value::ZERO),
+            Place::Leaf(value) => (1, *value),
+            Place::Inner(value, _) => (2, *value),
+        };
+        let mut trailer = vec![state, 0, 0, 0, 0, 0, 0, 0];
+        trailer.extend(self.bytes(value));
+        trailer.resize(40, 0);
+        let mut sections = Vec::new();
+        for (tag, bytes) in [(b"DIRE", directory), (b"META", metadata)] {
+            sections.extend(tag);
+            sections.extend(crc32c::crc32c(&bytes).to_le_bytes());
+            sections.extend((self.file.len() as u64).to_le_bytes());
+            sections.extend((bytes.len() as u64).to_le_bytes());
+            self.file.extend(bytes);
+        }
+        trailer.extend((self.entries.len() as u64).to_le_bytes());
+        trailer.extend(self.stored.to_le_bytes());
+        let length = trailer.len() + 8 + 4 + sections.len();
+        trailer.extend(((self.file.len() + length + 16) as u64).to_le_bytes());
+        trailer.extend(2u32.to_le_bytes());
+        trailer.extend(sections);
+        self.file.extend(&trailer);
+        self.file.extend((length as u32).to_le_bytes());
+        self.file.extend(crc32c::crc32c(&trailer).to_le_bytes());
+        self.file.extend(b"\nnilboG\x93");
+        self.file
+    }
+}
+
+impl Sums {
+    fn add(&mut self, other: &Sums) {
+        self.cells += other.cells;
+        if self.channels.is_empty() {
+            self.channels = other.channels.clone();
+        } else {
+            for (mine, theirs) in self.channels.iter_mut().zip(&other.channels) {
+                *mine = (mine.0.min(theirs.0), mine.1.max(theirs.1), mine.2 + theirs.2, mine.3 + theirs.3);
+            }
+        }
+        other
+            .classes
+            .iter()
+            .for_each(|(value, cells)| *self.classes.entry(value.clone()).or_default() += cells);
+    }
+}

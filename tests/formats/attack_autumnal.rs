@@ -1,0 +1,102 @@
+//! Every field and every byte of Autumnal files set to whatever does harm, with right checksums: an error, or an answer that
+//! does no harm, for readers and for editors.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use spinney::io::Output;
+use spinney::ops::{Edit, FillRegion, edit};
+use spinney::space::Bounds;
+use spinney::store::autumnal::Note;
+use spinney::store::build_tree;
+use spinney::tree::{Form, MemTree, Source};
+use spinney::value::{Kind, Rule, SampleType};
+
+use super::attack_goblin::{Field, HEADER_FIELDS, changed, fields};
+use crate::common::command::{is_alone, own_peak_memory};
+use crate::common::{Cells, OCT, QUAD, byte, options, quad};
+use crate::targets::edits::edit_as;
+use crate::targets::seal::{self, HEAD, POINTERS, SLOTS};
+use crate::targets::trees::ask_autumnal;
+
+/// A file with two commits.
+fn file(tree: &MemTree, size: [u64; 3], (rule, kind): (Rule, Kind), share: bool) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.autumn");
+    let options = options(rule, kind, tree.depth()).share(share);
+    build_tree(tree, size, &options, Output::create(&path).unwrap(), &()).unwrap();
+    let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [3, 4, 1] });
+    let note = Note { time: Some(5), author: "A".into(), message: "B".into() };
+    edit(&path, [Ok(Edit::Fill(region, Some(vec![77.0])))], note, 1 << 20, &()).unwrap();
+    std::fs::read(path).unwrap()
+}
+
+fn random(form: Form, size: [u64; 3], rule: (Rule, Kind)) -> Vec<u8> {
+    file(&Cells::random(form, 3, size, 5, true).tree(rule.0), size, rule, false)
+}
+
+/// All fields of an Autumnal file; records, zones, commits and metadata byte by byte.
+fn all_fields(bytes: &[u8]) -> Vec<Field> {
+    let mut all = fields("the header", 0, &HEADER_FIELDS);
+    all.extend(fields("the pointers", POINTERS, &[1, 1, 1, 1]));
+    SLOTS.iter().for_each(|slot| all.extend(fields("a slot", *slot, &[8, 8, 8, 8, 4])));
+    for head in seal::extents(bytes) {
+        all.extend(fields("a head", head, &[4, 1, 3, 8, 8]));
+        let length = seal::long(bytes, head + 16) as usize;
+        let kind = ["records", "a commit", "metadata"][usize::from(bytes[head + 4])];
+        all.extend(fields(kind, head + HEAD, &vec![1; length]));
+    }
+    all
+}
+
+/// Changes every field of a file, asks everything, and edits it.
+fn attack(name: &str, file: &[u8]) {
+    let (mut cases, start) = (0u64, Instant::now());
+    for field in all_fields(file) {
+        changed(file, &field, &mut |mut file, what| {
+            let case = Instant::now();
+            println!("{what}");
+            seal::autumnal(&mut file);
+            ask_autumnal(file.clone());
+            // The newest commit is edited, or an older one made the newest.
+            edit_as(if cases.is_multiple_of(3) { b"\x83\0\0\x01" } else { b"\x02\x01\x02\x09" }, file);
+            assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
+            cases += 1;
+        });
+    }
+    println!("{name}: {cases} cases in {:?}", start.elapsed());
+    assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
+}
+
+#[test]
+fn fields_of_quadtrees() {
+    if is_alone("attack_autumnal::fields_of_quadtrees") {
+        attack("bytes", &random(QUAD, [6, 5, 1], (Rule::Mean, Kind::Continuous)));
+        attack("classes", &random(QUAD, [6, 5, 1], (Rule::Majority, Kind::Categorical)));
+        attack("floats", &random(quad(SampleType::F32, 2), [4, 4, 1], (Rule::Mean, Kind::Continuous)));
+    }
+}
+
+#[test]
+fn fields_of_octrees() {
+    if is_alone("attack_autumnal::fields_of_octrees") {
+        attack("octree", &random(OCT, [4, 3, 4], (Rule::Occupancy, Kind::Continuous)));
+    }
+}
+
+#[test]
+fn fields_of_zones_and_shared_subtrees() {
+    if is_alone("attack_autumnal::fields_of_zones_and_shared_subtrees") {
+        let stripes =
+            MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(byte((x / 8 % 2) as u8)));
+        attack("zones", &file(&stripes, [128, 100, 1], (Rule::Majority, Kind::Categorical), true));
+    }
+}
+
+#[test]
+fn a_frozen_file_with_four_commits() {
+    if is_alone("attack_autumnal::a_frozen_file_with_four_commits") {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/history.autumn");
+        attack("history", &std::fs::read(path).unwrap());
+    }
+}

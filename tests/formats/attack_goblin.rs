@@ -1,0 +1,190 @@
+//! Every field of Goblin files set to whatever does harm, with right checksums: an error, or an answer that does no harm.
+//! And files that are cut into as many segments as can be.
+
+use std::time::{Duration, Instant};
+
+use spinney::dataset::Dataset;
+use spinney::space::Bounds;
+use spinney::store::goblin::Goblin;
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule};
+
+use crate::common::command::{is_alone, own_peak_memory};
+use crate::common::reference::{self, Cut};
+use crate::common::{Cells, OCT, QUAD, goblin, oct, quad, quad_size};
+use crate::common::{Random, oct_size};
+use crate::targets::seal::{self, END, SECTION, TRAILER};
+use crate::targets::trees::ask_goblin;
+
+/// A number in a file.
+pub(super) struct Field {
+    pub(super) name: String,
+    pub(super) at: usize,
+    /// Bytes, 1 to 8.
+    pub(super) size: usize,
+}
+
+/// Fields of some sizes, one behind the other.
+pub(super) fn fields(name: &str, start: usize, sizes: &[usize]) -> Vec<Field> {
+    let mut at = start;
+    let mut next = |(number, size): (usize, &usize)| {
+        at += size;
+        Field { name: format!("field {number} of {name}"), at: at - size, size: *size }
+    };
+    sizes.iter().enumerate().map(&mut next).collect()
+}
+
+/// All that a field is set to, with files as they are then: 0, 1, all bits, one more and less, each bit the other way.
+pub(super) fn changed(file: &[u8], field: &Field, each: &mut dyn FnMut(Vec<u8>, String)) {
+    let Field { name, at, size } = field;
+    let mut eight = [0; 8];
+    eight[..*size].copy_from_slice(&file[*at..at + size]);
+    let number = u64::from_le_bytes(eight);
+    let most = u64::MAX >> (64 - 8 * size);
+    let bits = (0..8 * size).map(|bit| number ^ 1 << bit);
+    let mut numbers: Vec<u64> =
+        [0, 1, most, most / 2, number.wrapping_add(1) & most, number.wrapping_sub(1) & most]
+            .into_iter()
+            .chain(bits)
+            .collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    for wrong in numbers.into_iter().filter(|wrong| *wrong != number) {
+        let mut file = file.to_vec();
+        file[*at..at + size].copy_from_slice(&wrong.to_le_bytes()[..*size]);
+        each(file, format!("{name} at byte {at} is {wrong:#x} instead of {number:#x}"));
+    }
+}
+
+/// Sizes of the header's fields.
+pub(super) const HEADER_FIELDS: [usize; 18] = [8, 2, 2, 1, 1, 1, 1, 1, 1, 1, 1, 1, 3, 4, 4, 8, 8, 8];
+
+/// All fields of a Goblin file but for those of the metadata, and the bytes of these.
+fn all_fields(file: &[u8], form: Form) -> Vec<Field> {
+    let mut all = fields("the header", 0, &HEADER_FIELDS);
+    let trailer = seal::trailer(file).unwrap();
+    all.extend(fields("the trailer", trailer, &[1, 7, 8, 8, 8, 8, 8, 8, 8, 4]));
+    for section in 0..2 {
+        all.extend(fields("a section", trailer + TRAILER + section * SECTION, &[4, 4, 8, 8]));
+    }
+    all.extend(fields("the end", file.len() - END, &[4, 4, 8]));
+    let section = |number: usize| {
+        let at = trailer + TRAILER + number * SECTION;
+        (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize)
+    };
+    let (directory, length) = section(0);
+    let channels = usize::from(form.value.channels);
+    for entry in (directory..directory + length).step_by(48 + 48 * channels) {
+        all.extend(fields("an entry", entry, &[8, 8, 8, 4, 4, 4, 4, 8]));
+        all.extend(fields("statistics", entry + 48, &[8; 6].repeat(channels)));
+        let (records, classes) =
+            (seal::short(file, entry + 24) as usize, seal::short(file, entry + 28) as usize);
+        let layout = Goblin::from_bytes(file.to_vec()).unwrap().layout().size;
+        let width = form.width();
+        let values = vec![width.min(8); form.children() * width.div_ceil(8)];
+        let rest: &[usize] = if form.children() == 4 { &[1, 3] } else { &[2, 2, 4] };
+        let start = seal::long(file, entry + 8) as usize;
+        for record in 0..records {
+            all.extend(fields("a record", start + record * layout, &[&values, rest].concat()));
+        }
+        for class in 0..classes {
+            all.extend(fields("a class", start + records * layout + class * (width + 8), &[width, 8]));
+        }
+    }
+    let (metadata, length) = section(1);
+    all.extend(fields("the metadata", metadata, &vec![1; length]));
+    all
+}
+
+/// Changes every field of a file, and asks everything.
+fn attack(file: &[u8], form: Form) {
+    let (mut cases, start) = (0u64, Instant::now());
+    for field in all_fields(file, form) {
+        changed(file, &field, &mut |mut file, what| {
+            let case = Instant::now();
+            seal::goblin(&mut file);
+            ask_goblin(file);
+            assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
+            cases += 1;
+        });
+    }
+    println!("{form}: {cases} cases in {:?}", start.elapsed());
+    assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
+}
+
+/// A file that is cut into as many segments as can be.
+fn cut_everywhere(form: Form, seed: u64, size: [u64; 3], rule: (Rule, Kind)) -> Vec<u8> {
+    let cells = Cells::random(form, seed, size, 5, true);
+    reference::goblin(&cells.tree(rule.0), size, rule, Cut::EVERYWHERE)
+}
+
+#[test]
+fn fields_of_quadtrees() {
+    if is_alone("attack_goblin::fields_of_quadtrees") {
+        attack(&cut_everywhere(QUAD, 3, [13, 15, 1], (Rule::Mean, Kind::Continuous)), QUAD);
+        attack(&cut_everywhere(QUAD, 3, [13, 15, 1], (Rule::Majority, Kind::Categorical)), QUAD);
+    }
+}
+
+#[test]
+fn fields_of_octrees_and_floats() {
+    use spinney::value::SampleType::F32;
+    if is_alone("attack_goblin::fields_of_octrees_and_floats") {
+        attack(&cut_everywhere(OCT, 4, [7, 5, 6], (Rule::Max, Kind::Continuous)), OCT);
+        let form = quad(F32, 2);
+        let cells = Cells::random(form, 5, [7, 8, 1], 9, true);
+        attack(&crate::common::goblin_bytes(&cells, Rule::Mean, Kind::Continuous), form);
+    }
+}
+
+/// Everything that two files say must be the same.
+fn same_answers(found: &Dataset, expected: &Dataset) {
+    let size = expected.header().extent;
+    let width = expected.header().form.width();
+    for level in 0..=expected.depth() {
+        let bounds = expected.extent_at(level);
+        let window = |tree: &Dataset| {
+            let (mut bytes, mut valid) =
+                (vec![0; bounds.volume() as usize * width], vec![false; bounds.volume() as usize]);
+            tree.window(level, &bounds, 0.0, &mut bytes, Some(&mut valid)).unwrap();
+            (bytes, valid)
+        };
+        assert!(window(found) == window(expected), "level {level}");
+    }
+    let part = Bounds { min: size.map(|cells| cells / 3), max: size.map(|cells| cells - cells / 4) };
+    for bounds in [None, Some(part)] {
+        let [mut found, mut expected] = [found, expected].map(|tree| tree.statistics(bounds).unwrap());
+        (found.segments_read, expected.segments_read) = (0, 0);
+        assert_eq!(found, expected);
+    }
+    assert_eq!(found.df_text(1 << 20).unwrap(), expected.df_text(1 << 20).unwrap());
+}
+
+#[test]
+fn files_cut_anywhere_say_the_same() {
+    use spinney::value::SampleType::{I32, U16};
+    let cuts =
+        [(2, 1, 1), (2, 1, 3), (3, 1, 2), (4, 2, 1), (4, 1, 7), (6, 3, 4), (6, 2, 1 << 20), (8, 2, 4096)];
+    let mut random = Random(7);
+    for (form, rule) in [
+        (QUAD, (Rule::Mean, Kind::Continuous)),
+        (QUAD, (Rule::Majority, Kind::Categorical)),
+        (quad(U16, 3), (Rule::Min, Kind::Continuous)),
+        (OCT, (Rule::Dominant, Kind::Categorical)),
+        (oct(I32, 1), (Rule::Nearest, Kind::Continuous)),
+    ] {
+        for (reach, stride, threshold) in cuts {
+            let is_quad = form.children() == 4;
+            let size = if is_quad { quad_size(&mut random) } else { oct_size(&mut random) };
+            let cells = Cells::random(form, random.next(), size, 5, true);
+            let cut = Cut { reach, stride, threshold };
+            let file = reference::goblin(&cells.tree(rule.0), size, rule, cut);
+            let file = Goblin::from_bytes(file).unwrap_or_else(|error| panic!("{cut:?}: {error}"));
+            // (Verification builds the tree anew by the numbers in the header, and compares all bytes.)
+            assert_eq!(file.verify(1 << 20, &()).unwrap(), [], "{form} {cut:?}");
+            let expected = goblin(&cells, rule.0, rule.1);
+            assert_eq!(file.metadata().counts, expected.metadata().counts);
+            same_answers(&Dataset::of(file.into()).unwrap(), &Dataset::of(expected.into()).unwrap());
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! Disks that fail at every write and every sync in turn: the error says so, nothing is left behind, and what was there is
+//! as it was.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use spinney::dataset::open;
+use spinney::export::image::{ImageSpec, create, format_of};
+use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
+use spinney::io::{Faults, Output};
+use spinney::ops::{Edit, FillRegion, convert, edit};
+use spinney::space::Bounds;
+use spinney::store::autumnal::{Keep, Note, compact};
+use spinney::store::{OpenOptions, build_slabs};
+use spinney::value::{Kind, Rule, SampleType, ValueType};
+use spinney::{Error, Result};
+
+use crate::common::{Cells, OCT, QUAD, Random, options, value, write_cells};
+
+/// What becomes of the write or sync that fails.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Failure {
+    Error(io::ErrorKind),
+    /// Half of it arrives, and the next write fails.
+    Short(io::ErrorKind),
+    /// Writes bring half of what they should, and go on.
+    Slow,
+}
+
+/// A disk that fails at one of its writes and syncs.
+struct Failing {
+    at: usize,
+    failure: Failure,
+    asked: AtomicUsize,
+}
+
+impl Failing {
+    fn next(&self, length: usize) -> io::Result<usize> {
+        let number = self.asked.fetch_add(1, Ordering::Relaxed);
+        match self.failure {
+            Failure::Error(kind) if number >= self.at => Err(kind.into()),
+            Failure::Short(kind) if number > self.at => Err(kind.into()),
+            Failure::Short(_) if number == self.at => Ok(length.div_ceil(2)),
+            Failure::Slow => Ok(length.div_ceil(2)),
+            _ => Ok(length),
+        }
+    }
+}
+
+impl Faults for Failing {
+    fn write(&self, length: usize) -> io::Result<usize> {
+        self.next(length)
+    }
+
+    fn sync(&self) -> io::Result<()> {
+        self.next(1).map(drop)
+    }
+}
+
+fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let mut files: Vec<_> = entries
+        .map(|entry| entry.unwrap().path())
+        .map(|path| (path.clone(), std::fs::read(path).unwrap()))
+        .collect();
+    files.sort();
+    files
+}
+
+/// Has something written to a file of a name at every failure that is possible.
+fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
+    use io::ErrorKind::{Other, StorageFull};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    // (Autumnal files are not replaced.)
+    let keeps_old = !name.ends_with(".autumn");
+    if keeps_old {
+        std::fs::write(&path, "what was there").unwrap();
+    }
+    let before = files(folder.path());
+    let attempt = |failure, at| {
+        let disk = Arc::new(Failing { at, failure, asked: AtomicUsize::new(0) });
+        let done = write(Output::create(&path).unwrap().with_faults(disk.clone()));
+        (done, disk.asked.load(Ordering::Relaxed))
+    };
+    for failure in [Failure::Error(StorageFull), Failure::Error(Other), Failure::Short(StorageFull)] {
+        let mut failures = 0;
+        for at in 0.. {
+            let (done, asked) = attempt(failure, at);
+            let Err(error) = done else {
+                // Nobody came to the failure, or all that it had was one byte more.
+                assert!(asked <= at + 1, "{name}: {failure:?} at {at} of {asked} was no error");
+                std::fs::remove_file(&path).unwrap();
+                break;
+            };
+            failures += 1;
+            let (Failure::Error(kind) | Failure::Short(kind)) = failure else { unreachable!() };
+            match &error {
+                Error::Io { path: told, cause, .. } => {
+                    assert_eq!((told, cause.kind()), (&path, kind), "{name}: {error}");
+                }
+                other => panic!("{name}, {failure:?} at {at}: {other}"),
+            }
+            assert!(
+                files(folder.path()) == before,
+                "{name}, {failure:?} at {at}: {:?}",
+                files(folder.path()).len()
+            );
+        }
+        assert!(failures > 1, "{name}: {failures} writes and syncs");
+        if keeps_old {
+            std::fs::write(&path, "what was there").unwrap();
+        }
+    }
+    // Disks that take less than they are given are no failure, and make no difference.
+    attempt(Failure::Slow, 0).0.unwrap();
+    let slow = std::fs::read(&path).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    write(Output::create(&path).unwrap()).unwrap();
+    assert!(std::fs::read(&path).unwrap() == slow, "{name}: short writes make other bytes");
+}
+
+const MEMORY: u64 = 1 << 20;
+
+/// A tree file of noise, large enough for a few writes.
+fn noise(folder: &Path, name: &str) -> PathBuf {
+    let path = folder.join(name);
+    let cells = Cells::noise(QUAD, 1, [300, 250, 1], 200);
+    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, 9));
+    path
+}
+
+#[test]
+fn builds() {
+    let cells = Cells::noise(QUAD, 1, [300, 250, 1], 200);
+    for name in ["t.goblin", "t.autumn"] {
+        fails_well(name, &|output| {
+            let nodata = value(QUAD.value, 250);
+            let options = options(Rule::Mean, Kind::Continuous, 9);
+            build_slabs(QUAD, &mut cells.slabs(nodata), Some(nodata), &options, output, &())
+        });
+    }
+}
+
+#[test]
+fn conversions_and_compaction() {
+    let folder = tempfile::tempdir().unwrap();
+    let (goblin, autumn) = (noise(folder.path(), "a.goblin"), noise(folder.path(), "a.autumn"));
+    let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [99, 77, 1] });
+    edit(&autumn, [Ok(Edit::Fill(region, Some(vec![3.0])))], Note::default(), MEMORY, &()).unwrap();
+    fails_well("t.autumn", &|output| convert(&goblin, false, output, MEMORY, &()));
+    fails_well("t.goblin", &|output| convert(&autumn, false, output, MEMORY, &()));
+    fails_well("t.autumn", &|output| compact(&autumn, &Keep::Last(2), true, output, MEMORY, &()).map(|_| ()));
+}
+
+#[test]
+fn pictures() {
+    for (name, sample) in [
+        ("t.png", SampleType::U8),
+        ("t.tif", SampleType::U8),
+        ("t.exr", SampleType::F32),
+        ("t.npy", SampleType::U8),
+        ("t.raw", SampleType::U8),
+    ] {
+        let value = ValueType::new(sample, 1);
+        let (width, height) = (600, 400);
+        let spec =
+            ImageSpec { width, height, value, alpha: false, void: false, metadata: Default::default() };
+        let mut random = Random(1);
+        // (Numbers whatever the bytes are.)
+        let bytes: Vec<u8> =
+            (0..(width * height) as usize * value.size()).map(|_| random.next() as u8 & 0x3f).collect();
+        fails_well(name, &|output| {
+            let mut writer = create(output, format_of(name.as_ref()).unwrap(), &spec)?;
+            bytes.chunks(width as usize * value.size()).try_for_each(|row| writer.write_rows(row, None))?;
+            writer.finish()
+        });
+    }
+}
+
+#[test]
+fn meshes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.goblin");
+    let cells = Cells::random(OCT, 5, [30, 20, 25], 9, true);
+    write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, 5));
+    let tree = open(&path, &OpenOptions::new()).unwrap();
+    for name in ["t.obj", "t.ply", "t.stl"] {
+        let format = MeshFormat::of(name.as_ref()).unwrap();
+        fails_well(name, &|output| export_mesh(&tree, &MeshRequest::new(), output, format, &()).map(|_| ()));
+    }
+}

@@ -1,0 +1,37 @@
+//! The corpus of fuzzing, replayed: seeds, and what fuzzing has found.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use crate::common::command::{is_alone, own_peak_memory};
+use crate::targets::TARGETS;
+
+#[test]
+fn the_corpus_does_no_harm() {
+    if !is_alone("fuzz_corpus::the_corpus_does_no_harm") {
+        return;
+    }
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
+    let names = |folder: &Path| {
+        let entries =
+            std::fs::read_dir(folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+        let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+        paths.sort();
+        paths
+    };
+    let folders: Vec<_> = names(&corpus).iter().map(|path| path.file_name().unwrap().to_owned()).collect();
+    assert_eq!(folders, TARGETS.map(|(name, _)| name), "a folder for each target");
+    for (name, target) in TARGETS {
+        let paths = names(&corpus.join(name));
+        assert!(!paths.is_empty(), "{name}");
+        for path in paths {
+            let bytes = std::fs::read(&path).unwrap();
+            let start = Instant::now();
+            println!("{}", path.display());
+            target(&bytes);
+            // With room for machines that are slow or busy.
+            assert!(start.elapsed() < Duration::from_secs(5), "{}: {:?}", path.display(), start.elapsed());
+        }
+    }
+    assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
+}
