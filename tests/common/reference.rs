@@ -255,7 +255,7 @@ impl Writer<'_> {
                 _ => metadata.extend([&[252][..], &(*number as u32).to_le_bytes()].concat()),
             }
         }
-        metadata.extend([0; 2]);
+        metadata.extend([0; 4]);
         metadata
     }
 
