@@ -9,7 +9,7 @@ use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::{Bounds, Dimension, Frame};
 use spinney::store::autumnal::Note;
-use spinney::store::{BuildOptions, build_tree, depth_for};
+use spinney::store::{BuildOptions, Metadata, build_tree, depth_for};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_fuzz::targets::seal;
@@ -140,10 +140,10 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
             value,
             alpha: false,
             void: false,
-            frame: Some(Frame::planar([2.0, 0.0, 10.0, 0.0, -2.0, 20.0])),
-            nodata: None,
-            palette: None,
-            band_names: Vec::new(),
+            metadata: Metadata {
+                frame: Frame::planar([2.0, 0.0, 10.0, 0.0, -2.0, 20.0]),
+                ..Metadata::default()
+            },
         };
         let mut writer = create(Output::create(&path)?, format_of(&path).unwrap(), &spec)?;
         writer.write_rows(&samples[..(width * height) as usize * value.size()], None)?;

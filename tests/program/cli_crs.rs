@@ -147,6 +147,8 @@ fn keys_of_geotiff_files_come_back_as_they_were() {
         else {
             continue;
         };
+        // Control points are in a system where the picture is in none.
+        let control = before.info().control_points.as_ref().is_some_and(|points| points.crs.is_some());
         let before = before.info().frame.clone();
         let build = command(&["-q", "build", path.to_str().unwrap(), "-o", &tree]).output().unwrap();
         if !build.status.success() {
@@ -155,7 +157,7 @@ fn keys_of_geotiff_files_come_back_as_they_were() {
         setting.get("t.goblin", "out.tif");
         let after = frame(&out);
         assert_eq!(after.crs, before.crs, "{}", path.display());
-        if before.crs.is_some() {
+        if before.crs.is_some() || control {
             defined += 1;
             assert_eq!(keys(&out), keys(&path), "{}", path.display());
         } else {
@@ -193,11 +195,10 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
         setting.get("t.goblin", "out.tif");
         assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::parse(definition).unwrap()));
     }
-    // What has a number becomes keys; the old file beside it is told.
+    // What has a number becomes keys; the old file beside it goes, which is told.
     let numbered = AFRICA.replace("UNIT[\"metre\",1]", "UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32628\"]");
     setting.build(&picture, "t.goblin", &["--crs", &numbered]);
     assert!(setting.get("t.goblin", "out.tif").contains("earlier picture"));
-    std::fs::remove_file(setting.path("out.tif.aux.xml")).unwrap();
     assert_eq!(setting.get("t.goblin", "out.tif"), "");
     assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::epsg(32628)));
     assert!(!setting.path("out.tif.aux.xml").exists());
