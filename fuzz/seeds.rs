@@ -178,6 +178,15 @@ fn pictures(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         put(target, name.split('.').next().unwrap(), &fs::read(made.join(name)).unwrap());
     }
     put("hgt", "tile", b"N46E008.hgt\x01\x02\x80\0\x03\x04");
+    let sidecar = "<PAMDataset><SRS>EPSG:4326</SRS><GeoTransform>1,2,0,3,0,-2</GeoTransform>\
+        <GCPList Projection=\"EPSG:2056\"><GCP Pixel=\"1\" Line=\"2\" X=\"3\" Y=\"4\" Z=\"5\"/></GCPList>\
+        <Metadata domain=\"D\"><MDI key=\"a &amp; b\">&#65;</MDI></Metadata>\
+        <PAMRasterBand band=\"1\"><Description>d</Description><NoDataValue>-1e3</NoDataValue><UnitType>m</UnitType>\
+        <Offset>1</Offset><Scale>2</Scale><CategoryNames><Category>s</Category><Category/></CategoryNames>\
+        <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\" c4=\"4\"/></ColorTable><GDALRasterAttributeTable>\
+        <FieldDefn><Usage>5</Usage></FieldDefn><FieldDefn><Usage>2</Usage></FieldDefn><Row><F>1</F><F>n</F></Row>\
+        </GDALRasterAttributeTable></PAMRasterBand></PAMDataset>";
+    put("sidecar", "all", sidecar.as_bytes());
     put("world_file", "turned", b"0.5\n0.1\n-0.1\n-0.25\n10.25\n49.875\n");
     Ok(())
 }
@@ -264,6 +273,26 @@ fn meshes(put: Put<'_>) {
 }
 
 fn texts(put: Put<'_>) {
+    for (name, text) in [
+        ("numbers", "EPSG:2056+5773"),
+        (
+            "wkt1",
+            "PROJCS[\"a\",GEOGCS[\"WGS 84\",DATUM[\"d\",SPHEROID[\"s\",6378137,298.25]],UNIT[\"degree\",0.017]],\
+            PROJECTION[\"Mercator_1SP\"],PARAMETER[\"scale_factor\",1],UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"3395\"]]",
+        ),
+        (
+            "wkt2",
+            "GEOGCRS[\"b\",DATUM[\"d\",ELLIPSOID[\"e\",6378137,298.25,LENGTHUNIT[\"metre\",1]]],CS[ellipsoidal,2],\
+            AXIS[\"lat\",north],AXIS[\"lon\",east],ANGLEUNIT[\"degree\",0.0174],ID[\"EPSG\",4326]]",
+        ),
+        (
+            "projjson",
+            "{\"type\":\"GeographicCRS\",\"name\":\"c\",\"datum\":{\"type\":\"GeodeticReferenceFrame\",\
+            \"name\":\"d\"},\"id\":{\"authority\":\"EPSG\",\"code\":4258}}",
+        ),
+    ] {
+        put("crs_text", name, text.as_bytes());
+    }
     put("step_text", "turns", b"rotate=30\nscale=2,3\ntranslate=0.5,1\nmirror=x\n");
     put(
         "step_text",

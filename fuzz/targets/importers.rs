@@ -62,10 +62,16 @@ pub fn hgt(bytes: &[u8]) {
     });
 }
 
+/// A grey pixel.
+const PICTURE: &[u8] = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0:~\x9bU\0\0\0\nIDATx\x9cc`\x07\0\0\x09\0\x08 #\xc3\x8c\0\0\0\0IEND\xaeB`\x82";
+
+/// GDAL's sidecar, beside a picture.
+pub fn sidecar(bytes: &[u8]) {
+    in_file("c.png.aux.xml", bytes, |_| in_file("c.png", PICTURE, read_picture));
+}
+
 /// A world file, beside a picture.
 pub fn world_file(bytes: &[u8]) {
-    // A grey pixel.
-    const PICTURE: &[u8] = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0:~\x9bU\0\0\0\nIDATx\x9cc`\x07\0\0\x09\0\x08 #\xc3\x8c\0\0\0\0IEND\xaeB`\x82";
     in_file("b.pgw", bytes, |_| in_file("b.png", PICTURE, read_picture));
 }
 

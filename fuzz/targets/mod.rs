@@ -11,20 +11,23 @@ mod texts;
 pub mod trees;
 
 pub use edits::{autumnal_edit, autumnal_file};
-pub use importers::{cells, cityjson, exr, hgt, jpeg, obj, off, ply, png, stl, tiff, webp, world_file};
-pub use texts::{df_text, step_text};
+pub use importers::{
+    cells, cityjson, exr, hgt, jpeg, obj, off, ply, png, sidecar, stl, tiff, webp, world_file,
+};
+pub use texts::{crs_text, df_text, step_text};
 pub use trees::{autumnal_read, goblin_read};
 
 /// Function of bytes that is fuzzed.
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 19] = [
+pub const TARGETS: [(&str, Target); 21] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_read", autumnal_read),
     ("cells", cells),
     ("cityjson", cityjson),
+    ("crs_text", crs_text),
     ("df_text", df_text),
     ("exr", exr),
     ("goblin_read", goblin_read),
@@ -34,6 +37,7 @@ pub const TARGETS: [(&str, Target); 19] = [
     ("off", off),
     ("ply", ply),
     ("png", png),
+    ("sidecar", sidecar),
     ("step_text", step_text),
     ("stl", stl),
     ("tiff", tiff),

@@ -2,7 +2,7 @@
 
 use spinney::dataset::Dataset;
 use spinney::ops::Step;
-use spinney::space::{Bounds, Dimension};
+use spinney::space::{Bounds, Crs, Dimension};
 use spinney::store::goblin::Goblin;
 use spinney::tree::{Form, df};
 use spinney::value::{Rule, SampleType, Value, ValueType};
@@ -12,6 +12,20 @@ pub const CLASSIC: &[u8] = include_bytes!("../../fixtures/v1/classic.goblin");
 
 /// Cells along an axis of views that are looked through further.
 const LONGEST: u64 = 1 << 18;
+
+/// A definition of a coordinate system: what it becomes is read again as the same, and is the same as itself alone.
+pub fn crs_text(bytes: &[u8]) {
+    let Ok(crs) = Crs::parse(&String::from_utf8_lossy(bytes)) else { return };
+    let again = Crs::parse(&crs.definition());
+    // (The text of GeoTIFF keys is for people.)
+    if !matches!(crs, Crs::GeoKeys(_)) {
+        assert!(again.is_ok_and(|again| again.is_same(&crs)), "{}", crs.definition());
+    }
+    assert!(crs.is_same(&crs.clone()) && !crs.to_string().is_empty());
+    let other = Crs::epsg(2056);
+    assert_eq!(crs.is_same(&other), other.is_same(&crs));
+    let _ = (crs.unit(), crs.numbers(), crs.name());
+}
 
 /// Steps, a line each: their texts say the same when they are read again, and views through them answer.
 pub fn step_text(bytes: &[u8]) {
