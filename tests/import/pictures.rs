@@ -179,6 +179,24 @@ fn png_palette_keeps_colours_and_void() {
 }
 
 #[test]
+fn png_texts_that_unpack_to_very_much_are_left_out_and_told() {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 1, 1);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.add_text_chunk("Title".into(), "a pixel".into()).unwrap();
+    encoder.add_ztxt_chunk("bomb".into(), "a".repeat(9 << 20)).unwrap();
+    encoder.add_itxt_chunk("Comment".into(), "small".into()).unwrap();
+    encoder.write_header().unwrap().write_image_data(&[7]).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.png");
+    std::fs::write(&path, bytes).unwrap();
+    let raster = spinney::import::raster::open(&path, &Default::default()).unwrap();
+    let names: Vec<_> = raster.info().tags.keys().map(String::as_str).collect();
+    assert_eq!(names, ["Comment", "Title"]);
+    assert!(raster.info().layout.ends_with("longer than 8 MiB: 1"), "{}", raster.info().layout);
+}
+
+#[test]
 fn png_void_becomes_opacity() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.png");

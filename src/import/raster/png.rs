@@ -1,5 +1,6 @@
 //! PNG, row by row.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -67,11 +68,12 @@ fn describe(header: &Info) -> RasterInfo {
     let channels = header.color_type.samples();
     let size = [header.width.into(), header.height.into()];
     let palette = (header.color_type == ColorType::Indexed).then(|| palette(header));
-    let (latin, compressed, utf8) =
-        (&header.uncompressed_latin1_text, &header.compressed_latin1_text, &header.utf8_text);
-    let texts = (latin.iter().map(|text| (&text.keyword, Some(text.text.clone()))))
-        .chain(compressed.iter().map(|text| (&text.keyword, text.get_text().ok())))
-        .chain(utf8.iter().map(|text| (&text.keyword, text.get_text().ok())));
+    let (tags, left_out) = texts(header);
+    let without = match left_out {
+        0 => String::new(),
+        count => format!(", without texts that are damaged or longer than {} MiB: {count}", MOST_TEXT >> 20),
+    };
+    let rows = if header.interlaced { "interlaced" } else { "rows" };
     RasterInfo {
         stored_sample: match header.bit_depth as u8 {
             bits @ (8 | 16) => format!("u{bits}"),
@@ -84,11 +86,47 @@ fn describe(header: &Info) -> RasterInfo {
         },
         kind: palette.is_some().then_some(Kind::Categorical),
         palette,
-        layout: if header.interlaced { "PNG, interlaced" } else { "PNG, rows" }.into(),
-        tags: texts.filter_map(|(name, text)| Some((name.clone(), text?))).collect(),
+        layout: format!("PNG, {rows}{without}"),
+        tags,
         order: Order::Bands,
         ..RasterInfo::plain(size, sample, channels)
     }
+}
+
+/// Bytes of all texts together: half of what a tree's metadata may have.
+const MOST_TEXT: usize = 8 << 20;
+
+/// A text out of its chunk.
+type Unpacked = std::result::Result<String, DecodingError>;
+
+/// Texts by their keywords, and how many cannot be unpacked or are too long: a few bytes may stand for gigabytes.
+fn texts(header: &Info) -> (BTreeMap<String, String>, usize) {
+    let (mut texts, mut left_out, mut room) = (BTreeMap::new(), 0, MOST_TEXT);
+    let mut add = |name: &str, unpack: &dyn Fn(usize) -> Unpacked| match unpack(room) {
+        Ok(text) if text.len() <= room => {
+            room -= text.len();
+            texts.insert(name.to_string(), text);
+        }
+        _ => left_out += 1,
+    };
+    for chunk in &header.uncompressed_latin1_text {
+        add(&chunk.keyword, &|_| Ok(chunk.text.clone()));
+    }
+    for chunk in &header.compressed_latin1_text {
+        add(&chunk.keyword, &|room| {
+            let mut chunk = chunk.clone();
+            chunk.decompress_text_with_limit(room)?;
+            chunk.get_text()
+        });
+    }
+    for chunk in &header.utf8_text {
+        add(&chunk.keyword, &|room| {
+            let mut chunk = chunk.clone();
+            chunk.decompress_text_with_limit(room)?;
+            chunk.get_text()
+        });
+    }
+    (texts, left_out)
 }
 
 fn palette(header: &Info) -> Palette {
