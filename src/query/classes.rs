@@ -24,12 +24,18 @@ pub(super) struct Classes {
     value_type: ValueType,
     /// Classes found so far, by ascending value.
     counts: Vec<Class>,
+    /// Cells of values that are not among them yet, in any order: many are sorted in at a time, so that the time does not
+    /// grow with the square of the number of classes.
+    pending: Vec<Class>,
     /// Index of the class that was counted last.
     last: usize,
     /// Cells of each value that is one byte, still to be added.
     bytes: Box<[u64; 256]>,
     subtree: CountSubtree<Classes>,
 }
+
+/// Entries that are pending at most, unless there are more classes.
+const MOST_PENDING: usize = 1 << 12;
 
 struct Class {
     /// See [`ValueType::order_key`].
@@ -44,6 +50,7 @@ impl Classes {
         Classes {
             value_type: form.value,
             counts: Vec::new(),
+            pending: Vec::new(),
             last: 0,
             bytes: Box::new([0; 256]),
             subtree: with_record_type!(RecordLayout::new(form), R => count_subtree::<R>),
@@ -69,14 +76,32 @@ impl Classes {
     #[inline(never)]
     fn search(&mut self, value: Value, cells: u64) {
         let key = self.value_type.order_key(value);
-        self.last = match self.counts.binary_search_by_key(&key, |class| class.key) {
-            Ok(index) => index,
-            Err(index) => {
-                self.counts.insert(index, Class { key, value, cells: 0 });
-                index
+        if let Ok(index) = self.counts.binary_search_by_key(&key, |class| class.key) {
+            self.counts[index].cells += cells;
+            self.last = index;
+            return;
+        }
+        match self.pending.last_mut().filter(|last| last.key == key) {
+            Some(last) => last.cells += cells,
+            None => self.pending.push(Class { key, value, cells }),
+        }
+        if self.pending.len() > MOST_PENDING.max(self.counts.len()) {
+            self.sort_in();
+        }
+    }
+
+    /// Sorts in what is pending.
+    fn sort_in(&mut self) {
+        self.counts.append(&mut self.pending);
+        // (Of two runs, the first is sorted already, which a stable sort makes use of.)
+        self.counts.sort_by_key(|class| class.key);
+        self.counts.dedup_by(|next, class| {
+            let same = next.key == class.key;
+            if same {
+                class.cells += next.cells;
             }
-        };
-        self.counts[self.last].cells += cells;
+            same
+        });
     }
 }
 
@@ -105,6 +130,7 @@ impl Count for Classes {
                 self.search(Value::from([byte]), cells);
             }
         }
+        self.sort_in();
         let classes = self.counts.iter().map(|class| (class.value, class.cells)).collect();
         tally_of_classes(self.value_type, classes)
     }

@@ -305,3 +305,29 @@ fn statistics_of_numbers_without_bounds() {
         assert_eq!(found.channels[0].standard_deviation.is_finite(), finite, "{found:?}");
     }
 }
+
+#[test]
+fn very_many_classes_are_counted_exactly() {
+    // More than are pending at a time, in no order.
+    let form = quad(SampleType::U32, 1);
+    let cells = made(form, [150, 120, 1], |[x, y, _]| {
+        let number = Random(x + 150 * y).below(14_000) as u32;
+        (number % 7 > 0).then(|| Value::from(((number ^ 0x2a5) + 1000).to_le_bytes()))
+    });
+    let tree = dataset(&cells, Rule::Majority, Kind::Categorical);
+    for bounds in [tree.header().picture(), Bounds { min: [3, 5, 0], max: [149, 117, 1] }] {
+        let mut expected = std::collections::BTreeMap::new();
+        for y in bounds.min[1]..bounds.max[1] {
+            for x in bounds.min[0]..bounds.max[0] {
+                if let Some(value) = cells.get([x, y, 0]) {
+                    *expected.entry(form.value.samples(value)[0] as u64).or_insert(0u64) += 1;
+                }
+            }
+        }
+        let found = tree.statistics(Some(bounds)).unwrap().classes;
+        let found: Vec<(u64, u64)> = found.into_iter().map(|(value, cells)| (value as u64, cells)).collect();
+        let expected: Vec<_> = expected.into_iter().collect();
+        let first = found.iter().zip(&expected).find(|(found, expected)| found != expected);
+        assert_eq!((found.len(), first), (expected.len(), None));
+    }
+}
