@@ -312,7 +312,7 @@ fn very_many_classes_are_counted_exactly() {
     let form = quad(SampleType::U32, 1);
     let cells = made(form, [150, 120, 1], |[x, y, _]| {
         let number = Random(x + 150 * y).below(14_000) as u32;
-        (number % 7 > 0).then(|| Value::from(((number ^ 0x2a5) + 1000).to_le_bytes()))
+        (!number.is_multiple_of(7)).then(|| Value::from(((number ^ 0x2a5) + 1000).to_le_bytes()))
     });
     let tree = dataset(&cells, Rule::Majority, Kind::Categorical);
     for bounds in [tree.header().picture(), Bounds { min: [3, 5, 0], max: [149, 117, 1] }] {
