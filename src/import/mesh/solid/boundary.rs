@@ -82,7 +82,7 @@ impl Neighbourhood<'_> {
             + change::<0>(self.triangles, &mut at, point)
     }
 
-    /// What inside changes by everywhere in the cell where the winding number goes up by one: 1, -1 or 0. `None` if
+    /// The change of inside everywhere in the cell where the winding number goes up by one: 1, -1 or 0. `None` if
     /// that differs, or cannot be told at a glance.
     ///
     /// Where no two faces are turned against each other along any axis, one may walk along the axes, and up all the
@@ -138,8 +138,8 @@ impl Neighbourhood<'_> {
             if count > MOST_PARTS {
                 return None;
             }
-            let weights = cut.iter().map(|polygon| self.weight_at(part.triangle, polygon.middle(), inside));
-            for (polygon, weight) in cut.iter().zip(weights.collect::<Vec<_>>()) {
+            for polygon in &cut {
+                let weight = self.weight_at(part.triangle, polygon.middle(), inside);
                 if let Some(weight) = weight.filter(|weight| *weight != 0) {
                     faces.add(polygon, [0; 3], f64::from(weight));
                 }
@@ -178,7 +178,7 @@ impl Neighbourhood<'_> {
         Some(pieces)
     }
 
-    /// What inside changes by at a point of a triangle where the winding number goes up by one; `None` if the triangle is
+    /// The change of inside at a point of a triangle where the winding number goes up by one; `None` if the triangle is
     /// too small there to be met.
     fn weight_at(&self, triangle: usize, at: Point, inside: &Inside) -> Option<i32> {
         let normal = self.triangles[triangle].normal().map(i64::unsigned_abs);

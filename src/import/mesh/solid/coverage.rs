@@ -122,7 +122,8 @@ impl Cube<'_> {
             let share = match faces.share.filter(is_right) {
                 Some(share) => share,
                 None => {
-                    self.divided(cell, &coverage.triangles(self, number), windings[cell], test, divisions)?
+                    let triangles: Vec<Triangle> = coverage.triangles(self, number).collect();
+                    self.divided(cell, &triangles, windings[cell], test, divisions)?
                 }
             };
             each(cell, share.clamp(0.0, 1.0));
@@ -268,16 +269,19 @@ impl Coverage {
     }
 
     /// The triangles that reach into a cell with faces.
-    fn triangles(&self, cube: &Cube<'_>, number: usize) -> Vec<Triangle> {
+    fn triangles<'a>(&'a self, cube: &Cube<'a>, number: usize) -> impl Iterator<Item = Triangle> + 'a {
         let range = self.starts[number] as usize..self.starts[number + 1] as usize;
-        self.pieces[range].iter().map(|(_, triangle)| cube.triangles[*triangle as usize]).collect()
+        let triangles = cube.triangles;
+        self.pieces[range].iter().map(|(_, triangle)| triangles[*triangle as usize])
     }
 
     /// Leaves of each cell's faces those that bound the inside, as far as that can be told.
     fn settle(&mut self, cube: &Cube<'_>, windings: &[i32], test: Test<'_>) -> Result<()> {
+        let mut triangles = Vec::new();
         for number in 0..self.faces.len() {
             test.progress.check()?;
-            let triangles = self.triangles(cube, number);
+            triangles.clear();
+            triangles.extend(self.triangles(cube, number));
             let faces = &mut self.faces[number];
             let cell = faces.cell as usize;
             let around = cube.neighbourhood(cell, &triangles, windings[cell]);
