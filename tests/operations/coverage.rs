@@ -28,7 +28,7 @@ fn bodies(form: Form, seed: u64, size: [u64; 3]) -> Cells {
     })
 }
 
-/// What the minterms of a set operation's number add up to.
+/// The sum of the minterms of a set operation's number.
 fn minterms(number: u8, a: f64, b: f64) -> f64 {
     let both = a.min(b);
     let minterms = [both, a - both, b - both, 255.0 - a.max(b)];

@@ -78,7 +78,7 @@ fn exact_means_of_pixels() {
         let pixels = (1 + random.below(40), 1 + random.below(40));
         let expected = expected(&cells, rule, bounds, pixels);
         // Many rows at a time, or one.
-        let row = pixels.0 * (4 * 4 + 1 + 5 * 8);
+        let row = pixels.0 * (4 * 4 + 1 + 8 * 8);
         for memory in [1 << 20, row] {
             let make = || dataset(&cells, rule, Kind::Continuous);
             let view = make().view(&["translate=0,0".parse().unwrap()]).unwrap();

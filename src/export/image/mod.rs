@@ -1,19 +1,19 @@
 //! Pictures and arrays, written row by row.
 
-mod beside;
 mod exr;
 mod gdal_xml;
 mod npy;
 mod png;
 mod raw;
 mod seekable;
+mod sidecar;
 mod tiff;
 mod tiff_tags;
 
 use std::path::Path;
 
-pub(super) use beside::write as write_beside;
 pub(super) use npy::array_header;
+pub(super) use sidecar::write as write_sidecar;
 
 use crate::io::Output;
 use crate::store::Metadata;
@@ -34,7 +34,7 @@ pub struct ImageSpec {
     /// Whether pixels may be VOID. PNG then gets an opacity channel if it has none (or, with a palette, uses
     /// `nodata` if that is a value, and else writes colours).
     pub void: bool,
-    /// What is said about the picture, for formats that can keep it. Frame and control points are those of the
+    /// Descriptions of the picture, for formats that can keep it. Frame and control points are those of the
     /// pixels; nodata is the number that VOID pixels have in every channel of the rows that are written.
     pub metadata: Metadata,
 }

@@ -8,7 +8,7 @@ use crate::value::{Kind, Rule, ValueType};
 use crate::{Error, Result};
 
 /// The output's pixels in cells of the level that they are made of.
-pub(super) struct Grid {
+pub(super) struct OutputGrid {
     pub(super) level: u8,
     /// Cells of the level that the pixels are made of: one layer of them.
     pub(super) source: Bounds,
@@ -20,18 +20,26 @@ pub(super) struct Grid {
     /// First corner of the first pixel, and size of a pixel, along columns and rows.
     pub(super) origin: [f64; 2],
     pub(super) step: [f64; 2],
-    /// Whether pixels are other than whole cells.
-    pub(super) is_resampled: bool,
-    /// Whether pixels are means of the deepest cells.
-    pub(super) is_exact: bool,
+    pub(super) pixels: PixelContent,
 }
 
-impl Grid {
+/// Content of an output's pixels.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum PixelContent {
+    /// A cell of the level each.
+    Cell,
+    /// Means of the cells of the level that they cover, or the cell at their centre.
+    Resampled,
+    /// Exact means of the deepest cells.
+    Exact,
+}
+
+impl OutputGrid {
     /// The grid that a request asks for.
     ///
     /// # Errors
     /// If the window is empty or outside of the tree, the tree has no such level, or the output would have no pixels.
-    pub(super) fn of(tree: &Dataset, request: &WindowRequest) -> Result<Grid> {
+    pub(super) fn of(tree: &Dataset, request: &WindowRequest) -> Result<OutputGrid> {
         let depth = tree.depth();
         let across = request.across;
         let axes = match across {
@@ -95,9 +103,12 @@ impl Grid {
                 (width, height, origin, step)
             }
         };
-        let is_exact = matches!(request.detail, Detail::Exact(..));
-        let is_resampled = is_exact || matches!(request.detail, Detail::Size(..));
-        Ok(Grid { level, source, across, axes, width, height, origin, step, is_resampled, is_exact })
+        let pixels = match request.detail {
+            Detail::Level(_) => PixelContent::Cell,
+            Detail::Size(..) => PixelContent::Resampled,
+            Detail::Exact(..) => PixelContent::Exact,
+        };
+        Ok(OutputGrid { level, source, across, axes, width, height, origin, step, pixels })
     }
 }
 
@@ -130,16 +141,15 @@ fn level_for(tree: &Dataset, (first, size): ([u64; 2], [u64; 2]), (width, height
 
 /// Bytes of memory for a row of the output: the cells it is made of, `step` rows of them if it is resampled,
 /// and its pixels.
-pub(super) fn row_bytes(value: ValueType, grid: &Grid) -> u64 {
+pub(super) fn row_bytes(value: ValueType, grid: &OutputGrid) -> u64 {
     // One byte more than the value: whether the cell has one.
     let pixel = value.size() as u64 + 1;
     let row = grid.source.size()[grid.axes[0]].saturating_mul(pixel);
-    if !grid.is_resampled {
-        return row;
-    }
-    if grid.is_exact {
-        // Sums of four channels, and an area.
-        return grid.width.saturating_mul(pixel + 5 * size_of::<f64>() as u64);
+    match grid.pixels {
+        PixelContent::Cell => return row,
+        // Sums of four channels, and their areas.
+        PixelContent::Exact => return grid.width.saturating_mul(pixel + 8 * size_of::<f64>() as u64),
+        PixelContent::Resampled => {}
     }
     let lines = grid.step[1].ceil() as u64 + 1;
     row.saturating_mul(lines).saturating_add(grid.width.saturating_mul(pixel + size_of::<Span>() as u64))

@@ -3,10 +3,10 @@
 mod grid;
 mod sampler;
 
-use self::grid::{Grid, row_bytes};
+use self::grid::{OutputGrid, row_bytes};
 use self::sampler::Sampler;
 pub(super) use self::sampler::number;
-use super::image::{Format, ImageSpec, create, write_beside};
+use super::image::{Format, ImageSpec, create, write_sidecar};
 use super::stretch::Stretch;
 use crate::dataset::Dataset;
 use crate::io::Output;
@@ -91,7 +91,7 @@ pub fn export_window(
     format: Format,
     progress: &dyn Progress,
 ) -> Result<()> {
-    let grid = Grid::of(tree, request)?;
+    let grid = OutputGrid::of(tree, request)?;
     let rows = rows_at_a_time(tree, request, &grid)?;
     let void = VoidCells::of(tree, request)?;
     let mut spec = image_spec(tree, &grid, &void);
@@ -117,7 +117,7 @@ pub fn export_window(
     })?;
     tree.check_unchanged()?;
     writer.finish()?;
-    write_beside(&path, format, &spec.metadata, progress)
+    write_sidecar(&path, format, &spec.metadata, progress)
 }
 
 /// The least and the greatest finite number of a window's pixels, opacity aside, between which a picture may be
@@ -130,7 +130,7 @@ pub fn window_range(
     request: &WindowRequest,
     progress: &dyn Progress,
 ) -> Result<Option<[f64; 2]>> {
-    let grid = Grid::of(tree, request)?;
+    let grid = OutputGrid::of(tree, request)?;
     let rows = rows_at_a_time(tree, request, &grid)?;
     let value = tree.header().form.value;
     let stretch = Stretch::new(value, has_opacity(tree), [0.0; 2]);
@@ -144,7 +144,7 @@ pub fn window_range(
 }
 
 /// Rows of the output that memory is for.
-fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &Grid) -> Result<u64> {
+fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &OutputGrid) -> Result<u64> {
     let row_bytes = row_bytes(tree.header().form.value, grid);
     if row_bytes > request.memory {
         return Err(Error::TooLarge {
@@ -184,7 +184,7 @@ impl VoidCells {
     }
 }
 
-fn image_spec(tree: &Dataset, grid: &Grid, void: &VoidCells) -> ImageSpec {
+fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) -> ImageSpec {
     let (value, metadata) = (tree.header().form.value, tree.metadata());
     let first = [grid.origin[0], grid.origin[1], grid.source.min[2] as f64];
     // Pixels in a frame of the deepest level's cells.

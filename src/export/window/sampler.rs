@@ -1,6 +1,6 @@
 //! Rows of a window: cells as they are, means of what pixels cover, or the cells at their centres.
 
-use super::grid::{Grid, is_averaged};
+use super::grid::{OutputGrid, PixelContent, is_averaged};
 use crate::dataset::Dataset;
 use crate::query::PixelGrid;
 use crate::value::{Rule, SampleType, Value, ValueType};
@@ -12,7 +12,7 @@ type Take<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
 /// Rows of a window, straight or resampled.
 pub(super) struct Sampler<'a> {
     pub(super) tree: &'a Dataset,
-    pub(super) grid: Grid,
+    pub(super) grid: OutputGrid,
     /// The number that stands for VOID.
     pub(super) fill: f64,
 }
@@ -27,16 +27,16 @@ impl Sampler<'_> {
         progress: &dyn Progress,
         each: &mut Take<'_>,
     ) -> Result<()> {
-        let Grid { width, height, is_resampled, .. } = self.grid;
+        let OutputGrid { width, height, pixels, .. } = self.grid;
         let mut row = 0;
         while row < height {
             progress.check()?;
             let count = rows.min(height - row);
             let first = if is_upright { height - row - count } else { row };
-            let (mut bytes, mut valid) = match (is_resampled, self.grid.is_exact) {
-                (_, true) => self.average(first, count, progress)?,
-                (true, _) => self.resample(first, count)?,
-                _ => self.copy(first, count)?,
+            let (mut bytes, mut valid) = match pixels {
+                PixelContent::Cell => self.copy(first, count)?,
+                PixelContent::Resampled => self.resample(first, count)?,
+                PixelContent::Exact => self.average(first, count, progress)?,
             };
             if is_upright {
                 flip_rows(&mut bytes, width as usize * self.tree.header().form.value.size());
@@ -73,7 +73,7 @@ impl Sampler<'_> {
     /// Rows of the output whose pixels are means of the cells that they cover, weighted by area, or the cells
     /// at their centres.
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
-        let Grid { source, axes: [u, v], origin, step, width, .. } = self.grid;
+        let OutputGrid { source, axes: [u, v], origin, step, width, .. } = self.grid;
         let value_type = self.tree.header().form.value;
         let ValueType { sample, channels, .. } = value_type;
         let missing = value_type.all_missing().map_or(self.fill, |value| value_type.first_sample(value));
@@ -123,7 +123,7 @@ impl Sampler<'_> {
 
     /// Rows of the output whose pixels are exact means of the deepest cells.
     fn average(&self, row: u64, count: u64, progress: &dyn Progress) -> Result<(Vec<u8>, Vec<bool>)> {
-        let Grid { source, axes, origin, step, width, .. } = self.grid;
+        let OutputGrid { source, axes, origin, step, width, .. } = self.grid;
         let value_type = self.tree.header().form.value;
         let ValueType { sample, channels, .. } = value_type;
         let missing = value_type.all_missing().map_or(self.fill, |value| value_type.first_sample(value));
