@@ -19,7 +19,7 @@ use reference::Cut;
 #[path = "../tests/common/reference.rs"]
 mod reference;
 #[path = "../tests/common/tiff_file.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // what tests alone use
 mod tiff_file;
 
 /// Quadtrees and octrees of values with so many samples of a type.

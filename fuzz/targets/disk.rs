@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use spinney::io::{FileId, ReadBackend, WriteBackend};
 use spinney::store::autumnal::Editor;
 
-/// What was asked of a disk.
+/// A request to a disk.
 #[derive(Clone)]
 pub enum Event {
     /// Offset and bytes.
@@ -19,7 +19,7 @@ pub enum Event {
 #[derive(Clone)]
 pub struct Disk(Arc<Mutex<State>>);
 
-/// What a disk has, and what becomes of the next writes.
+/// The bytes of a disk, and the fate of the next writes.
 pub struct State {
     pub bytes: Vec<u8>,
     pub events: Vec<Event>,

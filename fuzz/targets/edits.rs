@@ -17,7 +17,7 @@ use super::trees::is_good;
 
 /// Bytes before the file that say what is done to it.
 const SCRIPT: usize = 8;
-/// Cells along an axis of files whose cells are compared.
+/// EditedCells along an axis of files whose cells are compared.
 const SIDE: u64 = 16;
 const MEMORY: u64 = 1 << 20;
 /// Records of trees that are verified: shared subtrees make a small file one that takes for ever.
@@ -60,7 +60,7 @@ fn open(file: &[u8]) -> Option<Dataset> {
 }
 
 /// Does what a script says, and tells the cells there should be then.
-fn change(editor: &mut Editor, script: &[u8], cells: Option<Cells>) -> Result<Option<Cells>> {
+fn change(editor: &mut Editor, script: &[u8], cells: Option<EditedCells>) -> Result<Option<EditedCells>> {
     let mut cells = cells;
     for step in script.chunks(4) {
         let [what, x, y, value] = step.try_into().unwrap_or_default();
@@ -106,7 +106,7 @@ fn sample(value: u8) -> Option<Vec<f64>> {
 
 /// The cells of a small tree: its picture's size, bytes of the values, and which cells are not VOID.
 #[derive(Clone, Debug, PartialEq)]
-struct Cells {
+struct EditedCells {
     size: [u64; 3],
     values: Vec<Vec<u8>>,
     /// Bytes of the value for each number that a script can have.
@@ -114,7 +114,7 @@ struct Cells {
 }
 
 /// All cells of a tree, if they are few.
-fn cells(tree: &Dataset) -> Option<Cells> {
+fn cells(tree: &Dataset) -> Option<EditedCells> {
     let (header, size) = (tree.header(), tree.header().extent);
     if size.iter().any(|cells| *cells > SIDE) {
         return None;
@@ -129,10 +129,10 @@ fn cells(tree: &Dataset) -> Option<Cells> {
         0 => vec![],
         _ => header.form.value.nearest(|_| f64::from(number)).to_bytes()[..width].to_vec(),
     });
-    Some(Cells { size, values: values.collect(), of_number: of_number.collect() })
+    Some(EditedCells { size, values: values.collect(), of_number: of_number.collect() })
 }
 
-fn fill(cells: &mut Option<Cells>, bounds: Bounds, number: u8) {
+fn fill(cells: &mut Option<EditedCells>, bounds: Bounds, number: u8) {
     let Some(cells) = cells else { return };
     let value = cells.of_number[usize::from(number)].clone();
     for z in bounds.min[2]..bounds.max[2] {

@@ -20,7 +20,7 @@ impl Form {
         Form { dimension, value }
     }
 
-    /// The same form, with values of which no sample is missing.
+    /// The form with values of which no sample is missing.
     #[must_use]
     pub const fn without_missing(self) -> Form {
         Form { value: self.value.without_missing(), ..self }

@@ -18,7 +18,7 @@ impl ValueType {
         ValueType { missing, ..self }
     }
 
-    /// The same type, of which no sample is missing.
+    /// The type without missing samples.
     #[must_use]
     pub const fn without_missing(self) -> ValueType {
         ValueType { missing: None, ..self }
@@ -68,7 +68,7 @@ impl ValueType {
         self.by_channel(|channel| if present[channel] { value } else { Value::ZERO })
     }
 
-    /// What two values make, channel by channel; where one sample is missing it is the other.
+    /// Joins two values, channel by channel; where one sample is missing it is the other.
     pub(crate) fn join_present(
         self,
         a: Value,

@@ -39,7 +39,7 @@ enum Place {
     Inner(Value, Box<Inner>),
 }
 
-/// What is known of the cells below a node.
+/// Knowledge of the cells below a node.
 #[derive(Clone, Default)]
 struct Sums {
     cells: u64,

@@ -23,7 +23,7 @@ use crate::targets::disk::Disk;
 
 const MEMORY: u64 = 16 << 20;
 
-/// What a file should have.
+/// The state that a file should have.
 #[derive(Clone)]
 struct Model {
     path: PathBuf,
@@ -304,7 +304,7 @@ impl Machine {
         "begin to read"
     }
 
-    /// What was opened is as it was; and goes on, if it is told to, to what is at its path now.
+    /// Opened files are as they were; and goes on, if it is told to, to what is at its path now.
     fn check_readers(&mut self) {
         while self.readers.len() > 3 {
             self.readers.remove(0);

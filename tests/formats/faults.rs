@@ -19,7 +19,7 @@ use spinney::{Error, Result};
 
 use crate::common::{Cells, OCT, QUAD, Random, options, value, write_cells};
 
-/// What becomes of the write or sync that fails.
+/// The fate of the write or sync that fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Failure {
     Error(io::ErrorKind),

@@ -1,4 +1,4 @@
-//! What files tell about their pictures, through trees and out again.
+//! Descriptions of pictures, from files through trees and out again.
 
 use std::path::{Path, PathBuf};
 

@@ -256,7 +256,7 @@ fn interlaced_pngs_need_memory() {
     assert!(matches!(open(&fixture("adam7.png"), &little), Err(Error::TooLarge { .. })));
 }
 
-/// What libjpeg-turbo makes of `chroma.jpg`, which has one sample of chroma for 2 x 2 of luma: parts of a row and of a
+/// libjpeg-turbo's picture of `chroma.jpg`, which has one sample of chroma for 2 x 2 of luma: parts of a row and of a
 /// column, across edges of colour. Chroma of the nearest sample would be off by more than 50 there.
 #[test]
 fn subsampled_chroma_is_brought_to_size_by_a_triangle_filter() {

@@ -1,7 +1,7 @@
-//! What GDAL says about a raster in XML: in the TIFF tag GDAL_METADATA, and in parts that sidecars have as well.
+//! GDAL's descriptions of a raster in XML: in the TIFF tag GDAL_METADATA, and in parts that sidecars have as well.
 
 use super::RasterInfo;
-use super::xml::{Element, unescaped};
+use super::xml::{XmlElement, unescaped};
 use crate::store::TagScope;
 use crate::value::SampleType;
 
@@ -29,7 +29,7 @@ pub(super) fn nodata(text: &str, sample: SampleType) -> Option<f64> {
 
 /// Takes over what the tag GDAL_METADATA says.
 pub(super) fn apply(text: &str, info: &mut RasterInfo) {
-    for root in Element::document(text).named("GDALMetadata") {
+    for root in XmlElement::document(text).named("GDALMetadata") {
         for element in root.children() {
             match element.name {
                 "Item" => apply_item(&element, info),
@@ -40,7 +40,7 @@ pub(super) fn apply(text: &str, info: &mut RasterInfo) {
     }
 }
 
-fn apply_item(item: &Element<'_>, info: &mut RasterInfo) {
+fn apply_item(item: &XmlElement<'_>, info: &mut RasterInfo) {
     let Some(name) = item.attribute("name") else { return };
     // GDAL escapes values twice.
     let value = unescaped(&item.text());
@@ -91,7 +91,7 @@ pub(super) fn take_class_names(info: &mut RasterInfo, channel: usize, names: Vec
 }
 
 /// Names of values from a raster attribute table: its columns for the value (or smallest value) and name.
-pub(super) fn class_names(table: &Element<'_>) -> Vec<(i64, String)> {
+pub(super) fn class_names(table: &XmlElement<'_>) -> Vec<(i64, String)> {
     let usages: Vec<_> = table
         .named("FieldDefn")
         .map(|field| field.named("Usage").next().map_or(String::new(), |usage| usage.text()))
@@ -99,7 +99,7 @@ pub(super) fn class_names(table: &Element<'_>) -> Vec<(i64, String)> {
     let column = |wanted: &[&str]| usages.iter().position(|usage| wanted.contains(&usage.trim()));
     // GDAL's numbers: 2 is Name, 3 is Min, 5 is MinMax.
     let (Some(value), Some(name)) = (column(&["5", "3"]), column(&["2"])) else { return Vec::new() };
-    let row = |row: Element<'_>| {
+    let row = |row: XmlElement<'_>| {
         let fields: Vec<_> = row.named("F").collect();
         let number: f64 = fields.get(value)?.text().trim().parse().ok()?;
         Some((number as i64, fields.get(name)?.text()))

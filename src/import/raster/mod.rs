@@ -1,7 +1,6 @@
 //! Raster files as input: one trait, one reader per format, mosaics of several.
 
 mod bands;
-mod beside;
 mod build;
 mod exr;
 #[cfg(test)]
@@ -76,7 +75,7 @@ pub struct RasterInfo {
     pub layout: String,
     /// Other things worth keeping, by name.
     pub tags: BTreeMap<String, String>,
-    /// The same of single channels and of domains.
+    /// Texts about single channels, and in domains.
     pub scoped_tags: ScopedTags,
     /// Ground control points.
     pub control_points: Option<ControlPoints>,

@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::{Path, PathBuf};
 
-use super::xml::Element;
-use super::{Pixels, Raster, RasterInfo, beside, gdal};
+use super::xml::XmlElement;
+use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
 use crate::io::sidecar_of;
 use crate::space::{ControlPoint, ControlPoints, Frame, Region};
 use crate::value::{Kind, Palette};
@@ -40,7 +40,7 @@ impl Raster for Described {
 pub(super) fn describe(raster: Box<dyn Raster>) -> Result<Box<dyn Raster>> {
     let mut info = raster.info().clone();
     apply_sidecar(sidecar_of(raster.path()), &mut info)?;
-    beside::place(raster.path(), &mut info.frame)?;
+    worldfile::place(raster.path(), &mut info.frame)?;
     Ok(Box::new(Described { raster, info }))
 }
 
@@ -55,7 +55,7 @@ fn apply_sidecar(path: PathBuf, info: &mut RasterInfo) -> Result<()> {
     file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(&path, "read"))?;
     let found = if bytes.len() as u64 > MAX_BYTES { "more than 16 MiB" } else { "something else" };
     let text = String::from_utf8_lossy(&bytes);
-    let root = Element::document(&text).named("PAMDataset").next();
+    let root = XmlElement::document(&text).named("PAMDataset").next();
     let Some(root) = root.filter(|_| bytes.len() as u64 <= MAX_BYTES) else {
         let expected =
             "GDAL's metadata in XML, <PAMDataset>; move the file away to read the picture without it";
@@ -64,10 +64,10 @@ fn apply_sidecar(path: PathBuf, info: &mut RasterInfo) -> Result<()> {
     apply(&path, &root, info)
 }
 
-fn apply(path: &Path, root: &Element<'_>, info: &mut RasterInfo) -> Result<()> {
+fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()> {
     for element in root.children() {
         match element.name {
-            "SRS" if info.frame.crs.is_none() => info.frame.crs = beside::crs(path, &element.text())?,
+            "SRS" if info.frame.crs.is_none() => info.frame.crs = worldfile::crs(path, &element.text())?,
             "GeoTransform" if info.frame.is_identity() => {
                 info.frame.matrix = geo_transform(path, &element.text())?.matrix;
             }
@@ -89,7 +89,7 @@ fn apply(path: &Path, root: &Element<'_>, info: &mut RasterInfo) -> Result<()> {
     Ok(())
 }
 
-fn apply_band(band: &Element<'_>, channel: usize, info: &mut RasterInfo) {
+fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
     let mut nodata = None;
     for element in band.children() {
         match element.name {
@@ -118,7 +118,7 @@ fn apply_band(band: &Element<'_>, channel: usize, info: &mut RasterInfo) {
     }
 }
 
-fn apply_metadata(metadata: &Element<'_>, channel: Option<usize>, info: &mut RasterInfo) {
+fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut RasterInfo) {
     let domain = metadata.attribute("domain").unwrap_or_default();
     if metadata.attribute("format").is_some_and(|format| format == "xml") {
         // The content is a document, which has the name that it has in a TIFF file.
@@ -133,16 +133,16 @@ fn apply_metadata(metadata: &Element<'_>, channel: Option<usize>, info: &mut Ras
 }
 
 /// Names of the values from 0 on; those of values in gaps are empty.
-fn categories(list: &Element<'_>) -> Vec<(i64, String)> {
+fn categories(list: &XmlElement<'_>) -> Vec<(i64, String)> {
     let names = list.named("Category").map(|name| name.text());
     (0..).zip(names).collect()
 }
 
 /// Colours of the values from 0 on; nothing if there are none, or more than 16 bits can tell.
-fn palette(table: &Element<'_>) -> Option<Palette> {
+fn palette(table: &XmlElement<'_>) -> Option<Palette> {
     const MOST: usize = 1 << 16;
-    let level = |entry: &Element<'_>, name: &str| entry.attribute(name)?.trim().parse::<u8>().ok();
-    let colour = |entry: Element<'_>| {
+    let level = |entry: &XmlElement<'_>, name: &str| entry.attribute(name)?.trim().parse::<u8>().ok();
+    let colour = |entry: XmlElement<'_>| {
         let channel = |name| level(&entry, name).unwrap_or(0);
         [channel("c1"), channel("c2"), channel("c3"), level(&entry, "c4").unwrap_or(u8::MAX)]
     };
@@ -164,8 +164,8 @@ fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
         })
 }
 
-fn control_points(path: &Path, list: &Element<'_>) -> Result<Option<ControlPoints>> {
-    let point = |point: Element<'_>| {
+fn control_points(path: &Path, list: &XmlElement<'_>) -> Result<Option<ControlPoints>> {
+    let point = |point: XmlElement<'_>| {
         let number = |name| point.attribute(name).and_then(|text| text.trim().parse::<f64>().ok());
         let numbers =
             [number("Pixel")?, number("Line")?, number("X")?, number("Y")?, number("Z").unwrap_or(0.0)];
@@ -176,7 +176,7 @@ fn control_points(path: &Path, list: &Element<'_>) -> Result<Option<ControlPoint
             .then_some(ControlPoint { cell: [column, row], world: [x, y, z] })
     };
     let points: Vec<_> = list.named("GCP").filter_map(point).collect();
-    let crs = beside::crs(path, &list.attribute("Projection").unwrap_or_default())?;
+    let crs = worldfile::crs(path, &list.attribute("Projection").unwrap_or_default())?;
     Ok((!points.is_empty()).then_some(ControlPoints { crs, points }))
 }
 
@@ -190,7 +190,8 @@ mod tests {
     fn described(xml: &str, channels: usize) -> RasterInfo {
         let mut info = RasterInfo::plain([4, 4], SampleType::I16, channels);
         info.tags.insert("A".into(), "of the file".into());
-        apply(Path::new("a.aux.xml"), &Element::document(xml).children().next().unwrap(), &mut info).unwrap();
+        apply(Path::new("a.aux.xml"), &XmlElement::document(xml).children().next().unwrap(), &mut info)
+            .unwrap();
         info
     }
 

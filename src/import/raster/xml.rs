@@ -3,19 +3,19 @@
 
 /// An element of a document.
 #[derive(Clone, Copy)]
-pub(super) struct Element<'a> {
+pub(super) struct XmlElement<'a> {
     pub(super) name: &'a str,
-    /// What stands behind the name in the tag.
+    /// The part of the tag behind the name.
     attributes: &'a str,
-    /// What stands between the tags.
+    /// The text between the tags.
     pub(super) content: &'a str,
 }
 
 /// A piece of markup.
 enum Markup<'a> {
-    /// What a start tag has between its brackets.
+    /// A start tag: the text between its brackets.
     Start(&'a str),
-    /// The same of an empty element's.
+    /// The tag of an empty element: the text between its brackets.
     Empty(&'a str),
     End,
     /// Text that nothing is to be expanded in.
@@ -24,14 +24,14 @@ enum Markup<'a> {
     Other,
 }
 
-impl<'a> Element<'a> {
+impl<'a> XmlElement<'a> {
     /// A document as the element around its root.
-    pub(super) fn document(text: &'a str) -> Element<'a> {
-        Element { name: "", attributes: "", content: text }
+    pub(super) fn document(text: &'a str) -> XmlElement<'a> {
+        XmlElement { name: "", attributes: "", content: text }
     }
 
     /// The elements directly in this one.
-    pub(super) fn children(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
+    pub(super) fn children(&self) -> impl Iterator<Item = XmlElement<'a>> + use<'a> {
         let content = self.content;
         let mut at = 0;
         std::iter::from_fn(move || {
@@ -39,11 +39,11 @@ impl<'a> Element<'a> {
                 let (_, markup, end) = next_markup(content, at)?;
                 at = end;
                 match markup {
-                    Markup::Empty(tag) => return Some(Element::new(tag, "")),
+                    Markup::Empty(tag) => return Some(XmlElement::new(tag, "")),
                     Markup::Start(tag) => {
                         let (last, behind) = end_of_element(content, end)?;
                         at = behind;
-                        return Some(Element::new(tag, &content[end..last]));
+                        return Some(XmlElement::new(tag, &content[end..last]));
                     }
                     _ => {}
                 }
@@ -52,13 +52,13 @@ impl<'a> Element<'a> {
     }
 
     /// The elements of a name directly in this one.
-    pub(super) fn named(&self, name: &'static str) -> impl Iterator<Item = Element<'a>> + use<'a> {
+    pub(super) fn named(&self, name: &'static str) -> impl Iterator<Item = XmlElement<'a>> + use<'a> {
         self.children().filter(move |child| child.name == name)
     }
 
-    fn new(tag: &'a str, content: &'a str) -> Element<'a> {
+    fn new(tag: &'a str, content: &'a str) -> XmlElement<'a> {
         let end = tag.find(|c: char| c.is_ascii_whitespace()).unwrap_or(tag.len());
-        Element { name: &tag[..end], attributes: &tag[end..], content }
+        XmlElement { name: &tag[..end], attributes: &tag[end..], content }
     }
 
     pub(super) fn attribute(&self, name: &str) -> Option<String> {
@@ -192,7 +192,7 @@ mod tests {
     fn elements_attributes_and_texts() {
         let text = "<?xml version=\"1.0\"?><!-- <A>no</A> --><A b = 'x > \"y\"' c=\"&lt;&#xe9;&#65;\">
             t &amp; u<B/><C><B>inner</B></C><![CDATA[<&amp;>]]><B d=\"1\">last &unknown; &amp</B></A>";
-        let root = Element::document(text).children().next().unwrap();
+        let root = XmlElement::document(text).children().next().unwrap();
         assert_eq!(root.name, "A");
         assert_eq!(root.attribute("b").as_deref(), Some("x > \"y\""));
         assert_eq!(root.attribute("c").as_deref(), Some("<éA"));
@@ -209,17 +209,17 @@ mod tests {
         for text in
             ["<A", "<A>", "<A><B></B>", "<A b=\"></A>", "<!-- <A></A>", "</A>", "<", "a", "<![CDATA[<A/>"]
         {
-            assert_eq!(Element::document(text).children().count(), 0, "{text}");
+            assert_eq!(XmlElement::document(text).children().count(), 0, "{text}");
         }
         // As deep as it likes: nothing recurs.
         let deep = "<A>".repeat(100_000) + &"</A>".repeat(100_000);
-        assert_eq!(Element::document(&deep).children().count(), 1);
+        assert_eq!(XmlElement::document(&deep).children().count(), 1);
     }
 
     proptest! {
         #[test]
         fn nothing_panics(text in "[<>/!?&;#xA\"'= \\-\\[\\]é]{0,60}") {
-            let mut pending = vec![Element::document(&text)];
+            let mut pending = vec![XmlElement::document(&text)];
             while let Some(element) = pending.pop() {
                 element.text();
                 element.attribute("A");

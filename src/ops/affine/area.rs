@@ -18,7 +18,7 @@ pub(super) struct Area<'a> {
     max: DVec3,
     /// Area (or volume) of what is not VOID.
     area: f64,
-    /// The same of each channel, whose sample may be missing.
+    /// Cells of each channel, whose sample may be missing.
     areas: [f64; 4],
     /// Sums of the samples of each channel, weighted by area.
     sums: [f64; 4],

@@ -318,7 +318,7 @@ impl View {
         frame
     }
 
-    /// The same cells, of which it is said that they lie in this coordinate system.
+    /// A view of the cells as lying in this coordinate system, whatever the source says.
     pub fn in_system(self, crs: Crs) -> View {
         View { crs: Some(Arc::new(crs)), ..self }
     }

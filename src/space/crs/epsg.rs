@@ -35,7 +35,7 @@ impl Epsg {
         Some(Epsg { horizontal: number(horizontal)?, vertical })
     }
 
-    /// The same system, of one that is compound under a number of its own its two parts.
+    /// The system by its two parts, if it is compound under a number of its own.
     pub(super) fn in_parts(self) -> Epsg {
         let find = |number| COMPOUND.binary_search_by_key(&number, |(number, ..)| *number).ok();
         match u16::try_from(self.horizontal).ok().and_then(find).map(|index| COMPOUND[index]) {

@@ -29,7 +29,7 @@ const TOLD: [&str; 7] = ["USAGE", "SCOPE", "AREA", "BBOX", "VERTICALEXTENT", "TI
 
 /// A keyword with what stands in its brackets.
 #[derive(Debug, PartialEq)]
-pub(super) struct Node {
+pub(super) struct WktNode {
     /// In capitals.
     keyword: String,
     items: Vec<Item>,
@@ -37,8 +37,8 @@ pub(super) struct Node {
 
 #[derive(Debug, PartialEq)]
 enum Item {
-    Node(Node),
-    /// What stands in quotes.
+    WktNode(WktNode),
+    /// A text in quotes.
     Text(String),
     Number(f64),
     /// A name without quotes, in capitals: the direction of an axis, say.
@@ -46,14 +46,14 @@ enum Item {
 }
 
 /// Reads the definition of a coordinate system. An error says what was found.
-pub(super) fn parse(text: &str) -> Result<Node, String> {
+pub(super) fn parse(text: &str) -> Result<WktNode, String> {
     if text.len() > MOST {
         return Err(format!("{} bytes", text.len()));
     }
     let mut parser = Parser { text, at: 0 };
     let node = match parser.item(0)? {
-        Item::Node(node) if node.is_crs() => node,
-        Item::Node(node) => return Err(format!("the keyword {}", super::shortened(&node.keyword, 40))),
+        Item::WktNode(node) if node.is_crs() => node,
+        Item::WktNode(node) => return Err(format!("the keyword {}", super::shortened(&node.keyword, 40))),
         _ => return Err("no keyword with brackets".into()),
     };
     match parser.peek() {
@@ -101,7 +101,7 @@ impl Parser<'_> {
                 let keyword = word.to_ascii_uppercase();
                 match self.peek() {
                     Some(open @ ('[' | '(')) => {
-                        self.items(open, level).map(|items| Item::Node(Node { keyword, items }))
+                        self.items(open, level).map(|items| Item::WktNode(WktNode { keyword, items }))
                     }
                     _ => Ok(Item::Word(keyword)),
                 }
@@ -110,7 +110,7 @@ impl Parser<'_> {
         }
     }
 
-    /// What stands between an opening bracket, which comes next, and the one that closes it.
+    /// The text between an opening bracket, which comes next, and the one that closes it.
     fn items(&mut self, open: char, level: usize) -> Result<Vec<Item>, String> {
         let close = if open == '[' { ']' } else { ')' };
         self.at += 1;
@@ -144,7 +144,7 @@ impl Parser<'_> {
     }
 }
 
-impl Node {
+impl WktNode {
     fn is_crs(&self) -> bool {
         self.is(&LINEAR) || self.is(&ANGULAR) || self.is(&COMPOUND) || self.is(&[BOUND])
     }
@@ -153,11 +153,11 @@ impl Node {
         keywords.contains(&self.keyword.as_str())
     }
 
-    fn nodes(&self) -> impl Iterator<Item = &Node> {
-        self.items.iter().filter_map(|item| if let Item::Node(node) = item { Some(node) } else { None })
+    fn nodes(&self) -> impl Iterator<Item = &WktNode> {
+        self.items.iter().filter_map(|item| if let Item::WktNode(node) = item { Some(node) } else { None })
     }
 
-    fn child(&self, keywords: &[&str]) -> Option<&Node> {
+    fn child(&self, keywords: &[&str]) -> Option<&WktNode> {
         self.nodes().find(|node| node.is(keywords))
     }
 
@@ -205,9 +205,9 @@ impl Node {
         if self.is(&COMPOUND) {
             return self.nodes().find(|node| node.is_crs())?.unit();
         }
-        let of_length = |node: &Node| unit_of_length(node.child(&["LENGTHUNIT", "UNIT"])?.factor()?);
-        let of_angle = |node: &Node| unit_of_angle(node.child(&["ANGLEUNIT", "UNIT"])?.factor()?);
-        let unit = |node: &Node| match self.is(&ANGULAR) {
+        let of_length = |node: &WktNode| unit_of_length(node.child(&["LENGTHUNIT", "UNIT"])?.factor()?);
+        let of_angle = |node: &WktNode| unit_of_angle(node.child(&["ANGLEUNIT", "UNIT"])?.factor()?);
+        let unit = |node: &WktNode| match self.is(&ANGULAR) {
             // (Geodetic systems may be geocentric ones in metres.)
             true => of_angle(node).or_else(|| of_length(node)),
             false => of_length(node),
@@ -233,8 +233,8 @@ impl Node {
         text.push('[');
         for item in &self.items {
             match item {
-                Item::Node(node) if node.is(&TOLD) => continue,
-                Item::Node(node) => node.write(text),
+                Item::WktNode(node) if node.is(&TOLD) => continue,
+                Item::WktNode(node) => node.write(text),
                 Item::Text(quoted) => text.push_str(&format!("{quoted:?}")),
                 Item::Number(number) => text.push_str(&number_text(*number)),
                 Item::Word(word) => text.push_str(word),

@@ -163,7 +163,7 @@ pub struct Merging {
 impl Merging {
     /// The action for a pair of nodes.
     #[inline]
-    pub fn action<N>(&self, nodes: [&Child<N>; 2]) -> MergeAction {
+    pub(crate) fn action<N>(&self, nodes: [&Child<N>; 2]) -> MergeAction {
         self.actions.get(nodes.map(|node| match node {
             Child::Leaf(value) if self.full.is_some_and(|full| full != *value) => MergeState::Partial,
             _ => node.state().into(),

@@ -45,7 +45,7 @@ pub struct Metadata {
 /// Tags by what they are about.
 pub type ScopedTags = BTreeMap<TagScope, BTreeMap<String, String>>;
 
-/// What some tags are about: one channel, a domain (a room of its own for names, as in GDAL), or both.
+/// The subject of some tags: one channel, a domain (a room of its own for names, as in GDAL), or both.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct TagScope {
     /// The channel, from 0; `None` is the whole picture.
