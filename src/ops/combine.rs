@@ -9,7 +9,7 @@ use super::tree_file::check_form;
 use crate::io::Output;
 use crate::space::{Bounds, Code};
 use crate::store::BuildOptions;
-use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, SegmentNode};
+use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Form, Source, no_children};
 use crate::value::{SampleType, Tally, Value};
 use crate::{Error, Progress, Result};
@@ -405,7 +405,7 @@ impl Source for Combined {
 }
 
 impl ReusableSource for Combined {
-    fn stored(&self, node: &CombinedNode) -> Option<SegmentNode<'_>> {
+    fn stored(&self, node: &CombinedNode) -> Option<StoredNode<'_>> {
         match node {
             CombinedNode::Same(tree, node) => self.views[*tree].stored(node),
             CombinedNode::Open(..) => None,

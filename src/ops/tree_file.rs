@@ -9,7 +9,7 @@ use super::patched::{Patched, PatchedNode};
 use crate::query::{Statistics, source_statistics, tally_statistics};
 use crate::space::Bounds;
 use crate::store::autumnal::{self, Autumnal, Commit};
-use crate::store::builder::{RecordRef, ReusableSource, SegmentNode};
+use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::container::{HEAVY_THRESHOLD, STRIDE, reach};
 use crate::store::goblin::{self, Goblin};
 use crate::store::{Codec, Finding, Header, Metadata, OpenOptions, Shape, TreeFormat, split_commit};
@@ -374,7 +374,7 @@ impl Source for TreeFile {
 }
 
 impl ReusableSource for TreeFile {
-    fn stored(&self, node: &TreeFileNode) -> Option<SegmentNode<'_>> {
+    fn stored(&self, node: &TreeFileNode) -> Option<StoredNode<'_>> {
         match (self, node) {
             (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => file.stored(node),
             _ => None,

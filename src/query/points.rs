@@ -9,6 +9,7 @@ use zerocopy::IntoBytes;
 
 use super::check_level;
 use crate::space::{Cell, Code};
+use crate::store::container::dense::dense_block;
 use crate::store::container::{CUT, INNER, Record, RecordLayout, VOID, child_record, with_record_type};
 use crate::store::goblin::{Goblin, Node, Segment};
 use crate::tree::{Child, Source, no_children};
@@ -164,6 +165,12 @@ impl Points<'_> {
             // (In quadtrees z is 0.)
             let step = x >> bit & 1 | (y >> bit & 1) << 1 | (z >> bit & 1) << 2;
             let record = records.get(at).ok_or_else(|| self.bad_skip(entry, at))?;
+            if record.is_dense() && bit > 0 {
+                let block = dense_block(records, at);
+                let block =
+                    block.filter(|block| block.levels > bit).ok_or_else(|| self.bad_skip(entry, at))?;
+                return Ok(block.value_at(bit + 1, cell));
+            }
             match record.state(step) {
                 VOID => return Ok(None),
                 CUT if bit > 0 => return self.value_from_root(cell),
@@ -209,7 +216,7 @@ impl Points<'_> {
             }
             // Nothing below the table's nodes is asked for if they are the cells.
             Child::Inner { node, .. } if self.top < self.level => {
-                Entry { segment: self.segment_of(node)?, record: node.record }
+                Entry { segment: self.segment_of(node)?, record: node.place.record }
             }
             child => self.uniform(child.value()),
         };

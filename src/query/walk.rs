@@ -2,7 +2,7 @@
 
 use crate::space::{Bounds, Code};
 use crate::store::container::subtree::BadSkip;
-use crate::store::container::{CUT, INNER, LEAF, Shape, VOID};
+use crate::store::container::{CUT, INNER, LEAF, RunChild, RunChildren, RunNode, Shape, VOID};
 use crate::store::goblin::{Goblin, Segment};
 use crate::tree::{Child, Source, no_children};
 use crate::value::{Tally, Value};
@@ -177,8 +177,8 @@ struct Walk<'a> {
 
 /// A node with a record.
 struct Node {
-    /// Its record's number in the segment.
-    at: usize,
+    /// Its place in the segment.
+    at: RunNode,
     code: Code,
     /// Its cells, unless all of them lie in the box.
     space: Option<Bounds>,
@@ -203,36 +203,38 @@ impl Walk<'_> {
         let segment = self.tree.segment(index)?;
         // Below the level of the blocks no node owns a segment.
         let inline = code.level() >= self.shape.block_level();
-        self.node(&segment, segment.records(), Node { at: 0, code, space, inline }, visitor)
+        self.node(&segment, segment.records(), Node { at: RunNode::default(), code, space, inline }, visitor)
     }
 
     fn node(&self, segment: &Segment<'_>, records: &[u8], node: Node, visitor: &mut impl Visitor) -> Walked {
         let Node { at, code, space, inline } = node;
         let (layout, shape) = (self.tree.layout(), &self.shape);
-        let bad_skip = || self.tree.bad_skip(segment, at);
-        if inline && space.is_none() {
-            let head = layout.head(records, at).ok_or_else(bad_skip)?;
-            let subtree = layout.subtree(records, at, head.skip).unwrap_or(&[]);
+        let bad_skip = || self.tree.bad_skip(segment, at.record as usize);
+        if inline && space.is_none() && at.below == 0 {
+            let record = at.record as usize;
+            let head = layout.head(records, record).ok_or_else(bad_skip)?;
+            let subtree = layout.subtree(records, record, head.skip).unwrap_or(&[]);
             let levels = shape.depth.saturating_sub(code.level());
             if let Some(taken) = visitor.subtree(subtree, levels) {
                 return taken.map_err(|_| bad_skip().into());
             }
         }
-        let (head, under) = layout.child_records(records, at).ok_or_else(bad_skip)?;
+        let mut children = RunChildren::default();
+        layout.run_children(records, at, &mut children).ok_or_else(bad_skip)?;
         if code.level() >= shape.depth {
             return Err(bad_skip().into());
         }
         let dimension = code.dimension();
         let candidates = !inline && shape.is_candidate(code.level() + 1);
-        for (step, record) in under[..dimension.children()].iter().enumerate() {
+        for (step, RunChild { state, value, node: at }) in children[..dimension.children()].iter().enumerate()
+        {
             let child = code.child(step);
             let space = space.map(|space| space.child(dimension, step));
             let space = space.filter(|space| !self.bounds.contains(space));
-            match head.state(step) {
+            match *state {
                 VOID => uniform_block(child, shape.depth, None, (space.as_ref(), self.bounds), visitor)?,
                 LEAF => {
-                    let value = Some(layout.value(records, at, step));
-                    uniform_block(child, shape.depth, value, (space.as_ref(), self.bounds), visitor)?;
+                    uniform_block(child, shape.depth, Some(*value), (space.as_ref(), self.bounds), visitor)?;
                 }
                 state => {
                     debug_assert!(state == INNER || state == CUT);
@@ -251,7 +253,7 @@ impl Walk<'_> {
                             // A node that might own a segment and does not is too small to be cut: all below
                             // it has its records here.
                             let inline = inline || deepest == Some(segment.index());
-                            let node = Node { at: *record as usize, code: child, space, inline };
+                            let node = Node { at: *at, code: child, space, inline };
                             self.node(segment, records, node, visitor)?;
                         }
                         _ => return Err(self.tree.bad_cut(child).into()),

@@ -7,7 +7,7 @@ use super::view::{Lookup, Sampling, TINY, View};
 use crate::Result;
 use crate::ops::tree_file::TreeFileNode;
 use crate::space::{Code, Dimension};
-use crate::store::builder::{RecordRef, ReusableSource, SegmentNode};
+use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Form, Source, no_children};
 use crate::value::{Rule, Tally, Value};
 
@@ -401,7 +401,7 @@ impl Source for View {
 }
 
 impl ReusableSource for View {
-    fn stored(&self, node: &ViewNode) -> Option<SegmentNode<'_>> {
+    fn stored(&self, node: &ViewNode) -> Option<StoredNode<'_>> {
         match node {
             ViewNode::Same(node) => self.source.stored(node),
             ViewNode::Around(_) => None,

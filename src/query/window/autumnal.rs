@@ -1,10 +1,12 @@
 //! Windows of Autumnal files.
 
-use super::source::{Canvas, with_width};
+use super::check_buffers;
+use super::painter::{Painter, bytes_of};
 use crate::Result;
 use crate::query::check_level;
 use crate::space::Bounds;
-use crate::store::autumnal::Autumnal;
+use crate::store::autumnal::{Autumnal, Piece};
+use crate::store::container::{Record, RecordLayout, with_record_type};
 use crate::value::Value;
 
 impl Autumnal {
@@ -28,10 +30,27 @@ impl Autumnal {
     ) -> Result<()> {
         check_level(level, self.header().depth())?;
         let form = self.header().form;
-        let mut canvas = Canvas::new(form, bounds, fill, values, valid)?;
-        with_width!(form.width(), WIDTH => {
-            let mut cells = canvas.cells::<WIDTH>();
-            self.blocks(level, bounds, |min, size, value| cells.paint(min, size, value))
+        check_buffers(form.value, bounds, values, valid.as_deref())?;
+        with_record_type!(RecordLayout::new(form), R => {
+            self.paint(level, &mut Painter::<R>::new(*bounds, fill, values, valid))
+        })
+    }
+
+    /// Paints all of a window, of values whose width is known.
+    fn paint<R: Record>(&self, level: u8, painter: &mut Painter<'_, R>) -> Result<()> {
+        painter.clear();
+        let bounds = painter.bounds;
+        self.pieces(level, &bounds, &mut |space, piece| match piece {
+            Piece::Uniform(value) => {
+                let part = space.intersect(&bounds);
+                if !part.is_empty() {
+                    painter.paint(&part, Some(bytes_of::<R>(value)));
+                }
+                Ok(())
+            }
+            Piece::Run(records, levels, bad_run) => {
+                painter.run(R::of(records), 0, levels - 1, space.min).map_err(|_| bad_run())
+            }
         })
     }
 }

@@ -2,6 +2,7 @@
 
 mod autumnal;
 mod goblin;
+mod painter;
 mod source;
 
 pub(crate) use source::Canvas;

@@ -39,8 +39,6 @@ macro_rules! with_width {
     }};
 }
 
-pub(super) use with_width;
-
 impl<'a> Canvas<'a> {
     /// A box all of whose cells are VOID, which `fill` stands for.
     ///
@@ -111,7 +109,7 @@ impl<'a> Canvas<'a> {
     ///
     /// `WIDTH` must be the width of the tree's values.
     #[inline]
-    pub(super) fn cells<const WIDTH: usize>(&mut self) -> Cells<'_, WIDTH> {
+    fn cells<const WIDTH: usize>(&mut self) -> Cells<'_, WIDTH> {
         debug_assert_eq!(WIDTH, self.form.width());
         let (values, _) = self.values.as_chunks_mut();
         Cells { origin: self.bounds.min, strides: self.strides, values, valid: self.valid.as_deref_mut() }
@@ -119,7 +117,7 @@ impl<'a> Canvas<'a> {
 }
 
 /// Cells of a [`Canvas`], of values with so many bytes.
-pub(super) struct Cells<'a, const WIDTH: usize> {
+struct Cells<'a, const WIDTH: usize> {
     /// The first cell.
     origin: [u64; 3],
     strides: [usize; 3],
@@ -138,7 +136,7 @@ fn bytes_of<const WIDTH: usize>(value: Value) -> [u8; WIDTH] {
 impl<const WIDTH: usize> Cells<'_, WIDTH> {
     /// Gives all cells of a block, which must lie in the box, one value.
     #[inline]
-    pub(super) fn paint(&mut self, min: [u64; 3], size: [usize; 3], value: Value) {
+    fn paint(&mut self, min: [u64; 3], size: [usize; 3], value: Value) {
         let bytes = bytes_of(value);
         let strides = self.strides;
         let start: usize = (0..3).map(|axis| (min[axis] - self.origin[axis]) as usize * strides[axis]).sum();

@@ -17,14 +17,23 @@ use crate::{Error, Result};
 /// Bytes in the buffer beyond which it is written.
 const MAX_BUFFERED: usize = 4 << 20;
 
-/// A record that is to be in the file: INNER children have the addresses of their records.
+/// A record that is to be in the file.
 #[derive(Clone, Copy)]
 pub(super) struct NewRecord<'a> {
     pub(super) representative: Value,
-    /// All children of the node.
-    pub(super) children: &'a [Child<u64>],
-    /// The zone's bytes; none if the node has no zone.
+    /// What is below the node.
+    pub(super) below: Below<'a>,
+    /// The zone's bytes; none if what is below is a run.
     pub(super) zone: &'a [u8],
+}
+
+/// What is below a node, in its record.
+#[derive(Clone, Copy)]
+pub(super) enum Below<'a> {
+    /// All children of the node; INNER ones have the addresses of their records.
+    Children(&'a [Child<u64>]),
+    /// All records below.
+    Run(&'a [u8]),
 }
 
 /// Writes a file behind what it has already.
@@ -198,11 +207,21 @@ impl Appender {
 
     /// Appends a record to the buffer, and tells its size without the zone.
     fn encode_record(&mut self, address: u64, record: NewRecord<'_>) -> usize {
-        let NewRecord { representative, children, zone } = record;
-        let size = self.layout.encode(address, representative, children, &mut self.record);
-        self.buffer.extend_from_slice(&self.record[..size]);
-        self.buffer.extend_from_slice(zone);
-        size
+        let NewRecord { representative, below, zone } = record;
+        match below {
+            Below::Children(children) => {
+                let size = self.layout.encode(address, representative, children, &mut self.record);
+                self.buffer.extend_from_slice(&self.record[..size]);
+                self.buffer.extend_from_slice(zone);
+                size
+            }
+            Below::Run(run) => {
+                let width = self.layout.width();
+                self.buffer.extend_from_slice(&representative.to_bytes()[..width]);
+                self.buffer.extend_from_slice(run);
+                width + run.len()
+            }
+        }
     }
 
     /// The first place where an extent could start and whose first bytes, of which at least one lies behind
@@ -221,10 +240,17 @@ impl Appender {
     /// The content of a record, which is the same wherever it stands: INNER children are told by their
     /// addresses.
     fn content_of(content: &mut Vec<u8>, record: NewRecord<'_>, width: usize) {
-        let NewRecord { representative, children, zone } = record;
+        let NewRecord { representative, below, zone } = record;
         content.clear();
-        content.push(zone.is_empty().into());
+        content.push(matches!(below, Below::Run(_)).into());
         content.extend_from_slice(&representative.to_bytes()[..width]);
+        let children = match below {
+            Below::Run(run) => {
+                content.extend_from_slice(run);
+                return;
+            }
+            Below::Children(children) => children,
+        };
         for child in children {
             content.push(child.state() as u8);
             match child {
@@ -241,12 +267,13 @@ impl Appender {
         let mut content = mem::take(&mut self.content);
         Self::content_of(&mut content, record, self.layout.width());
         let hash = hash(&content);
-        let zone = record.zone;
         let mut found = None;
         for known in dedup.find(hash) {
-            // (The lowest bit says whether there is a zone, which a record does not say of itself.)
-            let (address, has_zone) = (known >> 1, known & 1 == 1);
-            if has_zone != zone.is_empty() && self.has_content(address, &content, zone.len())? {
+            // (The lowest bit says whether it is a run, which a record does not say of itself.)
+            let (address, is_run) = (known >> 1, known & 1 == 1);
+            if is_run == matches!(record.below, Below::Run(_))
+                && self.has_content(address, &content, record)?
+            {
                 found = Some(address);
                 break;
             }
@@ -260,41 +287,53 @@ impl Appender {
                 Child::Leaf(_) => self.layout.width(),
                 Child::Inner { .. } => usize::from(self.layout.relative),
             };
-            let fields: usize = record.children.iter().map(field).sum();
-            self.written.spared += (self.layout.head_size() + fields + zone.len()) as u64;
+            let size = match record.below {
+                Below::Children(children) => {
+                    self.layout.head_size() + children.iter().map(field).sum::<usize>() + record.zone.len()
+                }
+                Below::Run(run) => self.layout.width() + run.len(),
+            };
+            self.written.spared += size as u64;
             return Ok(address);
         }
         let address = self.write_record(record)?;
-        dedup.insert(hash, address << 1 | u64::from(!zone.is_empty()));
+        dedup.insert(hash, address << 1 | u64::from(matches!(record.below, Below::Run(_))));
         Ok(address)
     }
 
-    /// Whether the record at an address has this content, with so many bytes of zone.
-    fn has_content(&mut self, address: u64, content: &[u8], zone: usize) -> Result<bool> {
+    /// Whether the record at an address has this content, which is that of a new record of the same sort.
+    fn has_content(&mut self, address: u64, content: &[u8], new: NewRecord<'_>) -> Result<bool> {
         if address < self.start && self.reader.is_none() {
             self.reader = Some(self.backend.reader()?);
         }
+        let width = self.layout.width();
+        let most = match new.below {
+            Below::Children(_) => MAX_RECORD + new.zone.len(),
+            Below::Run(run) => width + run.len(),
+        };
         let read;
         let bytes = match (&self.reader, address.checked_sub(self.start)) {
             // It is still in the buffer.
             (_, Some(at)) => &self.buffer[at as usize..],
             (Some(reader), None) if address < reader.len() => {
-                let most = (reader.len() - address).min((MAX_RECORD + zone) as u64);
+                let most = (reader.len() - address).min(most as u64);
                 read = reader.read(address, most as usize)?;
                 &read[..]
             }
             _ => return Ok(false),
         };
+        if matches!(new.below, Below::Run(_)) {
+            return Ok(bytes.get(..most) == content.get(1..));
+        }
         let Some((children, end)) = self.layout.decode(bytes, address) else { return Ok(false) };
         let (Some(representative), Some(zone)) =
-            (self.layout.representative(bytes), bytes.get(end..end + zone))
+            (self.layout.representative(bytes), bytes.get(end..end + new.zone.len()))
         else {
             return Ok(false);
         };
-        let children = &children[..self.layout.children()];
+        let below = Below::Children(&children[..self.layout.children()]);
         let mut found = Vec::with_capacity(content.len());
-        let record = NewRecord { representative, children, zone };
-        Self::content_of(&mut found, record, self.layout.width());
+        Self::content_of(&mut found, NewRecord { representative, below, zone }, width);
         Ok(found == content)
     }
 

@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
-use super::append::{Appender, NewRecord};
+use super::append::{Appender, Below, NewRecord};
 use super::commit::Root;
+use super::layout::run_height;
 use super::reader::{Autumnal, Node};
 use super::verified::Verified;
 use super::zone::{Zone, zone_height};
@@ -17,8 +18,8 @@ use crate::store::container::{Finding, INNER, LEAF, RecordLayout, Shape, VOID};
 use crate::tree::{Child, Form, no_children};
 use crate::value::{Rule, Tally, Value};
 
-/// The shape that makes blocks as large as the smallest nodes with zones, and leaves all their records
-/// together.
+/// The shape that makes blocks as large as the smallest nodes with zones, whose children are runs, and leaves all their
+/// records together.
 pub(super) fn shape(dimension: Dimension, depth: u8) -> Shape {
     Shape { depth, reach: zone_height(dimension), stride: 1, heavy_threshold: u32::MAX }
 }
@@ -49,7 +50,7 @@ impl<'a> Check<'a> {
         if !self.extent.contains(&node.address) {
             self.extent = tree.extents().records_at(node.address)?;
         }
-        let size = tree.layout().record_size(tree.record(node)?.states) + zone;
+        let size = tree.record_size(node)? + zone;
         if self.extent.end - node.address < size as u64 {
             let found = format!("{size} bytes");
             let expected = format!("an end at byte {} or before, where its extent ends", self.extent.end);
@@ -83,9 +84,6 @@ pub(super) struct RecordBuilder<'a> {
     siblings: Siblings<BuiltNode>,
     root: Option<BuiltNode>,
 }
-
-/// Records of a block, in preorder, as bytes, and the number of that of a node.
-type BlockRecord<'a> = (&'a [u8], usize);
 
 impl<'a> RecordBuilder<'a> {
     /// `covered` is the extent of the parts that will come; what is outside is VOID.
@@ -155,7 +153,7 @@ impl<'a> RecordBuilder<'a> {
         let zone = Zone { records, tally };
         let bytes = self.zone_bytes(height, &zone);
         let old = self.old_node(code)?;
-        let record = NewRecord { representative, children, zone: &bytes };
+        let record = NewRecord { representative, below: Below::Children(children), zone: &bytes };
         let node = self.write(code, record, old)?;
         Ok(BuiltNode { child: Child::Inner { representative, node }, zone })
     }
@@ -198,32 +196,33 @@ impl<'a> RecordBuilder<'a> {
         }
     }
 
-    /// Writes the records of a node of a block that are new, the node's own after those of its children.
-    /// `old` is what the file has at the node.
+    /// Writes those records of a block's root and of its children that are new; `old` is what the file has at the root.
     fn block(
         &mut self,
         code: Code,
-        (records, number): BlockRecord<'_>,
+        records: &[u8],
         representative: Value,
         zone: &[u8],
         old: Option<Node>,
     ) -> Result<u64> {
+        let height = self.depth - code.level();
+        if height <= run_height(self.form.dimension) {
+            return self.write(code, NewRecord { representative, below: Below::Run(records), zone }, old);
+        }
         let layout = self.block_layout;
-        let head = layout.head(records, number).expect(RECORDS_ARE_CHECKED);
-        // The tree that is there is gone down side by side with the block, so that unchanged records are
-        // found without looking for each from the root.
+        let head = layout.head(records, 0).expect(RECORDS_ARE_CHECKED);
         let before = match (self.base, old) {
             (Some(base), Some(old)) => Some((base, base.record(old)?, old.height)),
             _ => None,
         };
         let mut children = no_children();
-        let mut next = number + 1;
+        let mut next = 1;
         for (step, child) in children[..layout.children()].iter_mut().enumerate() {
             let state = head.state(step);
             if state == VOID {
                 continue;
             }
-            let value = layout.value(records, number, step);
+            let value = layout.value(records, 0, step);
             if state == LEAF {
                 *child = Child::Leaf(value);
                 continue;
@@ -235,20 +234,28 @@ impl<'a> RecordBuilder<'a> {
                 }
                 _ => None,
             };
-            let skip = layout.head(records, next).expect(RECORDS_ARE_CHECKED).skip as usize;
-            let node = self.block(code.child(step), (records, next), value, &[], old)?;
-            next += skip;
+            let skip = layout.head(records, next).expect(RECORDS_ARE_CHECKED).skip;
+            let run = layout.subtree(records, next, skip).expect(RECORDS_ARE_CHECKED);
+            let node = self.block(code.child(step), run, value, &[], old)?;
+            next += skip as usize;
             *child = Child::Inner { representative: value, node };
         }
-        let children = &children[..layout.children()];
-        self.write(code, NewRecord { representative, children, zone }, old)
+        let below = Below::Children(&children[..layout.children()]);
+        self.write(code, NewRecord { representative, below, zone }, old)
     }
 }
 
 /// Whether a record of the file is already what it should be.
 fn is_same(base: &Autumnal, old: Node, new: NewRecord<'_>) -> Result<bool> {
+    let children = match new.below {
+        Below::Run(records) => {
+            let run = base.run(old)?;
+            return Ok(base.run_records(&run) == records && base.representative(old)? == new.representative);
+        }
+        Below::Children(children) => children,
+    };
     let record = base.record(old)?;
-    for (step, child) in new.children.iter().enumerate() {
+    for (step, child) in children.iter().enumerate() {
         let is_same = match (record.state(step), child) {
             (VOID, Child::Void) => true,
             (LEAF, Child::Leaf(value)) => base.leaf(&record, step) == *value,
@@ -260,8 +267,7 @@ fn is_same(base: &Autumnal, old: Node, new: NewRecord<'_>) -> Result<bool> {
             return Ok(false);
         }
     }
-    Ok(base.representative(old.address)? == new.representative
-        && (new.zone.is_empty() || base.has_zone(old, new.zone)?))
+    Ok(base.representative(old)? == new.representative && base.has_zone(old, new.zone)?)
 }
 
 impl TreeSink for RecordBuilder<'_> {
@@ -275,7 +281,7 @@ impl TreeSink for RecordBuilder<'_> {
                 let records = sealed.map_or(part.records, |sealed| sealed.records);
                 let bytes = self.zone_bytes(self.depth - part.code.level(), &zone);
                 let old = self.old_node(part.code)?;
-                let node = self.block(part.code, (&records, 0), representative, &bytes, old)?;
+                let node = self.block(part.code, &records, representative, &bytes, old)?;
                 Child::Inner { representative, node }
             }
         };
@@ -284,7 +290,7 @@ impl TreeSink for RecordBuilder<'_> {
 
     fn keep(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
         let Some(base) = self.base else { return Ok(false) };
-        let node = Node { address: kept.address, height: kept.height };
+        let node = Node::new(kept.address, kept.height);
         let node = if kept.file == base.archive.file {
             Some(node)
         } else if let Some(twin) = self.twin
@@ -299,7 +305,7 @@ impl TreeSink for RecordBuilder<'_> {
         // What has no zone is smaller than a block: it is built anew, and found to be there.
         let Some(node) = node else { return Ok(false) };
         let Some(zone) = base.zone(node)? else { return Ok(false) };
-        let child = Child::Inner { representative: base.representative(node.address)?, node: node.address };
+        let child = Child::Inner { representative: base.representative(node)?, node: node.address };
         self.join(code, BuiltNode { child, zone })?;
         Ok(true)
     }

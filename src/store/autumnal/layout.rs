@@ -1,12 +1,16 @@
-//! The Autumnal record: an inner node's representative and, per child, a value or a pointer.
+//! The Autumnal record: an inner node's representative and, per child, a value or a pointer; or, of a small node, a run of
+//! all the records below it.
 //!
-//! A record has, in this order: two bits of state per child (VOID, LEAF, RELATIVE, ABSOLUTE), the
+//! A small node ([`run_height`]) and all that is below it is one record: the representative, and a run of records and dense
+//! blocks as it stands in a segment of a Goblin file. Of any other node the record has, in this order: two bits of state per child (VOID, LEAF, RELATIVE, ABSOLUTE), the
 //! representative, and the fields of the children that are not VOID: the value of a LEAF, or a pointer to an
 //! INNER child's record. A RELATIVE pointer is the distance back to it, an ABSOLUTE one its offset in the
 //! file. Records are written after those that they point to.
 
+use crate::space::Dimension;
+use crate::store::container::dense::dense_levels;
 use crate::store::container::record::{FOUR_STATES, state_of};
-use crate::store::container::{LEAF, VOID};
+use crate::store::container::{Descend, LEAF, RecordLayout, VOID, descend_in};
 use crate::tree::{Child, Children, Form, no_children};
 use crate::value::{MAX_VALUE_SIZE, Value};
 
@@ -14,6 +18,12 @@ use crate::value::{MAX_VALUE_SIZE, Value};
 pub(super) const RELATIVE: u8 = 2;
 /// More detail below, whose record is at this offset of the file.
 pub(super) const ABSOLUTE: u8 = 3;
+
+/// Levels below the largest nodes whose records are runs: as many as those of the largest dense blocks.
+#[inline]
+pub(super) const fn run_height(dimension: Dimension) -> u8 {
+    *dense_levels(dimension).end()
+}
 
 /// Bytes of the longest head of a record: its states and its representative.
 pub(super) const MAX_HEAD: usize = 2 + MAX_VALUE_SIZE;
@@ -41,6 +51,10 @@ pub(super) struct PointeredLayout {
     pub(super) absolute: u8,
     /// Bytes of the fields of four children, by their states.
     field_bytes: Box<[u16; FOUR_STATES]>,
+    /// Layout of the records of runs.
+    pub(super) run: RecordLayout,
+    /// The way down in a run.
+    pub(super) descend: Descend,
 }
 
 impl PointeredLayout {
@@ -56,6 +70,8 @@ impl PointeredLayout {
             relative,
             absolute,
             field_bytes: Box::new(field_bytes),
+            run: RecordLayout::new(form),
+            descend: descend_in(RecordLayout::new(form)),
         }
     }
 
@@ -85,6 +101,28 @@ impl PointeredLayout {
     #[inline]
     pub(super) fn representative(&self, record: &[u8]) -> Option<Value> {
         self.value(record, self.state_bytes)
+    }
+
+    /// Whether the record of a node with so many levels below it is a run.
+    #[inline]
+    pub(super) fn is_run(&self, height: u8) -> bool {
+        height <= run_height(self.form.dimension)
+    }
+
+    /// Bytes of the run of a node with so many levels below it, given its first ones: the representative and the first record
+    /// at least. `None` if they are fewer, or if it claims more records than the node can have.
+    #[inline]
+    pub(super) fn run_size(&self, bytes: &[u8], height: u8) -> Option<usize> {
+        let skip = self.run.head(bytes.get(self.width..)?, 0)?.skip;
+        // A tree without a uniform node: 1 + c + c^2 ... for c children.
+        let most = (self.form.dimension.cells(height) - 1) / (self.children() as u64 - 1);
+        (1..=most).contains(&u64::from(skip)).then(|| self.width + skip as usize * self.run.size)
+    }
+
+    /// Bytes of a run's representative and its first record.
+    #[inline]
+    pub(super) fn run_head(&self) -> usize {
+        self.width + self.run.size
     }
 
     /// The value at an offset in a record; `None` if the record is cut short.
@@ -230,7 +268,6 @@ impl PointeredLayout {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::space::Dimension;
     use crate::value::{SampleType, ValueType};
 
     #[test]

@@ -7,7 +7,6 @@
 
 mod append;
 mod archive;
-mod blocks;
 mod builder;
 mod commit;
 mod compact;
@@ -18,6 +17,7 @@ mod layout;
 mod levels;
 mod meta;
 mod newest;
+mod pieces;
 mod reader;
 mod recover;
 mod share;
@@ -30,6 +30,7 @@ pub use commit::{Commit, Note, Written};
 pub use compact::{Keep, compact};
 pub use editor::Editor;
 pub use history::History;
+pub(crate) use pieces::Piece;
 pub use reader::{Autumnal, Node};
 pub use recover::recover;
 pub(in crate::store) use write::write;

@@ -4,29 +4,42 @@ use std::borrow::Cow;
 use std::cell::Cell;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
-use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, PointeredLayout, RELATIVE};
+use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, PointeredLayout, RELATIVE, run_height};
 use super::newest::{slots, whole};
 use super::zone::{BadZone, Zone, records, zone_height};
-use crate::io::FileId;
+use crate::io::{FileBytes, FileId};
 use crate::space::Code;
-use crate::store::builder::{RecordRef, ReusableSource};
+use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
 use crate::store::container::record::state_of;
-use crate::store::container::{Header, INNER, LEAF, Metadata, OpenOptions, VOID, split_commit};
-use crate::tree::{Child, Children, Form, Source};
+use crate::store::container::{
+    Descent, Header, INNER, LEAF, Metadata, OpenOptions, RunChildren, RunNode, VOID, split_commit,
+};
+use crate::tree::{CellBlock, Child, Children, Form, Source};
 use crate::value::{Tally, Value};
 use crate::{Error, Result};
 
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
-    /// Offset of its record in the file.
+    /// Offset in the file of its record, or of the run that it is in.
     pub(super) address: u64,
     /// Levels below it.
     pub(super) height: u8,
+    /// Its place in the run.
+    pub(super) place: RunNode,
+}
+
+impl Node {
+    /// The node whose record, or whose run, is at an address.
+    #[inline]
+    pub(super) fn new(address: u64, height: u8) -> Node {
+        Node { address, height, place: RunNode::default() }
+    }
 }
 
 /// One commit of an Autumnal file, open for reading; may be shared by any number of threads.
@@ -134,7 +147,7 @@ impl Autumnal {
                 return Err(corrupt("an INNER root of a tree that is one cell".into(), "VOID or LEAF"));
             }
             INNER => {
-                let node = Node { address: *address, height: header.depth() };
+                let node = Node::new(*address, header.depth());
                 Child::Inner { representative: value()?, node }
             }
             other => return Err(corrupt(format!("root state {other}"), "0, 1 or 2")),
@@ -268,15 +281,64 @@ impl Autumnal {
         }
     }
 
-    /// The representative of the node whose record is at an address.
-    pub(super) fn representative(&self, address: u64) -> Result<Value> {
-        self.representative_in(self.extents(), address)
+    /// The representative of a node with a record, or a run, of its own.
+    pub(super) fn representative(&self, node: Node) -> Result<Value> {
+        self.representative_in(self.extents(), node)
     }
 
     #[inline]
-    pub(super) fn representative_in<'a, A: ByteAccess<'a>>(&self, access: A, address: u64) -> Result<Value> {
-        let bytes = access.bytes(address, MAX_HEAD)?;
-        self.layout().representative(&bytes).ok_or_else(|| self.cut_short(address))
+    pub(super) fn representative_in<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<Value> {
+        let bytes = access.bytes(node.address, MAX_HEAD)?;
+        let layout = self.layout();
+        let value =
+            if layout.is_run(node.height) { layout.value(&bytes, 0) } else { layout.representative(&bytes) };
+        value.ok_or_else(|| self.cut_short(node.address))
+    }
+
+    /// The run that a node is in, representative first.
+    pub(super) fn run(&self, node: Node) -> Result<Cow<'_, [u8]>> {
+        match self.extents().mapped() {
+            Some(mapped) => Ok(Cow::Borrowed(self.run_in(mapped, node)?)),
+            None => self.run_in(self.extents(), node),
+        }
+    }
+
+    #[inline]
+    pub(super) fn run_in<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<A::Bytes> {
+        let address = node.address;
+        let layout = self.layout();
+        let bytes = access.bytes(address, layout.run_head())?;
+        let size = layout.run_size(&bytes, self.run_height()).ok_or_else(|| self.bad_run(address))?;
+        let bytes = if bytes.len() < size { access.bytes(address, size)? } else { bytes };
+        if bytes.len() < size { Err(self.cut_short(address)) } else { Ok(bytes) }
+    }
+
+    /// The records of a run, of which at least all bytes are given.
+    #[inline]
+    pub(super) fn run_records<'r>(&self, run: &'r [u8]) -> &'r [u8] {
+        let layout = self.layout();
+        let size = layout.run_size(run, self.run_height()).unwrap_or(layout.width());
+        run.get(layout.width()..size).unwrap_or(&[])
+    }
+
+    /// Levels below the root of a run.
+    #[inline]
+    pub(super) fn run_height(&self) -> u8 {
+        run_height(self.layout().form.dimension).min(self.header().depth())
+    }
+
+    /// Bytes of the record, or of the run, of a node that has its own; its zone not counted.
+    pub(super) fn record_size(&self, node: Node) -> Result<usize> {
+        let layout = self.layout();
+        if layout.is_run(node.height) {
+            return Ok(layout.width() + self.run_records(&self.run(node)?).len());
+        }
+        Ok(layout.record_size(self.record(node)?.states))
+    }
+
+    #[cold]
+    pub(super) fn bad_run(&self, address: u64) -> Error {
+        self.bad_record(address, "a run that contradicts itself", "records that fit together")
     }
 
     /// The value in a record's field that starts at an offset.
@@ -317,7 +379,7 @@ impl Autumnal {
         debug_assert!(state == RELATIVE || state == ABSOLUTE);
         match self.layout().follow(&record.bytes, at, state, record.address) {
             // Whatever the pointers are, a descent ends where there are no levels left.
-            Some(address) if height > 1 => Ok(Node { address, height: height - 1 }),
+            Some(address) if height > 1 => Ok(Node::new(address, height - 1)),
             target => Err(self.bad_pointer(record.address, target.is_some())),
         }
     }
@@ -355,6 +417,9 @@ impl Autumnal {
             root => return Ok(root.value()),
         };
         for level in 0..code.level() {
+            if self.layout().is_run(node.height) {
+                return self.value_in_run(&self.run_in(access, node)?, node, level, code);
+            }
             let record = self.record_in(access, node)?;
             let step = code.step(level);
             match record.state(step) {
@@ -363,13 +428,30 @@ impl Autumnal {
                 _ => node = self.inner(&record, node.height, step)?,
             }
         }
-        self.representative_in(access, node.address).map(Some)
+        self.representative_in(access, node).map(Some)
     }
 
-    /// The INNER node with a code, if it is one.
+    /// The value of a node below the root of a run, which is at `level`.
+    fn value_in_run(&self, run: &[u8], root: Node, level: u8, code: Code) -> Result<Option<Value>> {
+        let layout = self.layout();
+        let (records, parent) = (self.run_records(run), code.ancestor(code.level() - 1));
+        let value = match (layout.descend)(records, 0, level, parent) {
+            Descent::Void => Some(None),
+            Descent::Leaf(value) => Some(Some(value)),
+            Descent::Inner(record) => layout.run.value_below(records, record, parent.level(), code),
+            Descent::Dense(record, level) => layout.run.value_below(records, record, level, code),
+            Descent::Cut(_) | Descent::BadSkip(_) => None,
+        };
+        value.ok_or_else(|| self.bad_run(root.address))
+    }
+
+    /// The INNER node with a code that has a record, or a run, of its own, if it is one.
     pub(super) fn inner_at(&self, code: Code) -> Result<Option<Node>> {
         let Child::Inner { mut node, .. } = self.root else { return Ok(None) };
         for level in 0..code.level() {
+            if self.layout().is_run(node.height) {
+                return Ok(None);
+            }
             let record = self.record(node)?;
             let step = code.step(level);
             match record.state(step) {
@@ -480,6 +562,9 @@ impl Autumnal {
         children: &mut Children<N>,
         node_of: impl Fn(Node) -> N,
     ) -> Result<()> {
+        if self.layout().is_run(node.height) {
+            return self.run_children(&self.run_in(access, node)?, node, children, node_of);
+        }
         let record = self.record_in(access, node)?;
         let layout = self.layout();
         // The fields stand one behind the other: no need to ask the layout where each of them starts.
@@ -495,12 +580,38 @@ impl Autumnal {
                 state => {
                     let node = self.follow(&record, at, state, node.height)?;
                     at += layout.pointer_size(state);
-                    let representative = self.representative_in(access, node.address)?;
+                    let representative = self.representative_in(access, node)?;
                     Child::Inner { representative, node: node_of(node) }
                 }
             };
         }
-        if node.height >= self.zone_height() { self.check_zone(access, node, &record) } else { Ok(()) }
+        self.check_zone(access, node, &record)
+    }
+
+    /// Writes the children of a node of a run.
+    fn run_children<N>(
+        &self,
+        run: &[u8],
+        node: Node,
+        children: &mut Children<N>,
+        node_of: impl Fn(Node) -> N,
+    ) -> Result<()> {
+        let layout = &self.layout().run;
+        let mut here = RunChildren::default();
+        let read = layout.run_children(self.run_records(run), node.place, &mut here);
+        read.ok_or_else(|| self.bad_run(node.address))?;
+        for (child, here) in children.iter_mut().zip(&here[..layout.children()]) {
+            *child = match here.state {
+                VOID => Child::Void,
+                LEAF => Child::Leaf(here.value),
+                INNER if node.height > 1 => {
+                    let node = Node { height: node.height - 1, place: here.node, ..node };
+                    Child::Inner { representative: here.value, node: node_of(node) }
+                }
+                _ => return Err(self.bad_run(node.address)),
+            };
+        }
+        Ok(())
     }
 
     /// INNER nodes of the tree, those of shared subtrees as often as they occur.
@@ -543,6 +654,15 @@ impl Source for Autumnal {
         self.children_with(node, children, |node| node)
     }
 
+    fn cells(&self, node: &Node, levels: u8) -> Result<Option<CellBlock>> {
+        if node.height != levels || !self.layout().is_run(levels) {
+            return Ok(None);
+        }
+        let run = self.run(*node)?;
+        let block = self.layout().run.dense_at(self.run_records(&run), node.place);
+        Ok(block.filter(|block| block.levels == levels).and_then(|block| block.cells()))
+    }
+
     fn check_unchanged(&self) -> Result<()> {
         Autumnal::check_unchanged(self)
     }
@@ -553,7 +673,41 @@ impl Source for Autumnal {
 }
 
 impl ReusableSource for Autumnal {
+    fn stored(&self, node: &Node) -> Option<StoredNode<'_>> {
+        let Node { address, height, place } = *node;
+        (self.layout().is_run(height) && place.below == 0).then_some(StoredNode {
+            file: self,
+            height,
+            run: address,
+            record: place.record,
+        })
+    }
+
     fn kept(&self, node: &Node) -> Option<RecordRef> {
-        Some(RecordRef { file: self.archive.file, address: node.address, height: node.height })
+        (!self.layout().is_run(node.height)).then_some(RecordRef {
+            file: self.archive.file,
+            address: node.address,
+            height: node.height,
+        })
+    }
+}
+
+impl RunFile for Autumnal {
+    fn file_header(&self) -> &Header {
+        self.header()
+    }
+
+    fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
+        let layout = self.layout();
+        let bytes = self.run(Node::new(run, self.run_height()))?;
+        let (records, at) = (self.run_records(&bytes), record as usize);
+        let skip = layout.run.head(records, at).map_or(0, |head| head.skip);
+        let length = layout.run.subtree(records, at, skip).map_or(0, <[u8]>::len);
+        let start = layout.width() + at * layout.run.size;
+        let bytes = match bytes {
+            Cow::Borrowed(bytes) => FileBytes::Mapped(bytes),
+            Cow::Owned(bytes) => FileBytes::Held(Arc::new(bytes)),
+        };
+        Ok(Subtree::new(bytes, start..start + length))
     }
 }

@@ -4,17 +4,15 @@
 //! a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
 //! two f64).
 
+use super::layout::run_height;
 use crate::space::Dimension;
 use crate::tree::Form;
 use crate::value::{Tally, Value};
 
-/// Levels below the smallest nodes with zones: 64 x 64 cells, or 16 x 16 x 16.
+/// Levels below the smallest nodes with zones, 64 x 64 cells or 16 x 16 x 16: all but those that are in runs have one.
 #[inline]
 pub(super) const fn zone_height(dimension: Dimension) -> u8 {
-    match dimension {
-        Dimension::Quad => 6,
-        Dimension::Oct => 4,
-    }
+    run_height(dimension) + 1
 }
 
 /// A zone.

@@ -8,6 +8,7 @@ use std::marker::PhantomData;
 
 use zerocopy::{FromBytes, IntoBytes};
 
+use super::fold::fold;
 use crate::store::container::subtree::{RECORDS_ARE_CHECKED, each_leaf};
 use crate::store::container::{INNER, LEAF, Record, VOID};
 use crate::tree::Child;
@@ -89,34 +90,12 @@ impl<V: Native, R: Record> Averaging<R> for Means<V> {
     }
 
     fn reused(&mut self, records: &[R], levels: u8) -> Self::Of {
-        let (sum, count) = block_sums::<V, R>(records, 0, levels);
+        let leaf = |bytes, cells| (decode::<R, V>(bytes).block_sums(cells), cells);
+        let (sum, count) = fold(records, levels, &leaf, &|sums: &[Self::Of]| {
+            pairwise(sums, |a, b| (V::add_block_sums(a.0, b.0), a.1 + b.1))
+        });
         (sum, if self.with_void { 1 << (R::AXES * levels as usize) } else { count })
     }
-}
-
-/// Sums and cells of a subtree, added up in the order in which building adds them.
-fn block_sums<V: Native, R: Record>(records: &[R], at: usize, levels: u8) -> (V::BlockSums, u32) {
-    let record = &records[at];
-    let mut next = at + 1;
-    let mut count = 0;
-    let cells = 1 << (R::AXES * (levels as usize - 1));
-    let mut sums = [V::BlockSums::default(); 8];
-    for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
-        match record.state(child) {
-            LEAF => {
-                count += cells;
-                *sum = decode::<R, V>(record.values()[child]).block_sums(cells);
-            }
-            INNER => {
-                let below = block_sums::<V, R>(records, next, levels - 1);
-                next += records[next].skip() as usize;
-                count += below.1;
-                *sum = below.0;
-            }
-            _ => {}
-        }
-    }
-    (pairwise(&sums[..R::CHILDREN], V::add_block_sums), count)
 }
 
 /// [`Rule::Majority`]: counts per class, as a range of one arena; in any order.

@@ -1,10 +1,8 @@
-//! Builds the tree of one block of cells: condense, average, emit records in preorder.
+//! Builds the tree of one block of cells: condense, average, hand over to [`encode`](super::encode).
 //!
 //! A block is worked level by level in flat arrays in Z order, where the children of a node are consecutive.
 //! There are no pointers and no recursion: the cells' level is reduced to the next one until one node is
-//! left, which gives every node's state, value and number of records; then the levels are gone through from
-//! the top, each inner node handing its children their numbers, and every record is written once, where it
-//! belongs.
+//! left, which gives every node's state and value.
 //!
 //! Arrays hold values as bytes, so that a block is the same for all types; what is done with them is compiled
 //! for each type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per
@@ -13,6 +11,7 @@
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::averaging::{Averaging, Local, Majorities, Means, sum_by_value};
+use super::encode::encode;
 use super::masked::{MaskedExtremes, MaskedMeans};
 use super::part::Part;
 use super::reused::{ReusedNode, ReusedRecords};
@@ -31,8 +30,6 @@ pub(super) struct Level {
     pub(super) states: Vec<u8>,
     /// The values' bytes, zeros where a node is VOID.
     pub(super) values: Vec<u8>,
-    /// Records of each node's subtree; empty for the level of the cells.
-    pub(super) records: Vec<u32>,
     /// Indices, in this level, of the nodes whose children make up the next one; `None`: all of them.
     pub(super) expanded: Option<Vec<u32>>,
     /// INNER nodes that came as a whole, in order.
@@ -47,6 +44,8 @@ pub(super) struct Block {
     pub(super) height: u8,
     pub(super) levels: Vec<Level>,
     pub(super) reused: ReusedRecords,
+    /// Nodes of each level below the root, which is at level 0; known once the block is reduced.
+    counts: LevelCounts,
 }
 
 impl Level {
@@ -55,7 +54,6 @@ impl Level {
         Level {
             states: vec![VOID; nodes],
             values: vec![0; nodes * form.width()],
-            records: vec![0; nodes],
             expanded: None,
             reused: Vec::new(),
         }
@@ -93,7 +91,6 @@ impl Level {
         let index = node.index as usize;
         self.states[index] = INNER;
         representative.write(&mut self.values[index * form.width()..][..form.width()]);
-        self.records[index] = node.len;
         self.reused.push(node);
     }
 
@@ -107,7 +104,7 @@ impl Level {
 impl Block {
     /// A block from the levels that a source had.
     pub(super) fn new(form: Form, code: Code, height: u8, levels: Vec<Level>, reused: ReusedRecords) -> Self {
-        Block { form, code, height, levels, reused }
+        Block { form, code, height, levels, reused, counts: LevelCounts::default() }
     }
 
     /// The block under `code`, of `height` levels, from all its cells in Z order.
@@ -115,9 +112,9 @@ impl Block {
         debug_assert_eq!(states.len() as u64, form.dimension.cells(height));
         let mut levels: Vec<Level> =
             (0..height).map(|level| Level::new(form, form.dimension.cells(level) as usize)).collect();
-        levels.push(Level { states, values, records: Vec::new(), expanded: None, reused: Vec::new() });
+        levels.push(Level { states, values, expanded: None, reused: Vec::new() });
         let reused = ReusedRecords::new(RecordLayout::new(form), height);
-        Block { form, code, height, levels, reused }
+        Block { form, code, height, levels, reused, counts: LevelCounts::default() }
     }
 
     /// Condenses and averages the block and turns it into records.
@@ -149,8 +146,12 @@ impl Block {
         let classes = classes.or_else(|| count_classes.then(|| self.classes()));
         let tally = tally::of_block(&self, classes);
         let child = self.root();
-        let records = with_record_type!(RecordLayout::new(form), R => records::<R>(&self, counts));
-        let total = RecordLayout::new(form).count(&records) as u64;
+        let records = with_record_type!(RecordLayout::new(form), R => {
+            encode::<R>(&self.levels, self.height, &self.reused)
+        });
+        // (Of the root, whoever merges it with its siblings counts all but what is below.)
+        let total = self.counts.records() + u64::from(child.is_inner());
+        counts.merge_below(code.level(), &self.counts);
         Part { code, child, total, records, tally }
     }
 
@@ -197,8 +198,8 @@ impl Block {
     }
 }
 
-/// Gives every expanded node its state, value and number of records, from the bottom up; returns what the
-/// averaging knows of the root.
+/// Gives every expanded node its state and value, from the bottom up, and counts nodes; returns what the averaging
+/// knows of the root.
 fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A::Of {
     let mut below: Vec<A::Of> = Vec::new();
     let height = block.height;
@@ -212,32 +213,35 @@ fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A
     if let Some(last) = levels.last() {
         add_reused(last, levels.len() - 1, &mut below, averaging);
     }
+    block.counts.merge(&reused.counts);
     for index in (1..levels.len()).rev() {
         let cells = 1 << (R::AXES * (height as usize - index));
         let (upper, lower) = levels.split_at_mut(index);
         let (parents, children) = (&mut upper[index - 1], &lower[0]);
         let mut known = vec![A::Of::default(); parents.states.len()];
         add_reused(parents, index - 1, &mut known, averaging);
-        reduce_level::<R, A>(parents, children, (&below, &mut known), cells, averaging);
+        let nodes = reduce_level::<R, A>(parents, children, (&below, &mut known), cells, averaging);
+        block.counts.add(index as u8, nodes);
         below = known;
     }
     below.first().copied().unwrap_or_default()
 }
 
-/// Gives the parents of one level of nodes their states, values and numbers of records; a child has `cells`
-/// cells. `below` is what is known of the INNER children, `known` of the parents.
+/// Gives the parents of one level of nodes their states and values; a child has `cells` cells. `below` is what is known of
+/// the INNER children, `known` of the parents. Returns the VOID, LEAF and INNER nodes of the children's level.
 fn reduce_level<R: Record, A: Averaging<R>>(
     parents: &mut Level,
     children: &Level,
     (below, known): (&[A::Of], &mut [A::Of]),
     cells: u32,
     averaging: &mut A,
-) {
+) -> [u64; 3] {
     let expanded = parents.expanded.take();
-    let (states, counts) = (&mut parents.states, &mut parents.records);
+    let states = &mut parents.states;
     let representatives = <[R::Bytes]>::mut_from_bytes(&mut parents.values).expect("whole values");
     let values = children.values_of::<R>();
     let groups = children.states.chunks_exact(R::CHILDREN).zip(values.chunks_exact(R::CHILDREN));
+    let (mut nodes, mut void, mut inner) = (0, 0, 0);
     for (group, (child_states, child_values)) in groups.enumerate() {
         let parent = expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
         let first = child_states[0];
@@ -250,70 +254,17 @@ fn reduce_level<R: Record, A: Averaging<R>>(
             continue;
         }
         let range = group * R::CHILDREN..(group + 1) * R::CHILDREN;
-        let known_below = below.get(range.clone()).unwrap_or(&[]);
+        let known_below = below.get(range).unwrap_or(&[]);
         let (of, representative) = averaging.merge(child_states, child_values, known_below, cells);
         known[parent] = of;
         states[parent] = INNER;
         representatives[parent] = representative;
-        counts[parent] = 1 + children.records.get(range).unwrap_or(&[]).iter().sum::<u32>();
+        nodes += R::CHILDREN as u64;
+        void += child_states.iter().map(|state| u64::from(*state == VOID)).sum::<u64>();
+        inner += child_states.iter().map(|state| u64::from(*state == INNER)).sum::<u64>();
     }
     parents.expanded = expanded;
-}
-
-/// The records of all inner nodes, in preorder.
-fn records<R: Record>(block: &Block, counts: &mut LevelCounts) -> Vec<u8> {
-    let root = &block.levels[0];
-    if root.states[0] != INNER {
-        return Vec::new();
-    }
-    let mut bytes = vec![0; root.records[0] as usize * size_of::<R>()];
-    let records = <[R]>::mut_from_bytes(&mut bytes).expect("whole records");
-    // Preorder numbers from the top: a node's subtree has a known number of records, so its number is its
-    // parent's plus one plus the records of the siblings before it. Levels are worked one after the other and
-    // records land in preorder.
-    let mut numbers = vec![0u32];
-    put_reused(block, 0, &numbers, records);
-    counts.merge_below(block.code.level(), &block.reused.counts);
-    for index in 1..block.levels.len() {
-        let (parents, children) = (&block.levels[index - 1], &block.levels[index]);
-        let values = children.values_of::<R>();
-        let level = block.code.level() + index as u8;
-        let mut below = vec![0u32; if children.records.is_empty() { 0 } else { children.states.len() }];
-        let mut tallied = [0u64; 3];
-        for group in 0..children.states.len() / R::CHILDREN {
-            let parent = parents.parent(group);
-            if parents.states[parent] != INNER {
-                continue;
-            }
-            let number = numbers[parent];
-            let start = group * R::CHILDREN;
-            let mut next = number + 1;
-            let mut states = 0;
-            for i in 0..R::CHILDREN {
-                let state = children.states[start + i];
-                states |= (state as u32) << (2 * i);
-                tallied[state as usize] += 1;
-                if state == INNER {
-                    below[start + i] = next;
-                    next += children.records[start + i];
-                }
-            }
-            records[number as usize] =
-                R::new(states, &values[start..start + R::CHILDREN], parents.records[parent]);
-        }
-        counts.add(level, tallied);
-        put_reused(block, index, &below, records);
-        numbers = below;
-    }
-    bytes
-}
-
-/// Puts the records that were taken over at a level where they belong.
-fn put_reused<R: Record>(block: &Block, index: usize, numbers: &[u32], records: &mut [R]) {
-    for node in &block.levels[index].reused {
-        let reused = block.reused_records::<R>(node);
-        records[numbers[node.index as usize] as usize..][..reused.len()].copy_from_slice(reused);
-    }
+    [void, nodes - void - inner, inner]
 }
 
 /// Hands out the leaves that the block was made of, before condensing, with their cells.

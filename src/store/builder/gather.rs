@@ -8,11 +8,13 @@ use zerocopy::IntoBytes;
 use super::averaging::{decode, encode, from_value};
 use super::block::{Block, Level};
 use super::merge::{Join, MergeAction, MergeState, Overlay, join_coverages};
-use super::reuse::{ReusableSource, SegmentNode, Subtree};
+use super::reuse::{ReusableSource, StoredNode, Subtree};
 use super::reused::ReusedRecords;
 use crate::Result;
 use crate::space::Code;
-use crate::store::container::{INNER, LEAF, Record, RecordLayout, VOID, with_form_type};
+use crate::store::container::{
+    INNER, LEAF, Record, RecordLayout, RunChildren, RunNode, VOID, with_form_type,
+};
 use crate::tree::{CellBlock, Child, Form, NodeState, no_children};
 use crate::value::{Native, Value};
 
@@ -42,7 +44,7 @@ impl Block {
         code: Code,
         height: u8,
         (representative, node): (Value, &S::Node),
-        may_reuse: &dyn Fn(&SegmentNode<'_>, u8) -> bool,
+        may_reuse: &dyn Fn(&StoredNode<'_>, u8) -> bool,
     ) -> Result<Self> {
         let form = source.form();
         let fan_out = form.children();
@@ -140,7 +142,7 @@ impl Block {
 }
 
 /// The records of an INNER node and of all below it.
-fn subtree<'a>(node: &Child<SegmentNode<'a>>) -> Result<Option<Subtree<'a>>> {
+fn subtree<'a>(node: &Child<StoredNode<'a>>) -> Result<Option<Subtree<'a>>> {
     match node {
         Child::Inner { node, .. } => node.subtree().map(Some),
         _ => Ok(None),
@@ -214,13 +216,18 @@ fn uniform(cells: &CellBlock, range: Range<usize>, width: usize) -> Option<Optio
     same.then(|| (is_there != 0).then(|| Value::from_bytes(&values[..width])))
 }
 
-/// A node of one of two trees that are merged: its state, its value, and the number of its record if it is
-/// INNER.
+/// A node of one of two trees that are merged: its state, its value, and where it is if it is INNER.
 #[derive(Clone, Copy)]
 struct MergeNode<B> {
     state: NodeState,
     value: B,
-    record: u32,
+    node: RunNode,
+}
+
+/// Two nodes whose children are to be merged; or the one of them that is taken, without the other.
+struct OpenPair<B> {
+    nodes: [MergeNode<B>; 2],
+    taken: Option<usize>,
 }
 
 /// The node as merge actions tell it apart; `full` is the value of LEAFs that are full, where that matters.
@@ -263,25 +270,29 @@ fn merge<R: Record>(
     let width = size_of::<R::Bytes>();
     let full = overlay.merging.full.map(from_value::<R>);
     let is_float = form.value.sample.is_float();
-    let root = |node: &Child<SegmentNode<'_>>| {
+    let root = |node: &Child<StoredNode<'_>>| {
         let value = from_value::<R>(node.value().unwrap_or_default());
-        MergeNode { state: node.state(), value, record: 0 }
+        MergeNode { state: node.state(), value, node: RunNode::default() }
     };
     let mut levels = vec![Level::root(form)];
-    let mut open = vec![[root(&overlay.nodes[0]), root(&overlay.nodes[1])]];
+    let mut open = vec![OpenPair { nodes: [root(&overlay.nodes[0]), root(&overlay.nodes[1])], taken: None }];
     for below in (0..height).rev() {
         let mut level = Level::new(form, open.len() * R::CHILDREN);
         let mut expanded = Vec::new();
         let mut deeper = Vec::new();
-        for (group, [first, second]) in open.iter().enumerate() {
+        for (group, OpenPair { nodes: [first, second], taken }) in open.iter().enumerate() {
             let (first, second) = (merge_children(records[0], first)?, merge_children(records[1], second)?);
             for i in 0..R::CHILDREN {
                 let pair = [first[i], second[i]];
                 let index = group * R::CHILDREN + i;
-                match overlay.merging.actions.get(pair.map(|node| merge_state(node, full))) {
+                let action = match taken {
+                    Some(tree) => MergeAction::Take(*tree),
+                    None => overlay.merging.actions.get(pair.map(|node| merge_state(node, full))),
+                };
+                match action {
                     MergeAction::Void => {}
                     MergeAction::Take(tree) => {
-                        let MergeNode { state, value, record } = pair[tree];
+                        let MergeNode { state, value, node } = pair[tree];
                         match state {
                             NodeState::Void => {}
                             NodeState::Leaf if is_float => {
@@ -291,8 +302,16 @@ fn merge<R: Record>(
                                 level.states[index] = LEAF;
                                 level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                             }
+                            // Part of a dense block, which is no run of its own.
+                            NodeState::Inner if node.below > 0 => {
+                                expanded.push(index as u32);
+                                let uniform = MergeNode { state: NodeState::Void, ..pair[tree] };
+                                let mut nodes = [uniform; 2];
+                                nodes[tree] = pair[tree];
+                                deeper.push(OpenPair { nodes, taken: Some(tree) });
+                            }
                             NodeState::Inner => {
-                                let subtree = &records[tree][record as usize..];
+                                let subtree = &records[tree][node.record as usize..];
                                 let subtree = &subtree[..subtree[0].skip() as usize];
                                 let node = reused.take(index, subtree.as_bytes(), below)?;
                                 level.put_reused(form, Value::from_bytes(value.as_bytes()), node);
@@ -308,7 +327,7 @@ fn merge<R: Record>(
                     }
                     MergeAction::Split if below > 0 => {
                         expanded.push(index as u32);
-                        deeper.push(pair);
+                        deeper.push(OpenPair { nodes: pair, taken: None });
                     }
                     MergeAction::Split | MergeAction::Fill => return None,
                 }
@@ -331,9 +350,23 @@ fn merge_children<R: Record>(records: &[R], node: &MergeNode<R::Bytes>) -> Optio
     if node.state != NodeState::Inner {
         return Some(children);
     }
-    let record = records.get(node.record as usize)?;
-    let end = node.record + record.skip();
-    let mut next = node.record + 1;
+    let record = records.get(node.node.record as usize)?;
+    if record.is_dense() {
+        let mut below = RunChildren::default();
+        R::RECORD_LAYOUT.run_children(records.as_bytes(), node.node, &mut below)?;
+        for (child, below) in children.iter_mut().zip(below) {
+            let state = match below.state {
+                VOID => NodeState::Void,
+                LEAF => NodeState::Leaf,
+                INNER => NodeState::Inner,
+                _ => return None,
+            };
+            *child = MergeNode { state, value: from_value::<R>(below.value), node: below.node };
+        }
+        return Some(children);
+    }
+    let end = node.node.record + record.skip();
+    let mut next = node.node.record + 1;
     for (i, child) in children[..R::CHILDREN].iter_mut().enumerate() {
         child.value = record.values()[i];
         match record.state(i) {
@@ -344,7 +377,8 @@ fn merge_children<R: Record>(records: &[R], node: &MergeNode<R::Bytes>) -> Optio
                 if state != INNER || skip == 0 || skip > end.saturating_sub(next) {
                     return None;
                 }
-                child.record = next;
+                child.state = NodeState::Inner;
+                child.node = RunNode::of_record(next as usize);
                 next += skip;
             }
         }

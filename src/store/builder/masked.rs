@@ -9,6 +9,7 @@ use zerocopy::IntoBytes;
 
 use super::averaging::{Averaging, decode, encode, from_value, pairwise};
 use super::block::{Block, for_leaves};
+use super::fold::fold;
 use super::tally::pairwise_sums;
 use crate::store::container::{INNER, LEAF, Record, VOID};
 use crate::value::{Native, Rule, Tally, Value, ValueType, erase};
@@ -73,32 +74,6 @@ impl<V: Native> MaskedMeans<V> {
             cells => erase(V::block_mean(sums, cells)),
         })
     }
-
-    /// Sums and cells of a subtree, added up in the order in which building adds them.
-    fn of_records<R: Record>(&self, records: &[R], at: usize, levels: u8) -> (V::BlockSums, [u32; 4]) {
-        let record = &records[at];
-        let mut next = at + 1;
-        let mut counts = [0; 4];
-        let cells = 1 << (R::AXES * (levels as usize - 1));
-        let mut sums = [V::BlockSums::default(); 8];
-        for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
-            match record.state(child) {
-                LEAF => {
-                    let (value, there) = present::<V, R>(self.value_type, record.values()[child]);
-                    count(&mut counts, there, cells);
-                    *sum = value.block_sums(cells);
-                }
-                INNER => {
-                    let below = self.of_records(records, next, levels - 1);
-                    next += records[next].skip() as usize;
-                    counts = add(counts, below.1);
-                    *sum = below.0;
-                }
-                _ => {}
-            }
-        }
-        (pairwise(&sums[..R::CHILDREN], V::add_block_sums), counts)
-    }
 }
 
 fn add(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
@@ -136,7 +111,14 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
     }
 
     fn reused(&mut self, records: &[R], levels: u8) -> Self::Of {
-        self.of_records(records, 0, levels)
+        let leaf = |bytes, cells| {
+            let (value, there) = present::<V, R>(self.value_type, bytes);
+            let mut counts = [0; 4];
+            count(&mut counts, there, cells);
+            (value.block_sums(cells), counts)
+        };
+        let sum = |a: Self::Of, b: Self::Of| (V::add_block_sums(a.0, b.0), add(a.1, b.1));
+        fold(records, levels, &leaf, &|sums: &[Self::Of]| pairwise(sums, sum))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Merging of two trees: actions at pairs of nodes, and operations that join values.
 
-use super::reuse::SegmentNode;
+use super::reuse::StoredNode;
 use crate::tree::{Child, NodeState};
 use crate::value::{Native, Value, ValueType, erase, native, with_native_type};
 
@@ -175,7 +175,7 @@ impl Merging {
 #[derive(Clone, Copy)]
 pub struct Overlay<'a> {
     /// The node of each of the two trees.
-    pub nodes: [Child<SegmentNode<'a>>; 2],
+    pub nodes: [Child<StoredNode<'a>>; 2],
     /// The way to merge them.
     pub merging: Merging,
 }

@@ -6,6 +6,8 @@
 
 mod averaging;
 mod block;
+mod encode;
+mod fold;
 mod gather;
 mod masked;
 mod merge;
@@ -16,6 +18,7 @@ mod reused;
 mod sink;
 mod slab;
 mod tally;
+mod upper;
 mod walk;
 
 pub use merge::{
@@ -23,9 +26,10 @@ pub use merge::{
 };
 pub use options::{BuildOptions, depth_for};
 pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment, representative_of, uniform_children};
-pub use reuse::{RecordRef, ReusableSource, SegmentFile, SegmentNode, Subtree};
+pub use reuse::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};
+pub(in crate::store) use upper::upper_levels;
 pub(in crate::store) use walk::{Builder, walk};
 
 use crate::Result;

@@ -1,7 +1,8 @@
 //! Parts of a tree on their way up: merged four (or eight) by four, sealed into segments.
 
+use super::upper::upper_levels;
 use crate::space::Code;
-use crate::store::container::subtree::upper_levels;
+use crate::store::container::subtree::RECORDS_ARE_CHECKED;
 use crate::store::container::{LevelCounts, RecordHead, RecordLayout, Shape};
 use crate::tree::{Child, Form};
 use crate::value::{Rule, Tally, Value, ValueType, representative};
@@ -72,9 +73,9 @@ impl Part {
         Part { code, child: Child::uniform(value), total: 0, records: Vec::new(), tally }
     }
 
-    /// The layout of the part's records.
-    fn layout(&self) -> RecordLayout {
-        RecordLayout::new(Form::new(self.code.dimension(), self.tally.value_type))
+    /// The form of the tree.
+    fn form(&self) -> Form {
+        Form::new(self.code.dimension(), self.tally.value_type)
     }
 
     /// The parent of these parts, which are all its children in order.
@@ -90,7 +91,7 @@ impl Part {
         if let Some(child) = uniform_children(children()) {
             return Part { code, child, total: 0, records: Vec::new(), tally };
         }
-        let layout = parts[0].layout();
+        let layout = RecordLayout::new(parts[0].form());
         let mut states = 0;
         let mut tallied = [0; 3];
         let mut values = Vec::with_capacity(layout.children() * layout.width);
@@ -105,7 +106,7 @@ impl Part {
         let skip = 1 + (below / layout.size) as u32;
         let mut records = Vec::with_capacity(layout.size + below);
         records.resize(layout.size, 0);
-        layout.write(&mut records, &values, RecordHead { states, skip });
+        layout.write(&mut records, &values, RecordHead { states, skip, dense: 0 });
         parts.iter().for_each(|part| records.extend_from_slice(&part.records));
         let cells = code.dimension().cells(depth - code.level());
         let representative = representative_of(rule, children(), &tally, cells);
@@ -130,8 +131,7 @@ impl Part {
             Vec::new()
         } else {
             let cut = shape.cut_level(shape.parent_segment_level(level));
-            upper_levels(self.layout(), &self.records, cut.saturating_sub(level))
-                .expect("records that add up")
+            upper_levels(self.form(), &self.records, cut.saturating_sub(level)).expect(RECORDS_ARE_CHECKED)
         };
         let records = std::mem::replace(&mut self.records, above);
         Some(SealedSegment { code: self.code, records, tally: self.tally.clone() })

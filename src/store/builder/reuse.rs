@@ -7,15 +7,14 @@ use std::ops::Range;
 use super::merge::Overlay;
 use crate::Result;
 use crate::io::{FileBytes, FileId};
-use crate::space::Code;
 use crate::store::container::Header;
 use crate::tree::{MemTree, Source};
 
 /// A source that may tell which of its nodes are stored in files.
 pub trait ReusableSource: Source {
-    /// The node of a file with segments that an INNER node is, with all that is below it, if it is one: the
-    /// records that are stored may then be copied.
-    fn stored(&self, _: &Self::Node) -> Option<SegmentNode<'_>> {
+    /// The node with a record in a run that an INNER node is, with all that is below it, if it is one: the records that
+    /// are stored may then be copied.
+    fn stored(&self, _: &Self::Node) -> Option<StoredNode<'_>> {
         None
     }
 
@@ -34,47 +33,46 @@ pub trait ReusableSource: Source {
 
 impl ReusableSource for MemTree {}
 
-/// A file whose tree is stored in segments of records.
-pub trait SegmentFile: Any + Send + Sync {
+/// A file whose tree, or whose small nodes, are stored as runs of records.
+pub trait RunFile: Any + Send + Sync {
     /// The file's header.
     fn file_header(&self) -> &Header;
 
-    /// The records of a node and of all that is below it in its segment, given the numbers of the segment and
-    /// of the node's record.
+    /// The records of a node and of all that is below it in its run, given the numbers of the run and of the node's record.
     ///
     /// # Errors
     /// If the file is damaged there.
-    fn subtree(&self, segment: u32, record: u32) -> Result<Subtree<'_>>;
+    fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>>;
 }
 
-/// A node of an open file with segments.
+/// A node of an open file with a record in a run.
 #[derive(Clone, Copy)]
-pub struct SegmentNode<'a> {
+pub struct StoredNode<'a> {
     /// The file.
-    pub file: &'a dyn SegmentFile,
-    /// The node.
-    pub code: Code,
-    /// The number of the segment that its record is in.
-    pub segment: u32,
+    pub file: &'a dyn RunFile,
+    /// Levels below the node.
+    pub height: u8,
+    /// The number of the run that its record is in: that of a segment, or its place in the file.
+    pub run: u64,
     /// The number of the record there.
     pub record: u32,
 }
 
-impl<'a> SegmentNode<'a> {
-    /// The node's records: see [`SegmentFile::subtree`].
+impl<'a> StoredNode<'a> {
+    /// The node's records: see [`RunFile::subtree`].
     pub(in crate::store) fn subtree(&self) -> Result<Subtree<'a>> {
-        self.file.subtree(self.segment, self.record)
+        self.file.subtree(self.run, self.record)
     }
 }
 
-/// Records of a node and of all that is below it in its segment.
+/// Records of a node and of all that is below it in its run.
 pub struct Subtree<'a> {
     bytes: FileBytes<'a>,
     range: Range<usize>,
 }
 
 impl<'a> Subtree<'a> {
-    /// A part of a segment's bytes; no records at all if the range lies.
+    /// A part of a run's bytes; no records at all if the range lies.
     pub(in crate::store) fn new(bytes: FileBytes<'a>, range: Range<usize>) -> Subtree<'a> {
         let range = if bytes.get(range.clone()).is_some() { range } else { 0..0 };
         Subtree { bytes, range }

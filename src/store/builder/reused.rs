@@ -1,7 +1,7 @@
 //! Records of whole subtrees that files have stored, taken over instead of going through them node by node.
 
 use crate::store::container::subtree::count_nodes;
-use crate::store::container::{LevelCounts, RecordLayout};
+use crate::store::container::{LevelCounts, RecordLayout, VOID};
 
 /// A node whose records are taken over.
 #[derive(Clone, Copy)]
@@ -11,6 +11,8 @@ pub(super) struct ReusedNode {
     /// Index of its first record among all that were taken over, and their number.
     start: u32,
     pub(super) len: u32,
+    /// Whether some of its cells are VOID.
+    pub(super) has_void: bool,
 }
 
 /// Records that are taken over for one block.
@@ -31,10 +33,13 @@ impl ReusedRecords {
     /// Takes over a subtree with so many levels whose root has an index in its level; `None` if its records
     /// contradict each other: going through it the usual way tells what is wrong.
     pub(super) fn take(&mut self, index: usize, subtree: &[u8], levels: u8) -> Option<ReusedNode> {
-        count_nodes(self.layout, subtree, levels, self.height - levels, &mut self.counts).ok()?;
+        let mut counts = LevelCounts::default();
+        count_nodes(self.layout, subtree, levels, self.height - levels, &mut counts).ok()?;
+        let has_void = counts.levels().iter().any(|nodes| nodes[usize::from(VOID)] > 0);
+        self.counts.merge(&counts);
         let start = self.layout.count(&self.records) as u32;
         self.records.extend_from_slice(subtree);
-        Some(ReusedNode { index: index as u32, start, len: self.layout.count(subtree) as u32 })
+        Some(ReusedNode { index: index as u32, start, len: self.layout.count(subtree) as u32, has_void })
     }
 
     /// The records of one of the nodes.

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::part::{Part, SealedSegment};
-use super::reuse::{RecordRef, SegmentNode};
+use super::reuse::{RecordRef, StoredNode};
 use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::store::container::LevelCounts;
@@ -23,13 +23,13 @@ pub(in crate::store) trait TreeSink: Send {
     }
 
     /// Whether all that another file has stored of an INNER node can be taken over by [`TreeSink::copy`].
-    fn can_copy(&self, _: Code, _: &SegmentNode<'_>) -> Result<bool> {
+    fn can_copy(&self, _: Code, _: &StoredNode<'_>) -> Result<bool> {
         Ok(false)
     }
 
     /// Takes over all that another file has stored of an INNER node, segment by segment. Only called where
     /// that can be done.
-    fn copy(&mut self, _: Code, _: Value, _: &SegmentNode<'_>) -> Result<()> {
+    fn copy(&mut self, _: Code, _: Value, _: &StoredNode<'_>) -> Result<()> {
         unreachable!("a sink that says that it can copy does")
     }
 }

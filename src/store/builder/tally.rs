@@ -4,8 +4,9 @@
 
 use super::averaging::{decode, pairwise};
 use super::block::{Block, for_leaves};
+use super::fold::fold;
 use super::masked;
-use crate::store::container::{INNER, LEAF, Record, with_form_type};
+use crate::store::container::{LEAF, Record, with_form_type};
 use crate::value::{Native, Sums, Tally, Value, erase};
 
 /// The tally of all the cells of a block; from class counts where they are known and sums are exact.
@@ -109,7 +110,9 @@ pub(super) fn pairwise_sums<V: Native, R: Record>(block: &Block, counted: &impl 
         for node in &level.reused {
             let reused = block.reused_records::<R>(node);
             let height = block.height - index as u8;
-            sums[node.index as usize] = pairwise_of_records::<V, R>(reused, 0, height, counted);
+            let leaf = |bytes, cells| of_leaf(counted(decode::<R, V>(bytes)), u64::from(cells));
+            let add = |sums: &[SumsAndSquares<V>]| pairwise(sums, add_both::<V>);
+            sums[node.index as usize] = fold(reused, height, &leaf, &add);
         }
         for (group, children) in below.chunks_exact(R::CHILDREN).enumerate() {
             sums[level.parent(group)] = pairwise(children, add_both::<V>);
@@ -118,30 +121,4 @@ pub(super) fn pairwise_sums<V: Native, R: Record>(block: &Block, counted: &impl 
     }
     let (sums, squares) = below.first().copied().unwrap_or_default();
     (V::erase(sums), V::erase(squares))
-}
-
-/// Adds samples and squares of every leaf of a subtree of records that were checked, pairwise in Z order.
-fn pairwise_of_records<V: Native, R: Record>(
-    records: &[R],
-    at: usize,
-    height: u8,
-    counted: &impl Fn(V) -> V,
-) -> SumsAndSquares<V> {
-    let record = &records[at];
-    let mut next = at + 1;
-    let mut sums = [SumsAndSquares::<V>::default(); 8];
-    for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
-        match record.state(child) {
-            LEAF => {
-                let value = counted(decode::<R, V>(record.values()[child]));
-                *sum = of_leaf(value, 1 << (R::AXES * (height as usize - 1)))
-            }
-            INNER => {
-                *sum = pairwise_of_records::<V, R>(records, next, height - 1, counted);
-                next += records[next].skip() as usize;
-            }
-            _ => {}
-        }
-    }
-    pairwise(&sums[..R::CHILDREN], add_both::<V>)
 }

@@ -5,7 +5,7 @@ use std::mem;
 use super::block::Block;
 use super::options::BuildOptions;
 use super::part::Part;
-use super::reuse::{ReusableSource, SegmentNode};
+use super::reuse::{ReusableSource, StoredNode};
 use super::sink::{BuiltBlock, TreeSink};
 use super::slab::{BlockContent, Slab};
 use crate::parallel;
@@ -87,13 +87,13 @@ struct Plan {
 impl Plan {
     /// Whether the tree of a file's node would look the same in the tree that is built, where the node has so
     /// many levels below it.
-    fn fits(&self, stored: &SegmentNode<'_>, levels: u8) -> bool {
+    fn fits(&self, stored: &StoredNode<'_>, levels: u8) -> bool {
         let header = stored.file.file_header();
         let shape = header.shape;
-        let level = stored.code.level();
-        // Below the level of blocks all of a node is in one segment, however the file is cut.
+        let level = shape.depth.saturating_sub(stored.height);
+        // Below the level of blocks all of a node is in one segment, down to the cells, however the file is cut.
         self.reuse
-            && shape.depth - level == levels
+            && stored.height == levels
             && (level >= shape.block_level() || shape.is_cut_like(&self.shape))
             && header.rule == self.rule
             && header.form.value == self.form.value
@@ -108,7 +108,7 @@ impl Plan {
         (representative, node): (Value, &S::Node),
     ) -> Result<Block> {
         let height = self.shape.depth - self.shape.block_level();
-        let fits = |node: &Child<SegmentNode<'_>>| match node {
+        let fits = |node: &Child<StoredNode<'_>>| match node {
             Child::Inner { node, .. } => self.fits(node, height),
             _ => true,
         };
@@ -118,7 +118,7 @@ impl Plan {
         {
             return Ok(block);
         }
-        let may_reuse = |stored: &SegmentNode<'_>, levels| self.fits(stored, levels);
+        let may_reuse = |stored: &StoredNode<'_>, levels| self.fits(stored, levels);
         Block::from_source(source, code, height, (representative, node), &may_reuse)
     }
 
@@ -141,7 +141,7 @@ enum Reuse<'s> {
     /// The file that is made has the node already.
     Kept,
     /// Segments of another file, where the node has this representative.
-    Copy(Value, SegmentNode<'s>),
+    Copy(Value, StoredNode<'s>),
 }
 
 /// Blocks in, parts out.

@@ -172,8 +172,8 @@ impl Header {
         if shape.depth > most {
             return Err(number("depth", raw.depth, &format!("at most {most}")));
         }
-        // So that a block of 2^reach cells along each axis has at most 2^24 cells.
-        let most = 24 / raw.axes;
+        // So that the records of a block of 2^reach cells along each axis can be counted by skips.
+        let most = if dimension == Dimension::Quad { 10 } else { 8 };
         let fits = (1..shape.reach).contains(&shape.stride)
             && shape.reach <= most
             && shape.reach.is_multiple_of(shape.stride)

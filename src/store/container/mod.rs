@@ -1,5 +1,6 @@
 //! Common parts of both formats: header, metadata, records, how trees are cut into segments.
 
+pub(crate) mod dense;
 mod finding;
 mod format;
 mod header;
@@ -7,6 +8,7 @@ mod level_counts;
 mod metadata;
 mod options;
 pub(crate) mod record;
+pub(crate) mod run;
 mod shape;
 pub(crate) mod subtree;
 
@@ -22,4 +24,6 @@ pub use record::{CUT, INNER, LEAF, RecordHead, RecordLayout, VOID};
 pub(crate) use record::{
     HEAVY_THRESHOLD, Record, STRIDE, child_record, reach, with_form_type, with_record_type,
 };
+pub(in crate::store) use run::{Descend, Descent, descend_in};
+pub(crate) use run::{RunChild, RunChildren, RunNode};
 pub use shape::Shape;

@@ -46,7 +46,7 @@ pub(crate) const HEAVY_THRESHOLD: u32 = 4096;
 /// Size and field offsets of the records of a tree whose form is known at run time.
 ///
 /// A quadtree's record has four values, states in one byte, skip in three; an octree's has eight values,
-/// states in two bytes, two zero bytes, skip in four.
+/// states in two bytes, two zero bytes, skip in four. The upper three bits of skip are the mark of dense blocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordLayout {
     /// Quadtree or octree.
@@ -64,8 +64,23 @@ pub struct RecordLayout {
 pub struct RecordHead {
     /// Two bits per child, child 0 lowest.
     pub states: u32,
-    /// Number of records that this node's subtree occupies in its segment, this one included.
+    /// Number of places of records that this node's subtree occupies in its segment, this one included.
     pub skip: u32,
+    /// The number of the kind of dense block that the subtree is stored as; 0 if it is stored as records.
+    pub dense: u8,
+}
+
+/// Bits of the mark of dense blocks, the upper ones of skip.
+const DENSE_BITS: u32 = 3;
+
+/// Bits of skip that count places, in quadtrees and in octrees.
+const QUAD_SKIP_BITS: u32 = 24 - DENSE_BITS;
+const OCT_SKIP_BITS: u32 = 32 - DENSE_BITS;
+
+/// Skip and mark of the bits that hold both.
+#[inline]
+const fn split_skip(bits: u32, skip_bits: u32) -> (u32, u8) {
+    (bits & ((1 << skip_bits) - 1), (bits >> skip_bits) as u8)
 }
 
 impl RecordHead {
@@ -112,11 +127,13 @@ impl RecordLayout {
         match self.dimension {
             Dimension::Quad => {
                 let word = u32::from_le_bytes(records.get(start..start + 4)?.try_into().ok()?);
-                Some(RecordHead { states: word & 0xff, skip: word >> 8 })
+                let (skip, dense) = split_skip(word >> 8, QUAD_SKIP_BITS);
+                Some(RecordHead { states: word & 0xff, skip, dense })
             }
             Dimension::Oct => {
                 let word = u64::from_le_bytes(records.get(start..start + 8)?.try_into().ok()?);
-                Some(RecordHead { states: word as u32 & 0xffff, skip: (word >> 32) as u32 })
+                let (skip, dense) = split_skip((word >> 32) as u32, OCT_SKIP_BITS);
+                Some(RecordHead { states: word as u32 & 0xffff, skip, dense })
             }
         }
     }
@@ -147,40 +164,18 @@ impl RecordLayout {
     /// Sets a record's head.
     #[inline]
     pub fn write_head(&self, record: &mut [u8], head: RecordHead) {
-        let RecordHead { states, skip } = head;
+        let RecordHead { states, skip, dense } = head;
         match self.dimension {
             Dimension::Quad => {
+                let skip = skip | u32::from(dense) << QUAD_SKIP_BITS;
                 record[self.states_at..].copy_from_slice(&(states & 0xff | skip << 8).to_le_bytes());
             }
             Dimension::Oct => {
+                let skip = skip | u32::from(dense) << OCT_SKIP_BITS;
                 let word = u64::from(states & 0xffff) | u64::from(skip) << 32;
                 record[self.states_at..].copy_from_slice(&word.to_le_bytes());
             }
         }
-    }
-
-    /// Indices of the children's records of the record with a number, and its head; 0 for children without a
-    /// record here. `None` if skips do not add up.
-    ///
-    /// The record's own extent (`at .. at + skip`) must have been checked; every child's is checked here to
-    /// lie inside it and beside the others, so that no walk can leave the segment or go round in it.
-    #[inline]
-    pub fn child_records(&self, records: &[u8], at: usize) -> Option<(RecordHead, [u32; 8])> {
-        let head = self.head(records, at)?;
-        let end = at + head.skip as usize;
-        let mut next = at + 1;
-        let mut indices = [0; 8];
-        for (child, index) in indices[..self.children()].iter_mut().enumerate() {
-            if head.state(child) == INNER {
-                let skip = if next < end { self.head(records, next)?.skip as usize } else { 0 };
-                if skip == 0 || next + skip > end {
-                    return None;
-                }
-                *index = next as u32;
-                next += skip;
-            }
-        }
-        Some((head, indices))
     }
 }
 
@@ -209,17 +204,32 @@ pub(crate) trait Record:
     type Values: AsRef<[Self::Bytes]>;
     /// No value: all bytes zero.
     const ZERO: Self::Bytes;
+    /// What is where in a record.
+    const RECORD_LAYOUT: RecordLayout = RecordLayout {
+        dimension: Self::DIMENSION,
+        width: size_of::<Self::Bytes>(),
+        states_at: size_of::<Self::Values>(),
+        size: size_of::<Self>(),
+    };
 
     /// The values of children that are all alike.
     fn alike(value: Self::Bytes) -> Self::Values;
     /// A record of the values of all its children.
-    fn new(states: u32, values: &[Self::Bytes], skip: u32) -> Self;
+    fn new(head: RecordHead, values: &[Self::Bytes]) -> Self;
     /// The children's values, child 0 first.
     fn values(&self) -> &[Self::Bytes];
     /// Two bits per child, child 0 lowest.
     fn states(&self) -> u32;
-    /// Number of records that this node's subtree occupies in its segment, this one included.
-    fn skip(&self) -> u32;
+    /// Number of places of records that this node's subtree occupies in its segment, this one included.
+    fn skip(&self) -> u32 {
+        self.head().skip
+    }
+    /// Whether the subtree is a dense block, or says so: [`RecordHead::dense`] is not 0.
+    fn is_dense(&self) -> bool {
+        self.head().dense != 0
+    }
+    /// States and skip.
+    fn head(&self) -> RecordHead;
 
     /// State of one child.
     #[inline]
@@ -284,9 +294,13 @@ impl<const WIDTH: usize> Record for QuadRecord<WIDTH> {
         [value; 4]
     }
     #[inline]
-    fn new(states: u32, values: &[[u8; WIDTH]], skip: u32) -> Self {
-        let [a, b, c, _] = skip.to_le_bytes();
-        QuadRecord { values: values.try_into().expect("four values"), states: states as u8, skip: [a, b, c] }
+    fn new(head: RecordHead, values: &[[u8; WIDTH]]) -> Self {
+        let [a, b, c, _] = (head.skip | u32::from(head.dense) << QUAD_SKIP_BITS).to_le_bytes();
+        QuadRecord {
+            values: values.try_into().expect("four values"),
+            states: head.states as u8,
+            skip: [a, b, c],
+        }
     }
     #[inline]
     fn values(&self) -> &[[u8; WIDTH]] {
@@ -297,9 +311,10 @@ impl<const WIDTH: usize> Record for QuadRecord<WIDTH> {
         self.states as u32
     }
     #[inline]
-    fn skip(&self) -> u32 {
+    fn head(&self) -> RecordHead {
         let [a, b, c] = self.skip;
-        u32::from_le_bytes([a, b, c, 0])
+        let (skip, dense) = split_skip(u32::from_le_bytes([a, b, c, 0]), QUAD_SKIP_BITS);
+        RecordHead { states: self.states(), skip, dense }
     }
 }
 
@@ -314,9 +329,10 @@ impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
         [value; 8]
     }
     #[inline]
-    fn new(states: u32, values: &[[u8; WIDTH]], skip: u32) -> Self {
+    fn new(head: RecordHead, values: &[[u8; WIDTH]]) -> Self {
         let values = values.try_into().expect("eight values");
-        OctRecord { values, states: (states as u16).to_le_bytes(), zero: [0; 2], skip: skip.to_le_bytes() }
+        let skip = (head.skip | u32::from(head.dense) << OCT_SKIP_BITS).to_le_bytes();
+        OctRecord { values, states: (head.states as u16).to_le_bytes(), zero: [0; 2], skip }
     }
     #[inline]
     fn values(&self) -> &[[u8; WIDTH]] {
@@ -327,8 +343,9 @@ impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
         u16::from_le_bytes(self.states) as u32
     }
     #[inline]
-    fn skip(&self) -> u32 {
-        u32::from_le_bytes(self.skip)
+    fn head(&self) -> RecordHead {
+        let (skip, dense) = split_skip(u32::from_le_bytes(self.skip), OCT_SKIP_BITS);
+        RecordHead { states: self.states(), skip, dense }
     }
 }
 
@@ -406,19 +423,19 @@ mod tests {
                     }
                     let layout = RecordLayout::new(Form::new(dimension, value));
                     with_record_type!(layout, R => {
-                        assert_eq!((size_of::<R>(), size_of::<<R as Record>::Bytes>()), (layout.size, layout.width));
+                        assert_eq!(<R as Record>::RECORD_LAYOUT, layout);
                         let mut values = Vec::new();
                         for child in 0..R::CHILDREN {
                             let bytes = vec![child as u8 + 1; layout.width];
                             values.push(<R as Record>::Bytes::read_from_bytes(&bytes).unwrap());
                         }
-                        let head = RecordHead { states: 0b10_01_00_11, skip: 0x1234 };
-                        let record = R::new(head.states, &values, head.skip);
+                        let head = RecordHead { states: 0b10_01_00_11, skip: 0x1234, dense: 5 };
+                        let record = R::new(head, &values);
                         let mut written = vec![0; layout.size];
                         layout.write(&mut written, values.as_bytes(), head);
                         assert_eq!(record.as_bytes(), written);
                         assert_eq!(layout.head(&written, 0), Some(head));
-                        assert_eq!((record.states(), record.skip()), (head.states, head.skip));
+                        assert_eq!((record.head(), record.states(), record.skip()), (head, head.states, head.skip));
                         for (child, value) in values.iter().enumerate() {
                             assert_eq!(layout.value(&written, 0, child), Value::from_bytes(value.as_bytes()));
                         }

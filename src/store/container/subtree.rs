@@ -1,10 +1,9 @@
-//! Single passes over the records of a subtree, all of which is in one segment; skips and states are checked
-//! on the way.
+//! Single passes over the records of a subtree, all of which is in one run; skips and states are checked on the way.
 
+use super::dense::{DenseBlock, dense_block};
 use super::level_counts::LevelCounts;
 use super::record::{
-    CUT, FOUR_STATES, INNER, LEAF, LOW_STATE_BITS, Record, RecordLayout, STATE_BITS, state_of,
-    with_record_type,
+    CUT, FOUR_STATES, INNER, LEAF, LOW_STATE_BITS, Record, RecordLayout, VOID, state_of, with_record_type,
 };
 
 /// The records of a subtree contradict each other.
@@ -17,7 +16,8 @@ pub(in crate::store) const RECORDS_ARE_CHECKED: &str = "records are checked befo
 /// Levels of the deepest trees.
 const MAX_LEVELS: usize = 32;
 
-/// Shows all records of a subtree of so many levels, in preorder, with their levels below its root.
+/// Shows all records of a subtree of so many levels, in preorder, with their levels below its root, and with their dense
+/// blocks where they have some.
 ///
 /// (A kernel: compiled for each width and fan-out, and for what is done with the records.)
 ///
@@ -27,14 +27,14 @@ const MAX_LEVELS: usize = 32;
 pub(crate) fn each_record<R: Record>(
     records: &[R],
     levels: u8,
-    mut show: impl FnMut(u8, &R),
+    mut show: impl FnMut(u8, &R, Option<&DenseBlock<'_>>),
 ) -> Result<(), BadSkip> {
     // Of the nodes that the record is in: where the subtree ends, and how many children have not come yet.
     let mut ends = [0; MAX_LEVELS + 1];
     let mut missing = [0; MAX_LEVELS + 1];
     (ends[0], missing[0]) = (records.len() as u32, 1);
     let mut level = 0;
-    let mut inner = 0;
+    let (mut inner, mut shown) = (0, 0);
     let levels = usize::from(levels).min(MAX_LEVELS);
     let mut i = 0;
     while let Some(record) = records.get(i) {
@@ -43,21 +43,25 @@ pub(crate) fn each_record<R: Record>(
             level -= 1;
         }
         let end = i + record.skip() as usize;
-        let children = inner_children(record);
         // A subtree ends within its parent's, so ends never grow from level to level; `level < levels` keeps
         // the accounts within their arrays.
-        if level >= levels
-            || missing[level] == 0
-            || end <= i
-            || end > ends[level] as usize
-            || has_cut(record)
-            || (children > 0 && level + 1 == levels)
-        {
+        if level >= levels || missing[level] == 0 || end <= i || end > ends[level] as usize {
+            return Err(BadSkip);
+        }
+        missing[level] -= 1;
+        shown += 1;
+        if record.is_dense() {
+            let block = dense_to_cells(records, i, levels - level).ok_or(BadSkip)?;
+            show(level as u8, record, Some(&block));
+            i = end;
+            continue;
+        }
+        let children = inner_children(record);
+        if has_cut(record) || (children > 0 && level + 1 == levels) {
             return Err(BadSkip);
         }
         inner += children;
-        missing[level] -= 1;
-        show(level as u8, record);
+        show(level as u8, record, None);
         i += 1;
         level += 1;
         ends[level] = end as u32;
@@ -66,17 +70,28 @@ pub(crate) fn each_record<R: Record>(
         // INNER children, so each skip is 1, and there are as many as the parent claims.
         if level + 1 == levels {
             let last = &records[i..end];
-            let is_last = |record: &R| record.skip() == 1 && states(record) & LOW_STATE_BITS << 1 == 0;
+            let is_last = |record: &R| {
+                record.skip() == 1 && !record.is_dense() && states(record) & LOW_STATE_BITS << 1 == 0
+            };
             if last.len() != children || !last.iter().all(is_last) {
                 return Err(BadSkip);
             }
-            last.iter().for_each(|record| show(level as u8, record));
+            shown += children;
+            last.iter().for_each(|record| show(level as u8, record, None));
             i = end;
         }
     }
     // One record for each INNER child, and the root's. No parent has had too many, so with the sum right none
     // has too few.
-    if inner + 1 == records.len() { Ok(()) } else { Err(BadSkip) }
+    if inner + 1 == shown { Ok(()) } else { Err(BadSkip) }
+}
+
+/// The dense block of a record, if it reaches down to the cells, which are so many levels below the record's node.
+#[inline(never)]
+fn dense_to_cells<R: Record>(records: &[R], at: usize, levels: usize) -> Option<DenseBlock<'_>> {
+    let block = dense_block(records, at)?;
+    let (first, second) = block.kind.states();
+    (usize::from(block.levels) == levels && first != CUT && second != Some(CUT)).then_some(block)
 }
 
 /// The states of all children, and nothing else.
@@ -125,7 +140,8 @@ fn inner_children<R: Record>(record: &R) -> usize {
     (leaf_inner_counts(record) >> 32) as usize
 }
 
-/// Shows all leaves of a subtree of so many levels with their cells.
+/// Shows all leaves of a subtree of so many levels with their cells; those of a dense block cell by cell, however they
+/// condense.
 ///
 /// # Errors
 /// As [`each_record`].
@@ -135,7 +151,20 @@ pub(crate) fn each_leaf<R: Record>(
     levels: u8,
     mut leaf: impl FnMut(R::Bytes, u64),
 ) -> Result<(), BadSkip> {
-    each_record(records, levels, |level, record: &R| {
+    each_record(records, levels, |level, record: &R, block| {
+        if let Some(block) = block {
+            let values = block.values_of::<R>(block.levels);
+            match block.mask() {
+                None => values.iter().for_each(|value| leaf(*value, 1)),
+                Some(mask) => {
+                    for (values, bits) in values.chunks(8).zip(mask) {
+                        let there = values.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 != 0);
+                        there.for_each(|(_, value)| leaf(*value, 1));
+                    }
+                }
+            }
+            return;
+        }
         let cells = 1u64 << (R::AXES * usize::from(levels - level - 1));
         let states = record.states();
         for child in 0..R::CHILDREN {
@@ -171,63 +200,27 @@ pub(in crate::store) fn count_nodes(
     Ok(())
 }
 
-/// LEAF children (in the lower half) and INNER ones (in the upper half) of the records of each level.
+/// LEAF children (in the lower half) and INNER ones (in the upper half) of the nodes of each level.
 fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MAX_LEVELS + 1], BadSkip> {
     let mut sums = [0u64; MAX_LEVELS + 1];
-    each_record(records, levels, |level, record| sums[usize::from(level)] += leaf_inner_counts(record))?;
+    each_record(records, levels, |level, record, block| match block {
+        None => sums[usize::from(level)] += leaf_inner_counts(record),
+        Some(block) => {
+            let states = block.states::<R>();
+            for below in 1..=block.levels {
+                for (index, state) in states.level(below).iter().enumerate() {
+                    // (Nodes below uniform ones are none.)
+                    let place = block.place(below, index).map(|cell| cell >> 1);
+                    let is_node =
+                        below == 1 || states.level(below - 1)[block.index(below - 1, place)] == INNER;
+                    if is_node && *state != VOID {
+                        sums[usize::from(level + below - 1)] += if *state == INNER { 1 << 32 } else { 1 };
+                    }
+                }
+            }
+        }
+    })?;
     Ok(sums)
-}
-
-/// Copies the first levels (one at least) of the subtree that begins with the first of some records; what
-/// lies deeper becomes CUT.
-///
-/// # Errors
-/// If skips lead out of the node, or to the same records more than once: then they would make many of few.
-pub(in crate::store) fn upper_levels(
-    layout: RecordLayout,
-    records: &[u8],
-    levels: u8,
-) -> Result<Vec<u8>, BadSkip> {
-    let mut above = Vec::new();
-    with_record_type!(layout, R => copy_levels::<R>(R::of(records), 0, levels, &mut above))?;
-    Ok(above)
-}
-
-/// Adds the first levels of the subtree whose record has a number; tells where the subtree ends.
-fn copy_levels<R: Record>(
-    records: &[R],
-    at: usize,
-    levels: u8,
-    above: &mut Vec<u8>,
-) -> Result<usize, BadSkip> {
-    let record = records.get(at).ok_or(BadSkip)?;
-    let end = at + record.skip() as usize;
-    let records = records.get(..end).ok_or(BadSkip)?;
-    // Copied first, for its position in preorder; states and skip are known when the children are copied, and
-    // set then.
-    let start = above.len();
-    above.extend_from_slice(record.as_bytes());
-    let mut states = record.states();
-    let mut next = at + 1;
-    for child in 0..R::CHILDREN {
-        if record.state(child) != INNER {
-            continue;
-        }
-        let child_end = if levels > 1 {
-            copy_levels(records, next, levels - 1, above)?
-        } else {
-            states |= u32::from(CUT) << (STATE_BITS * child);
-            next + records.get(next).ok_or(BadSkip)?.skip() as usize
-        };
-        if child_end <= next || child_end > end {
-            return Err(BadSkip);
-        }
-        next = child_end;
-    }
-    let skip = (above.len() - start) / size_of::<R>();
-    let copied = R::new(states, record.values(), skip as u32);
-    above[start..start + size_of::<R>()].copy_from_slice(copied.as_bytes());
-    Ok(end)
 }
 
 #[cfg(test)]
@@ -236,17 +229,20 @@ mod tests {
 
     use super::*;
     use crate::space::Dimension;
-    use crate::store::container::record::QuadRecord;
+    use crate::store::container::record::{QuadRecord, RecordHead};
     use crate::tree::Form;
     use crate::value::{SampleType, ValueType};
 
     type Byte = QuadRecord<1>;
 
+    fn record(states: u32, skip: u32, value: u8) -> Byte {
+        Record::new(RecordHead { states, skip, dense: 0 }, &[[value]; 4])
+    }
+
     fn show(records: &[(u32, u32)], levels: u8) -> Option<Vec<u8>> {
-        let records: Vec<Byte> =
-            records.iter().map(|(states, skip)| Record::new(*states, &[[0]; 4], *skip)).collect();
+        let records: Vec<Byte> = records.iter().map(|(states, skip)| record(*states, *skip, 0)).collect();
         let mut shown = Vec::new();
-        each_record(&records, levels, |level, _: &Byte| shown.push(level)).ok().map(|()| shown)
+        each_record(&records, levels, |level, _: &Byte, _| shown.push(level)).ok().map(|()| shown)
     }
 
     #[test]
@@ -267,37 +263,9 @@ mod tests {
     }
 
     #[test]
-    fn upper_levels_are_cut_off_and_checked() {
-        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
-        let upper = |records: &[(u32, u32)], levels| {
-            let bytes: Vec<Byte> =
-                records.iter().map(|(states, skip)| Record::new(*states, &[[7]; 4], *skip)).collect();
-            let above = upper_levels(RecordLayout::new(form), bytes.as_bytes(), levels).ok()?;
-            Some(Byte::of(&above).iter().map(|record| (record.states(), record.skip())).collect::<Vec<_>>())
-        };
-        let good = [(0b1001_1000, 5), (0b10, 2), (0, 1), (0b0110, 2), (0, 1)];
-        assert_eq!(upper(&good, 1), Some(vec![(0b1101_1100, 1)]));
-        assert_eq!(upper(&good, 2), Some(vec![(0b1001_1000, 3), (0b11, 1), (0b0111, 1)]));
-        assert_eq!(upper(&good, 3), Some(good.to_vec()));
-        // Two levels are copied, so nobody looks at the third.
-        assert_eq!(upper(&[(0b10, 3), (0b10, 2), (0, 9)], 3), None);
-        for bad in [
-            &[(0b10, 2), (0, 0)][..],
-            &[(0b10, 2), (0, 2), (0, 1)],
-            &[(0b1010, 3), (0, 2), (0, 2)],
-            &[(0b10, 1)],
-            &[(0, 2)],
-            &[],
-        ] {
-            assert_eq!((upper(bad, 1), upper(bad, 2)), (None, None), "{bad:?}");
-        }
-    }
-
-    #[test]
     fn nodes_are_counted_by_level() {
         let states = [0b1001_1010, 0b01_01_01_00, 0b01, 0];
-        let records: [Byte; 4] =
-            [(0, 4), (1, 1), (2, 1), (3, 1)].map(|(i, skip)| Record::new(states[i], &[[0]; 4], skip));
+        let records: [Byte; 4] = [(0, 4), (1, 1), (2, 1), (3, 1)].map(|(i, skip)| record(states[i], skip, 0));
         let mut counts = LevelCounts::default();
         let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         count_nodes(RecordLayout::new(form), records.as_bytes(), 2, 5, &mut counts).unwrap();

@@ -3,10 +3,8 @@
 use super::directory::code_bits;
 use super::reader::Goblin;
 use super::segment::Segment;
-use zerocopy::IntoBytes;
-
 use crate::space::Code;
-use crate::store::container::{CUT, LEAF, Record, RecordLayout, VOID, child_record, with_record_type};
+use crate::store::container::Descent;
 use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
@@ -15,50 +13,10 @@ use crate::{Error, Result};
 pub(crate) struct Located<'a> {
     /// The deepest segment that has it.
     pub(crate) segment: Segment<'a>,
-    /// The record's number there.
+    /// The record's number there, or that of the dense block which has the node.
     pub(crate) record: usize,
-}
-
-/// End of a descent through the records of one segment.
-pub(crate) enum Descent {
-    /// In a VOID block.
-    Void,
-    /// In a block of one value.
-    Leaf(Value),
-    /// At the node itself, whose record has this number.
-    Inner(usize),
-    /// At a level whose node has its record in another segment.
-    Cut(u8),
-    /// At the record with this number, whose skip leads out of the node.
-    BadSkip(usize),
-}
-
-/// A way down, from the record of a node's ancestor at a level to the node.
-pub(crate) type Descend = fn(records: &[u8], at: usize, level: u8, code: Code) -> Descent;
-
-/// The way down through records of a layout, which is half of what the answer for a point costs.
-pub(super) fn descend_in(layout: RecordLayout) -> Descend {
-    with_record_type!(layout, R => descend::<R>)
-}
-
-/// Goes down from the record of a node's ancestor at `level` to the node's own.
-fn descend<R: Record>(records: &[u8], mut at: usize, level: u8, code: Code) -> Descent {
-    let records = R::of(records);
-    for level in level..code.level() {
-        let Some(record) = records.get(at) else { return Descent::BadSkip(at) };
-        let step = code.step(level);
-        match record.state(step) {
-            VOID => return Descent::Void,
-            LEAF => return Descent::Leaf(Value::from_bytes(record.values()[step].as_bytes())),
-            CUT => return Descent::Cut(level + 1),
-            _ => {}
-        }
-        match child_record(records, at, step) {
-            Some(child) => at = child,
-            None => return Descent::BadSkip(at),
-        }
-    }
-    Descent::Inner(at)
+    /// The level of the record's node.
+    pub(crate) level: u8,
 }
 
 impl Goblin {
@@ -99,7 +57,8 @@ impl Goblin {
         self.segment(self.find_segment(code).ok_or_else(|| self.no_root())?)
     }
 
-    /// The deepest segment with a node's record, or the uniform value (VOID or LEAF) of the block it lies in.
+    /// The deepest segment with a node's record, or with the dense block that has the node; or the uniform value (VOID or LEAF)
+    /// of the block it lies in, if that is no part of a dense block.
     ///
     /// The representative is left out (it is zero): it stands with the parent, which may be in another
     /// segment, and who wants it asks [`Goblin::value_at`].
@@ -115,7 +74,11 @@ impl Goblin {
             Descent::Void => Ok(Child::Void),
             Descent::Leaf(value) => Ok(Child::Leaf(value)),
             Descent::Inner(record) => {
-                Ok(Child::Inner { representative: Value::ZERO, node: Located { segment, record } })
+                let node = Located { segment, record, level: code.level() };
+                Ok(Child::Inner { representative: Value::ZERO, node })
+            }
+            Descent::Dense(record, level) => {
+                Ok(Child::Inner { representative: Value::ZERO, node: Located { segment, record, level } })
             }
             // The record is in a deeper segment, and this is the deepest one.
             Descent::Cut(level) => Err(self.bad_cut(code.ancestor(level))),
@@ -135,11 +98,9 @@ impl Goblin {
         Ok(match self.locate(parent)? {
             Child::Void => None,
             Child::Leaf(value) => Some(value),
-            Child::Inner { node: Located { segment, record }, .. } => {
-                let step = code.step(parent.level());
-                let (layout, records) = (&self.layout, segment.records());
-                let head = layout.head(records, record).ok_or_else(|| self.bad_skip(&segment, record))?;
-                (head.state(step) != VOID).then(|| layout.value(records, record, step))
+            Child::Inner { node: Located { segment, record, level }, .. } => {
+                let value = self.layout.value_below(segment.records(), record, level, code);
+                value.ok_or_else(|| self.bad_skip(&segment, record))?
             }
         })
     }

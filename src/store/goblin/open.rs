@@ -7,11 +7,10 @@ use std::sync::atomic::AtomicU64;
 
 use super::cache::SegmentCache;
 use super::directory::entry_size;
-use super::locate::descend_in;
 use super::reader::Goblin;
 use super::trailer::{Section, TAIL, Trailer};
 use crate::io::ReadBackend;
-use crate::store::container::{HEADER_SIZE, Header, Metadata, OpenOptions, TreeFormat};
+use crate::store::container::{HEADER_SIZE, Header, Metadata, OpenOptions, TreeFormat, descend_in};
 use crate::{Error, Result};
 
 impl Goblin {

@@ -6,10 +6,9 @@ use std::sync::atomic::AtomicU64;
 
 use super::cache::SegmentCache;
 use super::directory::{Entry, show_sums};
-use super::locate::Descend;
 use super::trailer::{Section, Trailer};
 use crate::io::{ReadBackend, Stamp};
-use crate::store::container::{HEADER_SIZE, Header, Metadata, RecordLayout};
+use crate::store::container::{Descend, HEADER_SIZE, Header, Metadata, RecordLayout};
 use crate::tree::Child;
 use crate::value::Tally;
 use crate::{Error, Result};

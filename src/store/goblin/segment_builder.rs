@@ -5,7 +5,7 @@ use super::segment::Segment;
 use super::segment_copy::SegmentCopy;
 use crate::Result;
 use crate::space::Code;
-use crate::store::builder::{BuiltBlock, Part, SealedSegment, SegmentNode, Siblings, TreeSink};
+use crate::store::builder::{BuiltBlock, Part, SealedSegment, Siblings, StoredNode, TreeSink};
 use crate::store::container::{Header, LevelCounts, Shape};
 use crate::tree::Form;
 use crate::value::{Rule, Value};
@@ -79,11 +79,11 @@ impl TreeSink for SegmentBuilder<'_> {
         self.join(part)
     }
 
-    fn can_copy(&self, code: Code, node: &SegmentNode<'_>) -> Result<bool> {
+    fn can_copy(&self, code: Code, node: &StoredNode<'_>) -> Result<bool> {
         SegmentCopy::is_possible(node, code, self.form, &self.shape)
     }
 
-    fn copy(&mut self, code: Code, representative: Value, node: &SegmentNode<'_>) -> Result<()> {
+    fn copy(&mut self, code: Code, representative: Value, node: &StoredNode<'_>) -> Result<()> {
         let copy = SegmentCopy::of(node, code)?.expect(CAN_BE_COPIED);
         let counts = copy.send(self.sink)?;
         self.counts.merge(&counts);

@@ -8,9 +8,9 @@ use super::segment_builder::SegmentSink;
 use crate::Result;
 use crate::parallel;
 use crate::space::Code;
-use crate::store::builder::{ALWAYS_HEAVY, Part, SegmentNode};
-use crate::store::container::subtree::{BadSkip, count_nodes, upper_levels};
-use crate::store::container::{CUT, INNER, LevelCounts, Shape};
+use crate::store::builder::{ALWAYS_HEAVY, Part, StoredNode, upper_levels};
+use crate::store::container::subtree::{BadSkip, count_nodes};
+use crate::store::container::{CUT, INNER, LevelCounts, RunChildren, RunNode, Shape};
 use crate::tree::{Child, Form};
 use crate::value::Value;
 
@@ -30,7 +30,7 @@ pub(super) struct SegmentCopy<'a> {
 const BATCH: usize = 8;
 
 /// The Goblin file that a node is from.
-fn file_of<'a>(node: &SegmentNode<'a>) -> Option<&'a Goblin> {
+fn file_of<'a>(node: &StoredNode<'a>) -> Option<&'a Goblin> {
     let file: &'a dyn Any = node.file;
     file.downcast_ref()
 }
@@ -38,23 +38,26 @@ fn file_of<'a>(node: &SegmentNode<'a>) -> Option<&'a Goblin> {
 impl<'a> SegmentCopy<'a> {
     /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment,
     /// and so will `to`, with the same segments below.
-    pub(super) fn is_possible(node: &SegmentNode<'_>, to: Code, form: Form, shape: &Shape) -> Result<bool> {
+    pub(super) fn is_possible(node: &StoredNode<'_>, to: Code, form: Form, shape: &Shape) -> Result<bool> {
         let Some(file) = file_of(node) else { return Ok(false) };
         let there = file.header();
         let is_alike = there.form == form
             && there.shape.is_cut_like(shape)
-            && there.depth().checked_sub(node.code.level()) == shape.depth.checked_sub(to.level());
+            && Some(node.height) == shape.depth.checked_sub(to.level());
         // A root owns a segment whether it is heavy or not.
-        if !is_alike || !shape.is_candidate(to.level()) || node.code.level() == 0 {
+        let is_root = node.height == there.depth();
+        if !is_alike || !shape.is_candidate(to.level()) || is_root || node.record != 0 {
             return Ok(false);
         }
-        Ok(node.record == 0 && file.segment(node.segment as usize)?.code() == node.code)
+        let code = file.segment(node.run as usize)?.code();
+        Ok(code.level() + node.height == there.depth())
     }
 
     /// All that is to be copied; `None` if the node is not that of a Goblin file.
-    pub(super) fn of(node: &SegmentNode<'a>, to: Code) -> Result<Option<SegmentCopy<'a>>> {
+    pub(super) fn of(node: &StoredNode<'a>, to: Code) -> Result<Option<SegmentCopy<'a>>> {
         let Some(file) = file_of(node) else { return Ok(None) };
-        let (from, own) = (node.code, node.segment as usize);
+        let own = node.run as usize;
+        let from = file.segment(own)?.code();
         Ok(Some(SegmentCopy { file, from, to, own, segments: below(file, own, from)? }))
     }
 
@@ -99,7 +102,7 @@ impl<'a> SegmentCopy<'a> {
         let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
         let levels = cut.saturating_sub(self.to.level());
         // Nobody else goes through these: counting turns to the deeper segments, where they stand again.
-        let records = upper_levels(*self.file.layout(), segment.records(), levels)
+        let records = upper_levels(self.file.header().form, segment.records(), levels)
             .map_err(|BadSkip| self.file.bad_skip(&segment, 0))?;
         Ok(Part {
             code: self.to,
@@ -117,33 +120,33 @@ impl<'a> SegmentCopy<'a> {
         let (layout, shape) = (self.file.layout(), &self.file.header().shape);
         let records = segment.records();
         let mut counts = LevelCounts::default();
-        let mut pending = vec![(segment.code(), 0)];
+        let mut pending = vec![(segment.code(), RunNode::default())];
         while let Some((code, at)) = pending.pop() {
             // Nodes below this level own no segments: all that is below is here.
             if code.level() >= shape.block_level() {
                 self.count_inline(&segment, code, at, &mut counts)?;
                 continue;
             }
-            let children = layout.child_records(records, at);
-            let (head, children) = children.ok_or_else(|| self.file.bad_skip(&segment, at))?;
+            let mut children = RunChildren::default();
+            let read = layout.run_children(records, at, &mut children);
+            read.ok_or_else(|| self.file.bad_skip(&segment, at.record as usize))?;
             let candidates = shape.is_candidate(code.level() + 1);
             let mut nodes = [0; 3];
-            for (step, record) in children[..layout.children()].iter().enumerate() {
-                let state = head.state(step);
+            for (step, child) in children[..layout.children()].iter().enumerate() {
                 // Where the record of an INNER node is does not matter to what it is.
-                nodes[usize::from(state.min(INNER))] += 1;
-                if state < INNER {
+                nodes[usize::from(child.state.min(INNER))] += 1;
+                if child.state < INNER {
                     continue;
                 }
-                let (child, record) = (code.child(step), *record as usize);
-                let found = if candidates { self.file.find_segment(child) } else { None };
+                let (code, is_cut, place) = (code.child(step), child.state == CUT, child.node);
+                let found = if candidates { self.file.find_segment(code) } else { None };
                 match found {
                     // It is counted with its own segment.
-                    Some(found) if found != index && self.file.entry(found)?.code == child => {}
-                    _ if state == CUT => return Err(self.file.bad_cut(child)),
+                    Some(found) if found != index && self.file.entry(found)?.code == code => {}
+                    _ if is_cut => return Err(self.file.bad_cut(code)),
                     // It might own a segment and does not: it is inline.
-                    _ if candidates => self.count_inline(&segment, child, record, &mut counts)?,
-                    _ => pending.push((child, record)),
+                    _ if candidates => self.count_inline(&segment, code, place, &mut counts)?,
+                    _ => pending.push((code, place)),
                 }
             }
             counts.add(self.new_level(code.level() + 1), nodes);
@@ -156,10 +159,15 @@ impl<'a> SegmentCopy<'a> {
         &self,
         segment: &Segment<'_>,
         code: Code,
-        at: usize,
+        node: RunNode,
         counts: &mut LevelCounts,
     ) -> Result<()> {
+        let at = node.record as usize;
         let bad_skip = || self.file.bad_skip(segment, at);
+        // (What stands whole in a segment and might own one is no part of a dense block.)
+        if node.below > 0 {
+            return Err(bad_skip());
+        }
         let (layout, records) = (self.file.layout(), segment.records());
         let head = layout.head(records, at).ok_or_else(bad_skip)?;
         let subtree = layout.subtree(records, at, head.skip).ok_or_else(bad_skip)?;

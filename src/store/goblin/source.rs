@@ -3,9 +3,9 @@
 use super::reader::Goblin;
 use crate::Result;
 use crate::space::Code;
-use crate::store::builder::{ReusableSource, SegmentFile, SegmentNode, Subtree};
-use crate::store::container::{CUT, Header, INNER, LEAF, VOID};
-use crate::tree::{Child, Children, Form, Source};
+use crate::store::builder::{ReusableSource, RunFile, StoredNode, Subtree};
+use crate::store::container::{CUT, Header, LEAF, RunChild, RunChildren, RunNode, VOID};
+use crate::tree::{CellBlock, Child, Children, Form, Source};
 
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,8 +14,8 @@ pub struct Node {
     pub code: Code,
     /// The number of the segment with its record.
     pub(crate) segment: u32,
-    /// The number of its record there.
-    pub(crate) record: u32,
+    /// Its record there, or its place in a dense block.
+    pub(crate) place: RunNode,
 }
 
 /// A walk goes through every node's own segment, so it never meets a cut.
@@ -37,7 +37,7 @@ impl Source for Goblin {
             Child::Inner { representative, .. } => {
                 let code = Code::root(self.layout.dimension);
                 let segment = self.segment_above(code)?.index() as u32;
-                Child::Inner { representative, node: Node { code, segment, record: 0 } }
+                Child::Inner { representative, node: Node { code, segment, place: RunNode::default() } }
             }
         })
     }
@@ -48,6 +48,10 @@ impl Source for Goblin {
 
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
         self.children_with(node, children, |node| node)
+    }
+
+    fn cells(&self, node: &Node, levels: u8) -> Result<Option<CellBlock>> {
+        self.dense_cells(node, levels)
     }
 }
 
@@ -62,70 +66,72 @@ impl Goblin {
     ) -> Result<()> {
         let segment = self.segment(node.segment as usize)?;
         let (layout, shape) = (&self.layout, &self.header.shape);
-        let records = segment.records();
-        let at = node.record as usize;
-        let bad_skip = || self.bad_skip(&segment, at);
         let level = node.code.level() + 1;
         if level > shape.depth {
             return Err(self.corrupt(format!("node {}", node.code), "INNER", "no deeper node than a cell"));
         }
-        let head = layout.head(records, at).ok_or_else(bad_skip)?;
+        let mut here = RunChildren::default();
+        let read = layout.run_children(segment.records(), node.place, &mut here);
+        read.ok_or_else(|| self.bad_skip(&segment, node.place.record as usize))?;
         let candidates = shape.is_candidate(level);
-        // The children's records follow each other up to the end of the node's own extent, which the step to
-        // this node has checked; so no walk can leave the segment, or come to a record twice.
-        let end = at + head.skip as usize;
-        let mut next = at + 1;
-        for (step, child) in children[..layout.children()].iter_mut().enumerate() {
-            let state = head.state(step);
+        for (step, (child, here)) in children.iter_mut().zip(&here[..layout.children()]).enumerate() {
+            let RunChild { state, value, node: place } = *here;
             *child = match state {
                 VOID => Child::Void,
-                LEAF => Child::Leaf(layout.value(records, at, step)),
+                LEAF => Child::Leaf(value),
                 _ => {
                     let code = node.code.child(step);
                     if level == shape.depth {
                         return Err(self.corrupt(format!("node {code}"), "INNER", "a cell, VOID or LEAF"));
                     }
-                    let mut here = Node { code, segment: node.segment, record: 0 };
-                    if state == INNER {
-                        let skip = if next < end { layout.head(records, next) } else { None };
-                        let skip = skip.map_or(0, |head| head.skip as usize);
-                        if skip == 0 || next + skip > end {
-                            return Err(bad_skip());
-                        }
-                        here.record = next as u32;
-                        next += skip;
-                    }
                     let own = if candidates { self.find_segment(code) } else { None };
                     let node = match own {
                         // What is found may be the segment of an ancestor.
                         Some(own) if own != segment.index() && self.segment(own)?.code() == code => {
-                            Node { code, segment: own as u32, record: 0 }
+                            Node { code, segment: own as u32, place: RunNode::default() }
                         }
                         _ if state == CUT => return Err(self.bad_cut(code)),
-                        _ => here,
+                        _ => Node { code, segment: node.segment, place },
                     };
-                    Child::Inner { representative: layout.value(records, at, step), node: node_of(node) }
+                    Child::Inner { representative: value, node: node_of(node) }
                 }
             };
         }
         Ok(())
     }
-}
 
-impl ReusableSource for Goblin {
-    fn stored(&self, node: &Node) -> Option<SegmentNode<'_>> {
-        let Node { code, segment, record } = *node;
-        Some(SegmentNode { file: self, code, segment, record })
+    /// The cells below a node that is a dense block down to the cells, which are so many levels below it.
+    fn dense_cells(&self, node: &Node, levels: u8) -> Result<Option<CellBlock>> {
+        if node.code.level() + levels != self.header.depth() {
+            return Ok(None);
+        }
+        let segment = self.segment(node.segment as usize)?;
+        let block = self.layout.dense_at(segment.records(), node.place);
+        Ok(block.filter(|block| block.levels == levels).and_then(|block| block.cells()))
     }
 }
 
-impl SegmentFile for Goblin {
+impl ReusableSource for Goblin {
+    fn stored(&self, node: &Node) -> Option<StoredNode<'_>> {
+        let Node { code, segment, place } = *node;
+        let height = self.header.depth() - code.level();
+        // (Part of a dense block is no run of its own.)
+        (place.below == 0).then_some(StoredNode {
+            file: self,
+            height,
+            run: segment.into(),
+            record: place.record,
+        })
+    }
+}
+
+impl RunFile for Goblin {
     fn file_header(&self) -> &Header {
         &self.header
     }
 
-    fn subtree(&self, segment: u32, record: u32) -> Result<Subtree<'_>> {
-        let segment = self.segment(segment as usize)?;
+    fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
+        let segment = self.segment(run as usize)?;
         let (records, at) = (segment.records(), record as usize);
         // None at all if the node's own record lies: who takes the records over then goes the usual way,
         // which tells what is wrong. Class counts stand behind the records and must not pass for some.

@@ -1,0 +1,61 @@
+//! Sums over all cells of a stored subtree, in the order in which building adds them.
+
+use crate::store::container::dense::dense_block;
+use crate::store::container::subtree::RECORDS_ARE_CHECKED;
+use crate::store::container::{INNER, LEAF, Record};
+
+/// Adds up what `leaf` makes of the LEAFs (value and cells) of a subtree of so many levels, whose records were checked:
+/// children in child order by `add`, nodes after their children. VOID is the default.
+pub(super) fn fold<R: Record, T: Copy + Default>(
+    records: &[R],
+    levels: u8,
+    leaf: &impl Fn(R::Bytes, u32) -> T,
+    add: &impl Fn(&[T]) -> T,
+) -> T {
+    let record = &records[0];
+    if record.is_dense() {
+        return fold_dense(records, leaf, add);
+    }
+    let cells = 1 << (R::AXES * (levels as usize - 1));
+    let mut next = 1;
+    let mut sums = [T::default(); 8];
+    for (child, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
+        match record.state(child) {
+            LEAF => *sum = leaf(record.values()[child], cells),
+            INNER => {
+                *sum = fold(&records[next..], levels - 1, leaf, add);
+                next += records[next].skip() as usize;
+            }
+            _ => {}
+        }
+    }
+    add(&sums[..R::CHILDREN])
+}
+
+/// [`fold`] of a dense block: level by level, however its cells condense.
+fn fold_dense<R: Record, T: Copy + Default>(
+    records: &[R],
+    leaf: &impl Fn(R::Bytes, u32) -> T,
+    add: &impl Fn(&[T]) -> T,
+) -> T {
+    let block = dense_block(records, 0).expect(RECORDS_ARE_CHECKED);
+    let values = block.values_of::<R>(block.levels).iter().enumerate();
+    let sum = |(index, value): (usize, &R::Bytes)| match block.bottom_state(index) {
+        LEAF => leaf(*value, 1),
+        _ => T::default(),
+    };
+    let mut below: Vec<T> = values.map(sum).collect();
+    for level in (0..block.levels).rev() {
+        let nodes = 1usize << (R::AXES * usize::from(level));
+        below = (0..nodes)
+            .map(|node| {
+                let mut sums = [T::default(); 8];
+                for (step, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
+                    *sum = below[block.child(level + 1, node, step)];
+                }
+                add(&sums[..R::CHILDREN])
+            })
+            .collect();
+    }
+    below[0]
+}
