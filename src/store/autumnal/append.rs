@@ -6,12 +6,11 @@ use std::path::PathBuf;
 
 use super::commit::{Commit, Written};
 use super::extents::{EXTENT_MAGIC, ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
-use super::layout::{MAX_RECORD, PointeredLayout, RecordBuffer};
+use super::layout::PointeredLayout;
 use super::meta::Meta;
 use super::share::{DedupTable, hash};
 use crate::io::{ReadBackend, WriteBackend};
-use crate::tree::Child;
-use crate::value::{MAX_VALUE_SIZE, Value};
+use crate::value::Value;
 use crate::{Error, Result};
 
 /// Bytes in the buffer beyond which it is written.
@@ -21,19 +20,12 @@ const MAX_BUFFERED: usize = 4 << 20;
 #[derive(Clone, Copy)]
 pub(super) struct NewRecord<'a> {
     pub(super) representative: Value,
-    /// What is below the node.
-    pub(super) below: Below<'a>,
-    /// The zone's bytes; none if what is below is a run.
+    /// A bit for each node below that has a record, and the addresses of these; none for a record that is one run alone.
+    pub(super) pointers: Option<(u64, &'a [u64])>,
+    /// The levels below as records.
+    pub(super) run: &'a [u8],
+    /// The zone's bytes; none if there are no pointers.
     pub(super) zone: &'a [u8],
-}
-
-/// What is below a node, in its record.
-#[derive(Clone, Copy)]
-pub(super) enum Below<'a> {
-    /// All children of the node; INNER ones have the addresses of their records.
-    Children(&'a [Child<u64>]),
-    /// All records below.
-    Run(&'a [u8]),
 }
 
 /// Writes a file behind what it has already.
@@ -52,8 +44,6 @@ pub(super) struct Appender {
     /// The bytes that have been written, for comparing with what is to be written; read anew when there are
     /// more.
     reader: Option<Box<dyn ReadBackend>>,
-    /// Room for the record that is being written.
-    record: RecordBuffer,
     /// Room for the content of a record that is looked for.
     content: Vec<u8>,
     /// Whether something failed: what is on the disk is not known then.
@@ -79,7 +69,6 @@ impl Appender {
             written: Written::default(),
             dedup: share.map(DedupTable::new),
             reader: None,
-            record: [0; MAX_RECORD + MAX_VALUE_SIZE],
             content: Vec::new(),
             is_poisoned: false,
         }
@@ -164,11 +153,11 @@ impl Appender {
         done.map_err(Error::io(&*self.path, doing))
     }
 
-    /// Writes a record and tells where it is; or where an equal one is.
-    pub(super) fn record(&mut self, record: NewRecord<'_>) -> Result<u64> {
+    /// Writes the record of a node of some height and tells where it is; or where an equal one is.
+    pub(super) fn record(&mut self, record: NewRecord<'_>, height: u8) -> Result<u64> {
         match self.dedup.take() {
             Some(mut dedup) => {
-                let address = self.share(&mut dedup, record);
+                let address = self.share(&mut dedup, record, height);
                 self.dedup = Some(dedup);
                 address
             }
@@ -177,7 +166,6 @@ impl Appender {
     }
 
     fn write_record(&mut self, record: NewRecord<'_>) -> Result<u64> {
-        let zone = record.zone;
         self.open_extent(ExtentKind::Records)?;
         let mut address = self.position();
         let mut size = self.encode_record(address, record);
@@ -197,31 +185,17 @@ impl Appender {
             }
         }
         self.written.records += 1;
-        self.written.bytes += (size + zone.len()) as u64;
-        if !self.layout.can_point_to(address) {
-            let advice = "compact it into a new file";
-            return Err(Error::unsupported(&self.path, "a file too long for its pointers", advice));
-        }
+        self.written.bytes += size as u64;
         Ok(address)
     }
 
-    /// Appends a record to the buffer, and tells its size without the zone.
+    /// Appends a record to the buffer, and tells its size.
     fn encode_record(&mut self, address: u64, record: NewRecord<'_>) -> usize {
-        let NewRecord { representative, below, zone } = record;
-        match below {
-            Below::Children(children) => {
-                let size = self.layout.encode(address, representative, children, &mut self.record);
-                self.buffer.extend_from_slice(&self.record[..size]);
-                self.buffer.extend_from_slice(zone);
-                size
-            }
-            Below::Run(run) => {
-                let width = self.layout.width();
-                self.buffer.extend_from_slice(&representative.to_bytes()[..width]);
-                self.buffer.extend_from_slice(run);
-                width + run.len()
-            }
-        }
+        let NewRecord { representative, pointers, run, zone } = record;
+        let start = self.buffer.len();
+        self.layout.encode(address, representative, pointers, run, &mut self.buffer);
+        self.buffer.extend_from_slice(zone);
+        self.buffer.len() - start
     }
 
     /// The first place where an extent could start and whose first bytes, of which at least one lies behind
@@ -237,80 +211,53 @@ impl Appender {
         })
     }
 
-    /// The content of a record, which is the same wherever it stands: INNER children are told by their
-    /// addresses.
+    /// The content of a record, which is the same wherever it stands: records further down are told by their addresses.
     fn content_of(content: &mut Vec<u8>, record: NewRecord<'_>, width: usize) {
-        let NewRecord { representative, below, zone } = record;
+        let NewRecord { representative, pointers, run, zone } = record;
         content.clear();
-        content.push(matches!(below, Below::Run(_)).into());
         content.extend_from_slice(&representative.to_bytes()[..width]);
-        let children = match below {
-            Below::Run(run) => {
-                content.extend_from_slice(run);
-                return;
-            }
-            Below::Children(children) => children,
-        };
-        for child in children {
-            content.push(child.state() as u8);
-            match child {
-                Child::Void => {}
-                Child::Leaf(value) => content.extend_from_slice(&value.to_bytes()[..width]),
-                Child::Inner { node, .. } => content.extend_from_slice(&node.to_le_bytes()),
-            }
+        if let Some((bitmap, targets)) = pointers {
+            content.extend_from_slice(&bitmap.to_le_bytes());
+            targets.iter().for_each(|target| content.extend_from_slice(&target.to_le_bytes()));
         }
+        content.extend_from_slice(run);
         content.extend_from_slice(zone);
     }
 
-    /// Finds a record with the same content among those that this writer has written, else writes it.
-    fn share(&mut self, dedup: &mut DedupTable, record: NewRecord<'_>) -> Result<u64> {
+    /// Finds a record with the same content among those that this writer has written for nodes of the same height, else
+    /// writes it.
+    fn share(&mut self, dedup: &mut DedupTable, record: NewRecord<'_>, height: u8) -> Result<u64> {
         let mut content = mem::take(&mut self.content);
         Self::content_of(&mut content, record, self.layout.width());
+        content.push(height);
         let hash = hash(&content);
+        content.pop();
         let mut found = None;
-        for known in dedup.find(hash) {
-            // (The lowest bit says whether it is a run, which a record does not say of itself.)
-            let (address, is_run) = (known >> 1, known & 1 == 1);
-            if is_run == matches!(record.below, Below::Run(_))
-                && self.has_content(address, &content, record)?
-            {
+        for address in dedup.find(hash) {
+            if self.has_content(address, &content, record, height)? {
                 found = Some(address);
                 break;
             }
         }
+        let size = content.len();
         self.content = content;
         if let Some(address) = found {
             self.written.shared += 1;
-            // Its pointers might have been RELATIVE or ABSOLUTE: they count as the shorter ones.
-            let field = |child: &Child<u64>| match child {
-                Child::Void => 0,
-                Child::Leaf(_) => self.layout.width(),
-                Child::Inner { .. } => usize::from(self.layout.relative),
-            };
-            let size = match record.below {
-                Below::Children(children) => {
-                    self.layout.head_size() + children.iter().map(field).sum::<usize>() + record.zone.len()
-                }
-                Below::Run(run) => self.layout.width() + run.len(),
-            };
             self.written.spared += size as u64;
             return Ok(address);
         }
         let address = self.write_record(record)?;
-        dedup.insert(hash, address << 1 | u64::from(matches!(record.below, Below::Run(_))));
+        dedup.insert(hash, address);
         Ok(address)
     }
 
-    /// Whether the record at an address has this content, which is that of a new record of the same sort.
-    fn has_content(&mut self, address: u64, content: &[u8], new: NewRecord<'_>) -> Result<bool> {
+    /// Whether the record at an address, of a node of some height, has this content, which is that of a new record.
+    fn has_content(&mut self, address: u64, content: &[u8], new: NewRecord<'_>, height: u8) -> Result<bool> {
         if address < self.start && self.reader.is_none() {
             self.reader = Some(self.backend.reader()?);
         }
-        let width = self.layout.width();
-        let most = match new.below {
-            Below::Children(_) => MAX_RECORD + new.zone.len(),
-            Below::Run(run) => width + run.len(),
-        };
+        // (Addresses take no less room in the content than pointers in a record.)
+        let most = content.len() + 1;
         let read;
         let bytes = match (&self.reader, address.checked_sub(self.start)) {
             // It is still in the buffer.
@@ -322,18 +269,18 @@ impl Appender {
             }
             _ => return Ok(false),
         };
-        if matches!(new.below, Below::Run(_)) {
-            return Ok(bytes.get(..most) == content.get(1..));
-        }
-        let Some((children, end)) = self.layout.decode(bytes, address) else { return Ok(false) };
-        let (Some(representative), Some(zone)) =
-            (self.layout.representative(bytes), bytes.get(end..end + new.zone.len()))
-        else {
+        let Ok(parts) = self.layout.parts(bytes, height) else { return Ok(false) };
+        let (Some(representative), Some(zone), Some(targets)) = (
+            self.layout.representative(bytes),
+            bytes.get(parts.end..parts.end + new.zone.len()),
+            parts.pointers(bytes, address),
+        ) else {
             return Ok(false);
         };
-        let below = Below::Children(&children[..self.layout.children()]);
+        let pointers = new.pointers.map(|_| (parts.bitmap, &targets[..]));
         let mut found = Vec::with_capacity(content.len());
-        Self::content_of(&mut found, NewRecord { representative, below, zone }, width);
+        let record = NewRecord { representative, pointers, run: parts.run(bytes), zone };
+        Self::content_of(&mut found, record, self.layout.width());
         Ok(found == content)
     }
 

@@ -16,32 +16,23 @@ use crate::io::{FileId, ReadBackend};
 use crate::store::container::{Header, TreeFormat};
 use crate::{Error, Result};
 
-/// The part of the first page that tells of pointers, behind the header that both formats have.
+/// The part of the first page that tells whether equal subtrees are stored once, behind the header that both formats have.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
-struct RawPointers {
-    relative: u8,
-    absolute: u8,
+struct RawSharing {
     share: u8,
-    zero: u8,
+    zero: [u8; 3],
     checksum: U32,
 }
 
 /// Offset of that part.
-const POINTERS: u64 = 64;
-
-/// Bytes of pointers where files are written: RELATIVE ones reach 64 KiB back, or 16 MiB where equal subtrees
-/// are stored once and pointers go far; ABSOLUTE ones reach 256 TiB.
-pub(super) const fn pointer_bytes(share: bool) -> (u8, u8) {
-    if share { (3, 6) } else { (2, 6) }
-}
+const SHARING: u64 = 64;
 
 /// The first page of a file.
-pub(super) fn first_page(header: &Header, layout: &PointeredLayout, share: bool) -> Vec<u8> {
+pub(super) fn first_page(header: &Header, share: bool) -> Vec<u8> {
     let mut page = header.to_bytes(TreeFormat::Autumnal);
-    page.resize(POINTERS as usize, 0);
-    let (relative, absolute) = (layout.relative, layout.absolute);
-    let mut raw = RawPointers { relative, absolute, share: share.into(), zero: 0, checksum: 0.into() };
+    page.resize(SHARING as usize, 0);
+    let mut raw = RawSharing { share: share.into(), zero: [0; 3], checksum: 0.into() };
     raw.checksum = crc32c::crc32c(&raw.as_bytes()[..4]).into();
     page.extend_from_slice(raw.as_bytes());
     page.resize(PAGE as usize, 0);
@@ -69,17 +60,14 @@ impl Pages {
             let found = format!("{} bytes", bytes.len());
             return Err(corrupt("file", &found, "three pages and a commit (is the file cut short?)"));
         }
-        let raw = bytes.read(POINTERS, size_of::<RawPointers>())?.into_owned();
+        let raw = bytes.read(SHARING, size_of::<RawSharing>())?.into_owned();
         let good = crc32c::crc32c(&raw[..4]);
-        let raw =
-            RawPointers::ref_from_bytes(&raw).map_err(|_| corrupt("header", "too few bytes", "more"))?;
-        let fits =
-            (1..=4).contains(&raw.relative) && (raw.relative..=8).contains(&raw.absolute) && raw.share < 2;
-        if raw.checksum.get() != good || !fits {
-            let found = format!("pointers of {} and {} bytes", raw.relative, raw.absolute);
-            return Err(corrupt("header", &found, "1 to 4 and at most 8 bytes, with their checksum"));
+        let raw = RawSharing::ref_from_bytes(&raw).map_err(|_| corrupt("header", "too few bytes", "more"))?;
+        if raw.checksum.get() != good || raw.share > 1 {
+            let found = format!("{} for equal subtrees stored once", raw.share);
+            return Err(corrupt("header", &found, "0 or 1, with its checksum"));
         }
-        let layout = PointeredLayout::new(header.form, raw.relative, raw.absolute);
+        let layout = PointeredLayout::new(header.form, header.depth());
         Ok(Pages { header, layout, share: raw.share != 0 })
     }
 

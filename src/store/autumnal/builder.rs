@@ -1,22 +1,21 @@
 //! Makes records of the parts of a tree, and keeps those that the file has already.
 
+use std::mem;
 use std::ops::Range;
 
-use super::append::{Appender, Below, NewRecord};
+use super::append::{Appender, NewRecord};
 use super::commit::Root;
-use super::layout::run_height;
+use super::layout::{Heights, zone_height};
 use super::reader::{Autumnal, Node};
 use super::verified::Verified;
-use super::zone::{Zone, zone_height};
+use super::zone::Zone;
 use crate::Result;
 use crate::space::{Code, Dimension};
-use crate::store::builder::{
-    BuildOptions, BuiltBlock, RecordRef, Siblings, TreeSink, representative_of, uniform_children,
-};
+use crate::store::builder::{BuildOptions, BuiltBlock, Part, RecordRef, Siblings, TreeSink, upper_levels};
 use crate::store::container::subtree::RECORDS_ARE_CHECKED;
-use crate::store::container::{Finding, INNER, LEAF, RecordLayout, Shape, VOID};
-use crate::tree::{Child, Form, no_children};
-use crate::value::{Rule, Tally, Value};
+use crate::store::container::{Finding, INNER, LevelCounts, RecordLayout, RunChildren, RunNode, Shape};
+use crate::tree::{Child, Form};
+use crate::value::{Rule, Value};
 
 /// The shape that makes blocks as large as the smallest nodes with zones, whose children are runs, and leaves all their
 /// records together.
@@ -50,7 +49,7 @@ impl<'a> Check<'a> {
         if !self.extent.contains(&node.address) {
             self.extent = tree.extents().records_at(node.address)?;
         }
-        let size = tree.record_size(node)? + zone;
+        let size = tree.record(node)?.parts.end + zone;
         if self.extent.end - node.address < size as u64 {
             let found = format!("{size} bytes");
             let expected = format!("an end at byte {} or before, where its extent ends", self.extent.end);
@@ -60,18 +59,26 @@ impl<'a> Check<'a> {
     }
 }
 
-/// A node and all that is below it, which is in the file.
-pub(super) struct BuiltNode {
-    /// INNER nodes have the address of their record.
-    pub(super) child: Child<u64>,
-    pub(super) zone: Zone,
+/// A node, what records above it need of what is below, and the records in the file that its own, or that above, points to.
+struct BuiltNode {
+    part: Part,
+    /// A bit for each of the nodes with records that come next below, in Z order, or for the node itself: those that have one.
+    bitmap: u64,
+    /// The addresses of these.
+    targets: Vec<u64>,
+}
+
+impl BuiltNode {
+    /// A node without pointers.
+    fn new(part: Part) -> BuiltNode {
+        BuiltNode { part, bitmap: 0, targets: Vec::new() }
+    }
 }
 
 /// Merges parts whose siblings are complete, and writes the records that are new.
 pub(super) struct RecordBuilder<'a> {
     form: Form,
-    /// Layout of the records of blocks, which are those of segments.
-    block_layout: RecordLayout,
+    heights: Heights,
     rule: Rule,
     depth: u8,
     with_classes: bool,
@@ -97,7 +104,7 @@ impl<'a> RecordBuilder<'a> {
     ) -> RecordBuilder<'a> {
         RecordBuilder {
             form,
-            block_layout: RecordLayout::new(form),
+            heights: Heights::new(form.dimension, options.depth),
             rule: options.rule,
             depth: options.depth,
             with_classes: options.count_classes(),
@@ -109,59 +116,84 @@ impl<'a> RecordBuilder<'a> {
         }
     }
 
-    /// The root, once everything has come.
+    /// The root and its zone, once everything has come.
     pub(super) fn finish(self) -> (Root, Zone) {
-        let BuiltNode { child, zone } = self.root.expect("all blocks were pushed");
-        let value = child.value().map(|value| value.to_bytes()[..self.form.width()].to_vec());
-        let address = if let Child::Inner { node, .. } = child { node } else { 0 };
-        (Root { state: child.state() as u8, value: value.unwrap_or_default(), address }, zone)
+        let BuiltNode { part, targets, .. } = self.root.expect("all blocks were pushed");
+        let value = part.child.value().map(|value| value.to_bytes()[..self.form.width()].to_vec());
+        let address = if part.child.is_inner() { targets[0] } else { 0 };
+        let root = Root { state: part.child.state() as u8, value: value.unwrap_or_default(), address };
+        (root, Zone { records: part.total, tally: part.tally })
     }
 
     /// Takes a node, and as many of its ancestors as are complete with it.
-    fn join(&mut self, code: Code, node: BuiltNode) -> Result<()> {
-        let value_type = self.form.value;
-        let (mut code, mut node) = (code, node);
-        while let Some(parent) = code.parent() {
-            let zone = || Zone { records: 0, tally: Tally::void(value_type) };
-            let void = |_| BuiltNode { child: Child::Void, zone: zone() };
+    fn join(&mut self, mut node: BuiltNode) -> Result<()> {
+        let (depth, value_type) = (self.depth, self.form.value);
+        loop {
+            let code = node.part.code;
+            let Some(parent) = code.parent() else {
+                self.root = Some(node);
+                return Ok(());
+            };
+            let void = |code| BuiltNode::new(Part::uniform(code, depth, value_type, None, false));
             let step = code.step(parent.level());
             let Some(children) = self.siblings.join(parent, step, node, void) else { return Ok(()) };
-            node = self.merge(parent, &children)?;
-            code = parent;
+            node = self.merge(parent, children)?;
         }
-        self.root = Some(node);
-        Ok(())
     }
 
     /// The parent of these nodes, which are all its children in order.
-    fn merge(&mut self, code: Code, nodes: &[BuiltNode]) -> Result<BuiltNode> {
-        let tally = Tally::merge(&nodes.iter().map(|node| &node.zone.tally).collect::<Vec<_>>());
-        let mut children = no_children();
-        let children = &mut children[..nodes.len()];
-        for (child, node) in children.iter_mut().zip(nodes) {
-            *child = node.child;
-        }
-        let uniform = uniform_children(children.iter().copied());
-        if let Some(child) = uniform.map(|child| Child::uniform(child.value())) {
-            return Ok(BuiltNode { child, zone: Zone { records: 0, tally } });
-        }
+    fn merge(&mut self, code: Code, nodes: Vec<BuiltNode>) -> Result<BuiltNode> {
         let height = self.depth - code.level();
-        let cells = self.form.dimension.cells(height);
-        let representative = representative_of(self.rule, children.iter().copied(), &tally, cells);
-        // (Zones that were kept are those of a file, and may lie.)
-        let records = nodes.iter().fold(1u64, |sum, node| sum.saturating_add(node.zone.records));
-        let zone = Zone { records, tally };
-        let bytes = self.zone_bytes(height, &zone);
-        let old = self.old_node(code)?;
-        let record = NewRecord { representative, below: Below::Children(children), zone: &bytes };
-        let node = self.write(code, record, old)?;
-        Ok(BuiltNode { child: Child::Inner { representative, node }, zone })
+        // Nodes with records below each child, which may itself be one.
+        let below = self.heights.below(height).map_or(0, |below| height - 1 - below);
+        let bits = self.form.dimension.cells(below);
+        let (mut bitmap, mut targets) = (0, Vec::new());
+        let mut parts = Vec::with_capacity(nodes.len());
+        for (step, node) in (0..).zip(nodes) {
+            bitmap |= node.bitmap << (bits * step);
+            targets.extend(node.targets);
+            parts.push(node.part);
+        }
+        let part = Part::merge(code, &parts, self.depth, self.rule, &mut LevelCounts::default());
+        let mut node = BuiltNode { part, bitmap, targets };
+        self.seal(&mut node)?;
+        Ok(node)
     }
 
-    /// The bytes of the zone of a node with so many levels below it; none if it is too small to have one.
-    fn zone_bytes(&self, height: u8, zone: &Zone) -> Vec<u8> {
-        let has_zone = height >= zone_height(self.form.dimension);
-        if has_zone { zone.to_bytes(self.with_classes) } else { Vec::new() }
+    /// Writes the record of a node, if it is to have one; what is left is what those above need.
+    fn seal(&mut self, node: &mut BuiltNode) -> Result<()> {
+        let code = node.part.code;
+        let height = self.depth - code.level();
+        let Child::Inner { representative, .. } = node.part.child else { return Ok(()) };
+        if self.heights.record_of(height) != height {
+            return Ok(());
+        }
+        let run = upper_levels(self.form, &node.part.records, self.heights.run_of(height));
+        let run = run.expect(RECORDS_ARE_CHECKED);
+        let pointers = self.heights.below(height).map(|_| (node.bitmap, &node.targets[..]));
+        let zone = match pointers {
+            Some(_) => {
+                Zone { records: node.part.total, tally: node.part.tally.clone() }.to_bytes(self.with_classes)
+            }
+            None => Vec::new(),
+        };
+        let old = self.old_node(code)?;
+        let address =
+            self.write(code, NewRecord { representative, pointers, run: &run, zone: &zone }, old)?;
+        node.part.records = self.above_of(code, &run).expect(RECORDS_ARE_CHECKED);
+        (node.bitmap, node.targets) = (1, vec![address]);
+        Ok(())
+    }
+
+    /// The upper levels of the run of a node with a record that the run of the next one above has; `None` if the run contradicts
+    /// itself.
+    fn above_of(&self, code: Code, run: &[u8]) -> Option<Vec<u8>> {
+        let height = self.depth - code.level();
+        if height == self.depth {
+            return Some(Vec::new());
+        }
+        let levels = self.heights.run - (self.heights.record_of(height + 1) - height);
+        upper_levels(self.form, run, levels).ok()
     }
 
     /// The node that the file has there, if it is INNER.
@@ -171,8 +203,8 @@ impl<'a> RecordBuilder<'a> {
 
     /// Writes a record, unless it is the one that was there before.
     fn write(&mut self, code: Code, record: NewRecord<'_>, old: Option<Node>) -> Result<u64> {
-        // Copy on write: children come first, so equal addresses below mean equal subtrees, and an unchanged
-        // record keeps all that is below it.
+        // Copy on write: what is below comes first, so equal addresses mean equal subtrees, and an unchanged record keeps all
+        // that is below it.
         if let (Some(base), Some(old)) = (self.base, old)
             && is_same(base, old, record)?
         {
@@ -185,7 +217,7 @@ impl<'a> RecordBuilder<'a> {
             return Ok(old.address);
         }
         match &mut self.mode {
-            Mode::Write(appender) => appender.record(record),
+            Mode::Write(appender) => appender.record(record, self.depth - code.level()),
             Mode::Check(check) => {
                 let place = format!("node {code}");
                 let problem = "its record, or its zone, is not what the leaves below make it";
@@ -196,96 +228,69 @@ impl<'a> RecordBuilder<'a> {
         }
     }
 
-    /// Writes those records of a block's root and of its children that are new; `old` is what the file has at the root.
-    fn block(
+    /// Writes the records of the nodes of a block that are one run each, and are so many levels below a node of the block
+    /// whose records are given.
+    fn runs(
         &mut self,
-        code: Code,
-        records: &[u8],
-        representative: Value,
-        zone: &[u8],
-        old: Option<Node>,
-    ) -> Result<u64> {
-        let height = self.depth - code.level();
-        if height <= run_height(self.form.dimension) {
-            return self.write(code, NewRecord { representative, below: Below::Run(records), zone }, old);
+        (code, records, representative): (Code, &[u8], Value),
+        levels: u8,
+        number: usize,
+        node: &mut BuiltNode,
+    ) -> Result<()> {
+        if levels == 0 {
+            let record = NewRecord { representative, pointers: None, run: records, zone: &[] };
+            let old = self.old_node(code)?;
+            node.targets.push(self.write(code, record, old)?);
+            node.bitmap |= 1 << number;
+            return Ok(());
         }
-        let layout = self.block_layout;
-        let head = layout.head(records, 0).expect(RECORDS_ARE_CHECKED);
-        let before = match (self.base, old) {
-            (Some(base), Some(old)) => Some((base, base.record(old)?, old.height)),
-            _ => None,
-        };
-        let mut children = no_children();
-        let mut next = 1;
-        for (step, child) in children[..layout.children()].iter_mut().enumerate() {
-            let state = head.state(step);
-            if state == VOID {
-                continue;
+        let layout = RecordLayout::new(self.form);
+        let mut children = RunChildren::default();
+        let read = layout.run_children(records, RunNode::default(), &mut children);
+        read.expect(RECORDS_ARE_CHECKED);
+        for (step, child) in children[..layout.children()].iter().enumerate() {
+            if child.state == INNER {
+                let at = child.node.record as usize;
+                let skip = layout.head(records, at).expect(RECORDS_ARE_CHECKED).skip;
+                let below = layout.subtree(records, at, skip).expect(RECORDS_ARE_CHECKED);
+                let number = number * layout.children() + step;
+                self.runs((code.child(step), below, child.value), levels - 1, number, node)?;
             }
-            let value = layout.value(records, 0, step);
-            if state == LEAF {
-                *child = Child::Leaf(value);
-                continue;
-            }
-            debug_assert!(state == INNER, "blocks are not cut");
-            let old = match &before {
-                Some((base, record, height)) if record.state(step) > LEAF => {
-                    Some(base.inner(record, *height, step)?)
-                }
-                _ => None,
-            };
-            let skip = layout.head(records, next).expect(RECORDS_ARE_CHECKED).skip;
-            let run = layout.subtree(records, next, skip).expect(RECORDS_ARE_CHECKED);
-            let node = self.block(code.child(step), run, value, &[], old)?;
-            next += skip as usize;
-            *child = Child::Inner { representative: value, node };
         }
-        let below = Below::Children(&children[..layout.children()]);
-        self.write(code, NewRecord { representative, below, zone }, old)
+        Ok(())
     }
 }
 
 /// Whether a record of the file is already what it should be.
 fn is_same(base: &Autumnal, old: Node, new: NewRecord<'_>) -> Result<bool> {
-    let children = match new.below {
-        Below::Run(records) => {
-            let run = base.run(old)?;
-            return Ok(base.run_records(&run) == records && base.representative(old)? == new.representative);
-        }
-        Below::Children(children) => children,
-    };
     let record = base.record(old)?;
-    for (step, child) in children.iter().enumerate() {
-        let is_same = match (record.state(step), child) {
-            (VOID, Child::Void) => true,
-            (LEAF, Child::Leaf(value)) => base.leaf(&record, step) == *value,
-            // The representative is in the child's own record, which is the same one or another.
-            (VOID | LEAF, _) | (_, Child::Void | Child::Leaf(_)) => false,
-            (_, Child::Inner { node, .. }) => base.inner(&record, old.height, step)?.address == *node,
-        };
-        if !is_same {
-            return Ok(false);
-        }
+    if record.run() != new.run || base.representative(old)? != new.representative {
+        return Ok(false);
     }
-    Ok(base.representative(old)? == new.representative && base.has_zone(old, new.zone)?)
+    let Some((bitmap, targets)) = new.pointers else { return Ok(true) };
+    let is_same = record.parts.bitmap == bitmap
+        && record.parts.pointers(&record.bytes, record.address).as_deref() == Some(targets);
+    Ok(is_same && base.has_zone(old, new.zone)?)
 }
 
 impl TreeSink for RecordBuilder<'_> {
-    fn push(&mut self, (part, sealed, _): BuiltBlock) -> Result<()> {
-        let zone = Zone { records: part.total, tally: part.tally };
-        let child = match part.child {
-            Child::Void => Child::Void,
-            Child::Leaf(value) => Child::Leaf(value),
-            Child::Inner { representative, .. } => {
-                // A small tree is one block, whose records were taken for the root's segment.
-                let records = sealed.map_or(part.records, |sealed| sealed.records);
-                let bytes = self.zone_bytes(self.depth - part.code.level(), &zone);
-                let old = self.old_node(part.code)?;
-                let node = self.block(part.code, &records, representative, &bytes, old)?;
-                Child::Inner { representative, node }
-            }
-        };
-        self.join(part.code, BuiltNode { child, zone })
+    fn push(&mut self, (mut part, sealed, _): BuiltBlock) -> Result<()> {
+        // A small tree is one block, whose records were taken for the root's segment.
+        if let Some(sealed) = sealed {
+            part.records = sealed.records;
+        }
+        let mut node = BuiltNode::new(part);
+        let code = node.part.code;
+        let height = self.depth - code.level();
+        if let (Child::Inner { representative, .. }, Some(below)) =
+            (node.part.child, self.heights.below(height))
+        {
+            let records = mem::take(&mut node.part.records);
+            self.runs((code, &records, representative), height - below, 0, &mut node)?;
+            node.part.records = records;
+        }
+        self.seal(&mut node)?;
+        self.join(node)
     }
 
     fn keep(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
@@ -304,9 +309,12 @@ impl TreeSink for RecordBuilder<'_> {
         };
         // What has no zone is smaller than a block: it is built anew, and found to be there.
         let Some(node) = node else { return Ok(false) };
-        let Some(zone) = base.zone(node)? else { return Ok(false) };
-        let child = Child::Inner { representative: base.representative(node)?, node: node.address };
-        self.join(code, BuiltNode { child, zone })?;
+        let Some(Zone { records: total, tally }) = base.zone(node)? else { return Ok(false) };
+        let child = Child::Inner { representative: base.representative(node)?, node: () };
+        let above = self.above_of(code, base.record(node)?.run());
+        let records = above.ok_or_else(|| base.bad_run(node.address))?;
+        let part = Part { code, child, total, records, tally };
+        self.join(BuiltNode { part, bitmap: 1, targets: vec![node.address] })?;
         Ok(true)
     }
 }

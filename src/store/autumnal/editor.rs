@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::append::Appender;
-use super::archive::{Archive, OpenFile, first_page, pointer_bytes};
+use super::archive::{Archive, OpenFile, first_page};
 use super::builder::{Mode, RecordBuilder, shape};
 use super::commit::{Commit, Note, Root, Written};
 use super::extents::{ExtentKind, Extents, FIRST_EXTENT};
@@ -83,9 +83,8 @@ impl Editor {
         header: Header,
         options: &BuildOptions,
     ) -> Result<Editor> {
-        let (relative, absolute) = pointer_bytes(options.share);
-        let layout = PointeredLayout::new(header.form, relative, absolute);
-        let mut pages = first_page(&header, &layout, options.share);
+        let layout = PointeredLayout::new(header.form, header.depth());
+        let mut pages = first_page(&header, options.share);
         pages.resize(FIRST_EXTENT as usize, 0);
         backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
         let (bytes, file) = open_file(&*backend)?;

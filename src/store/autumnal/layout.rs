@@ -1,305 +1,273 @@
-//! The Autumnal record: an inner node's representative and, per child, a value or a pointer; or, of a small node, a run of
-//! all the records below it.
+//! The Autumnal record: a node, some levels of what is below it, and pointers to the records of nodes further down.
 //!
-//! A small node ([`run_height`]) and all that is below it is one record: the representative, and a run of records and dense
-//! blocks as it stands in a segment of a Goblin file. Of any other node the record has, in this order: two bits of state per child (VOID, LEAF, RELATIVE, ABSOLUTE), the
-//! representative, and the fields of the children that are not VOID: the value of a LEAF, or a pointer to an
-//! INNER child's record. A RELATIVE pointer is the distance back to it, an ABSOLUTE one its offset in the
-//! file. Records are written after those that they point to.
+//! Nodes at certain heights have records ([`Heights`]): every third level of a quadtree, every second one of an octree. A record
+//! has the node's representative, pointers to the records of the next nodes below that have one, the levels below as a run,
+//! as it would stand in a segment of a Goblin file, and a zone. Runs reach further down than the nodes that pointers lead
+//! to, so that any level can be drawn from records that have much of it. What is small enough is one run alone.
 
 use crate::space::Dimension;
 use crate::store::container::dense::dense_levels;
-use crate::store::container::record::{FOUR_STATES, state_of};
-use crate::store::container::{Descend, LEAF, RecordLayout, VOID, descend_in};
-use crate::tree::{Child, Children, Form, no_children};
-use crate::value::{MAX_VALUE_SIZE, Value};
+use crate::store::container::{Descend, RecordLayout, descend_in};
+use crate::tree::Form;
+use crate::value::Value;
 
-/// More detail below, whose record is so many bytes before this one.
-pub(super) const RELATIVE: u8 = 2;
-/// More detail below, whose record is at this offset of the file.
-pub(super) const ABSOLUTE: u8 = 3;
+/// The heights (levels above the cells) of the nodes that have records of their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Heights {
+    /// Levels of a run; what is no higher is one run.
+    pub(super) run: u8,
+    /// Levels between nodes with records.
+    stride: u8,
+    /// That of the root, which has a record whatever its height.
+    root: u8,
+}
 
-/// Levels below the largest nodes whose records are runs: as many as those of the largest dense blocks.
-#[inline]
-pub(super) const fn run_height(dimension: Dimension) -> u8 {
+impl Heights {
+    /// Those of a tree with so many levels below its root.
+    pub(super) fn new(dimension: Dimension, depth: u8) -> Heights {
+        let stride = match dimension {
+            Dimension::Quad => 3,
+            Dimension::Oct => 2,
+        };
+        Heights { run: run_levels(dimension), stride, root: depth }
+    }
+
+    /// The height of the node whose record has a node of some height.
+    #[inline]
+    pub(super) fn record_of(&self, height: u8) -> u8 {
+        let above = height.saturating_sub(self.run).next_multiple_of(self.stride);
+        (self.run + above).min(self.root)
+    }
+
+    /// The height of the nodes that pointers of a record lead to, whose own node has a height; `None` if it is one run alone.
+    #[inline]
+    pub(super) fn below(&self, height: u8) -> Option<u8> {
+        let above = height.checked_sub(self.run + 1)?;
+        Some(self.run + above / self.stride * self.stride)
+    }
+
+    /// Levels of the run of a node of some height that has a record.
+    #[inline]
+    pub(super) fn run_of(&self, height: u8) -> u8 {
+        self.run.min(height)
+    }
+}
+
+/// Levels of a run: those of the largest dense blocks.
+const fn run_levels(dimension: Dimension) -> u8 {
     *dense_levels(dimension).end()
 }
 
-/// Bytes of the longest head of a record: its states and its representative.
-pub(super) const MAX_HEAD: usize = 2 + MAX_VALUE_SIZE;
-
-/// Bytes of the longest record: a head, and eight fields.
-pub(super) const MAX_RECORD: usize = MAX_HEAD + 8 * MAX_VALUE_SIZE;
+/// The height of the smallest nodes whose records have pointers, and zones: 256 x 256 cells, or 32 x 32 x 32.
+pub(super) const fn zone_height(dimension: Dimension) -> u8 {
+    match dimension {
+        Dimension::Quad => run_levels(dimension) + 3,
+        Dimension::Oct => run_levels(dimension) + 2,
+    }
+}
 
 /// Bytes of the longest pointer.
 const MAX_POINTER: usize = 8;
 
-/// Room for any record, and behind it for all that the last field's value could have.
-pub(super) type RecordBuffer = [u8; MAX_RECORD + MAX_VALUE_SIZE];
+/// Bytes of which nodes have pointers: one bit each for up to 64.
+const BITMAP: usize = size_of::<u64>();
 
 /// Layout of the records of a file.
 #[derive(Clone)]
 pub(super) struct PointeredLayout {
     /// Quadtree or octree, and the type of the values.
     pub(super) form: Form,
-    /// Bytes of a value.
-    width: usize,
-    /// Bytes of the states: a byte for four children.
-    state_bytes: usize,
-    /// Bytes of a RELATIVE pointer, and of an ABSOLUTE one.
-    pub(super) relative: u8,
-    pub(super) absolute: u8,
-    /// Bytes of the fields of four children, by their states.
-    field_bytes: Box<[u16; FOUR_STATES]>,
+    pub(super) heights: Heights,
     /// Layout of the records of runs.
     pub(super) run: RecordLayout,
     /// The way down in a run.
     pub(super) descend: Descend,
 }
 
-impl PointeredLayout {
-    /// The layout with pointers of so many bytes, 1 to 8.
-    pub(super) fn new(form: Form, relative: u8, absolute: u8) -> PointeredLayout {
-        let width = form.width();
-        let size = |state: usize| [0, width, usize::from(relative), usize::from(absolute)][state & 3] as u16;
-        let field_bytes = std::array::from_fn(|states| (0..4).map(|child| size(states >> (2 * child))).sum());
-        PointeredLayout {
-            form,
-            width,
-            state_bytes: form.children() / 4,
-            relative,
-            absolute,
-            field_bytes: Box::new(field_bytes),
-            run: RecordLayout::new(form),
-            descend: descend_in(RecordLayout::new(form)),
-        }
-    }
+/// The parts of a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Parts {
+    /// Bit `i`: whether there is a pointer for node `i`, in Z order, of those that pointers lead to.
+    pub(super) bitmap: u64,
+    /// Bytes of a pointer.
+    pointer: u8,
+    /// Where pointers and run start, and where the run ends.
+    pointers_at: usize,
+    run_at: usize,
+    pub(super) end: usize,
+}
 
-    /// Children of a node.
-    #[inline]
-    pub(super) fn children(&self) -> usize {
-        self.form.children()
+/// Reason why bytes are no record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum BadRecord {
+    /// There must be so many of them, to begin with.
+    Short(usize),
+    /// They say something impossible.
+    Wrong,
+}
+
+impl PointeredLayout {
+    /// The layout for trees of a form and a depth.
+    pub(super) fn new(form: Form, depth: u8) -> PointeredLayout {
+        let run = RecordLayout::new(form);
+        PointeredLayout { form, heights: Heights::new(form.dimension, depth), run, descend: descend_in(run) }
     }
 
     /// Bytes of a value.
     #[inline]
     pub(super) fn width(&self) -> usize {
-        self.width
+        self.run.width
     }
 
-    /// The states at the start of a record; `None` if it is cut short.
-    #[inline]
-    pub(super) fn states(&self, record: &[u8]) -> Option<u32> {
-        match (self.state_bytes, record) {
-            (1, [states, ..]) => Some(u32::from(*states)),
-            (2, [low, high, ..]) => Some(u32::from(u16::from_le_bytes([*low, *high]))),
-            _ => None,
-        }
-    }
-
-    /// The representative of a record's node; `None` if the record is cut short.
+    /// The representative at a record's start; `None` if it is cut short.
     #[inline]
     pub(super) fn representative(&self, record: &[u8]) -> Option<Value> {
-        self.value(record, self.state_bytes)
+        Value::read(record, self.width())
     }
 
-    /// Whether the record of a node with so many levels below it is a run.
+    /// Finds the parts of the record of a node of some height.
     #[inline]
-    pub(super) fn is_run(&self, height: u8) -> bool {
-        height <= run_height(self.form.dimension)
-    }
-
-    /// Bytes of the run of a node with so many levels below it, given its first ones: the representative and the first record
-    /// at least. `None` if they are fewer, or if it claims more records than the node can have.
-    #[inline]
-    pub(super) fn run_size(&self, bytes: &[u8], height: u8) -> Option<usize> {
-        let skip = self.run.head(bytes.get(self.width..)?, 0)?.skip;
-        // A tree without a uniform node: 1 + c + c^2 ... for c children.
-        let most = (self.form.dimension.cells(height) - 1) / (self.children() as u64 - 1);
-        (1..=most).contains(&u64::from(skip)).then(|| self.width + skip as usize * self.run.size)
-    }
-
-    /// Bytes of a run's representative and its first record.
-    #[inline]
-    pub(super) fn run_head(&self) -> usize {
-        self.width + self.run.size
-    }
-
-    /// The value at an offset in a record; `None` if the record is cut short.
-    #[inline]
-    pub(super) fn value(&self, record: &[u8], at: usize) -> Option<Value> {
-        Value::read(record.get(at..)?, self.width)
-    }
-
-    /// Bytes of states and representative: where the first field starts.
-    #[inline]
-    pub(super) fn head_size(&self) -> usize {
-        self.state_bytes + self.width
-    }
-
-    /// Bytes of all fields.
-    #[inline]
-    fn field_size(&self, states: u32) -> usize {
-        let low = usize::from(self.field_bytes[states as usize % FOUR_STATES]);
-        if self.state_bytes > 1 {
-            low + usize::from(self.field_bytes[states as usize / FOUR_STATES % FOUR_STATES])
-        } else {
-            low
+    pub(super) fn parts(&self, record: &[u8], height: u8) -> Result<Parts, BadRecord> {
+        let width = self.width();
+        let mut parts = Parts { bitmap: 0, pointer: 0, pointers_at: width, run_at: width, end: width };
+        if let Some(below) = self.heights.below(height) {
+            parts.pointers_at = width + 1 + BITMAP;
+            let head = record.get(width..parts.pointers_at).ok_or(BadRecord::Short(parts.pointers_at))?;
+            parts.pointer = head[0];
+            parts.bitmap = u64::from_le_bytes(head[1..].try_into().expect("8 bytes"));
+            let nodes = self.form.dimension.cells(height - below);
+            let is_good = (1..=MAX_POINTER).contains(&usize::from(parts.pointer))
+                && parts.bitmap & !(u64::MAX >> (64 - nodes)) == 0;
+            if !is_good {
+                return Err(BadRecord::Wrong);
+            }
+            parts.run_at =
+                parts.pointers_at + parts.bitmap.count_ones() as usize * usize::from(parts.pointer);
         }
+        let first = parts.run_at + self.run.size;
+        let head = record.get(parts.run_at..first).ok_or(BadRecord::Short(first))?;
+        let skip = self.run.head(head, 0).ok_or(BadRecord::Wrong)?.skip;
+        // A tree without a uniform node has 1 + c + c^2 ... records for c children.
+        let levels = self.heights.run_of(height);
+        let most = (self.form.dimension.cells(levels) - 1) / (self.form.children() as u64 - 1);
+        if !(1..=most).contains(&u64::from(skip)) {
+            return Err(BadRecord::Wrong);
+        }
+        parts.end = parts.run_at + skip as usize * self.run.size;
+        if parts.end > record.len() { Err(BadRecord::Short(parts.end)) } else { Ok(parts) }
     }
 
-    /// Bytes of a record, its zone not counted.
-    #[inline]
-    pub(super) fn record_size(&self, states: u32) -> usize {
-        self.head_size() + self.field_size(states)
-    }
-
-    /// Offset of a child's field in a record.
-    #[inline]
-    pub(super) fn field(&self, states: u32, child: usize) -> usize {
-        // With the states of the child and those behind it VOID, the record would end here.
-        let before = states & ((1 << (2 * child)) - 1);
-        self.record_size(before)
-    }
-
-    /// Bytes of a pointer of a state.
-    #[inline]
-    pub(super) fn pointer_size(&self, state: u8) -> usize {
-        usize::from(if state == RELATIVE { self.relative } else { self.absolute })
-    }
-
-    /// Target of the pointer in a field, of a record that stands at `address`; `None` if it is cut short or
-    /// does not lead back.
-    #[inline]
-    pub(super) fn follow(&self, record: &[u8], at: usize, state: u8, address: u64) -> Option<u64> {
-        let size = self.pointer_size(state);
-        let number = match record.get(at..at + MAX_POINTER) {
-            // One load and a mask, where there are bytes enough behind the pointer.
-            Some(bytes) => {
-                u64::from_le_bytes(bytes.try_into().expect("8 bytes")) & (u64::MAX >> (64 - 8 * size))
-            }
-            None => {
-                let mut number = [0; MAX_POINTER];
-                number[..size].copy_from_slice(record.get(at..at + size)?);
-                u64::from_le_bytes(number)
-            }
-        };
-        let target = if state == RELATIVE { address.checked_sub(number)? } else { number };
-        // Records come after those that they point to: whoever follows pointers gets ever nearer to the
-        // file's start.
-        (target < address).then_some(target)
-    }
-
-    /// The state and the number of a pointer from a record to another, which is before it.
-    #[inline]
-    fn point(&self, from: u64, to: u64) -> (u8, u64) {
-        // Children are written before their parents: the distance is never negative.
-        let distance = from - to;
-        if distance >> (8 * self.relative) == 0 { (RELATIVE, distance) } else { (ABSOLUTE, to) }
-    }
-
-    /// Whether a pointer can lead to an address.
-    pub(super) fn can_point_to(&self, address: u64) -> bool {
-        usize::from(self.absolute) == MAX_POINTER || address >> (8 * self.absolute) == 0
-    }
-
-    /// Writes a record that is to stand at `address` to a buffer, without a zone, and tells its size. INNER
-    /// children have the addresses of their records.
-    #[inline]
+    /// Adds a record that is to stand at `address` to a buffer, without a zone. `pointers` are a bit for each node that has
+    /// one, and the addresses of their records, which are before this one; a record that is one run alone has none.
     pub(super) fn encode(
         &self,
         address: u64,
         representative: Value,
-        children: &[Child<u64>],
-        record: &mut RecordBuffer,
-    ) -> usize {
-        // Values and pointers are written with all the bytes that any could have, which is one store whatever
-        // their width: what comes next is written over those that are too many.
-        let mut end = self.state_bytes;
-        record[end..end + MAX_VALUE_SIZE].copy_from_slice(&representative.to_bytes());
-        end += self.width;
-        let mut states = 0u16;
-        for (step, child) in children.iter().enumerate() {
-            let state = match child {
-                Child::Void => VOID,
-                Child::Leaf(value) => {
-                    record[end..end + MAX_VALUE_SIZE].copy_from_slice(&value.to_bytes());
-                    end += self.width;
-                    LEAF
-                }
-                Child::Inner { node, .. } => {
-                    let (state, number) = self.point(address, *node);
-                    record[end..end + MAX_POINTER].copy_from_slice(&number.to_le_bytes());
-                    end += self.pointer_size(state);
-                    state
-                }
-            };
-            states |= u16::from(state) << (2 * step);
-        }
-        record[..self.state_bytes].copy_from_slice(&states.to_le_bytes()[..self.state_bytes]);
-        end
-    }
-
-    /// The children of the node whose record stands at `address`, INNER ones with the addresses of their
-    /// records but without their representatives, and the record's size; `None` if it is cut short or a
-    /// pointer does not lead back.
-    pub(super) fn decode(&self, record: &[u8], address: u64) -> Option<(Children<u64>, usize)> {
-        let states = self.states(record)?;
-        let mut children = no_children();
-        let mut at = self.head_size();
-        for (step, child) in children[..self.children()].iter_mut().enumerate() {
-            match state_of(states, step) {
-                VOID => {}
-                LEAF => {
-                    *child = Child::Leaf(self.value(record, at)?);
-                    at += self.width;
-                }
-                state => {
-                    let node = self.follow(record, at, state, address)?;
-                    *child = Child::Inner { representative: Value::ZERO, node };
-                    at += self.pointer_size(state);
-                }
+        pointers: Option<(u64, &[u64])>,
+        run: &[u8],
+        buffer: &mut Vec<u8>,
+    ) {
+        buffer.extend_from_slice(&representative.to_bytes()[..self.width()]);
+        if let Some((bitmap, targets)) = pointers {
+            // As many bytes as the longest distance back needs.
+            let longest = targets.iter().map(|target| address - target).max().unwrap_or(1);
+            let bytes = (8 - longest.leading_zeros() as usize / 8).max(1);
+            buffer.push(bytes as u8);
+            buffer.extend_from_slice(&bitmap.to_le_bytes());
+            for target in targets {
+                buffer.extend_from_slice(&(address - target).to_le_bytes()[..bytes]);
             }
         }
-        Some((children, at))
+        buffer.extend_from_slice(run);
+    }
+}
+
+impl Parts {
+    /// The run among a record's bytes.
+    #[inline]
+    pub(super) fn run<'r>(&self, record: &'r [u8]) -> &'r [u8] {
+        &record[self.run_at..self.end]
+    }
+
+    /// Where the run starts in the record.
+    pub(super) fn run_start(&self) -> usize {
+        self.run_at
+    }
+
+    /// The address that the pointer of a node leads to, in a record at `address`. The first option is `None` if it does not
+    /// lead back, the second if there is none.
+    #[inline]
+    pub(super) fn pointer(&self, record: &[u8], address: u64, node: usize) -> Option<Option<u64>> {
+        if self.bitmap >> node & 1 == 0 {
+            return Some(None);
+        }
+        let before = (self.bitmap & ((1 << node) - 1)).count_ones() as usize;
+        let size = usize::from(self.pointer);
+        let mut distance = [0; MAX_POINTER];
+        distance[..size].copy_from_slice(&record[self.pointers_at + before * size..][..size]);
+        // Records come after those that they point to: whoever follows pointers gets ever nearer to the file's start.
+        let distance = u64::from_le_bytes(distance);
+        let target = address.checked_sub(distance).filter(|_| distance > 0)?;
+        Some(Some(target))
+    }
+
+    /// The addresses that all pointers lead to, in order; `None` if one does not lead back.
+    pub(super) fn pointers(&self, record: &[u8], address: u64) -> Option<Vec<u64>> {
+        let nodes = (0..64).filter(|node| self.bitmap >> node & 1 != 0);
+        nodes.map(|node| self.pointer(record, address, node).flatten()).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::store::container::RecordHead;
     use crate::value::{SampleType, ValueType};
+
+    #[test]
+    fn heights_of_records() {
+        let heights = Heights::new(Dimension::Quad, 15);
+        assert_eq!(
+            [15, 14, 12, 11, 9, 8, 6, 5, 1].map(|height| heights.record_of(height)),
+            [15, 14, 14, 11, 11, 8, 8, 5, 5]
+        );
+        assert_eq!(
+            [15, 14, 11, 8, 5].map(|height| heights.below(height)),
+            [Some(14), Some(11), Some(8), Some(5), None]
+        );
+        let small = Heights::new(Dimension::Oct, 4);
+        assert_eq!([4, 3, 1].map(|height| small.record_of(height)), [4, 3, 3]);
+        assert_eq!([small.below(4), small.below(3)], [Some(3), None]);
+        assert_eq!(Heights::new(Dimension::Quad, 2).record_of(1), 2);
+    }
 
     #[test]
     fn records_come_back() {
         for dimension in [Dimension::Quad, Dimension::Oct] {
             for value in [ValueType::new(SampleType::U8, 3), ValueType::new(SampleType::F32, 4)] {
-                let layout = PointeredLayout::new(Form::new(dimension, value), 2, 6);
-                let leaf = |number: u8| Value::from_bytes(&vec![number; value.size()]);
-                let inner = |node| Child::Inner { representative: Value::ZERO, node };
-                let all = [
-                    [Child::Leaf(leaf(1)); 8],
-                    [inner(70_000); 8],
-                    [inner(5); 8],
-                    std::array::from_fn(|step| match step % 4 {
-                        0 => Child::Void,
-                        1 => inner(69_999),
-                        2 => Child::Leaf(leaf(step as u8)),
-                        _ => inner(12_288),
-                    }),
-                ];
-                for children in all {
-                    let mut expected = no_children();
-                    expected[..layout.children()].copy_from_slice(&children[..layout.children()]);
-                    let mut buffer: RecordBuffer = [7; MAX_RECORD + MAX_VALUE_SIZE];
-                    let used = &expected[..layout.children()];
-                    let size = layout.encode(80_000, leaf(9), used, &mut buffer);
-                    let record = &buffer[..size];
-                    let states = layout.states(record).unwrap();
-                    assert_eq!(layout.record_size(states), size);
-                    assert_eq!(layout.representative(record), Some(leaf(9)));
-                    assert_eq!(layout.decode(record, 80_000), Some((expected, size)));
-                    assert_eq!(layout.decode(&record[..size - 1], 80_000), None);
+                let layout = PointeredLayout::new(Form::new(dimension, value), 19);
+                let representative = Value::from_bytes(&vec![9; value.size()]);
+                let mut run = vec![0; 2 * layout.run.size];
+                let values = vec![7; layout.run.children() * layout.width()];
+                layout.run.write(
+                    &mut run[..layout.run.size],
+                    &values,
+                    RecordHead { states: 1, skip: 2, dense: 0 },
+                );
+                let height = zone_height(dimension);
+                for (targets, bytes) in [(vec![79_999, 12_288], 3), (vec![79_990], 1)] {
+                    let bitmap = if targets.len() > 1 { 1 << 63 | 4 } else { 4 };
+                    let mut record = Vec::new();
+                    layout.encode(80_000, representative, Some((bitmap, &targets)), &run, &mut record);
+                    let parts = layout.parts(&record, height).unwrap();
+                    assert_eq!((parts.bitmap, parts.pointer), (bitmap, bytes));
+                    assert_eq!(parts.pointers(&record, 80_000), Some(targets.clone()));
+                    assert_eq!(parts.pointer(&record, 80_000, 3), Some(None));
+                    assert_eq!(parts.pointer(&record, 4, 2), None);
+                    assert_eq!((parts.run(&record), parts.end), (&run[..], record.len()));
+                    assert_eq!(layout.representative(&record), Some(representative));
+                    let short = layout.parts(&record[..record.len() - 1], height);
+                    assert_eq!(short, Err(BadRecord::Short(record.len())));
                 }
             }
         }

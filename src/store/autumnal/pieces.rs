@@ -3,7 +3,7 @@
 use super::extents::ByteAccess;
 use super::reader::{Autumnal, Node};
 use crate::space::Bounds;
-use crate::store::container::{LEAF, VOID};
+use crate::store::container::{LEAF, RunChildren, RunNode, VOID};
 use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
@@ -36,7 +36,7 @@ impl Autumnal {
         }
     }
 
-    /// The pieces below a node so many levels above the cells, whose cells are `space`.
+    /// The pieces below a node with a record, so many levels above the cells, whose cells are `space`.
     fn pieces_below<'a, A: ByteAccess<'a>>(
         &self,
         access: A,
@@ -44,37 +44,40 @@ impl Autumnal {
         space: &Bounds,
         (bounds, each): (&Bounds, &mut EachPiece<'_>),
     ) -> Result<()> {
-        let layout = self.layout();
-        if layout.is_run(node.height) {
-            let run = self.run_in(access, node)?;
-            let bad_run = || self.bad_run(node.address);
-            return each(space, Piece::Run(self.run_records(&run), levels, &bad_run));
-        }
         let record = self.record_in(access, node)?;
+        let layout = self.layout();
+        let Some(below) = layout.heights.below(record.height).filter(|_| levels > layout.heights.run) else {
+            let bad_run = || self.bad_run(node.address);
+            return each(space, Piece::Run(record.run(), levels, &bad_run));
+        };
+        // Levels between nodes with records.
+        let stride = record.height - below;
         let dimension = layout.form.dimension;
-        let mut next = layout.head_size();
-        for step in 0..layout.children() {
-            let state = record.state(step);
-            let field = next;
-            match state {
-                VOID => continue,
-                LEAF => next += layout.width(),
-                _ => next += layout.pointer_size(state),
+        let mut open = vec![(RunNode::default(), 0, *space)];
+        let mut children = RunChildren::default();
+        for above in (0..stride).rev() {
+            let mut deeper = Vec::new();
+            for (place, path, space) in open {
+                let read = layout.run.run_children(record.run(), place, &mut children);
+                read.ok_or_else(|| self.bad_run(node.address))?;
+                for (step, child) in children[..dimension.children()].iter().enumerate() {
+                    let space = space.child(dimension, step);
+                    let path = path * dimension.children() + step;
+                    if child.state == VOID || bounds.intersect(&space).is_empty() {
+                        continue;
+                    }
+                    if child.state == LEAF {
+                        each(&space, Piece::Uniform(child.value))?;
+                    } else if above > 0 {
+                        deeper.push((child.node, path, space));
+                    } else {
+                        let next = self.follow(&record, path)?;
+                        let next = next.ok_or_else(|| self.no_pointer(node.address))?;
+                        self.pieces_below(access, (next, levels - stride), &space, (bounds, each))?;
+                    }
+                }
             }
-            let space = space.child(dimension, step);
-            if bounds.intersect(&space).is_empty() {
-                continue;
-            }
-            if state == LEAF {
-                each(&space, Piece::Uniform(self.value_in(&record.bytes, field)))?;
-                continue;
-            }
-            let node = self.follow(&record, field, state, node.height)?;
-            if levels == 1 {
-                each(&space, Piece::Uniform(self.representative_in(access, node)?))?;
-            } else {
-                self.pieces_below(access, (node, levels - 1), &space, (bounds, each))?;
-            }
+            open = deeper;
         }
         Ok(())
     }

@@ -9,13 +9,12 @@ use std::sync::Arc;
 use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
-use super::layout::{ABSOLUTE, MAX_HEAD, MAX_RECORD, PointeredLayout, RELATIVE, run_height};
+use super::layout::{BadRecord, Heights, Parts, PointeredLayout};
 use super::newest::{slots, whole};
-use super::zone::{BadZone, Zone, records, zone_height};
+use super::zone::{BadZone, Zone, records};
 use crate::io::{FileBytes, FileId};
 use crate::space::Code;
 use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
-use crate::store::container::record::state_of;
 use crate::store::container::{
     Descent, Header, INNER, LEAF, Metadata, OpenOptions, RunChildren, RunNode, VOID, split_commit,
 };
@@ -26,19 +25,27 @@ use crate::{Error, Result};
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Node {
-    /// Offset in the file of its record, or of the run that it is in.
+    /// Offset in the file of the record that has it.
     pub(super) address: u64,
     /// Levels below it.
     pub(super) height: u8,
-    /// Its place in the run.
+    /// The way to it from the record's own node: the numbers of children, one after the other as digits.
+    pub(super) path: u8,
+    /// Its place in the record's run.
     pub(super) place: RunNode,
 }
 
 impl Node {
-    /// The node whose record, or whose run, is at an address.
+    /// The node whose own record is at an address.
     #[inline]
     pub(super) fn new(address: u64, height: u8) -> Node {
-        Node { address, height, place: RunNode::default() }
+        Node { address, height, path: 0, place: RunNode::default() }
+    }
+
+    /// Whether the node has a record of its own.
+    #[inline]
+    pub(super) fn has_record(&self) -> bool {
+        self.place == RunNode::default()
     }
 }
 
@@ -63,23 +70,27 @@ const MAX_RECORDS: u64 = 1 << 36;
 /// Bytes of the number of records at a zone's start at most (and a few more).
 const ZONE_RECORDS: usize = 16;
 
+/// Bytes that are read first of a record, whose length is not known.
+const FIRST_RECORD_READ: usize = 1024;
+
 /// Bytes that are read first of a zone, whose length is not known.
 const FIRST_ZONE_READ: usize = 256;
 
 /// A record as it stands in the file.
 pub(super) struct PointeredRecord<B> {
     pub(super) address: u64,
-    /// Two bits per child.
-    pub(super) states: u32,
-    /// From the record's first byte on, at least all of its fields.
+    /// Height of the record's own node.
+    pub(super) height: u8,
+    /// From the record's first byte on, at least all but the zone.
     pub(super) bytes: B,
+    pub(super) parts: Parts,
 }
 
-impl<B> PointeredRecord<B> {
-    /// State of one child: VOID, LEAF, RELATIVE or ABSOLUTE.
+impl<B: Deref<Target = [u8]>> PointeredRecord<B> {
+    /// The levels below the record's node.
     #[inline]
-    pub(super) fn state(&self, step: usize) -> u8 {
-        state_of(self.states, step)
+    pub(super) fn run(&self) -> &[u8] {
+        self.parts.run(&self.bytes)
     }
 }
 
@@ -238,10 +249,9 @@ impl Autumnal {
         &self.archive.layout
     }
 
-    /// Levels below the smallest nodes with zones.
     #[inline]
-    fn zone_height(&self) -> u8 {
-        zone_height(self.layout().form.dimension)
+    fn heights(&self) -> Heights {
+        self.layout().heights
     }
 
     #[cold]
@@ -255,13 +265,24 @@ impl Autumnal {
     }
 
     #[cold]
-    fn bad_zone(&self, node: Node) -> Error {
-        self.bad_record(node.address, "an impossible zone", "one of its cells")
+    fn bad_zone(&self, address: u64) -> Error {
+        self.bad_record(address, "an impossible zone", "one of its cells")
     }
 
-    /// A node's record.
+    #[cold]
+    pub(super) fn bad_run(&self, address: u64) -> Error {
+        self.bad_record(address, "a run that contradicts itself", "records that fit together")
+    }
+
+    /// The record that has a node.
     pub(super) fn record(&self, node: Node) -> Result<OneRecord<'_>> {
-        self.record_in(self.extents(), node)
+        Ok(match self.extents().mapped() {
+            Some(mapped) => {
+                let PointeredRecord { address, height, bytes, parts } = self.record_in(mapped, node)?;
+                PointeredRecord { address, height, bytes: Cow::Borrowed(bytes), parts }
+            }
+            None => self.record_in(self.extents(), node)?,
+        })
     }
 
     #[inline(always)] // the heart of every descent
@@ -270,127 +291,49 @@ impl Autumnal {
         access: A,
         node: Node,
     ) -> Result<PointeredRecord<A::Bytes>> {
-        let Node { address, .. } = node;
-        let bytes = access.bytes(address, MAX_RECORD)?;
-        let layout = self.layout();
-        match layout.states(&bytes) {
-            Some(states) if layout.record_size(states) <= bytes.len() => {
-                Ok(PointeredRecord { address, states, bytes })
+        let Node { address, height, .. } = node;
+        let height = self.heights().record_of(height);
+        let mut most = FIRST_RECORD_READ;
+        loop {
+            let bytes = access.bytes(address, most)?;
+            match self.layout().parts(&bytes, height) {
+                Ok(parts) => return Ok(PointeredRecord { address, height, bytes, parts }),
+                // (What is read does not get shorter, and no record is longer than its parts say.)
+                Err(BadRecord::Short(needed)) if needed > most && bytes.len() >= most => most = needed,
+                Err(BadRecord::Short(_)) => return Err(self.cut_short(address)),
+                Err(BadRecord::Wrong) => {
+                    return Err(self.bad_record(address, "impossible numbers", "those of a record"));
+                }
             }
-            _ => Err(self.cut_short(address)),
         }
     }
 
-    /// The representative of a node with a record, or a run, of its own.
+    /// The representative of a node with a record of its own.
     pub(super) fn representative(&self, node: Node) -> Result<Value> {
-        self.representative_in(self.extents(), node)
+        let bytes = self.extents().bytes(node.address, self.layout().width())?;
+        self.layout().representative(&bytes).ok_or_else(|| self.cut_short(node.address))
     }
 
+    /// The node that the pointer with a number leads to, if there is one.
     #[inline]
-    pub(super) fn representative_in<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<Value> {
-        let bytes = access.bytes(node.address, MAX_HEAD)?;
-        let layout = self.layout();
-        let value =
-            if layout.is_run(node.height) { layout.value(&bytes, 0) } else { layout.representative(&bytes) };
-        value.ok_or_else(|| self.cut_short(node.address))
-    }
-
-    /// The run that a node is in, representative first.
-    pub(super) fn run(&self, node: Node) -> Result<Cow<'_, [u8]>> {
-        match self.extents().mapped() {
-            Some(mapped) => Ok(Cow::Borrowed(self.run_in(mapped, node)?)),
-            None => self.run_in(self.extents(), node),
-        }
-    }
-
-    #[inline]
-    pub(super) fn run_in<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<A::Bytes> {
-        let address = node.address;
-        let layout = self.layout();
-        let bytes = access.bytes(address, layout.run_head())?;
-        let size = layout.run_size(&bytes, self.run_height()).ok_or_else(|| self.bad_run(address))?;
-        let bytes = if bytes.len() < size { access.bytes(address, size)? } else { bytes };
-        if bytes.len() < size { Err(self.cut_short(address)) } else { Ok(bytes) }
-    }
-
-    /// The records of a run, of which at least all bytes are given.
-    #[inline]
-    pub(super) fn run_records<'r>(&self, run: &'r [u8]) -> &'r [u8] {
-        let layout = self.layout();
-        let size = layout.run_size(run, self.run_height()).unwrap_or(layout.width());
-        run.get(layout.width()..size).unwrap_or(&[])
-    }
-
-    /// Levels below the root of a run.
-    #[inline]
-    pub(super) fn run_height(&self) -> u8 {
-        run_height(self.layout().form.dimension).min(self.header().depth())
-    }
-
-    /// Bytes of the record, or of the run, of a node that has its own; its zone not counted.
-    pub(super) fn record_size(&self, node: Node) -> Result<usize> {
-        let layout = self.layout();
-        if layout.is_run(node.height) {
-            return Ok(layout.width() + self.run_records(&self.run(node)?).len());
-        }
-        Ok(layout.record_size(self.record(node)?.states))
-    }
-
-    #[cold]
-    pub(super) fn bad_run(&self, address: u64) -> Error {
-        self.bad_record(address, "a run that contradicts itself", "records that fit together")
-    }
-
-    /// The value in a record's field that starts at an offset.
-    #[inline]
-    pub(super) fn value_in(&self, record: &[u8], at: usize) -> Value {
-        // All of the record is there.
-        self.layout().value(record, at).unwrap_or_default()
-    }
-
-    /// The value of a child that is a LEAF.
-    #[inline]
-    pub(super) fn leaf<B: Deref<Target = [u8]>>(&self, record: &PointeredRecord<B>, step: usize) -> Value {
-        self.value_in(&record.bytes, self.layout().field(record.states, step))
-    }
-
-    /// A child that is INNER, of a node with so many levels below it.
-    #[inline]
-    pub(super) fn inner<B>(&self, record: &PointeredRecord<B>, height: u8, step: usize) -> Result<Node>
+    pub(super) fn follow<B>(&self, record: &PointeredRecord<B>, number: usize) -> Result<Option<Node>>
     where
         B: Deref<Target = [u8]>,
     {
-        let at = self.layout().field(record.states, step);
-        self.follow(record, at, record.state(step), height)
-    }
-
-    /// The node that the pointer in a field leads to, of a node with so many levels below it.
-    #[inline]
-    pub(super) fn follow<B>(
-        &self,
-        record: &PointeredRecord<B>,
-        at: usize,
-        state: u8,
-        height: u8,
-    ) -> Result<Node>
-    where
-        B: Deref<Target = [u8]>,
-    {
-        debug_assert!(state == RELATIVE || state == ABSOLUTE);
-        match self.layout().follow(&record.bytes, at, state, record.address) {
-            // Whatever the pointers are, a descent ends where there are no levels left.
-            Some(address) if height > 1 => Ok(Node::new(address, height - 1)),
-            target => Err(self.bad_pointer(record.address, target.is_some())),
-        }
+        let Some(height) = self.heights().below(record.height) else { return Ok(None) };
+        let target = record.parts.pointer(&record.bytes, record.address, number);
+        let target = target.ok_or_else(|| self.bad_pointer(record.address))?;
+        Ok(target.map(|address| Node::new(address, height)))
     }
 
     #[cold]
-    fn bad_pointer(&self, address: u64, leads_back: bool) -> Error {
-        if leads_back {
-            self.bad_record(address, "INNER", "no deeper node than a cell")
-        } else {
-            self.bad_record(address, "a pointer that does not lead back", "one to an earlier record")
-        }
+    fn bad_pointer(&self, address: u64) -> Error {
+        self.bad_record(address, "a pointer that does not lead back", "one to an earlier record")
+    }
+
+    #[cold]
+    pub(super) fn no_pointer(&self, address: u64) -> Error {
+        self.bad_record(address, "an INNER node without a pointer", "one to its record")
     }
 
     /// The root: its state, its value or representative, and its record.
@@ -416,65 +359,90 @@ impl Autumnal {
             Child::Inner { node, .. } if code.level() > 0 => node,
             root => return Ok(root.value()),
         };
-        for level in 0..code.level() {
-            if self.layout().is_run(node.height) {
-                return self.value_in_run(&self.run_in(access, node)?, node, level, code);
-            }
+        let depth = self.header().depth();
+        loop {
             let record = self.record_in(access, node)?;
-            let step = code.step(level);
-            match record.state(step) {
-                VOID => return Ok(None),
-                LEAF => return Ok(Some(self.leaf(&record, step))),
-                _ => node = self.inner(&record, node.height, step)?,
+            let level = depth - record.height;
+            if code.level() - level > self.heights().run_of(record.height)
+                && let Some(below) = self.heights().below(record.height)
+            {
+                let to = depth - below;
+                let number = (level..to)
+                    .fold(0, |number, level| number * self.layout().form.children() + code.step(level));
+                if let Some(next) = self.follow(&record, number)? {
+                    node = next;
+                    continue;
+                }
+                // It is uniform, as the run has it.
+                return match self.descend(&record, code.ancestor(to)) {
+                    Descent::Void => Ok(None),
+                    Descent::Leaf(value) => Ok(Some(value)),
+                    Descent::Dense(at, top) => {
+                        let value = self.layout().run.value_below(record.run(), at, top, code.ancestor(to));
+                        value.ok_or_else(|| self.bad_run(record.address))
+                    }
+                    _ => Err(self.no_pointer(record.address)),
+                };
             }
+            let parent = code.ancestor(code.level() - 1);
+            let run = record.run();
+            let value = match self.descend(&record, parent) {
+                Descent::Void => Some(None),
+                Descent::Leaf(value) => Some(Some(value)),
+                Descent::Inner(at) => self.layout().run.value_below(run, at, parent.level(), code),
+                Descent::Dense(at, top) => self.layout().run.value_below(run, at, top, code),
+                Descent::Cut(_) | Descent::BadSkip(_) => None,
+            };
+            return value.ok_or_else(|| self.bad_run(record.address));
         }
-        self.representative_in(access, node).map(Some)
     }
 
-    /// The value of a node below the root of a run, which is at `level`.
-    fn value_in_run(&self, run: &[u8], root: Node, level: u8, code: Code) -> Result<Option<Value>> {
-        let layout = self.layout();
-        let (records, parent) = (self.run_records(run), code.ancestor(code.level() - 1));
-        let value = match (layout.descend)(records, 0, level, parent) {
-            Descent::Void => Some(None),
-            Descent::Leaf(value) => Some(Some(value)),
-            Descent::Inner(record) => layout.run.value_below(records, record, parent.level(), code),
-            Descent::Dense(record, level) => layout.run.value_below(records, record, level, code),
-            Descent::Cut(_) | Descent::BadSkip(_) => None,
-        };
-        value.ok_or_else(|| self.bad_run(root.address))
+    /// Goes down to a node in the run of a record.
+    #[inline]
+    fn descend<B: Deref<Target = [u8]>>(&self, record: &PointeredRecord<B>, code: Code) -> Descent {
+        (self.layout().descend)(record.run(), 0, self.header().depth() - record.height, code)
     }
 
-    /// The INNER node with a code that has a record, or a run, of its own, if it is one.
+    /// The INNER node with a code, if it is one with a record of its own.
     pub(super) fn inner_at(&self, code: Code) -> Result<Option<Node>> {
         let Child::Inner { mut node, .. } = self.root else { return Ok(None) };
-        for level in 0..code.level() {
-            if self.layout().is_run(node.height) {
+        let depth = self.header().depth();
+        while depth - node.height < code.level() {
+            let record = self.record(node)?;
+            let level = depth - record.height;
+            let Some(below) = self.heights().below(record.height) else { return Ok(None) };
+            let to = depth - below;
+            if to > code.level() {
                 return Ok(None);
             }
-            let record = self.record(node)?;
-            let step = code.step(level);
-            match record.state(step) {
-                VOID | LEAF => return Ok(None),
-                _ => node = self.inner(&record, node.height, step)?,
+            let number = (level..to)
+                .fold(0, |number, level| number * self.layout().form.children() + code.step(level));
+            match self.follow(&record, number)? {
+                Some(next) => node = next,
+                None => return Ok(None),
             }
         }
         Ok(Some(node))
     }
 
-    /// Bytes behind a record's fields, where a zone starts, up to `most`.
+    /// Bytes of a node's zone, and what is behind, up to `most`.
     fn behind(&self, node: Node, most: usize) -> Result<Cow<'_, [u8]>> {
-        let record = self.record(node)?;
-        let length = self.layout().record_size(record.states);
+        let length = self.record(node)?.parts.end;
         self.extents().bytes(node.address, length + most).map(|bytes| match bytes {
             Cow::Borrowed(bytes) => Cow::Borrowed(&bytes[length.min(bytes.len())..]),
             Cow::Owned(mut bytes) => Cow::Owned(bytes.split_off(length.min(bytes.len()))),
         })
     }
 
+    /// Whether a node has a zone: if it has a record of its own with pointers.
+    #[inline]
+    pub(super) fn is_zone(&self, node: Node) -> bool {
+        node.has_record() && self.heights().below(node.height).is_some()
+    }
+
     /// The zone of a node, if it has one.
     pub(super) fn zone(&self, node: Node) -> Result<Option<Zone>> {
-        if node.height < self.zone_height() {
+        if !self.is_zone(node) {
             return Ok(None);
         }
         let header = self.header();
@@ -485,7 +453,7 @@ impl Autumnal {
             match Zone::from_bytes(&bytes, header.form, node.height, header.counts_classes()) {
                 Ok(zone) => return Ok(Some(zone)),
                 Err(BadZone::Short) if bytes.len() >= most => most *= 4,
-                Err(_) => return Err(self.bad_zone(node)),
+                Err(_) => return Err(self.bad_zone(node.address)),
             }
         }
     }
@@ -497,17 +465,16 @@ impl Autumnal {
 
     /// INNER nodes of a subtree, as its zone says; what has none is too small to matter.
     fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<u64> {
-        if node.height < self.zone_height() {
+        if !self.is_zone(node) {
             return Ok(1);
         }
-        let bytes = access.bytes(node.address, MAX_RECORD + ZONE_RECORDS)?;
-        let layout = self.layout();
-        let zone = layout.states(&bytes).and_then(|states| bytes.get(layout.record_size(states)..));
-        let claimed = zone.and_then(|mut zone| records(&mut zone).ok());
-        claimed.ok_or_else(|| self.bad_zone(node))
+        let end = self.record_in(access, node)?.parts.end;
+        let bytes = access.bytes(node.address, end + ZONE_RECORDS)?;
+        let claimed = bytes.get(end..).and_then(|mut zone| records(&mut zone).ok());
+        claimed.ok_or_else(|| self.bad_zone(node.address))
     }
 
-    /// Checks that the zone of a node, which has this record, adds up with those of its children: else a
+    /// Checks that the zone of a node, which has this record, adds up with those of the nodes that it points to: else a
     /// small file could claim few records and have any number.
     #[inline(never)]
     fn check_zone<'a, A: ByteAccess<'a>>(
@@ -518,24 +485,25 @@ impl Autumnal {
     ) -> Result<()> {
         let claimed = self.records_below(access, node)?;
         let dimension = self.layout().form.dimension;
-        let expected = if node.height == self.zone_height() {
-            // Nothing below has a zone: as many as there can be, which is 1 + c + c^2 ... for c children down
-            // to the level above the cells.
-            1..=(dimension.cells(node.height) - 1) / (dimension.children() as u64 - 1)
+        let children = dimension.children() as u64;
+        let Some(below) = self.heights().below(node.height) else { return Ok(()) };
+        // A full tree has 1 + c + c^2 ... nodes for c children.
+        let between = (dimension.cells(node.height - below) - 1) / (children - 1);
+        let range = if self.heights().below(below).is_none() {
+            // Nothing below has a zone: as many as there can be, down to the level above the cells.
+            1..=(dimension.cells(node.height) - 1) / (children - 1)
         } else {
-            let mut sum = 1u64;
-            for step in 0..dimension.children() {
-                if !matches!(record.state(step), VOID | LEAF) {
-                    let child = self.inner(record, node.height, step)?;
-                    sum = sum.saturating_add(self.records_below(access, child)?);
-                }
+            let targets = record.parts.pointers(&record.bytes, record.address);
+            let mut sum = 0u64;
+            for target in targets.ok_or_else(|| self.bad_pointer(record.address))? {
+                sum = sum.saturating_add(self.records_below(access, Node::new(target, below))?);
             }
-            sum..=sum
+            sum.saturating_add(1)..=sum.saturating_add(between)
         };
-        if expected.contains(&claimed) {
+        if range.contains(&claimed) {
             return Ok(());
         }
-        let expected = format!("{}, those of its children and its own", expected.end());
+        let expected = format!("at most {}, those below and its own", range.end());
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
@@ -562,56 +530,33 @@ impl Autumnal {
         children: &mut Children<N>,
         node_of: impl Fn(Node) -> N,
     ) -> Result<()> {
-        if self.layout().is_run(node.height) {
-            return self.run_children(&self.run_in(access, node)?, node, children, node_of);
-        }
         let record = self.record_in(access, node)?;
-        let layout = self.layout();
-        // The fields stand one behind the other: no need to ask the layout where each of them starts.
-        let mut at = layout.head_size();
-        for (step, child) in children[..layout.children()].iter_mut().enumerate() {
-            *child = match record.state(step) {
-                VOID => Child::Void,
-                LEAF => {
-                    let value = self.value_in(&record.bytes, at);
-                    at += layout.width();
-                    Child::Leaf(value)
-                }
-                state => {
-                    let node = self.follow(&record, at, state, node.height)?;
-                    at += layout.pointer_size(state);
-                    let representative = self.representative_in(access, node)?;
-                    Child::Inner { representative, node: node_of(node) }
-                }
-            };
-        }
-        self.check_zone(access, node, &record)
-    }
-
-    /// Writes the children of a node of a run.
-    fn run_children<N>(
-        &self,
-        run: &[u8],
-        node: Node,
-        children: &mut Children<N>,
-        node_of: impl Fn(Node) -> N,
-    ) -> Result<()> {
         let layout = &self.layout().run;
         let mut here = RunChildren::default();
-        let read = layout.run_children(self.run_records(run), node.place, &mut here);
+        let read = layout.run_children(record.run(), node.place, &mut here);
         read.ok_or_else(|| self.bad_run(node.address))?;
-        for (child, here) in children.iter_mut().zip(&here[..layout.children()]) {
+        let below = self.heights().below(record.height);
+        for (step, (child, here)) in children.iter_mut().zip(&here[..layout.children()]).enumerate() {
             *child = match here.state {
                 VOID => Child::Void,
                 LEAF => Child::Leaf(here.value),
-                INNER if node.height > 1 => {
-                    let node = Node { height: node.height - 1, place: here.node, ..node };
+                _ if node.height <= 1 => {
+                    return Err(self.bad_record(node.address, "INNER", "no deeper node than a cell"));
+                }
+                state => {
+                    let path = node.path as usize * layout.children() + step;
+                    let node = if below == Some(node.height - 1) {
+                        self.follow(&record, path)?.ok_or_else(|| self.no_pointer(node.address))?
+                    } else if state == INNER {
+                        Node { height: node.height - 1, path: path as u8, place: here.node, ..node }
+                    } else {
+                        return Err(self.bad_run(node.address));
+                    };
                     Child::Inner { representative: here.value, node: node_of(node) }
                 }
-                _ => return Err(self.bad_run(node.address)),
             };
         }
-        Ok(())
+        if self.is_zone(node) { self.check_zone(access, node, &record) } else { Ok(()) }
     }
 
     /// INNER nodes of the tree, those of shared subtrees as often as they occur.
@@ -655,11 +600,11 @@ impl Source for Autumnal {
     }
 
     fn cells(&self, node: &Node, levels: u8) -> Result<Option<CellBlock>> {
-        if node.height != levels || !self.layout().is_run(levels) {
+        if node.height != levels || levels > self.heights().run {
             return Ok(None);
         }
-        let run = self.run(*node)?;
-        let block = self.layout().run.dense_at(self.run_records(&run), node.place);
+        let record = self.record(*node)?;
+        let block = self.layout().run.dense_at(record.run(), node.place);
         Ok(block.filter(|block| block.levels == levels).and_then(|block| block.cells()))
     }
 
@@ -674,8 +619,8 @@ impl Source for Autumnal {
 
 impl ReusableSource for Autumnal {
     fn stored(&self, node: &Node) -> Option<StoredNode<'_>> {
-        let Node { address, height, place } = *node;
-        (self.layout().is_run(height) && place.below == 0).then_some(StoredNode {
+        let Node { address, height, place, .. } = *node;
+        (height <= self.heights().run && place.below == 0).then_some(StoredNode {
             file: self,
             height,
             run: address,
@@ -684,26 +629,25 @@ impl ReusableSource for Autumnal {
     }
 
     fn kept(&self, node: &Node) -> Option<RecordRef> {
-        (!self.layout().is_run(node.height)).then_some(RecordRef {
-            file: self.archive.file,
-            address: node.address,
-            height: node.height,
-        })
+        let Node { address, height, .. } = *node;
+        self.is_zone(*node).then_some(RecordRef { file: self.archive.file, address, height })
     }
 }
 
+/// Only what is one run down to the cells: see [`ReusableSource::stored`].
 impl RunFile for Autumnal {
     fn file_header(&self) -> &Header {
         self.header()
     }
 
     fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
-        let layout = self.layout();
-        let bytes = self.run(Node::new(run, self.run_height()))?;
-        let (records, at) = (self.run_records(&bytes), record as usize);
-        let skip = layout.run.head(records, at).map_or(0, |head| head.skip);
-        let length = layout.run.subtree(records, at, skip).map_or(0, <[u8]>::len);
-        let start = layout.width() + at * layout.run.size;
+        let height = self.heights().run_of(self.header().depth());
+        let PointeredRecord { bytes, parts, .. } = self.record(Node::new(run, height))?;
+        let (layout, at) = (&self.layout().run, record as usize);
+        let records = parts.run(&bytes);
+        let skip = layout.head(records, at).map_or(0, |head| head.skip);
+        let length = layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
+        let start = parts.run_start() + at * layout.size;
         let bytes = match bytes {
             Cow::Borrowed(bytes) => FileBytes::Mapped(bytes),
             Cow::Owned(bytes) => FileBytes::Held(Arc::new(bytes)),

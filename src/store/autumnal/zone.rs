@@ -1,19 +1,11 @@
 //! Zones: statistics of all the cells below a large node, so that edits and questions need not look at them.
 //!
-//! A zone stands behind the record of every INNER node of at least 4096 cells. Numbers are LEB128: seven bits
+//! A zone stands behind every record that has pointers. Numbers are LEB128: seven bits
 //! a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
 //! two f64).
 
-use super::layout::run_height;
-use crate::space::Dimension;
 use crate::tree::Form;
 use crate::value::{Tally, Value};
-
-/// Levels below the smallest nodes with zones, 64 x 64 cells or 16 x 16 x 16: all but those that are in runs have one.
-#[inline]
-pub(super) const fn zone_height(dimension: Dimension) -> u8 {
-    run_height(dimension) + 1
-}
 
 /// A zone.
 #[derive(Clone, Debug, PartialEq)]
@@ -163,6 +155,7 @@ fn get_u64(bytes: &mut &[u8]) -> Result<u64, BadZone> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::Dimension;
     use crate::value::{SampleType, ValueType};
 
     #[test]

@@ -25,7 +25,7 @@ pub use merge::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
 };
 pub use options::{BuildOptions, depth_for};
-pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment, representative_of, uniform_children};
+pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment};
 pub use reuse::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
 pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
 pub use slab::{Slab, Slabs};

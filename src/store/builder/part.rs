@@ -30,9 +30,7 @@ pub(in crate::store) struct SealedSegment {
 }
 
 /// The uniform node that children make together, if they are all VOID or all LEAFs of one value.
-pub(in crate::store) fn uniform_children<N>(
-    mut children: impl Iterator<Item = Child<N>>,
-) -> Option<Child<()>> {
+fn uniform_children<N>(mut children: impl Iterator<Item = Child<N>>) -> Option<Child<()>> {
     let first = children.next()?.map_node(|_| ());
     let alike = children.all(|child| match (first, child) {
         (Child::Void, Child::Void) => true,
@@ -43,7 +41,7 @@ pub(in crate::store) fn uniform_children<N>(
 }
 
 /// The representative of a node of so many cells from its children and from the tally of what is below it.
-pub(in crate::store) fn representative_of<N>(
+fn representative_of<N>(
     rule: Rule,
     children: impl Iterator<Item = Child<N>>,
     tally: &Tally,
@@ -113,7 +111,8 @@ impl Part {
         Part {
             code,
             child: Child::Inner { representative, node: () },
-            total: 1 + parts.iter().map(|part| part.total).sum::<u64>(),
+            // (Totals that were kept are those of a file, and may lie.)
+            total: parts.iter().fold(1, |sum, part| sum.saturating_add(part.total)),
             records,
             tally,
         }
