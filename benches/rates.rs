@@ -2,7 +2,8 @@
 //!
 //! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics|points] [--windows LIST] FILE...`
 //!
-//! Of octrees only points are measured: random cells of all of their space, one by one and very many at once.
+//! Of octrees only points are measured: random cells of all of their space, one by one and very many at once; of Autumnal
+//! files only windows.
 //!
 //! Files are warm. LIST has a window a line, `UP COLUMN ROW`: levels above the finest, and the first cell; without it,
 //! aligned windows at random levels are read.
@@ -15,8 +16,9 @@ use std::time::Instant;
 
 use measuring::{Outcome, Random, median, quantile, seconds};
 use spinney::space::{Bounds, Code, Dimension};
-use spinney::store::OpenOptions;
+use spinney::store::autumnal::Autumnal;
 use spinney::store::goblin::Goblin;
+use spinney::store::{Header, OpenOptions};
 use spinney::value::Value;
 
 const SIDE: u64 = 256;
@@ -47,8 +49,16 @@ fn main() -> Outcome<()> {
     }
     for file in &files {
         let path = Path::new(file);
-        let tree = Goblin::open(path, &OpenOptions::new())?;
         println!("{}", path.file_name().unwrap_or_default().to_string_lossy());
+        if file.ends_with(".autumn") {
+            let tree = Autumnal::open(path, &OpenOptions::new())?;
+            let draw = |level, bounds: &Bounds, bytes: &mut [u8]| {
+                tree.window(level, bounds, Value::ZERO, bytes, None).map(|()| 0)
+            };
+            measure_windows(&Drawn { header: tree.header(), draw: &draw }, listed.as_deref(), only.as_deref())?;
+            continue;
+        }
+        let tree = Goblin::open(path, &OpenOptions::new())?;
         match tree.header().form.dimension {
             Dimension::Quad => measure(&tree, listed.as_deref(), only.as_deref())?,
             Dimension::Oct => points(&tree)?,
@@ -57,18 +67,32 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
+/// A quadtree of which windows are drawn.
+struct Drawn<'a> {
+    header: &'a Header,
+    /// Draws a window and tells how many segments that took.
+    draw: &'a dyn Fn(u8, &Bounds, &mut [u8]) -> spinney::Result<usize>,
+}
+
+fn measure_windows(tree: &Drawn<'_>, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
     let asked = |question: &str| only.is_none_or(|only| only == question);
-    let depth = tree.header().depth();
+    let depth = tree.header.depth();
     if asked("windows") {
         let listed = listed.map(|listed| {
             listed.iter().map(|[up, column, row]| (depth - *up as u8, window_from([*column, *row]))).collect()
         });
-        windows(tree, "aligned", &listed.unwrap_or_else(|| random_windows(tree, true)))?;
+        windows(tree, "aligned", &listed.unwrap_or_else(|| random_windows(tree.header, true)))?;
     }
     if asked("unaligned") {
-        windows(tree, "unaligned", &random_windows(tree, false))?;
+        windows(tree, "unaligned", &random_windows(tree.header, false))?;
     }
+    Ok(())
+}
+
+fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
+    let asked = |question: &str| only.is_none_or(|only| only == question);
+    let draw = |level, bounds: &Bounds, bytes: &mut [u8]| tree.window(level, bounds, Value::ZERO, bytes, None);
+    measure_windows(&Drawn { header: tree.header(), draw: &draw }, listed, only)?;
     if asked("cells") {
         cells(tree)?;
     }
@@ -81,9 +105,9 @@ fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Ou
     Ok(())
 }
 
-fn extent(tree: &Goblin, level: u8) -> [u64; 2] {
-    let shift = tree.header().depth() - level;
-    [0, 1].map(|axis| tree.header().extent[axis].div_ceil(1 << shift))
+fn extent(header: &Header, level: u8) -> [u64; 2] {
+    let shift = header.depth() - level;
+    [0, 1].map(|axis| header.extent[axis].div_ceil(1 << shift))
 }
 
 fn window_at(random: &mut Random, [width, height]: [u64; 2], aligned: bool) -> Bounds {
@@ -102,13 +126,13 @@ fn window_from([column, row]: [u64; 2]) -> Bounds {
 }
 
 /// Windows at random places of random levels with more than one window.
-fn random_windows(tree: &Goblin, aligned: bool) -> Vec<(u8, Bounds)> {
-    let depth = tree.header().depth();
+fn random_windows(header: &Header, aligned: bool) -> Vec<(u8, Bounds)> {
+    let depth = header.depth();
     let first = 8.min(depth);
     let mut random = Random(1);
     let mut one = || {
         let level = first + random.below(u64::from(depth - first) + 1) as u8;
-        (level, window_at(&mut random, extent(tree, level), aligned))
+        (level, window_at(&mut random, extent(header, level), aligned))
     };
     (0..WINDOWS).map(|_| one()).collect()
 }
@@ -128,10 +152,10 @@ struct Level {
     segments: usize,
 }
 
-fn windows(tree: &Goblin, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
-    let depth = tree.header().depth();
+fn windows(tree: &Drawn<'_>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
+    let depth = tree.header.depth();
     let first = places.iter().map(|(level, _)| *level).min().unwrap_or(depth);
-    let mut bytes = vec![0; (SIDE * SIDE) as usize * tree.header().form.width()];
+    let mut bytes = vec![0; (SIDE * SIDE) as usize * tree.header.form.width()];
     let mut rates = Vec::new();
     // A window's time is the median of the passes: other processes interrupt now and then.
     let mut times = vec![[0.0; PASSES]; places.len()];
@@ -140,7 +164,7 @@ fn windows(tree: &Goblin, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
         let took = seconds(|| {
             for ((level, bounds), times) in places.iter().zip(&mut times) {
                 let start = Instant::now();
-                let segments = tree.window(*level, bounds, Value::ZERO, &mut bytes, None)?;
+                let segments = (tree.draw)(*level, bounds, &mut bytes)?;
                 black_box(&bytes);
                 if pass > 0 {
                     times[pass - 1] = start.elapsed().as_secs_f64() * 1e6;
@@ -186,7 +210,7 @@ fn windows(tree: &Goblin, name: &str, places: &[(u8, Bounds)]) -> Outcome<()> {
 
 fn cells(tree: &Goblin) -> Outcome<()> {
     let (dimension, depth) = (tree.header().form.dimension, tree.header().depth());
-    let [width, height] = extent(tree, depth);
+    let [width, height] = extent(tree.header(), depth);
     let mut random = Random(2);
     let places: Vec<[u32; 3]> =
         (0..CELLS).map(|_| [random.below(width) as u32, random.below(height) as u32, 0]).collect();
@@ -240,7 +264,7 @@ fn points(tree: &Goblin) -> Outcome<()> {
 }
 
 fn statistics(tree: &Goblin) -> Outcome<()> {
-    let [width, height] = extent(tree, tree.header().depth());
+    let [width, height] = extent(tree.header(), tree.header().depth());
     let side = BOX_SIDE.min(width / 2).min(height / 2);
     let mut random = Random(3);
     let places: Vec<Bounds> = (0..BOXES)

@@ -249,9 +249,18 @@ impl<'a, R: Record> Painter<'a, R> {
             for y in 0..size[1] {
                 let from = block.index(level, [first[0], first[1] + y, first[2] + z]);
                 let to = start + z * strides[2] + y * strides[1];
-                for x in 0..size[0] {
-                    let is_there = !block.is_void(level, from + x);
-                    self.values[to + x] = if is_there { rows[from + x] } else { self.fill };
+                let row = &rows[from..from + size[0]];
+                if block.is_full() {
+                    self.values[to..to + size[0]].copy_from_slice(row);
+                    if let Some(valid) = &mut self.valid {
+                        valid[to..to + size[0]].fill(true);
+                    }
+                    continue;
+                }
+                for (x, value) in row.iter().enumerate() {
+                    // (The values of VOID nodes are zeros: of most others nobody need ask.)
+                    let is_there = *value != R::ZERO || !block.is_void(level, from + x);
+                    self.values[to + x] = if is_there { *value } else { self.fill };
                     if let Some(valid) = &mut self.valid {
                         valid[to + x] = is_there;
                     }
