@@ -343,13 +343,13 @@ impl Cells {
         }
     }
 
-    /// Cells in Z order.
+    /// Cells in rows.
     fn copy(self, cells: &CellBlock, height: u8, at: [u32; 3], block: &mut Block) {
         let values = cells.values.chunks_exact(self.value_type.size());
-        for (path, (present, value)) in cells.present.iter().zip(values).enumerate() {
-            if *present > 0 {
-                let Some(code) = Code::from_path(Dimension::Oct, height, path as u64) else { continue };
-                let cell = code.cell();
+        let mask = (1 << height) - 1;
+        for ((index, present), value) in (0u32..).zip(&cells.present).zip(values) {
+            if *present {
+                let cell = [index & mask, index >> height & mask, index >> (2 * height)];
                 let at = std::array::from_fn(|axis| at[axis] + cell[axis]);
                 self.paint(Some(Value::from_bytes(value)), 1, at, block);
             }

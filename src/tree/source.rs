@@ -87,11 +87,11 @@ pub fn no_children<N>() -> Children<N> {
     [const { Child::Void }; 8]
 }
 
-/// Cells of a block in Z order.
+/// Cells of a block in rows: x runs fastest, then y, then z.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellBlock {
-    /// 1 for cells with a value, 0 for VOID.
-    pub present: Vec<u8>,
+    /// Whether each cell has a value; `false` is VOID.
+    pub present: Vec<bool>,
     /// The values' bytes; anything where there is none.
     pub values: Vec<u8>,
 }
@@ -99,7 +99,7 @@ pub struct CellBlock {
 impl CellBlock {
     /// A block of so many VOID cells, with values of so many bytes.
     pub fn void(cells: usize, width: usize) -> CellBlock {
-        CellBlock { present: vec![0; cells], values: vec![0; cells * width] }
+        CellBlock { present: vec![false; cells], values: vec![0; cells * width] }
     }
 }
 

@@ -7,13 +7,16 @@ use zerocopy::FromBytes;
 use super::map::Map;
 use super::view::{TINY, View};
 use crate::Result;
-use crate::space::{Bounds, Code, morton_encode};
+use crate::space::{Bounds, Code};
 use crate::store::container::{Record, RecordLayout, with_record_type};
 use crate::tree::{CellBlock, Source};
 
 /// Source cells that are drawn for each cell of a block, at most; where a view shows much more of the source,
 /// deciding node by node skips what does not count.
 const MOST_DRAWN: u64 = 6;
+
+/// Cells of a small block, as a power of two: 32 x 32, or 8 x 8 x 8.
+const SMALL_BITS: u8 = 10;
 
 /// Cells along each axis, from a first one up to, not including, a last.
 type Cells = ([i64; 3], [i64; 3]);
@@ -26,9 +29,13 @@ struct Drawn {
 }
 
 impl View {
-    /// The cells below an INNER node, in Z order, if drawing them is worth it and the source can.
+    /// The cells below an INNER node, in rows, if drawing them is worth it and the source can.
     pub(super) fn draw_block(&self, code: Code, levels: u8) -> Result<Option<CellBlock>> {
-        if self.lookup.by_area || !self.lookup.askew.is_empty() {
+        let size = levels * self.form.axes() as u8;
+        // (Large blocks only where cells are copied: others have parts that need no look at each cell.)
+        let is_worth_it = size == SMALL_BITS - SMALL_BITS % self.form.axes() as u8
+            || size > SMALL_BITS && self.lookup.to_source.keeps_cells();
+        if !is_worth_it || self.lookup.by_area || !self.lookup.askew.is_empty() {
             return Ok(None);
         }
         let (first, shown) = self.shown_cells(code, levels);
@@ -45,12 +52,9 @@ impl View {
         }
         let drawn = Drawn { bounds, values, valid };
         let mut block = CellBlock::void(cells as usize, width);
-        // Z order: the bits of each coordinate with gaps for the others'.
-        let spread: Vec<usize> =
-            (0..1u32 << levels).map(|cell| morton_encode(self.form.dimension, cell) as usize).collect();
         let to_source = &self.lookup.to_source;
         with_record_type!(RecordLayout::new(self.form), R => {
-            pick_cells::<R>(to_source, (first, &shown), &spread, &drawn, &mut block);
+            pick_cells::<R>(to_source, (first, &shown), levels, &drawn, &mut block);
         });
         Ok(Some(block))
     }
@@ -95,7 +99,7 @@ fn centre(cell: [i64; 3]) -> DVec3 {
 fn pick_cells<R: Record>(
     to_source: &Map,
     (first, (start, end)): ([i64; 3], &Cells),
-    spread: &[usize],
+    levels: u8,
     drawn: &Drawn,
     block: &mut CellBlock,
 ) {
@@ -126,26 +130,32 @@ fn pick_cells<R: Record>(
         }
         Some(index)
     };
-    let mut copy = |here: usize, there: i64| {
-        present[here] = u8::from(valid[there as usize]);
-        to[here] = from[there as usize];
-    };
-    let columns = &spread[(start[0] - first[0]) as usize..(end[0] - first[0]) as usize];
+    let width = (end[0] - start[0]) as usize;
     for z in start[2]..end[2] {
         for y in start[1]..end[1] {
-            let row = spread[(y - first[1]) as usize] << 1
-                | if R::AXES > 2 { spread[(z - first[2]) as usize] << 2 } else { 0 };
+            let row = (((z - first[2]) << levels | (y - first[1])) << levels) + start[0] - first[0];
+            let row = row as usize..row as usize + width;
+            let (to, present) = (&mut to[row.clone()], &mut present[row]);
             let row_start = matrix.transform_point3(centre([start[0], y, z]));
             // A box is convex: it has all of a row whose ends it has, so that the cells between need no test.
             if let (Some(step), Some(there)) = (step, index_of(row_start))
-                && index_of(row_start + along_x * (end[0] - 1 - start[0]) as f64).is_some()
+                && index_of(row_start + along_x * (width as i64 - 1) as f64).is_some()
             {
-                (0..).zip(columns).for_each(|(i, column)| copy(row | column, there + step * i));
+                if step == 1 {
+                    let there = there as usize..there as usize + width;
+                    to.copy_from_slice(&from[there.clone()]);
+                    present.copy_from_slice(&valid[there]);
+                    continue;
+                }
+                for (i, (to, present)) in (0..).zip(to.iter_mut().zip(present)) {
+                    let there = (there + step * i) as usize;
+                    (*to, *present) = (from[there], valid[there]);
+                }
                 continue;
             }
-            for (i, column) in columns.iter().enumerate() {
+            for (i, (to, present)) in to.iter_mut().zip(present).enumerate() {
                 if let Some(there) = index_of(row_start + along_x * i as f64) {
-                    copy(row | column, there);
+                    (*to, *present) = (from[there as usize], valid[there as usize]);
                 }
             }
         }

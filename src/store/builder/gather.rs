@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use zerocopy::IntoBytes;
+use zerocopy::{FromBytes, IntoBytes};
 
 use super::averaging::{decode, encode, from_value};
 use super::block::{Block, Level};
@@ -12,8 +12,9 @@ use super::reuse::{ReusableSource, StoredNode, Subtree};
 use super::reused::ReusedRecords;
 use crate::Result;
 use crate::space::Code;
+use crate::store::container::dense::from_z_order;
 use crate::store::container::{
-    INNER, LEAF, Record, RecordLayout, RunChildren, RunNode, VOID, with_form_type,
+    INNER, LEAF, Record, RecordLayout, RunChildren, RunNode, VOID, with_form_type, with_record_type,
 };
 use crate::tree::{CellBlock, Child, Form, NodeState, no_children};
 use crate::value::{Native, Value};
@@ -33,7 +34,7 @@ enum Open<N> {
 /// Records taken over and cells drawn so far, to which nodes of the levels refer by number.
 struct Gathered {
     reused: ReusedRecords,
-    drawn: Vec<CellBlock>,
+    drawn: Vec<DrawnCells>,
 }
 
 impl Block {
@@ -152,26 +153,47 @@ fn subtree<'a>(node: &Child<StoredNode<'a>>) -> Result<Option<Subtree<'a>>> {
 /// A node of the source, or its cells where these are few and the source can draw them.
 fn open<S: ReusableSource>(
     source: &S,
-    drawn: &mut Vec<CellBlock>,
+    drawn: &mut Vec<DrawnCells>,
     node: S::Node,
     levels: u8,
 ) -> Result<Open<S::Node>> {
-    let is_small = levels == DRAWN_BITS / source.form().axes() as u8;
+    let is_small = levels <= DRAWN_BITS / source.form().axes() as u8;
     let cells = if is_small { source.cells(&node, levels)? } else { None };
     Ok(match cells {
         Some(cells) => {
-            drawn.push(cells);
+            drawn.push(in_z_order(source.form(), levels, &cells));
             Open::Cells(drawn.len() as u32 - 1, 0)
         }
         None => Open::Node(node),
     })
 }
 
+/// Cells of a block in Z order.
+struct DrawnCells {
+    present: Vec<bool>,
+    values: Vec<u8>,
+}
+
+/// The cells of a small block in Z order.
+fn in_z_order(form: Form, levels: u8, rows: &CellBlock) -> DrawnCells {
+    let mut cells =
+        DrawnCells { present: vec![false; rows.present.len()], values: vec![0; rows.values.len()] };
+    with_record_type!(RecordLayout::new(form), R => {
+        let values = <[<R as Record>::Bytes]>::mut_from_bytes(&mut cells.values).expect("whole values");
+        let from = <[<R as Record>::Bytes]>::ref_from_bytes(&rows.values).expect("whole values");
+        from_z_order::<R, _>(usize::from(levels), |z, row| {
+            values[z] = from[row];
+            cells.present[z] = rows.present[row];
+        });
+    });
+    cells
+}
+
 /// The children of a node of drawn cells, whose first cell is `start`: uniform ones become leaves of the
 /// level, the first at index `first`, all others are opened.
 fn cell_children<N>(
     form: Form,
-    (block, cells): (u32, &CellBlock),
+    (block, cells): (u32, &DrawnCells),
     start: u32,
     below: u8,
     first: usize,
@@ -182,7 +204,7 @@ fn cell_children<N>(
         // Most children are single cells, which are uniform whatever they are.
         let width = form.width();
         for (index, cell) in (first..).zip(start as usize..).take(form.children()) {
-            if cells.present[cell] != 0 {
+            if cells.present[cell] {
                 let value = Value::read(&cells.values[cell * width..], width).expect("a value per cell");
                 level.put_leaf(form, index, value);
             }
@@ -205,15 +227,15 @@ fn cell_children<N>(
 }
 
 /// The value that all these cells have (`None` is VOID), if they are alike.
-fn uniform(cells: &CellBlock, range: Range<usize>, width: usize) -> Option<Option<Value>> {
+fn uniform(cells: &DrawnCells, range: Range<usize>, width: usize) -> Option<Option<Value>> {
     let present = &cells.present[range.clone()];
     let values = &cells.values[range.start * width..range.end * width];
     let is_there = present[0];
     // Without a way out in the middle, so that many are compared at a time.
     let alike = present.iter().fold(true, |alike, other| alike & (*other == is_there));
     // Cells that are alike are the same when moved by one.
-    let same = alike && (is_there == 0 || values[width..] == values[..values.len() - width]);
-    same.then(|| (is_there != 0).then(|| Value::from_bytes(&values[..width])))
+    let same = alike && (!is_there || values[width..] == values[..values.len() - width]);
+    same.then(|| is_there.then(|| Value::from_bytes(&values[..width])))
 }
 
 /// A node of one of two trees that are merged: its state, its value, and where it is if it is INNER.

@@ -9,7 +9,7 @@ use super::block::Block;
 use crate::Result;
 use crate::space::{Code, morton_encode};
 use crate::store::container::{LEAF, Record, VOID, with_form_type};
-use crate::tree::Form;
+use crate::tree::{CellBlock, Form};
 use crate::value::{Native, Value};
 
 /// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
@@ -57,6 +57,18 @@ struct BlockCells {
 }
 
 impl Slab {
+    /// The cells of one block.
+    pub(super) fn of_block(form: Form, code: Code, height: u8, cells: CellBlock) -> Slab {
+        let side = |axis: usize| if axis < form.axes() { 1u64 << height } else { 1 };
+        let cell = code.cell();
+        Slab {
+            origin: std::array::from_fn(|axis| u64::from(cell[axis]) * side(axis)),
+            size: std::array::from_fn(side),
+            valid: cells.present.contains(&false).then_some(cells.present),
+            bytes: cells.values,
+        }
+    }
+
     /// Classifies the cells under a node, and puts them into Z order if they differ. `nodata` is the value
     /// that means VOID; NaN always does.
     pub(super) fn classify(&self, form: Form, code: Code, height: u8, nodata: Option<Value>) -> BlockContent {

@@ -106,8 +106,11 @@ impl Plan {
         source: &S,
         code: Code,
         (representative, node): (Value, &S::Node),
-    ) -> Result<Block> {
+    ) -> Result<BlockContent> {
         let height = self.shape.depth - self.shape.block_level();
+        if let Some(cells) = source.cells(node, height)? {
+            return Ok(Slab::of_block(self.form, code, height, cells).classify(self.form, code, height, None));
+        }
         let fits = |node: &Child<StoredNode<'_>>| match node {
             Child::Inner { node, .. } => self.fits(node, height),
             _ => true,
@@ -116,10 +119,11 @@ impl Plan {
         if let Some(overlay) = overlay
             && let Some(block) = Block::from_overlay(self.form, &overlay, code, height)?
         {
-            return Ok(block);
+            return Ok(BlockContent::Mixed(block));
         }
         let may_reuse = |stored: &StoredNode<'_>, levels| self.fits(stored, levels);
-        Block::from_source(source, code, height, (representative, node), &may_reuse)
+        let block = Block::from_source(source, code, height, (representative, node), &may_reuse)?;
+        Ok(BlockContent::Mixed(block))
     }
 
     fn mixed(&self, block: Block) -> BuiltBlock {
@@ -127,6 +131,13 @@ impl Plan {
         let mut part = block.build(self.rule, self.count_classes, &mut counts);
         let sealed = part.seal(&self.shape);
         (part, sealed, counts)
+    }
+
+    fn built(&self, code: Code, content: BlockContent) -> BuiltBlock {
+        match content {
+            BlockContent::Uniform(value) => self.uniform(code, value),
+            BlockContent::Mixed(block) => self.mixed(block),
+        }
     }
 
     fn uniform(&self, code: Code, value: Option<Value>) -> BuiltBlock {
@@ -199,10 +210,7 @@ impl<'a> Builder<'a> {
         for (i, batch) in codes.chunks(self.batch).enumerate() {
             progress.check()?;
             let plan = self.plan;
-            let build = |code: &Code| match slab.classify(plan.form, *code, height, nodata) {
-                BlockContent::Uniform(value) => plan.uniform(*code, value),
-                BlockContent::Mixed(block) => plan.mixed(block),
-            };
+            let build = |code: &Code| plan.built(*code, slab.classify(plan.form, *code, height, nodata));
             let built: Vec<BuiltBlock> = parallel::map(batch, build);
             built.into_iter().try_for_each(|built| self.sink.push(built))?;
             let blocks = ((i + 1) * self.batch).min(codes.len()) as u64;
@@ -252,7 +260,7 @@ impl<'a> Builder<'a> {
         let plan = self.plan;
         let build = |(code, node): &(Code, Child<S::Node>)| match node {
             Child::Inner { representative, node } if code.level() < plan.shape.depth => {
-                Ok(plan.mixed(plan.block(source, *code, (*representative, node))?))
+                Ok(plan.built(*code, plan.block(source, *code, (*representative, node))?))
             }
             _ => Ok(plan.uniform(*code, node.value().filter(|value| !plan.form.value.is_nan(*value)))),
         };

@@ -11,7 +11,7 @@ use std::ops::RangeInclusive;
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::record::{CUT, INNER, LEAF, Record, RecordHead, RecordLayout, VOID, with_record_type};
+use super::record::{CUT, INNER, LEAF, Record, RecordHead, RecordLayout, VOID};
 use crate::space::{Cell, Dimension};
 use crate::tree::CellBlock;
 use crate::value::Value;
@@ -239,20 +239,13 @@ impl<'r> DenseBlock<'r> {
         if first == CUT || second == Some(CUT) {
             return None;
         }
-        let cells = self.layout.dimension.cells(self.levels) as usize;
-        let mut block = CellBlock { present: vec![1; cells], values: vec![0; cells * self.layout.width] };
-        with_record_type!(self.layout, R => {
-            let rows = self.values_of::<R>(self.levels);
-            let values = <[<R as Record>::Bytes]>::mut_from_bytes(&mut block.values).expect("whole values");
-            from_z_order::<R, _>(usize::from(self.levels), |z, row| values[z] = rows[row]);
-            if self.mask().is_some() {
-                let present = &mut block.present;
-                from_z_order::<R, _>(usize::from(self.levels), |z, row| {
-                    present[z] = (self.bottom_state(row) == LEAF).into();
-                });
-            }
-        });
-        Some(block)
+        let values = self.values(self.levels).to_vec();
+        let cells = values.len() / self.layout.width;
+        let present = match self.mask() {
+            None => vec![true; cells],
+            Some(_) => (0..cells).map(|index| self.bottom_state(index) == LEAF).collect(),
+        };
+        Some(CellBlock { present, values })
     }
 
     /// The states of all nodes below the root: of the level `l` those from index [`DenseStates::start`] on. Nodes below uniform
