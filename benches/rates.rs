@@ -55,7 +55,11 @@ fn main() -> Outcome<()> {
             let draw = |level, bounds: &Bounds, bytes: &mut [u8]| {
                 tree.window(level, bounds, Value::ZERO, bytes, None).map(|()| 0)
             };
-            measure_windows(&Drawn { header: tree.header(), draw: &draw }, listed.as_deref(), only.as_deref())?;
+            measure_windows(
+                &Drawn { header: tree.header(), draw: &draw },
+                listed.as_deref(),
+                only.as_deref(),
+            )?;
             continue;
         }
         let tree = Goblin::open(path, &OpenOptions::new())?;
@@ -91,7 +95,8 @@ fn measure_windows(tree: &Drawn<'_>, listed: Option<&[[u64; 3]]>, only: Option<&
 
 fn measure(tree: &Goblin, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {
     let asked = |question: &str| only.is_none_or(|only| only == question);
-    let draw = |level, bounds: &Bounds, bytes: &mut [u8]| tree.window(level, bounds, Value::ZERO, bytes, None);
+    let draw =
+        |level, bounds: &Bounds, bytes: &mut [u8]| tree.window(level, bounds, Value::ZERO, bytes, None);
     measure_windows(&Drawn { header: tree.header(), draw: &draw }, listed, only)?;
     if asked("cells") {
         cells(tree)?;

@@ -6,8 +6,8 @@ use super::patch::{Change, Patch};
 use crate::Result;
 use crate::space::Code;
 use crate::store::autumnal::{Autumnal, Node};
-use crate::store::builder::{RecordRef, ReusableSource};
-use crate::tree::{Child, Children, Form, Source, no_children};
+use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
+use crate::tree::{CellBlock, Child, Children, Form, Source, no_children};
 use crate::value::{Tally, Value};
 
 /// A commit with a patch on it. Where nothing changes it is the commit, with all that is stored below.
@@ -92,6 +92,13 @@ impl Source for Patched {
         Ok(())
     }
 
+    fn cells(&self, node: &PatchedNode, levels: u8) -> Result<Option<CellBlock>> {
+        match node {
+            PatchedNode::Same(node) => self.file.cells(node, levels),
+            PatchedNode::Uniform(..) | PatchedNode::Changed(..) => Ok(None),
+        }
+    }
+
     fn check_unchanged(&self) -> Result<()> {
         self.file.check_unchanged()
     }
@@ -105,6 +112,13 @@ impl Source for Patched {
 }
 
 impl ReusableSource for Patched {
+    fn stored(&self, node: &PatchedNode) -> Option<StoredNode<'_>> {
+        match node {
+            PatchedNode::Same(node) => self.file.stored(node),
+            PatchedNode::Uniform(..) | PatchedNode::Changed(..) => None,
+        }
+    }
+
     fn kept(&self, node: &PatchedNode) -> Option<RecordRef> {
         match node {
             PatchedNode::Same(node) => self.file.kept(node),

@@ -13,7 +13,7 @@ use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::container::{HEAVY_THRESHOLD, STRIDE, reach};
 use crate::store::goblin::{self, Goblin};
 use crate::store::{Codec, Finding, Header, Metadata, OpenOptions, Shape, TreeFormat, split_commit};
-use crate::tree::{Child, Children, Form, MemTree, Source, no_children};
+use crate::tree::{CellBlock, Child, Children, Form, MemTree, Source, no_children};
 use crate::value::{Kind, Rule, Tally, Value};
 use crate::{Error, Progress, Result};
 
@@ -351,7 +351,20 @@ impl Source for TreeFile {
                 file.window(file.depth(), bounds, Value::ZERO, values, Some(valid))?;
                 Ok(true)
             }
-            TreeFile::Autumnal(_) | TreeFile::Patched(_) | TreeFile::Memory(_) => Ok(false),
+            TreeFile::Autumnal(file) => {
+                file.window(file.depth(), bounds, Value::ZERO, values, Some(valid))?;
+                Ok(true)
+            }
+            TreeFile::Patched(_) | TreeFile::Memory(_) => Ok(false),
+        }
+    }
+
+    fn cells(&self, node: &TreeFileNode, levels: u8) -> Result<Option<CellBlock>> {
+        match (self, node) {
+            (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => file.cells(node, levels),
+            (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.cells(node, levels),
+            (TreeFile::Patched(file), TreeFileNode::Patched(node)) => file.cells(node, levels),
+            _ => Ok(None),
         }
     }
 
@@ -377,6 +390,8 @@ impl ReusableSource for TreeFile {
     fn stored(&self, node: &TreeFileNode) -> Option<StoredNode<'_>> {
         match (self, node) {
             (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => file.stored(node),
+            (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.stored(node),
+            (TreeFile::Patched(file), TreeFileNode::Patched(node)) => file.stored(node),
             _ => None,
         }
     }

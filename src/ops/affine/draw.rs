@@ -10,6 +10,7 @@ use crate::Result;
 use crate::space::{Bounds, Code};
 use crate::store::container::{Record, RecordLayout, with_record_type};
 use crate::tree::{CellBlock, Source};
+use crate::value::Kind;
 
 /// Source cells that are drawn for each cell of a block, at most; where a view shows much more of the source,
 /// deciding node by node skips what does not count.
@@ -32,9 +33,10 @@ impl View {
     /// The cells below an INNER node, in rows, if drawing them is worth it and the source can.
     pub(super) fn draw_block(&self, code: Code, levels: u8) -> Result<Option<CellBlock>> {
         let size = levels * self.form.axes() as u8;
-        // (Large blocks only where cells are copied: others have parts that need no look at each cell.)
+        // (Large blocks only where cells are copied, and hardly two are alike: others have parts that need no look at each cell.)
+        let is_continuous = self.source.header().kind == Kind::Continuous;
         let is_worth_it = size == SMALL_BITS - SMALL_BITS % self.form.axes() as u8
-            || size > SMALL_BITS && self.lookup.to_source.keeps_cells();
+            || size > SMALL_BITS && is_continuous && self.lookup.to_source.keeps_cells();
         if !is_worth_it || self.lookup.by_area || !self.lookup.askew.is_empty() {
             return Ok(None);
         }

@@ -199,7 +199,15 @@ impl<'a, R: Record> Painter<'a, R> {
             1 => copy_rows::<_, 4>(self.values, start, R::AXES, strides, rows),
             2 => copy_rows::<_, 8>(self.values, start, R::AXES, strides, rows),
             3 => copy_rows::<_, 16>(self.values, start, R::AXES, strides, rows),
-            _ => copy_rows::<_, 32>(self.values, start, R::AXES, strides, rows),
+            4 => copy_rows::<_, 32>(self.values, start, R::AXES, strides, rows),
+            _ => {
+                let side = 2 << below;
+                let size = [side, side, if R::AXES > 2 { side } else { 1 }];
+                let mut from = rows.chunks_exact(side);
+                self::rows(self.values, start, size, strides, |row| {
+                    from.next().into_iter().for_each(|from| row.copy_from_slice(from));
+                });
+            }
         }
         Ok(())
     }

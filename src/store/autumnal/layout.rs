@@ -6,7 +6,6 @@
 //! to, so that any level can be drawn from records that have much of it. What is small enough is one run alone.
 
 use crate::space::Dimension;
-use crate::store::container::dense::dense_levels;
 use crate::store::container::{Descend, RecordLayout, descend_in};
 use crate::tree::Form;
 use crate::value::Value;
@@ -53,9 +52,12 @@ impl Heights {
     }
 }
 
-/// Levels of a run: those of the largest dense blocks.
+/// Levels of a run: 32 x 32 values, or 8 x 8 x 8, are written anew where one of them changes.
 const fn run_levels(dimension: Dimension) -> u8 {
-    *dense_levels(dimension).end()
+    match dimension {
+        Dimension::Quad => 5,
+        Dimension::Oct => 3,
+    }
 }
 
 /// The height of the smallest nodes whose records have pointers, and zones: 256 x 256 cells, or 32 x 32 x 32.

@@ -12,6 +12,7 @@ mod gather;
 mod masked;
 mod merge;
 mod options;
+mod overlay;
 mod part;
 mod reuse;
 mod reused;

@@ -7,6 +7,7 @@
 //! state, or one of two, which a bit each tells then. States further up follow from those: nodes are uniform where all
 //! values below are the same.
 
+use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 
 use zerocopy::{FromBytes, IntoBytes};
@@ -17,13 +18,14 @@ use crate::tree::CellBlock;
 use crate::value::Value;
 
 /// Levels below the root of a dense block, at most.
-pub(crate) const MAX_DENSE_LEVELS: u8 = 5;
+pub(crate) const MAX_DENSE_LEVELS: u8 = 8;
 
-/// The numbers of levels that dense blocks can have below their root.
+/// The numbers of levels that dense blocks can have below their root: 8 to 256 values along each axis of a quadtree, 4 to 16
+/// of an octree.
 pub(crate) const fn dense_levels(dimension: Dimension) -> RangeInclusive<u8> {
     match dimension {
         Dimension::Quad => 3..=MAX_DENSE_LEVELS,
-        Dimension::Oct => 2..=3,
+        Dimension::Oct => 2..=4,
     }
 }
 
@@ -43,6 +45,17 @@ const BOTTOM_STATES: [Option<(u8, Option<u8>)>; 6] = [
 pub(crate) struct DenseKind(u8);
 
 impl DenseKind {
+    /// All bottom nodes are LEAFs.
+    const ALL_LEAF: DenseKind = DenseKind(1);
+    /// Bottom nodes are LEAFs or VOID.
+    const LEAF_OR_VOID: DenseKind = DenseKind(3);
+
+    /// Whether blocks have a bit for each bottom node.
+    #[inline]
+    const fn has_mask(self) -> bool {
+        matches!(BOTTOM_STATES[self.0 as usize], Some((_, Some(_))))
+    }
+
     /// The kind with a number, if there is one.
     #[inline]
     pub(crate) fn from_number(number: u8) -> Option<DenseKind> {
@@ -81,15 +94,11 @@ impl RecordLayout {
 
     /// Places of records that a dense block takes behind its own.
     pub(crate) const fn dense_places(&self, kind: DenseKind, levels: u8) -> usize {
-        let mask = match BOTTOM_STATES[kind.0 as usize] {
-            Some((_, Some(_))) => self.dimension.cells(levels) as usize / 8,
-            _ => 0,
-        };
+        let mask = if kind.has_mask() { self.dimension.cells(levels) as usize / 8 } else { 0 };
         (self.dense_nodes(levels) * self.width + mask).div_ceil(self.size)
     }
 
     /// The dense block whose record has a number and this head; `None` if that is no dense block, or not a whole one.
-    #[inline]
     pub(crate) fn dense<'r>(&self, records: &'r [u8], at: usize, head: RecordHead) -> Option<DenseBlock<'r>> {
         let kind = DenseKind::from_number(head.dense)?;
         // Blocks of different numbers of levels are of different lengths.
@@ -100,10 +109,33 @@ impl RecordLayout {
     }
 }
 
+/// [`RecordLayout::dense_places`] by whether there is a mask, and by levels, for a type of records: so that no size of a block is
+/// computed while blocks are read.
+struct DensePlaces<R>(PhantomData<R>);
+
+impl<R: Record> DensePlaces<R> {
+    const TABLE: [[u32; MAX_DENSE_LEVELS as usize + 1]; 2] = {
+        let mut table = [[0; MAX_DENSE_LEVELS as usize + 1]; 2];
+        let mut levels = *dense_levels(R::DIMENSION).start();
+        while levels <= *dense_levels(R::DIMENSION).end() {
+            table[0][levels as usize] = R::RECORD_LAYOUT.dense_places(DenseKind::ALL_LEAF, levels) as u32;
+            table[1][levels as usize] = R::RECORD_LAYOUT.dense_places(DenseKind::LEAF_OR_VOID, levels) as u32;
+            levels += 1;
+        }
+        table
+    };
+}
+
 /// The dense block whose record has a number, which must be there; `None` if it is none, or not a whole one.
 #[inline]
 pub(crate) fn dense_block<R: Record>(records: &[R], at: usize) -> Option<DenseBlock<'_>> {
-    R::RECORD_LAYOUT.dense(records.as_bytes(), at, records[at].head())
+    let head = records[at].head();
+    let kind = DenseKind::from_number(head.dense)?;
+    // (What cannot be is 0.)
+    let table = &DensePlaces::<R>::TABLE[usize::from(kind.has_mask())];
+    let levels = table.iter().position(|places| *places > 0 && *places + 1 == head.skip)? as u8;
+    let bytes = records.get(at..at + head.skip as usize)?.as_bytes();
+    Some(DenseBlock { layout: R::RECORD_LAYOUT, kind, levels, bytes })
 }
 
 /// A dense block in a run of records.
@@ -209,7 +241,17 @@ impl<'r> DenseBlock<'r> {
 
     /// Whether nothing but VOID is below a node of a level below the root.
     pub(crate) fn is_void(&self, level: u8, index: usize) -> bool {
-        !self.is_full() && self.state(level, index) == VOID
+        if self.is_full() {
+            return false;
+        }
+        let below = self.levels - level;
+        let [x, y, z] = self.place(level, index).map(|cell| cell << below);
+        let depth = if self.layout.dimension == Dimension::Oct { 1 << below } else { 1 };
+        let mut rows = (z..z + depth).flat_map(|z| (y..y + (1 << below)).map(move |y| (y, z)));
+        rows.all(|(y, z)| {
+            let start = self.index(self.levels, [x, y, z]);
+            (start..start + (1 << below)).all(|index| self.bottom_state(index) == VOID)
+        })
     }
 
     /// The value of a node of a level below the root.
@@ -248,10 +290,9 @@ impl<'r> DenseBlock<'r> {
         Some(CellBlock { present, values })
     }
 
-    /// The states of all nodes below the root: of the level `l` those from index [`DenseStates::start`] on. Nodes below uniform
-    /// ones are as these.
+    /// The states of all nodes below the root: of a level those that [`DenseStates::level`] has. Nodes below uniform ones are as these.
     pub(crate) fn states<R: Record>(&self) -> DenseStates {
-        let mut states = DenseStates { axes: R::AXES as u8, states: [VOID; DENSE_STATES] };
+        let mut states = DenseStates::new(R::AXES as u8, self.levels);
         let values = self.values_of::<R>(self.levels);
         let bottom = states.level_mut(self.levels);
         match self.mask() {
@@ -281,16 +322,19 @@ impl<'r> DenseBlock<'r> {
     }
 }
 
-/// Nodes below the root of the largest dense blocks: 4 + 16 + ... + 4^5 (octrees: 8 + 64 + 512).
-const DENSE_STATES: usize = 4 + 16 + 64 + 256 + 1024;
-
 /// The states of all nodes of a dense block: see [`DenseBlock::states`].
 pub(crate) struct DenseStates {
     axes: u8,
-    states: [u8; DENSE_STATES],
+    states: Vec<u8>,
 }
 
 impl DenseStates {
+    fn new(axes: u8, levels: u8) -> DenseStates {
+        let mut states = DenseStates { axes, states: Vec::new() };
+        states.states.resize(states.range(levels).end, VOID);
+        states
+    }
+
     fn range(&self, level: u8) -> std::ops::Range<usize> {
         let nodes = 1usize << (self.axes * level);
         let children = 1usize << self.axes;

@@ -1,0 +1,346 @@
+//! Gathers the nodes of one block from two stored subtrees that are merged: what set operations spend their time on.
+
+use zerocopy::{FromBytes, IntoBytes};
+
+use super::averaging::{decode, encode, from_value};
+use super::block::{Block, Level};
+use super::gather::{DrawnCells, cell_children};
+use super::merge::{Join, MergeAction, MergeState, Overlay, join_coverages};
+use super::reuse::{StoredNode, Subtree};
+use super::reused::ReusedRecords;
+use crate::Result;
+use crate::space::Code;
+use crate::store::container::dense::{DenseBlock, dense_block, from_z_order};
+use crate::store::container::{
+    INNER, LEAF, Record, RecordLayout, RunChildren, RunNode, VOID, with_form_type,
+};
+use crate::tree::{Child, Form, NodeState};
+use crate::value::{Native, Value};
+
+impl Block {
+    /// The block under `code` of two stored subtrees, merged: what set operations spend most of their time
+    /// on. `None` if records contradict each other; going through them the usual way tells what is wrong.
+    pub(super) fn from_overlay(
+        form: Form,
+        overlay: &Overlay<'_>,
+        code: Code,
+        height: u8,
+    ) -> Result<Option<Self>> {
+        // (In variables of their own: the records are borrowed from them.)
+        let (first, second) = (subtree(&overlay.nodes[0])?, subtree(&overlay.nodes[1])?);
+        let records = [&first, &second].map(|subtree| subtree.as_ref().map_or(&[][..], Subtree::records));
+        let layout = RecordLayout::new(form);
+        let mut reused = ReusedRecords::new(layout, height);
+        Ok(with_form_type!(form, V, R => {
+            // (A pointer, so that merging is compiled for widths and not for types.)
+            let merger = Merger::<R>::new(form, overlay, records, join_values::<V, R>);
+            let root = merger.root();
+            match merger.cells(&root.nodes, None, height) {
+                Some(DrawnCells { present, values }) => {
+                    let states = present.into_iter().map(|present| if present { LEAF } else { VOID });
+                    Some(Block::from_cells(form, code, height, states.collect(), values))
+                }
+                None => merger
+                    .levels(root, height, &mut reused)
+                    .map(|levels| Block::new(form, code, height, levels, reused)),
+            }
+        }))
+    }
+}
+
+/// The records of an INNER node and of all below it.
+fn subtree<'a>(node: &Child<StoredNode<'a>>) -> Result<Option<Subtree<'a>>> {
+    match node {
+        Child::Inner { node, .. } => node.subtree().map(Some),
+        _ => Ok(None),
+    }
+}
+
+/// A node of one of two trees that are merged: its state, its value, and where it is if it is INNER.
+#[derive(Clone, Copy)]
+struct MergeNode<B> {
+    state: NodeState,
+    value: B,
+    node: RunNode,
+}
+
+/// Two nodes whose children are to be merged; or the one of them that is taken, without the other.
+struct Pair<B> {
+    nodes: [MergeNode<B>; 2],
+    taken: Option<usize>,
+}
+
+/// What is still to be opened.
+enum Open<B> {
+    Pair(Pair<B>),
+    /// Merged cells: the number of their block, and the first of the node's.
+    Cells(u32, u32),
+}
+
+/// The node as merge actions tell it apart; `full` is the value of LEAFs that are full, where that matters.
+#[inline]
+fn merge_state<B: PartialEq + Copy>(node: MergeNode<B>, full: Option<B>) -> MergeState {
+    match full {
+        Some(full) if node.state == NodeState::Leaf && node.value != full => MergeState::Partial,
+        _ => node.state.into(),
+    }
+}
+
+/// The value that a VOID node is joined with, or a LEAF. (What is in a record where a child is VOID does not matter.)
+#[inline]
+fn value_or_zero<R: Record>(node: &MergeNode<R::Bytes>) -> R::Bytes {
+    if node.state == NodeState::Void { R::ZERO } else { node.value }
+}
+
+/// A function that joins the values of two LEAFs; `None` is VOID.
+type JoinValues<B> = fn(Join, B, B) -> Option<B>;
+
+/// [`Join::native`] of values' bytes; what is not a number is VOID.
+fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Option<R::Bytes> {
+    if let Join::Coverage(number) = join {
+        let mut coverages = a;
+        return join_coverages(number, coverages.as_mut_bytes(), b.as_bytes()).then_some(coverages);
+    }
+    let value = join.native::<V>(decode::<R, V>(a), decode::<R, V>(b))?;
+    (!value.is_nan()).then(|| encode::<R, V>(value))
+}
+
+/// Two subtrees of records, and the way to merge them.
+struct Merger<'a, R: Record> {
+    form: Form,
+    overlay: &'a Overlay<'a>,
+    records: [&'a [R]; 2],
+    join_values: JoinValues<R::Bytes>,
+    /// The value of LEAFs that are full, where that matters.
+    full: Option<R::Bytes>,
+}
+
+impl<'a, R: Record> Merger<'a, R> {
+    fn new(
+        form: Form,
+        overlay: &'a Overlay<'a>,
+        records: [&'a [u8]; 2],
+        join_values: JoinValues<R::Bytes>,
+    ) -> Self {
+        let full = overlay.merging.full.map(from_value::<R>);
+        Merger { form, overlay, records: records.map(R::of), join_values, full }
+    }
+
+    fn root(&self) -> Pair<R::Bytes> {
+        let root = |node: &Child<StoredNode<'_>>| {
+            let value = from_value::<R>(node.value().unwrap_or_default());
+            MergeNode { state: node.state(), value, node: RunNode::default() }
+        };
+        Pair { nodes: [root(&self.overlay.nodes[0]), root(&self.overlay.nodes[1])], taken: None }
+    }
+
+    #[inline]
+    fn action(&self, pair: [MergeNode<R::Bytes>; 2], taken: Option<usize>) -> MergeAction {
+        match taken {
+            Some(tree) => MergeAction::Take(tree),
+            None => self.overlay.merging.actions.get(pair.map(|node| merge_state(node, self.full))),
+        }
+    }
+
+    /// The levels of the two subtrees, merged; `None` if records contradict each other.
+    fn levels(&self, root: Pair<R::Bytes>, height: u8, reused: &mut ReusedRecords) -> Option<Vec<Level>> {
+        let form = self.form;
+        let width = size_of::<R::Bytes>();
+        let is_float = form.value.sample.is_float();
+        let mut levels = vec![Level::root(form)];
+        let mut merged: Vec<DrawnCells> = Vec::new();
+        let mut open = vec![Open::Pair(root)];
+        for below in (0..height).rev() {
+            let mut level = Level::new(form, open.len() * R::CHILDREN);
+            let mut expanded = Vec::new();
+            let mut deeper = Vec::new();
+            for (group, open) in open.iter().enumerate() {
+                let first = group * R::CHILDREN;
+                let (nodes, taken) = match open {
+                    Open::Pair(Pair { nodes, taken }) => (nodes, *taken),
+                    Open::Cells(block, start) => {
+                        let open = |start| Open::Cells(*block, start);
+                        let more = (&mut expanded, &mut deeper, open);
+                        cell_children(form, &merged[*block as usize], *start, below, first, &mut level, more);
+                        continue;
+                    }
+                };
+                let children = [
+                    merge_children(self.records[0], &nodes[0])?,
+                    merge_children(self.records[1], &nodes[1])?,
+                ];
+                for (i, index) in (0..R::CHILDREN).zip(first..) {
+                    let pair = [children[0][i], children[1][i]];
+                    match self.action(pair, taken) {
+                        MergeAction::Void => {}
+                        MergeAction::Take(tree) => {
+                            let MergeNode { state, value, node } = pair[tree];
+                            match state {
+                                NodeState::Void => {}
+                                NodeState::Leaf if is_float => {
+                                    level.put_leaf(form, index, Value::from_bytes(value.as_bytes()));
+                                }
+                                NodeState::Leaf => {
+                                    level.states[index] = LEAF;
+                                    level.values[index * width..][..width].copy_from_slice(value.as_bytes());
+                                }
+                                // Part of a dense block, which is no run of its own.
+                                NodeState::Inner if node.below > 0 => {
+                                    expanded.push(index as u32);
+                                    let mut nodes = [MergeNode { state: NodeState::Void, ..pair[tree] }; 2];
+                                    nodes[tree] = pair[tree];
+                                    deeper.push(Open::Pair(Pair { nodes, taken: Some(tree) }));
+                                }
+                                NodeState::Inner => {
+                                    let subtree = &self.records[tree][node.record as usize..];
+                                    let subtree = &subtree[..subtree[0].skip() as usize];
+                                    let node = reused.take(index, subtree.as_bytes(), below)?;
+                                    level.put_reused(form, Value::from_bytes(value.as_bytes()), node);
+                                }
+                            }
+                        }
+                        MergeAction::Join => {
+                            let [first, second] = pair.map(|node| value_or_zero::<R>(&node));
+                            if let Some(value) = (self.join_values)(self.overlay.merging.join, first, second)
+                            {
+                                level.states[index] = LEAF;
+                                level.values[index * width..][..width].copy_from_slice(value.as_bytes());
+                            }
+                        }
+                        MergeAction::Split if below > 0 => {
+                            expanded.push(index as u32);
+                            deeper.push(match self.cells(&pair, taken, below) {
+                                Some(cells) => {
+                                    merged.push(cells);
+                                    Open::Cells(merged.len() as u32 - 1, 0)
+                                }
+                                None => Open::Pair(Pair { nodes: pair, taken }),
+                            });
+                        }
+                        MergeAction::Split | MergeAction::Fill => return None,
+                    }
+                }
+            }
+            open = deeper;
+            level.expanded = Some(expanded);
+            levels.push(level);
+            if open.is_empty() {
+                break;
+            }
+        }
+        Some(levels)
+    }
+
+    /// The cells of two nodes with so many levels below them, merged one by one; `None` unless both are dense blocks down to
+    /// the cells, or one of them is and the other is uniform.
+    fn cells(&self, pair: &[MergeNode<R::Bytes>; 2], taken: Option<usize>, levels: u8) -> Option<DrawnCells> {
+        let sides = [self.side(0, &pair[0], levels)?, self.side(1, &pair[1], levels)?];
+        if sides.iter().all(|side| side.block.is_none()) {
+            return None;
+        }
+        let cells = 1usize << (R::AXES * usize::from(levels));
+        let mut merged =
+            DrawnCells { present: vec![false; cells], values: vec![0; cells * size_of::<R::Bytes>()] };
+        let values = <[R::Bytes]>::mut_from_bytes(&mut merged.values).expect("whole values");
+        let mut is_good = true;
+        from_z_order::<R, _>(usize::from(levels), |z, row| {
+            let pair = [sides[0].cell(row), sides[1].cell(row)];
+            let value = match self.action(pair, taken) {
+                MergeAction::Take(tree) => {
+                    Some(pair[tree].value).filter(|_| pair[tree].state == NodeState::Leaf)
+                }
+                MergeAction::Join => {
+                    let [first, second] = pair.map(|node| value_or_zero::<R>(&node));
+                    (self.join_values)(self.overlay.merging.join, first, second)
+                }
+                MergeAction::Void => None,
+                MergeAction::Split | MergeAction::Fill => {
+                    is_good = false;
+                    None
+                }
+            };
+            if let Some(value) = value {
+                merged.present[z] = true;
+                values[z] = value;
+            }
+        });
+        is_good.then_some(merged)
+    }
+
+    /// A node as cells in rows; `None` if it is neither uniform nor a dense block down to the cells.
+    fn side(&self, tree: usize, node: &MergeNode<R::Bytes>, levels: u8) -> Option<Side<'a, R>> {
+        let uniform = Side { block: None, values: &[], uniform: *node };
+        if node.state != NodeState::Inner {
+            return Some(uniform);
+        }
+        let record = self.records[tree].get(node.node.record as usize)?;
+        if node.node.below > 0 || !record.is_dense() {
+            return None;
+        }
+        let block = dense_block(self.records[tree], node.node.record as usize)?;
+        let (first, second) = block.kind.states();
+        let is_whole = block.levels == levels && first == LEAF && second.is_none_or(|second| second == VOID);
+        is_whole.then(|| Side { block: Some(block), values: block.values_of::<R>(levels), ..uniform })
+    }
+}
+
+/// One of two nodes that are merged cell by cell.
+struct Side<'a, R: Record> {
+    block: Option<DenseBlock<'a>>,
+    /// Its cells in rows, if it is a dense block.
+    values: &'a [R::Bytes],
+    /// What each cell is, if it is not.
+    uniform: MergeNode<R::Bytes>,
+}
+
+impl<R: Record> Side<'_, R> {
+    #[inline]
+    fn cell(&self, row: usize) -> MergeNode<R::Bytes> {
+        let Some(block) = &self.block else { return self.uniform };
+        let state = if block.bottom_state(row) == LEAF { NodeState::Leaf } else { NodeState::Void };
+        MergeNode { state, value: self.values[row], node: RunNode::default() }
+    }
+}
+
+/// The children of a node, those of a uniform one like it. `None` if its record lies.
+#[inline]
+fn merge_children<R: Record>(records: &[R], node: &MergeNode<R::Bytes>) -> Option<[MergeNode<R::Bytes>; 8]> {
+    let mut children = [*node; 8];
+    if node.state != NodeState::Inner {
+        return Some(children);
+    }
+    let record = records.get(node.node.record as usize)?;
+    if record.is_dense() {
+        let mut below = RunChildren::default();
+        R::RECORD_LAYOUT.run_children(records.as_bytes(), node.node, &mut below)?;
+        for (child, below) in children.iter_mut().zip(below) {
+            let state = match below.state {
+                VOID => NodeState::Void,
+                LEAF => NodeState::Leaf,
+                INNER => NodeState::Inner,
+                _ => return None,
+            };
+            *child = MergeNode { state, value: from_value::<R>(below.value), node: below.node };
+        }
+        return Some(children);
+    }
+    let end = node.node.record + record.skip();
+    let mut next = node.node.record + 1;
+    for (i, child) in children[..R::CHILDREN].iter_mut().enumerate() {
+        child.value = record.values()[i];
+        match record.state(i) {
+            VOID => child.state = NodeState::Void,
+            LEAF => child.state = NodeState::Leaf,
+            state => {
+                let skip = if next < end { records.get(next as usize)?.skip() } else { 0 };
+                if state != INNER || skip == 0 || skip > end.saturating_sub(next) {
+                    return None;
+                }
+                child.state = NodeState::Inner;
+                child.node = RunNode::of_record(next as usize);
+                next += skip;
+            }
+        }
+    }
+    Some(children)
+}
