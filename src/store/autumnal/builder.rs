@@ -274,6 +274,11 @@ fn is_same(base: &Autumnal, old: Node, new: NewRecord<'_>) -> Result<bool> {
 }
 
 impl TreeSink for RecordBuilder<'_> {
+    /// What is one run alone is a part of a block, and none of a larger dense block.
+    fn dense_levels(&self) -> u8 {
+        self.heights.run
+    }
+
     fn push(&mut self, (mut part, sealed, _): BuiltBlock) -> Result<()> {
         // A small tree is one block, whose records were taken for the root's segment.
         if let Some(sealed) = sealed {

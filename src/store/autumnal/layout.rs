@@ -1,7 +1,6 @@
 //! The Autumnal record: a node, some levels of what is below it, and pointers to the records of nodes further down.
 //!
-//! Nodes at certain heights have records ([`Heights`]): every third level of a quadtree, every second one of an octree. A record
-//! has the node's representative, pointers to the records of the next nodes below that have one, the levels below as a run,
+//! Nodes at certain heights have records ([`Heights`]), at every second level. A record has the node's representative, pointers to the records of the next nodes below that have one, the levels below as a run,
 //! as it would stand in a segment of a Goblin file, and a zone. Runs reach further down than the nodes that pointers lead
 //! to, so that any level can be drawn from records that have much of it. What is small enough is one run alone.
 
@@ -10,13 +9,14 @@ use crate::store::container::{Descend, RecordLayout, descend_in};
 use crate::tree::Form;
 use crate::value::Value;
 
+/// Levels between nodes with records.
+const STRIDE: u8 = 2;
+
 /// The heights (levels above the cells) of the nodes that have records of their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Heights {
     /// Levels of a run; what is no higher is one run.
     pub(super) run: u8,
-    /// Levels between nodes with records.
-    stride: u8,
     /// That of the root, which has a record whatever its height.
     root: u8,
 }
@@ -24,17 +24,13 @@ pub(super) struct Heights {
 impl Heights {
     /// Those of a tree with so many levels below its root.
     pub(super) fn new(dimension: Dimension, depth: u8) -> Heights {
-        let stride = match dimension {
-            Dimension::Quad => 3,
-            Dimension::Oct => 2,
-        };
-        Heights { run: run_levels(dimension), stride, root: depth }
+        Heights { run: run_levels(dimension), root: depth }
     }
 
     /// The height of the node whose record has a node of some height.
     #[inline]
     pub(super) fn record_of(&self, height: u8) -> u8 {
-        let above = height.saturating_sub(self.run).next_multiple_of(self.stride);
+        let above = height.saturating_sub(self.run).next_multiple_of(STRIDE);
         (self.run + above).min(self.root)
     }
 
@@ -42,7 +38,7 @@ impl Heights {
     #[inline]
     pub(super) fn below(&self, height: u8) -> Option<u8> {
         let above = height.checked_sub(self.run + 1)?;
-        Some(self.run + above / self.stride * self.stride)
+        Some(self.run + above / STRIDE * STRIDE)
     }
 
     /// Levels of the run of a node of some height that has a record.
@@ -60,12 +56,9 @@ const fn run_levels(dimension: Dimension) -> u8 {
     }
 }
 
-/// The height of the smallest nodes whose records have pointers, and zones: 256 x 256 cells, or 32 x 32 x 32.
+/// The height of the smallest nodes whose records have pointers, and zones: 128 x 128 cells, or 32 x 32 x 32.
 pub(super) const fn zone_height(dimension: Dimension) -> u8 {
-    match dimension {
-        Dimension::Quad => run_levels(dimension) + 3,
-        Dimension::Oct => run_levels(dimension) + 2,
-    }
+    run_levels(dimension) + STRIDE
 }
 
 /// Bytes of the longest pointer.
@@ -228,7 +221,7 @@ mod tests {
 
     #[test]
     fn heights_of_records() {
-        let heights = Heights::new(Dimension::Quad, 15);
+        let heights = Heights::new(Dimension::Quad, 16);
         assert_eq!(
             [15, 14, 12, 11, 9, 8, 6, 5, 1].map(|height| heights.record_of(height)),
             [15, 14, 14, 11, 11, 8, 8, 5, 5]
@@ -258,7 +251,7 @@ mod tests {
                 );
                 let height = zone_height(dimension);
                 for (targets, bytes) in [(vec![79_999, 12_288], 3), (vec![79_990], 1)] {
-                    let bitmap = if targets.len() > 1 { 1 << 63 | 4 } else { 4 };
+                    let bitmap = if targets.len() > 1 { 1 << 15 | 4 } else { 4 };
                     let mut record = Vec::new();
                     layout.encode(80_000, representative, Some((bitmap, &targets)), &run, &mut record);
                     let parts = layout.parts(&record, height).unwrap();

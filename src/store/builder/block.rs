@@ -117,8 +117,14 @@ impl Block {
         Block { form, code, height, levels, reused, counts: LevelCounts::default() }
     }
 
-    /// Condenses and averages the block and turns it into records.
-    pub(super) fn build(mut self, rule: Rule, count_classes: bool, counts: &mut LevelCounts) -> Part {
+    /// Condenses and averages the block and turns it into records, with dense blocks of so many levels at most.
+    pub(super) fn build(
+        mut self,
+        rule: Rule,
+        count_classes: bool,
+        most_dense: u8,
+        counts: &mut LevelCounts,
+    ) -> Part {
         let (form, code) = (self.form, self.code);
         let classes = with_form_type!(form, V, R => match rule {
             Rule::Mean if V::CHANNELS > 1 && form.value.missing.is_some() => {
@@ -147,7 +153,7 @@ impl Block {
         let tally = tally::of_block(&self, classes);
         let child = self.root();
         let records = with_record_type!(RecordLayout::new(form), R => {
-            encode::<R>(&self.levels, self.height, &self.reused)
+            encode::<R>(&self.levels, self.height, most_dense, &self.reused)
         });
         // (Of the root, whoever merges it with its siblings counts all but what is below.)
         let total = self.counts.records() + u64::from(child.is_inner());

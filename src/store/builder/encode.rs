@@ -60,6 +60,8 @@ struct Encoder<'a, R: Record> {
     reused: &'a ReusedRecords,
     /// Levels from the root to the bottom.
     height: usize,
+    /// Levels of the largest dense blocks.
+    most_dense: u8,
     /// Of each level above the bottom.
     places: Vec<Vec<Places>>,
     /// Of each level, by its nodes: the number of the group of children in the next level; empty if all nodes have one.
@@ -71,8 +73,13 @@ struct Encoder<'a, R: Record> {
 const NO_GROUP: u32 = u32::MAX;
 
 /// The records of a block whose first level is its root, and whose last one is at most `height` levels below that: the bottom.
-/// What is INNER there is cut off. Nothing if the root is not INNER.
-pub(super) fn encode<R: Record>(levels: &[Level], height: u8, reused: &ReusedRecords) -> Vec<u8> {
+/// What is INNER there is cut off. Nothing if the root is not INNER. Dense blocks have `most_dense` levels at most.
+pub(super) fn encode<R: Record>(
+    levels: &[Level],
+    height: u8,
+    most_dense: u8,
+    reused: &ReusedRecords,
+) -> Vec<u8> {
     if levels[0].states[0] != INNER {
         return Vec::new();
     }
@@ -80,6 +87,7 @@ pub(super) fn encode<R: Record>(levels: &[Level], height: u8, reused: &ReusedRec
         levels,
         reused,
         height: usize::from(height),
+        most_dense,
         places: Vec::new(),
         groups: levels.iter().map(Level::groups).collect(),
         layout: std::marker::PhantomData,
@@ -102,7 +110,7 @@ impl<R: Record> Encoder<'_, R> {
             // Dense blocks by the states of their bottom nodes.
             let below = (self.height - index) as u8;
             let dense: [u32; 16] = std::array::from_fn(|states| match kinds[states] {
-                Some(kind) if dense_levels(R::DIMENSION).contains(&below) => {
+                Some(kind) if below <= self.most_dense && dense_levels(R::DIMENSION).contains(&below) => {
                     1 + R::RECORD_LAYOUT.dense_places(kind, below) as u32
                 }
                 _ => u32::MAX,

@@ -7,6 +7,7 @@ use super::reuse::{RecordRef, StoredNode};
 use crate::Result;
 use crate::space::{Code, Dimension};
 use crate::store::container::LevelCounts;
+use crate::store::container::dense::MAX_DENSE_LEVELS;
 use crate::value::Value;
 
 /// A block's part of the tree, its own segment, and its nodes per level.
@@ -16,6 +17,11 @@ pub(in crate::store) type BuiltBlock = (Part, Option<SealedSegment>, LevelCounts
 pub(in crate::store) trait TreeSink: Send {
     /// Takes a block, or a uniform node above the blocks.
     fn push(&mut self, built: BuiltBlock) -> Result<()>;
+
+    /// Levels of the largest dense blocks that parts may have.
+    fn dense_levels(&self) -> u8 {
+        MAX_DENSE_LEVELS
+    }
 
     /// Keeps what the file has already of a node; whether that could be done.
     fn keep(&mut self, _: Code, _: RecordRef) -> Result<bool> {

@@ -3,6 +3,7 @@
 use super::block::Level;
 use super::encode::encode;
 use super::reused::ReusedRecords;
+use crate::store::container::dense::MAX_DENSE_LEVELS;
 use crate::store::container::subtree::BadSkip;
 use crate::store::container::{CUT, INNER, RecordLayout, RunChildren, RunNode, VOID, with_record_type};
 use crate::tree::Form;
@@ -52,7 +53,7 @@ pub(in crate::store) fn upper_levels(form: Form, records: &[u8], levels: u8) -> 
         }
     }
     let reused = ReusedRecords::new(layout, levels);
-    Ok(with_record_type!(layout, R => encode::<R>(&above, levels, &reused)))
+    Ok(with_record_type!(layout, R => encode::<R>(&above, levels, MAX_DENSE_LEVELS, &reused)))
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use super::sink::{BuiltBlock, TreeSink};
 use super::slab::{BlockContent, Slab};
 use crate::parallel;
 use crate::space::Code;
+use crate::store::container::dense::MAX_DENSE_LEVELS;
 use crate::store::container::{LevelCounts, RecordLayout, Shape};
 use crate::tree::{Child, Form, no_children};
 use crate::value::{Rule, Value};
@@ -82,6 +83,8 @@ struct Plan {
     count_classes: bool,
     /// Whether what sources have stored is taken as it is.
     reuse: bool,
+    /// Levels of the largest dense blocks.
+    most_dense: u8,
 }
 
 impl Plan {
@@ -94,6 +97,8 @@ impl Plan {
         // Below the level of blocks all of a node is in one segment, down to the cells, however the file is cut.
         self.reuse
             && stored.height == levels
+            // (Larger ones may have larger dense blocks.)
+            && (levels <= self.most_dense || self.most_dense == MAX_DENSE_LEVELS)
             && (level >= shape.block_level() || shape.is_cut_like(&self.shape))
             && header.rule == self.rule
             && header.form.value == self.form.value
@@ -128,7 +133,7 @@ impl Plan {
 
     fn mixed(&self, block: Block) -> BuiltBlock {
         let mut counts = LevelCounts::default();
-        let mut part = block.build(self.rule, self.count_classes, &mut counts);
+        let mut part = block.build(self.rule, self.count_classes, self.most_dense, &mut counts);
         let sealed = part.seal(&self.shape);
         (part, sealed, counts)
     }
@@ -174,8 +179,9 @@ impl<'a> Builder<'a> {
         let record = RecordLayout::new(form).size as u64;
         let block_bytes = form.dimension.cells(shape.reach) / (form.children() as u64 - 1) * record;
         let (rule, count_classes) = (options.rule, options.count_classes());
+        let most_dense = sink.dense_levels();
         Builder {
-            plan: Plan { form, shape, rule, count_classes, reuse: false },
+            plan: Plan { form, shape, rule, count_classes, reuse: false, most_dense },
             sink,
             batch: (options.memory / 8 / block_bytes).clamp(MIN_BATCH, MAX_BATCH) as usize,
         }
