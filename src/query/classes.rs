@@ -2,9 +2,10 @@
 
 use zerocopy::IntoBytes;
 
-use super::count::{Count, CountSubtree};
+use super::count::{Count, CountDense, CountSubtree};
 use super::walk::Zone;
 use crate::Result;
+use crate::store::container::dense::DenseBlock;
 use crate::store::container::subtree::{BadSkip, each_leaf};
 use crate::store::container::{Record, RecordLayout, with_record_type};
 use crate::tree::Form;
@@ -32,6 +33,7 @@ pub(super) struct Classes {
     /// Cells of each value that is one byte, still to be added.
     bytes: Box<[u64; 256]>,
     subtree: CountSubtree<Classes>,
+    dense: CountDense<Classes>,
 }
 
 /// Entries that are pending at most, unless there are more classes.
@@ -54,6 +56,7 @@ impl Classes {
             last: 0,
             bytes: Box::new([0; 256]),
             subtree: with_record_type!(RecordLayout::new(form), R => count_subtree::<R>),
+            dense: with_record_type!(RecordLayout::new(form), R => count_dense::<R>),
         }
     }
 
@@ -123,6 +126,10 @@ impl Count for Classes {
         (self.subtree)(self, records, levels)
     }
 
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
+        (self.dense)(self, block, part);
+    }
+
     fn finish(mut self: Box<Self>) -> Tally {
         for byte in 0..=u8::MAX {
             let cells = self.bytes[usize::from(byte)];
@@ -137,8 +144,17 @@ impl Count for Classes {
 }
 
 fn count_subtree<R: Record>(classes: &mut Classes, records: &[u8], levels: u8) -> Result<(), BadSkip> {
-    each_leaf(R::of(records), levels, |bytes, cells| match bytes.as_bytes() {
+    each_leaf(R::of(records), levels, |bytes, cells| count_bytes(classes, bytes.as_bytes(), cells))
+}
+
+fn count_dense<R: Record>(classes: &mut Classes, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
+    block.each_leaf_in::<R>(part, |bytes| count_bytes(classes, bytes.as_bytes(), 1));
+}
+
+#[inline]
+fn count_bytes(classes: &mut Classes, bytes: &[u8], cells: u64) {
+    match bytes {
         [byte] => classes.add_byte(*byte, cells),
         bytes => classes.add(Value::from_bytes(bytes), cells),
-    })
+    }
 }

@@ -8,6 +8,7 @@ use zerocopy::{FromBytes, IntoBytes};
 
 use super::walk::Zone;
 use crate::Result;
+use crate::store::container::dense::DenseBlock;
 use crate::store::container::subtree::{BadSkip, each_leaf};
 use crate::store::container::{Record, RecordLayout, with_form_type, with_record_type};
 use crate::tree::Form;
@@ -16,6 +17,9 @@ use crate::value::{Native, Sample, Tally, Value, ValueType, erase, native, with_
 /// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to
 /// a `T`.
 pub(super) type CountSubtree<T> = fn(&mut T, &[u8], u8) -> Result<(), BadSkip>;
+
+/// A kernel that shows the cells of a dense block in a box to a `T`.
+pub(super) type CountDense<T> = fn(&mut T, &DenseBlock<'_>, ([usize; 3], [usize; 3]));
 
 /// Statistics in the making.
 pub(super) trait Count {
@@ -31,6 +35,8 @@ pub(super) trait Count {
     /// # Errors
     /// If skips or states contradict each other.
     fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip>;
+    /// Counts the cells of a dense block in a box: its first place, and places along each axis.
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]));
     /// Statistics of everything that was counted.
     fn finish(self: Box<Self>) -> Tally;
 }
@@ -39,7 +45,8 @@ pub(super) trait Count {
 pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
     if form.value.missing.is_some() {
         let subtree = with_record_type!(RecordLayout::new(form), R => count_masked_subtree::<R>);
-        return Box::new(MaskedCounter { tally: Tally::void(form.value), subtree });
+        let dense = with_record_type!(RecordLayout::new(form), R => count_masked_dense::<R>);
+        return Box::new(MaskedCounter { tally: Tally::void(form.value), subtree, dense });
     }
     with_form_type!(form, V, R => Box::new(Counter::<V> {
         cells: 0,
@@ -48,6 +55,7 @@ pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
         sums: Default::default(),
         squares: Default::default(),
         subtree: count_subtree::<V, R>,
+        dense: count_dense::<V, R>,
     }))
 }
 
@@ -60,6 +68,7 @@ struct Counter<V: Native> {
     squares: V::TotalSums,
     /// Depends on the fan-out, as nothing else here does.
     subtree: CountSubtree<Counter<V>>,
+    dense: CountDense<Counter<V>>,
 }
 
 impl<V: Native> Counter<V> {
@@ -105,6 +114,10 @@ impl<V: Native> Count for Counter<V> {
         (self.subtree)(self, records, levels)
     }
 
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
+        (self.dense)(self, block, part);
+    }
+
     fn finish(self: Box<Self>) -> Tally {
         Tally {
             value_type: V::TYPE,
@@ -117,6 +130,25 @@ impl<V: Native> Count for Counter<V> {
             classes: Vec::new(),
         }
     }
+}
+
+fn count_dense<V: Native, R: Record>(
+    counter: &mut Counter<V>,
+    block: &DenseBlock<'_>,
+    part: ([usize; 3], [usize; 3]),
+) {
+    block.each_leaf_in::<R>(part, |bytes| {
+        let wire = V::Wire::read_from_bytes(bytes.as_bytes()).expect("as many bytes as the value has");
+        counter.add(V::from_wire(wire), 1);
+    });
+}
+
+fn count_masked_dense<R: Record>(
+    counter: &mut MaskedCounter,
+    block: &DenseBlock<'_>,
+    part: ([usize; 3], [usize; 3]),
+) {
+    block.each_leaf_in::<R>(part, |bytes| counter.block(Value::from_bytes(bytes.as_bytes()), 1));
 }
 
 fn count_subtree<V: Native, R: Record>(
@@ -135,6 +167,7 @@ fn count_subtree<V: Native, R: Record>(
 struct MaskedCounter {
     tally: Tally,
     subtree: CountSubtree<MaskedCounter>,
+    dense: CountDense<MaskedCounter>,
 }
 
 impl Count for MaskedCounter {
@@ -149,6 +182,10 @@ impl Count for MaskedCounter {
 
     fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {
         (self.subtree)(self, records, levels)
+    }
+
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
+        (self.dense)(self, block, part);
     }
 
     fn finish(self: Box<Self>) -> Tally {

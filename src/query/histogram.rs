@@ -2,10 +2,11 @@
 
 use zerocopy::IntoBytes;
 
-use super::count::{CountSubtree, number_of};
+use super::count::{CountDense, CountSubtree, number_of};
 use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 use crate::Result;
 use crate::space::{Bounds, Code};
+use crate::store::container::dense::DenseBlock;
 use crate::store::container::subtree::{BadSkip, each_leaf};
 use crate::store::container::{Record, with_form_type};
 use crate::store::goblin::Goblin;
@@ -71,6 +72,7 @@ struct Histogram {
     /// The first sample of a value.
     number: fn(Value) -> f64,
     subtree: CountSubtree<Bins>,
+    dense: CountDense<Bins>,
 }
 
 impl Histogram {
@@ -81,6 +83,7 @@ impl Histogram {
             bins: Bins { low, scale: cells.len() as f64 / (high - low), missing, cells },
             number: number_of(form.value),
             subtree: with_form_type!(form, V, R => bin_subtree::<<V as Native>::Sample, R>),
+            dense: with_form_type!(form, V, R => bin_dense::<<V as Native>::Sample, R>),
         }
     }
 }
@@ -106,8 +109,17 @@ impl Visitor for Histogram {
     fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
         Some((self.subtree)(&mut self.bins, records, levels))
     }
+
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
+        (self.dense)(&mut self.bins, block, part);
+        true
+    }
 }
 
 fn bin_subtree<S: Sample, R: Record>(bins: &mut Bins, records: &[u8], levels: u8) -> Result<(), BadSkip> {
     each_leaf(R::of(records), levels, |bytes, cells| bins.add(S::read(bytes.as_bytes()).to_f64(), cells))
+}
+
+fn bin_dense<S: Sample, R: Record>(bins: &mut Bins, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
+    block.each_leaf_in::<R>(part, |bytes| bins.add(S::read(bytes.as_bytes()).to_f64(), 1));
 }

@@ -3,6 +3,7 @@
 
 use crate::Result;
 use crate::space::{Bounds, Code};
+use crate::store::container::dense::DenseBlock;
 use crate::store::container::subtree::BadSkip;
 use crate::store::goblin::Goblin;
 use crate::tree::{Form, Source};
@@ -139,6 +140,11 @@ impl Visitor for Gather {
 
     fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
         Some(self.count.subtree(records, levels))
+    }
+
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
+        self.count.dense(block, part);
+        true
     }
 
     fn enter_segment(&mut self) {

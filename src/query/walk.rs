@@ -1,8 +1,11 @@
 //! Walks the part of a tree that lies in a box, asking at every zone whether its statistics will do.
 
 use crate::space::{Bounds, Code};
+use crate::store::container::dense::{DenseBlock, DenseStates};
 use crate::store::container::subtree::BadSkip;
-use crate::store::container::{CUT, INNER, LEAF, RunChild, RunChildren, RunNode, Shape, VOID};
+use crate::store::container::{
+    CUT, INNER, LEAF, RunChild, RunChildren, RunNode, Shape, VOID, with_record_type,
+};
 use crate::store::goblin::{Goblin, Segment};
 use crate::tree::{Child, Source, no_children};
 use crate::value::{Tally, Value};
@@ -81,6 +84,11 @@ pub(super) trait Visitor {
     /// whether the visitor has taken all of it at once. Otherwise the walk goes through them.
     fn subtree(&mut self, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
         None
+    }
+    /// The part of a dense block of cells that lies in the box, by its first place and places along each axis: whether the
+    /// visitor has taken all of it at once. Otherwise the walk goes through it.
+    fn dense(&mut self, _: &DenseBlock<'_>, _: ([usize; 3], [usize; 3])) -> bool {
+        false
     }
     /// The walk has gone through all children of a node.
     fn leave(&mut self, _: Code) -> Walked {
@@ -219,11 +227,28 @@ impl Walk<'_> {
                 return taken.map_err(|_| bad_skip().into());
             }
         }
-        let mut children = RunChildren::default();
-        layout.run_children(records, at, &mut children).ok_or_else(bad_skip)?;
         if code.level() >= shape.depth {
             return Err(bad_skip().into());
         }
+        if let Some(block) = layout.dense_at(records, at)
+            && code.level() + block.levels == shape.depth
+            && block.kind.is_leaves()
+        {
+            let part = space.map(|space| {
+                let part = space.intersect(self.bounds);
+                let first = std::array::from_fn(|axis| (part.min[axis] - space.min[axis]) as usize);
+                (first, part.size().map(|size| size as usize))
+            });
+            if let Some(part) = part
+                && visitor.dense(&block, part)
+            {
+                return Ok(());
+            }
+            let states = with_record_type!(*layout, R => block.states::<R>());
+            return self.dense(&(block, states), (code, 0), space, visitor);
+        }
+        let mut children = RunChildren::default();
+        layout.run_children(records, at, &mut children).ok_or_else(bad_skip)?;
         let dimension = code.dimension();
         let candidates = !inline && shape.is_candidate(code.level() + 1);
         for (step, RunChild { state, value, node: at }) in children[..dimension.children()].iter().enumerate()
@@ -258,6 +283,35 @@ impl Walk<'_> {
                         }
                         _ => return Err(self.tree.bad_cut(child).into()),
                     }
+                }
+            }
+        }
+        visitor.leave(code)
+    }
+
+    /// Walks a node of a dense block of cells: its code, and its index in its level.
+    fn dense(
+        &self,
+        dense: &(DenseBlock<'_>, DenseStates),
+        (code, index): (Code, usize),
+        space: Option<Bounds>,
+        visitor: &mut impl Visitor,
+    ) -> Walked {
+        let (block, states) = dense;
+        let (depth, dimension) = (self.shape.depth, code.dimension());
+        let level = block.levels - (depth - code.level()) + 1;
+        for step in 0..dimension.children() {
+            let (child, index) = (code.child(step), block.child(level, index, step));
+            let space = space.map(|space| space.child(dimension, step));
+            let space = space.filter(|space| !self.bounds.contains(space));
+            match states.level(level)[index] {
+                INNER if space.is_some_and(|space| space.intersect(self.bounds).is_empty()) => {
+                    visitor.outside()?;
+                }
+                INNER => self.dense(dense, (child, index), space, visitor)?,
+                state => {
+                    let value = (state != VOID).then(|| block.value(level, index));
+                    uniform_block(child, depth, value, (space.as_ref(), self.bounds), visitor)?;
                 }
             }
         }

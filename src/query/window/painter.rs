@@ -378,7 +378,19 @@ impl<'a, R: Record> Painter<'a, R> {
             4 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 4])),
             8 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 8])),
             16 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 16])),
-            _ => rows(self.values, start, size, strides, |row| row.fill(bytes)),
+            width => {
+                // Rows are copied, which is faster than writing values of an odd width one by one.
+                let first = start..start + width;
+                self.values[first.clone()].fill(bytes);
+                for z in 0..size[2] {
+                    for y in 0..size[1] {
+                        let row = start + z * strides[2] + y * strides[1];
+                        if row > start {
+                            self.values.copy_within(first.clone(), row);
+                        }
+                    }
+                }
+            }
         }
         if let Some(valid) = &mut self.valid {
             rows(valid, start, size, strides, |row| row.fill(value.is_some()));

@@ -5,7 +5,7 @@
 
 use super::builder::{Check, Mode, RecordBuilder, shape};
 use super::commit::Commit;
-use super::extents::{FIRST_EXTENT, PAGE, SECTOR};
+use super::extents::{ExtentKind, FIRST_EXTENT, PAGE, SECTOR};
 use super::meta::Slot;
 use super::reader::Autumnal;
 use super::verified::{Unverified, Verified};
@@ -74,26 +74,22 @@ impl Autumnal {
         Ok(())
     }
 
-    /// Extents lie one behind the other; what was given up may stand between two commits.
+    /// Extents lie one behind the other, those of each commit from a page's start on.
     fn verify_extents(&self, findings: &mut Vec<Finding>, progress: &dyn Progress) -> Result<()> {
         let extents = self.extents();
         let mut next = FIRST_EXTENT;
         while next < extents.end && findings.len() < MAX_FINDINGS {
             progress.check()?;
-            // Behind the last extent of a commit the next one is a page's start.
-            let (start, extent) = match extents.extent_at(next)? {
-                Some(extent) => (next, Some(extent)),
-                None => (next.next_multiple_of(PAGE), extents.extent_at(next.next_multiple_of(PAGE))?),
-            };
-            let Some(extent) = extent else {
-                if start < extents.end {
-                    let problem = "no extent starts here".into();
-                    findings.push(Finding { place: format!("byte {start}"), problem });
-                }
+            let Some(extent) = extents.extent_at(next)? else {
+                let problem = "no extent starts here".into();
+                findings.push(Finding { place: format!("byte {next}"), problem });
                 return Ok(());
             };
-            add(findings, format!("extent at {start}"), extents.check_payload(&extent))?;
-            next = extent.end().next_multiple_of(SECTOR);
+            add(findings, format!("extent at {next}"), extents.check_payload(&extent))?;
+            // The last extent of a commit is the commit's own. Up to the next page there may be what is left of a writer that
+            // crashed, and that the next one has written over but for its beginning.
+            let unit = if extent.kind == ExtentKind::Commit as u8 { PAGE } else { SECTOR };
+            next = extent.end().next_multiple_of(unit);
         }
         Ok(())
     }

@@ -11,9 +11,7 @@ use super::reused::ReusedRecords;
 use crate::Result;
 use crate::space::Code;
 use crate::store::container::dense::{DenseBlock, dense_block, from_z_order};
-use crate::store::container::{
-    INNER, LEAF, Record, RecordLayout, RunChildren, RunNode, VOID, with_form_type,
-};
+use crate::store::container::{INNER, LEAF, Record, RecordLayout, VOID, with_form_type};
 use crate::tree::{Child, Form, NodeState};
 use crate::value::{Native, Value};
 
@@ -35,7 +33,7 @@ impl Block {
             // (A pointer, so that merging is compiled for widths and not for types.)
             let merger = Merger::<R>::new(form, overlay, records, join_values::<V, R>);
             let root = merger.root();
-            match merger.cells(&root.nodes, None, height) {
+            match merger.cells(&root, height) {
                 Some(DrawnCells { present, values }) => {
                     let states = present.into_iter().map(|present| if present { LEAF } else { VOID });
                     Some(Block::from_cells(form, code, height, states.collect(), values))
@@ -56,23 +54,19 @@ fn subtree<'a>(node: &Child<StoredNode<'a>>) -> Result<Option<Subtree<'a>>> {
     }
 }
 
-/// A node of one of two trees that are merged: its state, its value, and where it is if it is INNER.
+/// A node of one of two trees that are merged: its state, its value, and the number of its record if it is
+/// INNER.
 #[derive(Clone, Copy)]
 struct MergeNode<B> {
     state: NodeState,
     value: B,
-    node: RunNode,
-}
-
-/// Two nodes whose children are to be merged; or the one of them that is taken, without the other.
-struct Pair<B> {
-    nodes: [MergeNode<B>; 2],
-    taken: Option<usize>,
+    record: u32,
 }
 
 /// What is still to be opened.
 enum Open<B> {
-    Pair(Pair<B>),
+    /// Two nodes whose children are to be merged.
+    Pair([MergeNode<B>; 2]),
     /// Merged cells: the number of their block, and the first of the node's.
     Cells(u32, u32),
 }
@@ -126,24 +120,26 @@ impl<'a, R: Record> Merger<'a, R> {
         Merger { form, overlay, records: records.map(R::of), join_values, full }
     }
 
-    fn root(&self) -> Pair<R::Bytes> {
+    fn root(&self) -> [MergeNode<R::Bytes>; 2] {
         let root = |node: &Child<StoredNode<'_>>| {
             let value = from_value::<R>(node.value().unwrap_or_default());
-            MergeNode { state: node.state(), value, node: RunNode::default() }
+            MergeNode { state: node.state(), value, record: 0 }
         };
-        Pair { nodes: [root(&self.overlay.nodes[0]), root(&self.overlay.nodes[1])], taken: None }
+        [root(&self.overlay.nodes[0]), root(&self.overlay.nodes[1])]
     }
 
     #[inline]
-    fn action(&self, pair: [MergeNode<R::Bytes>; 2], taken: Option<usize>) -> MergeAction {
-        match taken {
-            Some(tree) => MergeAction::Take(tree),
-            None => self.overlay.merging.actions.get(pair.map(|node| merge_state(node, self.full))),
-        }
+    fn action(&self, pair: [MergeNode<R::Bytes>; 2]) -> MergeAction {
+        self.overlay.merging.actions.get(pair.map(|node| merge_state(node, self.full)))
     }
 
     /// The levels of the two subtrees, merged; `None` if records contradict each other.
-    fn levels(&self, root: Pair<R::Bytes>, height: u8, reused: &mut ReusedRecords) -> Option<Vec<Level>> {
+    fn levels(
+        &self,
+        root: [MergeNode<R::Bytes>; 2],
+        height: u8,
+        reused: &mut ReusedRecords,
+    ) -> Option<Vec<Level>> {
         let form = self.form;
         let width = size_of::<R::Bytes>();
         let is_float = form.value.sample.is_float();
@@ -156,8 +152,8 @@ impl<'a, R: Record> Merger<'a, R> {
             let mut deeper = Vec::new();
             for (group, open) in open.iter().enumerate() {
                 let first = group * R::CHILDREN;
-                let (nodes, taken) = match open {
-                    Open::Pair(Pair { nodes, taken }) => (nodes, *taken),
+                let nodes = match open {
+                    Open::Pair(nodes) => nodes,
                     Open::Cells(block, start) => {
                         let open = |start| Open::Cells(*block, start);
                         let more = (&mut expanded, &mut deeper, open);
@@ -171,10 +167,10 @@ impl<'a, R: Record> Merger<'a, R> {
                 ];
                 for (i, index) in (0..R::CHILDREN).zip(first..) {
                     let pair = [children[0][i], children[1][i]];
-                    match self.action(pair, taken) {
+                    match self.action(pair) {
                         MergeAction::Void => {}
                         MergeAction::Take(tree) => {
-                            let MergeNode { state, value, node } = pair[tree];
+                            let MergeNode { state, value, record } = pair[tree];
                             match state {
                                 NodeState::Void => {}
                                 NodeState::Leaf if is_float => {
@@ -184,15 +180,8 @@ impl<'a, R: Record> Merger<'a, R> {
                                     level.states[index] = LEAF;
                                     level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                                 }
-                                // Part of a dense block, which is no run of its own.
-                                NodeState::Inner if node.below > 0 => {
-                                    expanded.push(index as u32);
-                                    let mut nodes = [MergeNode { state: NodeState::Void, ..pair[tree] }; 2];
-                                    nodes[tree] = pair[tree];
-                                    deeper.push(Open::Pair(Pair { nodes, taken: Some(tree) }));
-                                }
                                 NodeState::Inner => {
-                                    let subtree = &self.records[tree][node.record as usize..];
+                                    let subtree = &self.records[tree][record as usize..];
                                     let subtree = &subtree[..subtree[0].skip() as usize];
                                     let node = reused.take(index, subtree.as_bytes(), below)?;
                                     level.put_reused(form, Value::from_bytes(value.as_bytes()), node);
@@ -209,12 +198,12 @@ impl<'a, R: Record> Merger<'a, R> {
                         }
                         MergeAction::Split if below > 0 => {
                             expanded.push(index as u32);
-                            deeper.push(match self.cells(&pair, taken, below) {
+                            deeper.push(match self.cells(&pair, below) {
                                 Some(cells) => {
                                     merged.push(cells);
                                     Open::Cells(merged.len() as u32 - 1, 0)
                                 }
-                                None => Open::Pair(Pair { nodes: pair, taken }),
+                                None => Open::Pair(pair),
                             });
                         }
                         MergeAction::Split | MergeAction::Fill => return None,
@@ -231,13 +220,17 @@ impl<'a, R: Record> Merger<'a, R> {
         Some(levels)
     }
 
-    /// The cells of two nodes with so many levels below them, merged one by one; `None` unless both are dense blocks down to
-    /// the cells, or one of them is and the other is uniform.
-    fn cells(&self, pair: &[MergeNode<R::Bytes>; 2], taken: Option<usize>, levels: u8) -> Option<DrawnCells> {
-        let sides = [self.side(0, &pair[0], levels)?, self.side(1, &pair[1], levels)?];
-        if sides.iter().all(|side| side.block.is_none()) {
+    /// The cells of two nodes with so many levels below them, merged one by one, if one of them at least is a dense block; `None`
+    /// if none is, or if records contradict each other.
+    fn cells(&self, pair: &[MergeNode<R::Bytes>; 2], levels: u8) -> Option<DrawnCells> {
+        let is_dense = |tree: usize| {
+            let record = self.records[tree].get(pair[tree].record as usize);
+            pair[tree].state == NodeState::Inner && record.is_some_and(Record::is_dense)
+        };
+        if !is_dense(0) && !is_dense(1) {
             return None;
         }
+        let sides = [self.side(0, &pair[0], levels)?, self.side(1, &pair[1], levels)?];
         let cells = 1usize << (R::AXES * usize::from(levels));
         let mut merged =
             DrawnCells { present: vec![false; cells], values: vec![0; cells * size_of::<R::Bytes>()] };
@@ -245,7 +238,7 @@ impl<'a, R: Record> Merger<'a, R> {
         let mut is_good = true;
         from_z_order::<R, _>(usize::from(levels), |z, row| {
             let pair = [sides[0].cell(row), sides[1].cell(row)];
-            let value = match self.action(pair, taken) {
+            let value = match self.action(pair) {
                 MergeAction::Take(tree) => {
                     Some(pair[tree].value).filter(|_| pair[tree].state == NodeState::Leaf)
                 }
@@ -267,39 +260,86 @@ impl<'a, R: Record> Merger<'a, R> {
         is_good.then_some(merged)
     }
 
-    /// A node as cells in rows; `None` if it is neither uniform nor a dense block down to the cells.
+    /// A node with so many levels below it, cell by cell; `None` if its records contradict each other.
     fn side(&self, tree: usize, node: &MergeNode<R::Bytes>, levels: u8) -> Option<Side<'a, R>> {
-        let uniform = Side { block: None, values: &[], uniform: *node };
         if node.state != NodeState::Inner {
-            return Some(uniform);
+            return Some(Side::Uniform(*node));
         }
-        let record = self.records[tree].get(node.node.record as usize)?;
-        if node.node.below > 0 || !record.is_dense() {
-            return None;
+        let records = self.records[tree];
+        if records.get(node.record as usize)?.is_dense() {
+            let block = dense_block(records, node.record as usize)?;
+            let is_whole = block.levels == levels && block.kind.is_leaves();
+            return is_whole.then(|| Side::Dense(block, block.values_of::<R>(levels)));
         }
-        let block = dense_block(self.records[tree], node.node.record as usize)?;
-        let (first, second) = block.kind.states();
-        let is_whole = block.levels == levels && first == LEAF && second.is_none_or(|second| second == VOID);
-        is_whole.then(|| Side { block: Some(block), values: block.values_of::<R>(levels), ..uniform })
+        let void = MergeNode { state: NodeState::Void, value: R::ZERO, record: 0 };
+        let mut cells = vec![void; 1 << (R::AXES * usize::from(levels))];
+        paint(records, node, levels, ([0; 3], levels), &mut cells)?;
+        Some(Side::Drawn(cells))
     }
 }
 
-/// One of two nodes that are merged cell by cell.
-struct Side<'a, R: Record> {
-    block: Option<DenseBlock<'a>>,
-    /// Its cells in rows, if it is a dense block.
-    values: &'a [R::Bytes],
-    /// What each cell is, if it is not.
-    uniform: MergeNode<R::Bytes>,
+/// One of two nodes that are merged cell by cell: cells in rows, unless all are the same.
+enum Side<'a, R: Record> {
+    Uniform(MergeNode<R::Bytes>),
+    Dense(DenseBlock<'a>, &'a [R::Bytes]),
+    Drawn(Vec<MergeNode<R::Bytes>>),
 }
 
 impl<R: Record> Side<'_, R> {
     #[inline]
     fn cell(&self, row: usize) -> MergeNode<R::Bytes> {
-        let Some(block) = &self.block else { return self.uniform };
-        let state = if block.bottom_state(row) == LEAF { NodeState::Leaf } else { NodeState::Void };
-        MergeNode { state, value: self.values[row], node: RunNode::default() }
+        match self {
+            Side::Uniform(node) => *node,
+            Side::Dense(block, values) => {
+                let state = if block.bottom_state(row) == LEAF { NodeState::Leaf } else { NodeState::Void };
+                MergeNode { state, value: values[row], record: 0 }
+            }
+            Side::Drawn(cells) => cells[row],
+        }
     }
+}
+
+/// Paints a node with so many levels below it to its place in a block of cells of `whole` levels; `None` if records contradict
+/// each other.
+fn paint<R: Record>(
+    records: &[R],
+    node: &MergeNode<R::Bytes>,
+    levels: u8,
+    (at, whole): ([usize; 3], u8),
+    cells: &mut [MergeNode<R::Bytes>],
+) -> Option<()> {
+    let side = 1usize << levels;
+    if node.state != NodeState::Inner {
+        let depth = if R::AXES > 2 { side } else { 1 };
+        for z in at[2]..at[2] + depth {
+            for y in at[1]..at[1] + side {
+                let row = ((z << whole | y) << whole) + at[0];
+                cells[row..row + side].fill(*node);
+            }
+        }
+        return Some(());
+    }
+    if levels == 0 {
+        return None;
+    }
+    if records.get(node.record as usize)?.is_dense() {
+        let block = dense_block(records, node.record as usize)?;
+        if block.levels != levels || !block.kind.is_leaves() {
+            return None;
+        }
+        for (index, value) in block.values_of::<R>(levels).iter().enumerate() {
+            let place = block.place(levels, index);
+            let [x, y, z] = std::array::from_fn(|axis| at[axis] + place[axis]);
+            let state = if block.bottom_state(index) == LEAF { NodeState::Leaf } else { NodeState::Void };
+            cells[((z << whole | y) << whole) + x] = MergeNode { state, value: *value, record: 0 };
+        }
+        return Some(());
+    }
+    for (step, child) in merge_children(records, node)?[..R::CHILDREN].iter().enumerate() {
+        let at = std::array::from_fn(|axis| at[axis] + (step >> axis & 1) * side / 2);
+        paint(records, child, levels - 1, (at, whole), cells)?;
+    }
+    Some(())
 }
 
 /// The children of a node, those of a uniform one like it. `None` if its record lies.
@@ -309,23 +349,9 @@ fn merge_children<R: Record>(records: &[R], node: &MergeNode<R::Bytes>) -> Optio
     if node.state != NodeState::Inner {
         return Some(children);
     }
-    let record = records.get(node.node.record as usize)?;
-    if record.is_dense() {
-        let mut below = RunChildren::default();
-        R::RECORD_LAYOUT.run_children(records.as_bytes(), node.node, &mut below)?;
-        for (child, below) in children.iter_mut().zip(below) {
-            let state = match below.state {
-                VOID => NodeState::Void,
-                LEAF => NodeState::Leaf,
-                INNER => NodeState::Inner,
-                _ => return None,
-            };
-            *child = MergeNode { state, value: from_value::<R>(below.value), node: below.node };
-        }
-        return Some(children);
-    }
-    let end = node.node.record + record.skip();
-    let mut next = node.node.record + 1;
+    let record = records.get(node.record as usize).filter(|record| !record.is_dense())?;
+    let end = node.record + record.skip();
+    let mut next = node.record + 1;
     for (i, child) in children[..R::CHILDREN].iter_mut().enumerate() {
         child.value = record.values()[i];
         match record.state(i) {
@@ -337,7 +363,7 @@ fn merge_children<R: Record>(records: &[R], node: &MergeNode<R::Bytes>) -> Optio
                     return None;
                 }
                 child.state = NodeState::Inner;
-                child.node = RunNode::of_record(next as usize);
+                child.record = next;
                 next += skip;
             }
         }

@@ -56,6 +56,12 @@ impl DenseKind {
         matches!(BOTTOM_STATES[self.0 as usize], Some((_, Some(_))))
     }
 
+    /// Whether no bottom node is cut off.
+    #[inline]
+    pub(crate) fn is_leaves(self) -> bool {
+        self == DenseKind::ALL_LEAF || self == DenseKind::LEAF_OR_VOID
+    }
+
     /// The kind with a number, if there is one.
     #[inline]
     pub(crate) fn from_number(number: u8) -> Option<DenseKind> {
@@ -275,10 +281,29 @@ impl<'r> DenseBlock<'r> {
         self.index(level, std::array::from_fn(|axis| place[axis] << 1 | step >> axis & 1))
     }
 
+    /// Shows the values of those bottom nodes that are LEAFs in a box: the first place, and places along each axis.
+    #[inline]
+    pub(crate) fn each_leaf_in<R: Record>(
+        &self,
+        (first, size): ([usize; 3], [usize; 3]),
+        mut leaf: impl FnMut(R::Bytes),
+    ) {
+        let values = self.values_of::<R>(self.levels);
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                let start = self.index(self.levels, [first[0], first[1] + y, first[2] + z]);
+                let row = start..start + size[0];
+                match self.kind {
+                    DenseKind::ALL_LEAF => values[row].iter().for_each(|value| leaf(*value)),
+                    _ => row.filter(|at| self.bottom_state(*at) == LEAF).for_each(|at| leaf(values[at])),
+                }
+            }
+        }
+    }
+
     /// The bottom nodes as cells; `None` if some of them are cut off.
     pub(crate) fn cells(&self) -> Option<CellBlock> {
-        let (first, second) = self.kind.states();
-        if first == CUT || second == Some(CUT) {
+        if !self.kind.is_leaves() {
             return None;
         }
         let values = self.values(self.levels).to_vec();
@@ -290,35 +315,78 @@ impl<'r> DenseBlock<'r> {
         Some(CellBlock { present, values })
     }
 
-    /// The states of all nodes below the root: of a level those that [`DenseStates::level`] has. Nodes below uniform ones are as these.
+    /// The states of all nodes below the root: of a level those that [`DenseStates::level`] has. Nodes below uniform ones are
+    /// as these. Much faster than asking for each.
     pub(crate) fn states<R: Record>(&self) -> DenseStates {
         let mut states = DenseStates::new(R::AXES as u8, self.levels);
-        let values = self.values_of::<R>(self.levels);
         let bottom = states.level_mut(self.levels);
         match self.mask() {
             None => bottom.fill(self.kind.states().0),
             Some(_) => (0..).zip(bottom).for_each(|(index, state)| *state = self.bottom_state(index)),
         }
+        // The first bottom value below each node stands for all, where these are alike.
+        let mut first: Vec<R::Bytes> = Vec::new();
         for level in (1..self.levels).rev() {
-            // The first bottom value below a node stands for all, where these are alike.
-            let up = self.levels - level;
-            for index in 0..1usize << (R::AXES * usize::from(level)) {
-                let corner = |child: usize| {
-                    let place = self.place(level + 1, child).map(|cell| cell << (up - 1));
-                    values[self.index(self.levels, place)]
-                };
-                let first = self.child(level + 1, index, 0);
-                let state = states.level(level + 1)[first];
-                let is_uniform = matches!(state, VOID | LEAF)
-                    && (1..R::CHILDREN).all(|step| {
-                        let child = self.child(level + 1, index, step);
-                        states.level(level + 1)[child] == state
-                            && (state == VOID || corner(child) == corner(first))
-                    });
-                states.level_mut(level)[index] = if is_uniform { state } else { INNER };
+            let values = if first.is_empty() { self.values_of::<R>(self.levels) } else { &first[..] };
+            let side = 1usize << level;
+            let depth = if R::AXES > 2 { side } else { 1 };
+            let mut above = Vec::with_capacity(side * side * depth);
+            let (upper, lower) = states.levels_mut(level);
+            for z in 0..depth {
+                for y in 0..side {
+                    let row = (z * side + y) * side;
+                    for x in 0..side {
+                        let corner = ((4 * z * side) + 2 * y) * 2 * side + 2 * x;
+                        let (state, value) = (lower[corner], values[corner]);
+                        let mut alike = state <= LEAF;
+                        for step in 1..R::CHILDREN {
+                            let child = corner
+                                + (step & 1)
+                                + (step >> 1 & 1) * 2 * side
+                                + (step >> 2) * 4 * side * side;
+                            alike &= lower[child] == state && (state == VOID || values[child] == value);
+                        }
+                        upper[row + x] = if alike { state } else { INNER };
+                        above.push(value);
+                    }
+                }
             }
+            first = above;
         }
         states
+    }
+
+    /// LEAF nodes (in the lower half) and INNER ones (in the upper half) of each level below the root.
+    pub(crate) fn nodes_per_level<R: Record>(&self) -> [u64; MAX_DENSE_LEVELS as usize + 1] {
+        let states = self.states::<R>();
+        let mut nodes = [0; MAX_DENSE_LEVELS as usize + 1];
+        for level in 1..=self.levels {
+            let here = states.level(level);
+            let side = 1usize << (level - 1);
+            let depth = if R::AXES > 2 { side } else { 1 };
+            let (mut leaves, mut inner) = (0u64, 0u64);
+            for z in 0..depth {
+                for y in 0..side {
+                    for x in 0..side {
+                        // (Nodes below uniform ones are none. The root is not among the states.)
+                        if level > 1 && states.level(level - 1)[(z * side + y) * side + x] != INNER {
+                            continue;
+                        }
+                        let corner = ((4 * z * side) + 2 * y) * 2 * side + 2 * x;
+                        for step in 0..R::CHILDREN {
+                            let child = corner
+                                + (step & 1)
+                                + (step >> 1 & 1) * 2 * side
+                                + (step >> 2) * 4 * side * side;
+                            leaves += u64::from(here[child] == LEAF);
+                            inner += u64::from(here[child] == INNER);
+                        }
+                    }
+                }
+            }
+            nodes[usize::from(level)] = leaves | inner << 32;
+        }
+        nodes
     }
 }
 
@@ -346,6 +414,13 @@ impl DenseStates {
     #[inline]
     pub(crate) fn level(&self, level: u8) -> &[u8] {
         &self.states[self.range(level)]
+    }
+
+    /// The states of a level, and those of the next one.
+    fn levels_mut(&mut self, level: u8) -> (&mut [u8], &mut [u8]) {
+        let (upper, lower) = (self.range(level), self.range(level + 1));
+        let (above, below) = self.states.split_at_mut(lower.start);
+        (&mut above[upper], &mut below[..lower.len()])
     }
 
     #[inline]

@@ -3,7 +3,7 @@
 use super::dense::{DenseBlock, dense_block};
 use super::level_counts::LevelCounts;
 use super::record::{
-    CUT, FOUR_STATES, INNER, LEAF, LOW_STATE_BITS, Record, RecordLayout, VOID, state_of, with_record_type,
+    FOUR_STATES, INNER, LEAF, LOW_STATE_BITS, Record, RecordLayout, state_of, with_record_type,
 };
 
 /// The records of a subtree contradict each other.
@@ -90,8 +90,7 @@ pub(crate) fn each_record<R: Record>(
 #[inline(never)]
 fn dense_to_cells<R: Record>(records: &[R], at: usize, levels: usize) -> Option<DenseBlock<'_>> {
     let block = dense_block(records, at)?;
-    let (first, second) = block.kind.states();
-    (usize::from(block.levels) == levels && first != CUT && second != Some(CUT)).then_some(block)
+    (usize::from(block.levels) == levels && block.kind.is_leaves()).then_some(block)
 }
 
 /// The states of all children, and nothing else.
@@ -206,17 +205,8 @@ fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MAX_LEV
     each_record(records, levels, |level, record, block| match block {
         None => sums[usize::from(level)] += leaf_inner_counts(record),
         Some(block) => {
-            let states = block.states::<R>();
-            for below in 1..=block.levels {
-                for (index, state) in states.level(below).iter().enumerate() {
-                    // (Nodes below uniform ones are none.)
-                    let place = block.place(below, index).map(|cell| cell >> 1);
-                    let is_node =
-                        below == 1 || states.level(below - 1)[block.index(below - 1, place)] == INNER;
-                    if is_node && *state != VOID {
-                        sums[usize::from(level + below - 1)] += if *state == INNER { 1 << 32 } else { 1 };
-                    }
-                }
+            for (below, nodes) in (0..).zip(block.nodes_per_level::<R>()).skip(1) {
+                sums[usize::from(level) + below as usize - 1] += nodes;
             }
         }
     })?;
