@@ -55,18 +55,19 @@ def pinned(command):
     return ["taskset", "-c", str(min(os.sched_getaffinity(0))), *map(str, command)]
 
 
-def listed(path, name, count=4000):
+def listed(path, name, count=4000, aligned=True):
     """Writes windows at random places of random levels that the COG has, one list for both."""
     with rasterio.open(path) as file:
         sizes = [(file.width, file.height)]
         sizes += [(-(-file.width // factor), -(-file.height // factor)) for factor in file.overviews(1)]
     levels = [up for up, size in enumerate(sizes) if min(size) >= 256]
     random.seed(1)
-    places = WORK / f"{name}.windows"
+    places = WORK / f"{name}{'' if aligned else '.unaligned'}.windows"
     with open(places, "w") as out:
         for _ in range(count):
             up = random.choice(levels)
-            column, row = (random.randrange(side // 256) * 256 for side in sizes[up])
+            column, row = (random.randrange(side // 256) * 256 if aligned else random.randrange(side - 255)
+                           for side in sizes[up])
             out.write(f"{up} {column} {row}\n")
     return places
 
@@ -163,4 +164,5 @@ def main():
     print("```\n" + "".join(texts) + "```")
 
 
-main()
+if __name__ == "__main__":
+    main()
