@@ -7,7 +7,8 @@ use crate::Progress;
 use crate::Result;
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PointSamples, Statistics, source_find, source_histogram, source_statistics,
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, autumnal_histogram, source_find,
+    source_histogram, source_statistics,
 };
 #[cfg(feature = "raster")]
 use crate::query::{PixelGrid, PixelSums};
@@ -177,7 +178,7 @@ impl Dataset {
     pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
         match self.reader() {
             Reader::Goblin(file) => file.histogram(bounds, low, high, bins),
-            Reader::Autumnal(file) => source_histogram(file, bounds, (low, high), bins),
+            Reader::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins),
             Reader::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins),
         }
     }

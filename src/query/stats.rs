@@ -3,13 +3,15 @@
 
 use crate::Result;
 use crate::space::{Bounds, Code};
+use crate::store::autumnal::Autumnal;
 use crate::store::container::subtree::BadSkip;
 use crate::store::goblin::Goblin;
-use crate::tree::{Form, Source};
+use crate::tree::{Child, Form, Source};
 use crate::value::{Sums, Tally, Value};
 
 use super::classes::{Classes, tally_of_classes};
 use super::count::{Count, counter_of};
+use super::folded::walk_folded;
 use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 
 /// Statistics of the cells of a box that are not VOID.
@@ -69,8 +71,27 @@ pub(crate) fn source_statistics<S: Source>(
     Ok(gather.finish(bounds.volume()))
 }
 
+/// [`Goblin::statistics`] of an Autumnal file.
+pub(crate) fn autumnal_statistics(file: &Autumnal, bounds: &Bounds) -> Result<Statistics> {
+    let (header, volume) = (file.header(), bounds.volume());
+    let counts_classes = header.counts_classes();
+    // All of the picture is all of the tree, however many nodes that has.
+    if *bounds == header.picture()
+        && let Child::Inner { node, .. } = file.root_child()
+        && let Some(tally) = file.tally(&node)?
+    {
+        return Ok(tally_statistics(tally, volume, counts_classes));
+    }
+    if !file.is_folded()? {
+        return source_statistics(file, bounds, counts_classes);
+    }
+    let mut gather = Gather::new(header.form, counts_classes);
+    walk_folded(file, bounds, &mut gather)?;
+    Ok(gather.finish(volume))
+}
+
 /// Statistics of all cells of a tally, of a box of so many cells.
-pub(crate) fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistics {
+fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistics {
     let tally = if count_classes { tally_of_classes(tally.value_type, tally.classes) } else { tally };
     summary(&tally, volume, 0)
 }

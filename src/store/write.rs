@@ -3,7 +3,7 @@
 use std::mem;
 
 use super::builder::{BuildOptions, Builder, Fill, ReusableSource, Slab, Slabs, TreeSink, walk};
-use super::container::{Metadata, TreeFormat};
+use super::container::{Metadata, RecordLayout, TreeFormat};
 use super::{autumnal, goblin};
 use crate::io::Output;
 use crate::parallel;
@@ -130,6 +130,25 @@ pub fn build_source(
     progress: &dyn Progress,
 ) -> Result<Tally> {
     build(&CodedSource(source), extent, options, output, progress)
+}
+
+/// Bytes that a tree of so many INNER nodes has at least in the format that a name asks for: a record for each of them,
+/// and nothing for LEAFs. Of what stores equal subtrees once nothing is known.
+fn least_bytes(format: TreeFormat, form: Form, share: bool, records: u64) -> u64 {
+    let record = match format {
+        _ if share => 0,
+        TreeFormat::Goblin => RecordLayout::new(form).size as u64,
+        TreeFormat::Autumnal => autumnal::least_record(form),
+    };
+    records.saturating_mul(record)
+}
+
+/// Makes sure that there is room for a tree of so many INNER nodes, by an estimate.
+///
+/// # Errors
+/// If there is none: see [`Output::check_room`].
+pub(crate) fn check_room(output: &Output, form: Form, share: bool, records: u64) -> Result<()> {
+    output.check_room(least_bytes(TreeFormat::of(output.path()), form, share, records))
 }
 
 /// A source of users of the library: an object, so that they do not compile the builder.

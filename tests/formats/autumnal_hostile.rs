@@ -145,6 +145,17 @@ pub(super) fn encoded(document: impl Serialize) -> Vec<u8> {
 
 /// A file with these records, right in everything else. `previous` is where the commit before is said to be.
 fn crafted(depth: u8, records: &[u8], root: u64, previous: u64) -> Vec<u8> {
+    crafted_as(depth, records, (1, root), previous, (0, 0))
+}
+
+/// A file with these records, a root with a representative, and totals of cells and INNER nodes.
+fn crafted_as(
+    depth: u8,
+    records: &[u8],
+    (representative, root): (u8, u64),
+    previous: u64,
+    (cells, inner): (u64, u64),
+) -> Vec<u8> {
     let (original, _) = two_commits();
     let mut file = page(depth);
     extent(&mut file, 0, records);
@@ -155,8 +166,8 @@ fn crafted(depth: u8, records: &[u8], root: u64, previous: u64) -> Vec<u8> {
     let metadata = extent(&mut file, 2, &original[at + HEAD..][..length]);
     let note = (None::<i64>, String::new(), String::new());
     let written = (0u64, 0u64, 0u64, 0u64);
-    let root = (2u8, vec![1u8], root);
-    let commit = (1u64, note, 0u64, 0u64, written, 1u64, root, metadata, previous, (0u64, 0u64));
+    let root = (2u8, vec![representative], root);
+    let commit = (1u64, note, cells, inner, written, 1u64, root, metadata, previous, (0u64, 0u64));
     let commit = extent(&mut file, 1, &encoded((1u32, commit)));
     let end = file.len() as u64;
     let mut slot = b"AutuMeta".to_vec();
@@ -268,13 +279,19 @@ fn leb128(mut number: u128) -> Vec<u8> {
 }
 
 /// A tree of some depth all of whose nodes of a level are one record. Zones claim what `records` says of a height.
-fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
+pub(super) fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
+    folded_of(depth, [1, 2, 2, 3], records)
+}
+
+/// A tree as [`folded`] makes it of four cells, of which two are 2, one is 1 and one 3.
+pub(super) fn folded_of(depth: u8, cells_of_four: [u8; 4], records: impl Fn(u8) -> u128) -> Vec<u8> {
     let mut bytes: Vec<u8> = Vec::new();
     let mut below = 0;
     for height in 1..=depth {
         let at = bytes.len();
         if height == 1 {
-            bytes.extend([0x55, 2, 1, 2, 2, 3]);
+            bytes.extend([0x55, 2]);
+            bytes.extend(cells_of_four);
         } else {
             let back = (at - below) as u16;
             bytes.extend([0xAA, 2]);
@@ -296,11 +313,12 @@ fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
         }
         below = at;
     }
-    crafted(depth, &bytes, FIRST + below as u64, 0)
+    let totals = (1 << (2 * depth), u64::try_from(records(depth)).unwrap_or(0));
+    crafted_as(depth, &bytes, (2, FIRST + below as u64), 0, totals)
 }
 
 /// Records of a full tree.
-fn full(height: u8) -> u128 {
+pub(super) fn full(height: u8) -> u128 {
     ((1 << (2 * u32::from(height))) - 1) / 3
 }
 

@@ -22,8 +22,10 @@ mod autumnal_machine;
 #[cfg(unix)]
 mod autumnal_processes;
 mod codes;
+mod counted;
 mod faults;
 mod fixtures;
+mod folded;
 mod formats_md;
 mod frozen;
 mod fuzz_corpus;

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::append::{Appender, NewRecord};
 use super::commit::Root;
+use super::copied::Copied;
 use super::reader::{Autumnal, Node};
 use super::verified::Verified;
 use super::zone::{Zone, zone_height};
@@ -60,6 +61,7 @@ impl<'a> Check<'a> {
 }
 
 /// A node and all that is below it, which is in the file.
+#[derive(Clone)]
 pub(super) struct BuiltNode {
     /// INNER nodes have the address of their record.
     pub(super) child: Child<u64>,
@@ -80,6 +82,8 @@ pub(super) struct RecordBuilder<'a> {
     /// A commit of another file with the same tree as the base: what is known to be in one is in the other,
     /// too.
     twin: Option<&'a Autumnal>,
+    /// Where equal subtrees are stored once: nodes of other files that are in this one already.
+    copied: Option<Copied>,
     siblings: Siblings<BuiltNode>,
     root: Option<BuiltNode>,
 }
@@ -97,6 +101,7 @@ impl<'a> RecordBuilder<'a> {
         base: Option<&'a Autumnal>,
         twin: Option<&'a Autumnal>,
     ) -> RecordBuilder<'a> {
+        let shares = matches!(&mode, Mode::Write(appender) if appender.shares());
         RecordBuilder {
             form,
             block_layout: RecordLayout::new(form),
@@ -106,6 +111,7 @@ impl<'a> RecordBuilder<'a> {
             mode,
             base,
             twin,
+            copied: shares.then(|| Copied::new(options.memory / 8)),
             siblings: Siblings::new(form.dimension, options.depth, covered),
             root: None,
         }
@@ -123,7 +129,11 @@ impl<'a> RecordBuilder<'a> {
     fn join(&mut self, code: Code, node: BuiltNode) -> Result<()> {
         let value_type = self.form.value;
         let (mut code, mut node) = (code, node);
-        while let Some(parent) = code.parent() {
+        loop {
+            if let Some(copied) = &mut self.copied {
+                copied.made(code, &node);
+            }
+            let Some(parent) = code.parent() else { break };
             let zone = || Zone { records: 0, tally: Tally::void(value_type) };
             let void = |_| BuiltNode { child: Child::Void, zone: zone() };
             let step = code.step(parent.level());
@@ -283,6 +293,20 @@ impl TreeSink for RecordBuilder<'_> {
     }
 
     fn keep(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
+        if self.keep_own(code, kept)? {
+            return Ok(true);
+        }
+        let Some(copy) = self.copied.as_mut().and_then(|copied| copied.find(code, kept)) else {
+            return Ok(false);
+        };
+        self.join(code, copy)?;
+        Ok(true)
+    }
+}
+
+impl RecordBuilder<'_> {
+    /// Keeps a node of the file itself, or one of which it is known where it is in the file.
+    fn keep_own(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
         let Some(base) = self.base else { return Ok(false) };
         let node = Node { address: kept.address, height: kept.height };
         let node = if kept.file == base.archive.file {

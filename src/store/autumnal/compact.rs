@@ -6,7 +6,7 @@ use super::commit::Commit;
 use super::editor::Editor;
 use super::history::History;
 use super::reader::Autumnal;
-use super::write::backend;
+use super::write::{backend, least_record};
 use crate::io::Output;
 use crate::store::builder::{BuildOptions, TreeSink, walk};
 use crate::store::container::OpenOptions;
@@ -60,6 +60,11 @@ pub fn compact(
     let commits = keep.of(&history)?;
     let header = history.header().clone();
     let share = share || history.is_shared();
+    // (What commits have in common is written once.)
+    for commit in commits.iter().filter(|_| !share) {
+        let tree = Autumnal::new(history.archive.clone(), commit.clone())?;
+        output.check_room(tree.claimed_records()?.saturating_mul(least_record(header.form)))?;
+    }
     let mut made = Vec::new();
     // The commit that was written last: what a commit has in common with it is in the new file.
     let mut before: Option<Autumnal> = None;

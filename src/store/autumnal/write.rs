@@ -1,10 +1,13 @@
 //! Makes a new file of the parts of a tree.
 
+use super::archive::pointer_bytes;
 use super::commit::Note;
 use super::editor::Editor;
+use super::layout::PointeredLayout;
 use crate::io::{FileBackend, Output};
 use crate::store::builder::{BuildOptions, Fill};
 use crate::store::container::{Header, LevelCounts, Metadata};
+use crate::tree::Form;
 use crate::value::Tally;
 use crate::{Error, Result};
 
@@ -30,6 +33,12 @@ pub(in crate::store) fn write(
     drop(editor);
     output.commit()?;
     Ok(tally)
+}
+
+/// Bytes of the shortest record of files that do not store equal subtrees once, and of the pointer to it.
+pub(in crate::store) fn least_record(form: Form) -> u64 {
+    let (relative, absolute) = pointer_bytes(false);
+    PointeredLayout::new(form, relative, absolute).head_size() as u64 + u64::from(relative)
 }
 
 /// The output as something to be written in any order.
