@@ -23,6 +23,7 @@ mod newest;
 mod reader;
 mod recover;
 mod remembered;
+mod sectors;
 mod share;
 mod verified;
 mod verify;
