@@ -156,7 +156,7 @@ impl Dataset {
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
         match self.reader() {
             Reader::View(viewed) => viewed.may_have_void(&bounds),
-            _ => Ok(self.statistics(Some(bounds))?.cells < bounds.volume()),
+            _ => Ok(self.file().totals(Some(bounds))?.cells < bounds.volume()),
         }
     }
 
@@ -166,7 +166,7 @@ impl Dataset {
     /// If the file is damaged there.
     pub fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
         // No view has values beyond its file's.
-        let statistics = self.file().statistics(None)?;
+        let statistics = self.file().totals(None)?;
         Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
     }
 

@@ -254,7 +254,7 @@ impl Derivation {
             None => self.provenance,
         });
         let before: Result<Vec<u64>> =
-            views.iter().map(|view| Ok(view.source().statistics(None)?.cells)).collect();
+            views.iter().map(|view| Ok(view.source().totals(None)?.cells)).collect();
         let before = before?;
         let mut source = Combined::new(views, self.operation, extent)?;
         if let Some(universe) = universe {

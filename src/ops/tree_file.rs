@@ -220,12 +220,23 @@ impl TreeFile {
     /// # Errors
     /// If the file is damaged there.
     pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
-        let counts_classes = self.header().counts_classes();
+        self.statistics_with(bounds, self.header().counts_classes())
+    }
+
+    /// Cells and channels of a box, as [`TreeFile::statistics`] has them, without classes: these may take longer.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub(crate) fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        self.statistics_with(bounds, false)
+    }
+
+    fn statistics_with(&self, bounds: Option<Bounds>, count_classes: bool) -> Result<Statistics> {
         let bounds = self.header().within_picture(bounds);
         match self {
-            TreeFile::Goblin(file) => file.statistics(Some(bounds)),
-            TreeFile::Autumnal(file) => autumnal_statistics(file, &bounds),
-            TreeFile::Patched(_) | TreeFile::Memory(_) => source_statistics(self, &bounds, counts_classes),
+            TreeFile::Goblin(file) => file.statistics_with(Some(bounds), count_classes),
+            TreeFile::Autumnal(file) => autumnal_statistics(file, &bounds, count_classes),
+            TreeFile::Patched(_) | TreeFile::Memory(_) => source_statistics(self, &bounds, count_classes),
         }
     }
 

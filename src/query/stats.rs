@@ -49,12 +49,17 @@ impl Goblin {
     /// # Errors
     /// If the file is damaged there.
     pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        self.statistics_with(bounds, self.header().counts_classes())
+    }
+
+    /// [`Goblin::statistics`] with or without classes, for which more of the file is read where there are very many.
+    pub(crate) fn statistics_with(&self, bounds: Option<Bounds>, count_classes: bool) -> Result<Statistics> {
         let header = self.header();
         let picture = header.picture();
         let bounds = header.within_picture(bounds);
         // A box that has the whole picture has the whole tree: the rest is VOID.
         let space = Bounds::space(header.form.dimension, header.depth());
-        let mut gather = Gather::new(header.form, header.counts_classes());
+        let mut gather = Gather::new(header.form, count_classes);
         ended(walk(self, if bounds == picture { &space } else { &bounds }, &mut gather))?;
         Ok(gather.finish(bounds.volume()))
     }
@@ -71,14 +76,18 @@ pub(crate) fn source_statistics<S: Source>(
     Ok(gather.finish(bounds.volume()))
 }
 
-/// [`Goblin::statistics`] of an Autumnal file.
-pub(crate) fn autumnal_statistics(file: &Autumnal, bounds: &Bounds) -> Result<Statistics> {
+/// [`Goblin::statistics`] of an Autumnal file, with or without classes.
+pub(crate) fn autumnal_statistics(
+    file: &Autumnal,
+    bounds: &Bounds,
+    counts_classes: bool,
+) -> Result<Statistics> {
     let (header, volume) = (file.header(), bounds.volume());
-    let counts_classes = header.counts_classes();
     // All of the picture is all of the tree, however many nodes that has.
     if *bounds == header.picture()
         && let Child::Inner { node, .. } = file.root_child()
         && let Some(tally) = file.tally(&node)?
+        && !(counts_classes && tally.lacks_classes())
     {
         return Ok(tally_statistics(tally, volume, counts_classes));
     }
@@ -146,8 +155,7 @@ impl Gather {
 
 impl Visitor for Gather {
     fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
-        self.count.zone(zone)?;
-        Ok(true)
+        Ok(self.count.zone(zone)?)
     }
 
     #[inline]

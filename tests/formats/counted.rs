@@ -14,7 +14,6 @@ use spinney::store::autumnal::Editor;
 #[derive(Default)]
 pub(super) struct Work {
     reads: AtomicU64,
-    read: AtomicU64,
     written: AtomicU64,
 }
 
@@ -22,11 +21,6 @@ impl Work {
     /// Number of reads.
     pub(super) fn reads(&self) -> u64 {
         self.reads.load(Ordering::Relaxed)
-    }
-
-    /// Bytes that were read.
-    pub(super) fn read(&self) -> u64 {
-        self.read.load(Ordering::Relaxed)
     }
 
     /// Bytes that were written.
@@ -44,20 +38,21 @@ impl Work {
 
 /// A file in memory whose uses are counted.
 struct Counted {
-    bytes: Arc<Mutex<Arc<Vec<u8>>>>,
+    bytes: Arc<Mutex<Vec<u8>>>,
     work: Arc<Work>,
     id: FileId,
 }
 
-/// What is in it at some time.
+/// What is in it, up to where it ended at some time: nothing is written over but the meta slots.
 struct Snapshot {
-    bytes: Arc<Vec<u8>>,
+    bytes: Arc<Mutex<Vec<u8>>>,
+    len: u64,
     work: Arc<Work>,
 }
 
 impl ReadBackend for Snapshot {
     fn len(&self) -> u64 {
-        self.bytes.len() as u64
+        self.len
     }
 
     fn bytes(&self) -> Option<&[u8]> {
@@ -66,8 +61,7 @@ impl ReadBackend for Snapshot {
 
     fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
         self.work.reads.fetch_add(1, Ordering::Relaxed);
-        self.work.read.fetch_add(length as u64, Ordering::Relaxed);
-        Ok(Cow::Borrowed(&self.bytes[offset as usize..][..length]))
+        Ok(Cow::Owned(self.bytes.lock().unwrap()[offset as usize..][..length].to_vec()))
     }
 }
 
@@ -75,9 +69,9 @@ impl WriteBackend for Counted {
     fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
         self.work.written.fetch_add(bytes.len() as u64, Ordering::Relaxed);
         let mut file = self.bytes.lock().unwrap();
-        let file = Arc::make_mut(&mut file);
         let end = offset as usize + bytes.len();
-        file.resize(file.len().max(end), 0);
+        let length = file.len().max(end);
+        file.resize(length, 0);
         file[offset as usize..end].copy_from_slice(bytes);
         Ok(())
     }
@@ -87,7 +81,8 @@ impl WriteBackend for Counted {
     }
 
     fn reader(&self) -> Result<Box<dyn ReadBackend>> {
-        Ok(Box::new(Snapshot { bytes: self.bytes.lock().unwrap().clone(), work: self.work.clone() }))
+        let len = self.bytes.lock().unwrap().len() as u64;
+        Ok(Box::new(Snapshot { bytes: self.bytes.clone(), len, work: self.work.clone() }))
     }
 
     fn id(&self) -> FileId {
@@ -95,10 +90,33 @@ impl WriteBackend for Counted {
     }
 }
 
-/// Opens the bytes of an Autumnal file to be read and edited, all by positioned reads, and counts them.
-pub(super) fn editor(bytes: Vec<u8>) -> (Editor, Arc<Work>) {
-    let work = Arc::<Work>::default();
-    let bytes = Arc::new(Mutex::new(Arc::new(bytes)));
-    let backend = Counted { bytes, work: work.clone(), id: FileId::unique() };
-    (Editor::on(Box::new(backend), Path::new("(counted)"), 1 << 24).unwrap(), work)
+/// An Autumnal file in memory, open to be read and edited, and the work that is done with it.
+pub(super) struct CountedFile {
+    pub(super) editor: Editor,
+    pub(super) work: Arc<Work>,
+    bytes: Arc<Mutex<Vec<u8>>>,
+}
+
+impl CountedFile {
+    /// Opens the bytes of a file.
+    pub(super) fn new(bytes: Vec<u8>) -> CountedFile {
+        let (work, bytes) = (Arc::<Work>::default(), Arc::new(Mutex::new(bytes)));
+        let editor = editor(&bytes, &work);
+        CountedFile { editor, work, bytes }
+    }
+
+    /// Opens it anew.
+    pub(super) fn reopen(&mut self) {
+        self.editor = editor(&self.bytes, &self.work);
+    }
+
+    /// All bytes.
+    pub(super) fn bytes(&self) -> Vec<u8> {
+        self.bytes.lock().unwrap().clone()
+    }
+}
+
+fn editor(bytes: &Arc<Mutex<Vec<u8>>>, work: &Arc<Work>) -> Editor {
+    let backend = Counted { bytes: bytes.clone(), work: work.clone(), id: FileId::unique() };
+    Editor::on(Box::new(backend), Path::new("(counted)"), 1 << 24).unwrap()
 }

@@ -15,7 +15,7 @@ use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Keep, compact};
 
 use super::autumnal_hostile::{folded, folded_of, full};
-use super::counted;
+use super::counted::CountedFile;
 use crate::common::{QUAD, Random, byte, made};
 
 /// Reads that any question about all of the tree may take: some for each of the records on the way, of which there is one
@@ -35,7 +35,7 @@ fn dataset(bytes: Vec<u8>) -> Dataset {
 #[test]
 fn questions_take_the_work_of_the_records() {
     for depth in [12, 18, 29] {
-        let (editor, work) = counted::editor(folded(depth, full));
+        let CountedFile { editor, work, .. } = &CountedFile::new(folded(depth, full));
         let tree = Dataset::of(editor.tree().into()).unwrap();
         let side = 1u64 << depth;
         let cells = side * side;
@@ -63,6 +63,16 @@ fn questions_take_the_work_of_the_records() {
         let (findings, reads) = work.of(|| tree.verify(1 << 20, &()).unwrap());
         assert!(reads < 2_000_000, "verify: {reads}");
         assert_eq!(findings, []);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_record_is_found_once() {
+    // Zones that tell of other cells.
+    for depth in [12, 29] {
+        let tree = dataset(folded_of(depth, [1, 2, 2, 2], full));
+        let findings = tree.verify(1 << 20, &()).unwrap();
+        assert!((1..=40).contains(&findings.len()), "{findings:?}");
     }
 }
 

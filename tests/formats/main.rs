@@ -21,6 +21,7 @@ mod autumnal_imitations;
 mod autumnal_machine;
 #[cfg(unix)]
 mod autumnal_processes;
+mod classes;
 mod codes;
 mod counted;
 mod faults;

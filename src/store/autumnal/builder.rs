@@ -82,7 +82,10 @@ pub(super) struct RecordBuilder<'a> {
     /// A commit of another file with the same tree as the base: what is known to be in one is in the other,
     /// too.
     twin: Option<&'a Autumnal>,
-    /// Where equal subtrees are stored once: nodes of other files that are in this one already.
+    /// Whether equal subtrees are stored once.
+    shares: bool,
+    /// Nodes that were made of others already: of those of other files where equal subtrees are stored once, and of the
+    /// file's own that had to be made anew.
     copied: Option<Copied>,
     siblings: Siblings<BuiltNode>,
     root: Option<BuiltNode>,
@@ -102,6 +105,8 @@ impl<'a> RecordBuilder<'a> {
         twin: Option<&'a Autumnal>,
     ) -> RecordBuilder<'a> {
         let shares = matches!(&mode, Mode::Write(appender) if appender.shares());
+        // Majorities are made of the counts of all classes, which large nodes that are kept may not list.
+        let must_count = options.rule == Rule::Majority && base.is_some();
         RecordBuilder {
             form,
             block_layout: RecordLayout::new(form),
@@ -111,7 +116,8 @@ impl<'a> RecordBuilder<'a> {
             mode,
             base,
             twin,
-            copied: shares.then(|| Copied::new(options.memory / 8)),
+            shares,
+            copied: (shares || must_count).then(|| Copied::new(options.memory / 8)),
             siblings: Siblings::new(form.dimension, options.depth, covered),
             root: None,
         }
@@ -147,7 +153,7 @@ impl<'a> RecordBuilder<'a> {
 
     /// The parent of these nodes, which are all its children in order.
     fn merge(&mut self, code: Code, nodes: &[BuiltNode]) -> Result<BuiltNode> {
-        let tally = Tally::merge(&nodes.iter().map(|node| &node.zone.tally).collect::<Vec<_>>());
+        let mut tally = Tally::merge(&nodes.iter().map(|node| &node.zone.tally).collect::<Vec<_>>());
         let mut children = no_children();
         let children = &mut children[..nodes.len()];
         for (child, node) in children.iter_mut().zip(nodes) {
@@ -160,6 +166,7 @@ impl<'a> RecordBuilder<'a> {
         let height = self.depth - code.level();
         let cells = self.form.dimension.cells(height);
         let representative = representative_of(self.rule, children.iter().copied(), &tally, cells);
+        tally.keep_listed_for(self.rule);
         // (Zones that were kept are those of a file, and may lie.)
         let records = nodes.iter().fold(1u64, |sum, node| sum.saturating_add(node.zone.records));
         let zone = Zone { records, tally };
@@ -202,6 +209,10 @@ impl<'a> RecordBuilder<'a> {
                 let place = format!("node {code}");
                 let problem = "its record, or its zone, is not what the leaves below make it";
                 check.findings.push(Finding { place, problem: problem.into() });
+                // (Once for all nodes that it stands for.)
+                if let Some(old) = old.filter(|_| !record.zone.is_empty()) {
+                    check.verified.insert(old);
+                }
                 // So that the nodes above are not found to be wrong for no other reason than this one.
                 Ok(old.map_or(0, |old| old.address))
             }
@@ -276,7 +287,9 @@ fn is_same(base: &Autumnal, old: Node, new: NewRecord<'_>) -> Result<bool> {
 
 impl TreeSink for RecordBuilder<'_> {
     fn push(&mut self, (part, sealed, _): BuiltBlock) -> Result<()> {
-        let zone = Zone { records: part.total, tally: part.tally };
+        let mut tally = part.tally;
+        tally.keep_listed_for(self.rule);
+        let zone = Zone { records: part.total, tally };
         let child = match part.child {
             Child::Void => Child::Void,
             Child::Leaf(value) => Child::Leaf(value),
@@ -296,9 +309,9 @@ impl TreeSink for RecordBuilder<'_> {
         if self.keep_own(code, kept)? {
             return Ok(true);
         }
-        let Some(copy) = self.copied.as_mut().and_then(|copied| copied.find(code, kept)) else {
-            return Ok(false);
-        };
+        let is_own = self.base.is_some_and(|base| base.archive.file == kept.file);
+        let copied = self.copied.as_mut().filter(|_| self.shares || is_own);
+        let Some(copy) = copied.and_then(|copied| copied.find(code, kept)) else { return Ok(false) };
         self.join(code, copy)?;
         Ok(true)
     }
@@ -322,7 +335,15 @@ impl RecordBuilder<'_> {
         };
         // What has no zone is smaller than a block: it is built anew, and found to be there.
         let Some(node) = node else { return Ok(false) };
+        if let Mode::Check(check) = &self.mode
+            && !check.verified.contains(node)
+        {
+            return Ok(false);
+        }
         let Some(zone) = base.zone(node)? else { return Ok(false) };
+        if self.rule == Rule::Majority && zone.tally.lacks_classes() {
+            return Ok(false);
+        }
         let child = Child::Inner { representative: base.representative(node.address)?, node: node.address };
         self.join(code, BuiltNode { child, zone })?;
         Ok(true)

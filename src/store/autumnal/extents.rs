@@ -206,7 +206,8 @@ impl Extents {
         if self.check {
             self.check_payload(&extent)?;
         }
-        (extent.start / SECTOR..extent.end().div_ceil(SECTOR)).for_each(|sector| self.verified.insert(sector));
+        (extent.start / SECTOR..extent.end().div_ceil(SECTOR))
+            .for_each(|sector| self.verified.insert(sector));
         Ok(())
     }
 
@@ -237,8 +238,7 @@ impl Extents {
             start -= SECTOR;
         };
         let is_inside = (extent.payload_start()..extent.end()).contains(&address);
-        let is_good =
-            extent.kind == ExtentKind::Records as u8 && is_inside && extent.length <= MAX_WHOLE;
+        let is_good = extent.kind == ExtentKind::Records as u8 && is_inside && extent.length <= MAX_WHOLE;
         if is_good { Ok(extent) } else { Err(outside()) }
     }
 

@@ -53,7 +53,7 @@ mod tests {
     fn the_smallest_nodes_are_forgotten_first() {
         let bytes = 2 * (size_of::<(u64, u8)>() as u64 + 1) + 100;
         let mut known = Remembered::new(10 * bytes);
-        (0..8).for_each(|key| known.insert(3, key, 1u8, 100));
+        (0..8u64).for_each(|key| known.insert(3, key, 1u8, 100));
         (0..4).for_each(|key| known.insert(5, key, 2, 100));
         assert_eq!((known.get(3, &0), known.get(3, &7), known.get(5, &0)), (None, None, Some(&2)));
         // Smaller ones find what room is left, and no more.

@@ -58,7 +58,8 @@ mod tests {
     #[test]
     fn sectors_are_told_apart_and_take_room_where_they_are() {
         let sectors = Sectors::new(MOST_BYTES);
-        let some = [0, 1, 63, 64, REGION - 1, REGION, REGION * ROW - 1, REGION * ROW, MOST_BYTES / SECTOR - 1];
+        let some =
+            [0, 1, 63, 64, REGION - 1, REGION, REGION * ROW - 1, REGION * ROW, MOST_BYTES / SECTOR - 1];
         for (index, sector) in some.iter().enumerate() {
             assert!(some[index..].iter().all(|sector| !sectors.contains(*sector)), "{sector}");
             sectors.insert(*sector);

@@ -1,4 +1,4 @@
-//! Nodes that were found to be good, so that what commits, or parts of a tree, have in common is looked at once.
+//! Nodes that were looked at, so that what commits, or parts of a tree, have in common is looked at once.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -9,8 +9,7 @@ use crate::store::builder::{RecordRef, ReusableSource};
 use crate::tree::{CellBlock, Child, Children, Form, Source};
 use crate::value::Tally;
 
-/// Nodes with zones that were found to be good, with all that is below them. Those for which there is no room are looked
-/// at again.
+/// Nodes with zones that were looked at, with all that is below them. Those for which there is no room are looked at again.
 pub(super) struct Verified(Mutex<Remembered<u64, ()>>);
 
 impl Verified {
@@ -27,15 +26,14 @@ impl Verified {
         self.nodes().insert(node.height, node.address, (), 0);
     }
 
-    fn contains(&self, node: Node) -> bool {
+    pub(super) fn contains(&self, node: Node) -> bool {
         self.nodes().get(node.height, &node.address).is_some()
     }
 }
 
-/// A tree as a source of which only what was not verified yet is looked at.
+/// A tree as a source each record of which is looked at once, so that it may have any number of nodes.
 pub(super) struct Unverified<'a> {
     pub(super) tree: &'a Autumnal,
-    pub(super) verified: &'a Verified,
 }
 
 impl Source for Unverified<'_> {
@@ -73,6 +71,6 @@ impl Source for Unverified<'_> {
 
 impl ReusableSource for Unverified<'_> {
     fn kept(&self, node: &Node) -> Option<RecordRef> {
-        if self.verified.contains(*node) { self.tree.kept(node) } else { None }
+        self.tree.kept(node)
     }
 }

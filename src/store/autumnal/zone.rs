@@ -17,6 +17,9 @@ pub(super) const fn zone_height(dimension: Dimension) -> u8 {
     }
 }
 
+/// Number of classes of a zone that has too many to list them.
+const NOT_COUNTED: u64 = u32::MAX as u64;
+
 /// A zone.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Zone {
@@ -55,8 +58,9 @@ impl Zone {
             }
         }
         if with_classes {
-            put(&mut bytes, tally.classes.len() as u128);
-            for (value, cells) in &tally.classes {
+            let listed = tally.listed_classes();
+            put(&mut bytes, listed.map_or(NOT_COUNTED, |classes| classes.len() as u64).into());
+            for (value, cells) in listed.into_iter().flatten() {
                 bytes.extend_from_slice(&value.to_bytes()[..width]);
                 put(&mut bytes, u128::from(*cells));
             }
@@ -102,6 +106,9 @@ impl Zone {
         }
         if with_classes {
             let count = get_u64(rest)?;
+            if count == NOT_COUNTED && cells > 0 {
+                return Ok(Zone { records, tally });
+            }
             if count > cells {
                 return Err(BadZone::Wrong);
             }

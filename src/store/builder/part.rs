@@ -85,7 +85,7 @@ impl Part {
         rule: Rule,
         counts: &mut LevelCounts,
     ) -> Self {
-        let tally = Tally::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
+        let mut tally = Tally::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
         let children = || parts.iter().map(|part| part.child);
         if let Some(child) = uniform_children(children()) {
             return Part { code, child, total: 0, records: Vec::new(), tally };
@@ -109,6 +109,7 @@ impl Part {
         parts.iter().for_each(|part| records.extend_from_slice(&part.records));
         let cells = code.dimension().cells(depth - code.level());
         let representative = representative_of(rule, children(), &tally, cells);
+        tally.keep_listed_for(rule);
         Part {
             code,
             child: Child::Inner { representative, node: () },

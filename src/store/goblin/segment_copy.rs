@@ -2,6 +2,7 @@
 
 use std::any::Any;
 
+use super::directory::NOT_COUNTED;
 use super::reader::Goblin;
 use super::segment::Segment;
 use super::segment_builder::SegmentSink;
@@ -37,8 +38,14 @@ fn file_of<'a>(node: &SegmentNode<'a>) -> Option<&'a Goblin> {
 
 impl<'a> SegmentCopy<'a> {
     /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment,
-    /// and so will `to`, with the same segments below.
-    pub(super) fn is_possible(node: &SegmentNode<'_>, to: Code, form: Form, shape: &Shape) -> Result<bool> {
+    /// and so will `to`, with the same segments below; and it tells its classes, if somebody needs them.
+    pub(super) fn is_possible(
+        node: &SegmentNode<'_>,
+        to: Code,
+        form: Form,
+        shape: &Shape,
+        needs_classes: bool,
+    ) -> Result<bool> {
         let Some(file) = file_of(node) else { return Ok(false) };
         let there = file.header();
         let is_alike = there.form == form
@@ -48,7 +55,9 @@ impl<'a> SegmentCopy<'a> {
         if !is_alike || !shape.is_candidate(to.level()) || node.code.level() == 0 {
             return Ok(false);
         }
-        Ok(node.record == 0 && file.segment(node.segment as usize)?.code() == node.code)
+        let segment = node.segment as usize;
+        let owns = node.record == 0 && file.segment(segment)?.code() == node.code;
+        Ok(owns && !(needs_classes && file.entry(segment)?.classes == NOT_COUNTED))
     }
 
     /// All that is to be copied; `None` if the node is not that of a Goblin file.
