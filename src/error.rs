@@ -57,6 +57,20 @@ pub enum Error {
         /// Advice to the user.
         advice: String,
     },
+    /// More bytes would be written than there is room for, or than was allowed.
+    #[error("{}: about {needed} bytes would be written, and {limit} {whose}; {advice}", path.display())]
+    NoRoom {
+        /// The file.
+        path: PathBuf,
+        /// Bytes that would be written, no more than an estimate.
+        needed: u64,
+        /// Bytes that may be.
+        limit: u64,
+        /// Meaning of the limit: "are free in its folder", "are allowed".
+        whose: &'static str,
+        /// Advice to the user.
+        advice: String,
+    },
     /// The file is being edited by somebody else.
     #[error("{}: is being edited by {holder}; try again when it is done", path.display())]
     Locked {

@@ -5,11 +5,10 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
-use spinney::io::Output;
 use spinney::ops::{self, Prefer, Universe};
 
 use super::Global;
-use super::args::{Memory, OperationName, check_output, numbers, parse_operation};
+use super::args::{Memory, OperationName, OutputLimit, check_output, numbers, parse_operation};
 use super::report::statistics::class_as_json;
 use super::report::{Work, print_json, print_text, report_output};
 
@@ -48,6 +47,8 @@ pub(crate) struct Args {
     json: bool,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
 }
 
 const EXAMPLES: &str = "\
@@ -89,7 +90,7 @@ fn parse_box(text: &str) -> Result<Universe, String> {
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { operation: name, files, output, values, fill, within, margin, json, memory } = args;
+    let Args { operation: name, files, output, values, fill, within, margin, json, memory, limit } = args;
     if name.is_table() {
         ensure!(output.is_none(), "cross prints a table: leave out --output");
         return table(&files, json);
@@ -110,7 +111,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         fill,
         universe.unwrap_or_default(),
         &files,
-        Output::create(&path)?,
+        limit.create(&path)?,
         memory.bytes,
         &work,
     )?;

@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::io::Output;
 use spinney::store::autumnal::{self, Keep};
 
 use super::Global;
-use super::args::{Memory, check_output};
+use super::args::{Memory, OutputLimit, check_output};
 use super::report::{Work, commit, report_output};
 
 /// Write some commits of an Autumnal file to a new one, without the room that the others took.
@@ -33,6 +32,8 @@ pub(crate) struct Args {
     share: bool,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
 }
 
 const EXAMPLES: &str = "\
@@ -46,7 +47,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     check_output([Path::new(&args.file)], &args.output)?;
     let keep = args.commits.clone().map_or(Keep::Last(args.keep), Keep::Numbers);
     let work = Work::start(global, "cells")?;
-    let output = Output::create(&args.output)?;
+    let output = args.limit.create(&args.output)?;
     let commits = autumnal::compact(&args.file, &keep, args.share, output, args.memory.bytes, &work)?;
     work.finish();
     for written in &commits {

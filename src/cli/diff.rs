@@ -7,11 +7,10 @@ use std::time::Instant;
 use anyhow::Result;
 use serde_json::json;
 use spinney::Error;
-use spinney::io::Output;
 use spinney::ops::{self, Operation, Universe};
 
 use super::Global;
-use super::args::{Memory, check_output};
+use super::args::{Memory, OutputLimit, check_output};
 use super::report::{Work, print_json, print_text, report_output};
 
 /// Show where two trees differ, most often two commits of one file.
@@ -35,6 +34,8 @@ pub(crate) struct Args {
     json: bool,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
 }
 
 const EXAMPLES: &str = "\
@@ -46,18 +47,17 @@ Examples:
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let paths = [args.first.as_path(), &args.second];
-    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
-    let mut runs = 0u64;
-    let sum = ops::diff_files(paths[0], paths[1], &mut |range| {
-        runs += 1;
-        if args.ranges {
-            writeln!(out, "{} {}", range.first, range.last).map_err(Error::io("-", "write"))?;
-        }
-        Ok(())
-    })?;
-    out.flush()?;
-    drop(out);
-    let ops::Differences { added, removed, changed, blocks } = sum;
+    let sum = if args.ranges {
+        let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+        let sum = ops::diff_files(paths[0], paths[1], &mut |range| {
+            writeln!(out, "{} {}", range.first, range.last).map_err(Error::io("-", "write"))
+        })?;
+        out.flush()?;
+        sum
+    } else {
+        ops::differences(paths[0], paths[1])?
+    };
+    let ops::Differences { added, removed, changed, blocks, runs } = sum;
     if args.json {
         print_json(&json!({
             "added": added, "removed": removed, "changed": changed, "blocks": blocks, "ranges": runs,
@@ -77,7 +77,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         None,
         Universe::Usual,
         &files,
-        Output::create(output)?,
+        args.limit.create(output)?,
         args.memory.bytes,
         &work,
     )?;

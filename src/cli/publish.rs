@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::io::Output;
 use spinney::ops;
 
 use super::Global;
-use super::args::{Memory, check_output};
+use super::args::{Memory, OutputLimit, check_output};
 use super::report::{Work, report_output};
 
 /// Write a tree as it is to a file of the other format (or of the same).
@@ -28,6 +27,8 @@ pub(crate) struct Args {
     share: bool,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
 }
 
 const EXAMPLES: &str = "\
@@ -40,7 +41,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     check_output([Path::new(&args.file)], &args.output)?;
     let work = Work::start(global, "cells")?;
-    ops::convert(&args.file, args.share, Output::create(&args.output)?, args.memory.bytes, &work)?;
+    ops::convert(&args.file, args.share, args.limit.create(&args.output)?, args.memory.bytes, &work)?;
     work.finish();
     report_output(global, &args.output, start);
     Ok(())

@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::io::Output;
 use spinney::ops::{self, Chain, Step};
 
 use super::Global;
-use super::args::{Memory, check_output, parse_step};
+use super::args::{Memory, OutputLimit, check_output, parse_step};
 use super::report::{Work, report_output};
 
 /// Make a tree of a part of another, moved, scaled, mirrored or turned.
@@ -41,6 +40,8 @@ pub(crate) struct Args {
     moves: bool,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
 }
 
 const EXAMPLES: &str = "\
@@ -75,7 +76,7 @@ Examples:
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { file, steps, output: path, nearest, moves, memory } = args;
+    let Args { file, steps, output: path, nearest, moves, memory, limit } = args;
     let like = steps.iter().filter_map(|step| match step {
         Step::Like(path) => Some(path.as_path()),
         _ => None,
@@ -83,7 +84,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     check_output([file.as_path()].into_iter().chain(like), &path)?;
     let chain = Chain { path: file, steps, nearest, moves };
     let work = Work::start(global, "cells")?;
-    let outcome = ops::transform(&chain, Output::create(&path)?, memory.bytes, &work)?;
+    let outcome = ops::transform(&chain, limit.create(&path)?, memory.bytes, &work)?;
     work.finish();
     let [width, height, depth] = outcome.extent;
     let size =

@@ -7,7 +7,8 @@ use crate::Progress;
 use crate::Result;
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PointSamples, Statistics, source_find, source_histogram, source_statistics,
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, autumnal_histogram, source_find,
+    source_histogram, source_statistics,
 };
 #[cfg(feature = "raster")]
 use crate::query::{PixelGrid, PixelSums};
@@ -155,7 +156,7 @@ impl Dataset {
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
         match self.reader() {
             Reader::View(viewed) => viewed.may_have_void(&bounds),
-            _ => Ok(self.statistics(Some(bounds))?.cells < bounds.volume()),
+            _ => Ok(self.file().totals(Some(bounds))?.cells < bounds.volume()),
         }
     }
 
@@ -165,7 +166,7 @@ impl Dataset {
     /// If the file is damaged there.
     pub fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
         // No view has values beyond its file's.
-        let statistics = self.file().statistics(None)?;
+        let statistics = self.file().totals(None)?;
         Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
     }
 
@@ -177,7 +178,7 @@ impl Dataset {
     pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
         match self.reader() {
             Reader::Goblin(file) => file.histogram(bounds, low, high, bins),
-            Reader::Autumnal(file) => source_histogram(file, bounds, (low, high), bins),
+            Reader::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins),
             Reader::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins),
         }
     }

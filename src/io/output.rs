@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::faults::{Faults, MayFail};
-use super::platform::set_output_permissions;
+use super::platform::{free_space, set_output_permissions};
 use super::write::FileBackend;
 use crate::{Error, Result};
 
@@ -19,6 +19,9 @@ use crate::{Error, Result};
 pub struct Output {
     path: PathBuf,
     sink: Sink,
+    /// Bytes written to the end so far, and how many there may be.
+    written: u64,
+    most: u64,
 }
 
 enum Sink {
@@ -79,7 +82,34 @@ impl Output {
                 must_be_new: false,
             }
         };
-        Ok(Output { path: path.to_path_buf(), sink })
+        Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
+    }
+
+    /// Makes writing fail, and nothing be left of the file, when there would be more bytes than so many.
+    #[must_use]
+    pub fn with_limit(self, most: u64) -> Output {
+        Output { most, ..self }
+    }
+
+    /// Makes sure, before anything is written, that there is room for a number of bytes; that is an estimate of those
+    /// that will be written at least.
+    ///
+    /// # Errors
+    /// If that is more than the limit, or than is free in the output's folder.
+    pub(crate) fn check_room(&self, needed: u64) -> Result<()> {
+        let no_room = |limit, whose| {
+            let advice =
+                "nothing was written; write a part of it, or a coarser tree (see `spinney transform`)";
+            Err(Error::NoRoom { path: self.path.clone(), needed, limit, whose, advice: advice.into() })
+        };
+        if needed > self.most {
+            return no_room(self.most, "are allowed");
+        }
+        let Sink::File { target, .. } = &self.sink else { return Ok(()) };
+        match free_space(folder(target)) {
+            Some(free) if needed > free => no_room(free, "are free in its folder"),
+            _ => Ok(()),
+        }
     }
 
     /// The final path.
@@ -117,7 +147,7 @@ impl Output {
         let Sink::File { file, .. } = &self.sink else { return None };
         let TemporaryFile { file, faults } = file.get_ref();
         let copy = file.as_file().try_clone();
-        Some(copy.map(|copy| FileBackend::with_faults(copy, &self.path, faults.clone())))
+        Some(copy.map(|copy| FileBackend::of_output(copy, &self.path, faults.clone(), self.most)))
     }
 
     /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
@@ -195,10 +225,13 @@ impl Drop for Unfinished {
 
 impl Write for Output {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match &mut self.sink {
+        check_limit(self.written, bytes.len(), self.most)?;
+        let count = match &mut self.sink {
             Sink::File { file, .. } => file.write(bytes),
             Sink::Stream(out) => out.write(bytes),
-        }
+        }?;
+        self.written += count as u64;
+        Ok(count)
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -207,6 +240,15 @@ impl Write for Output {
             Sink::Stream(out) => out.flush(),
         }
     }
+}
+
+/// Fails if so many more bytes would be more than may be written.
+pub(super) fn check_limit(written: u64, more: usize, most: u64) -> io::Result<()> {
+    if written.saturating_add(more as u64) <= most {
+        return Ok(());
+    }
+    let message = format!("it would be longer than the {most} bytes that are allowed");
+    Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
 }
 
 /// Letters and digits between a temporary file's prefix and suffix.

@@ -79,6 +79,20 @@ pub(super) fn path_of(file: &File) -> Option<PathBuf> {
     }
 }
 
+/// Bytes that can still be written to a folder; `None` if the system does not tell.
+pub(super) fn free_space(folder: &Path) -> Option<u64> {
+    #[cfg(unix)]
+    {
+        let found = rustix::fs::statvfs(folder).ok().filter(|found| found.f_frsize > 0)?;
+        Some(found.f_bavail.saturating_mul(found.f_frsize))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
 /// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
 #[cfg(unix)]
 pub(super) fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {

@@ -39,7 +39,7 @@ impl Sorter {
         if self.items.len() < self.most {
             return Ok(());
         }
-        self.spill().map_err(Error::io(&self.folder, "use a temporary file for the directory"))
+        self.spill().map_err(Error::io(&self.folder, "use a temporary file"))
     }
 
     pub(crate) fn len(&self) -> u64 {
@@ -62,7 +62,7 @@ impl Sorter {
 
     /// Hands out all items in order.
     pub(crate) fn finish(mut self, mut item: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
-        let spill_error = || Error::io(&self.folder, "use a temporary file for the directory");
+        let spill_error = || Error::io(&self.folder, "use a temporary file");
         self.items.sort_unstable_by_key(|(key, _)| *key);
         let mut last = self.items.into_iter().peekable();
         let mut runs: Vec<_> =

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::faults::MayFail;
 use super::file_id::FileId;
+use super::output::check_limit;
 use super::read::{Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
 use crate::{Error, Result};
 
@@ -48,20 +49,24 @@ pub(crate) struct FileBackend {
     pub(crate) file: File,
     pub(crate) path: PathBuf,
     faults: MayFail,
+    /// Bytes that the file may have.
+    most: u64,
 }
 
 impl FileBackend {
     pub(crate) fn new(file: File, path: &Path) -> FileBackend {
-        FileBackend::with_faults(file, path, MayFail::default())
+        FileBackend::of_output(file, path, MayFail::default(), u64::MAX)
     }
 
-    pub(super) fn with_faults(file: File, path: &Path, faults: MayFail) -> FileBackend {
-        FileBackend { file, path: path.to_path_buf(), faults }
+    /// The file of an output that may have so many bytes.
+    pub(super) fn of_output(file: File, path: &Path, faults: MayFail, most: u64) -> FileBackend {
+        FileBackend { file, path: path.to_path_buf(), faults, most }
     }
 }
 
 impl WriteBackend for FileBackend {
     fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        check_limit(offset, bytes.len(), self.most)?;
         self.faults.write_all_at(&self.file, bytes, offset)
     }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::tree_file::TreeFile;
 use crate::io::Output;
-use crate::store::{BuildOptions, OpenOptions, build};
+use crate::store::{BuildOptions, OpenOptions, build, check_room};
 use crate::{Progress, Result};
 
 /// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its
@@ -22,11 +22,12 @@ use crate::{Progress, Result};
 /// ```
 ///
 /// # Errors
-/// If the file cannot be read, the output not be written, or on interruption.
+/// If the file cannot be read, the output not be written, there is no room for all of its nodes, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
     let file = TreeFile::open(path, &OpenOptions::default())?;
     file.tell_remark(progress);
     let (header, metadata) = (file.header().clone(), file.metadata().clone());
+    check_room(&output, header.form, share, file.shared_records()?)?;
     let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
     build(&file, header.extent, &options, output, progress).map(|_| ())
 }

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use super::tree_file::{TreeFile, TreeFileNode, check_form};
-use crate::space::{Code, Crs};
+use crate::space::{Code, Crs, Dimension};
 use crate::store::OpenOptions;
+use crate::store::autumnal::Remembered;
 use crate::store::builder::ReusableSource;
 use crate::tree::{Child, Children, Source, no_children};
 use crate::value::Value;
@@ -31,14 +32,20 @@ pub fn diff(
     second: &TreeFile,
     found: &mut dyn FnMut(Difference) -> Result<()>,
 ) -> Result<()> {
-    check_form((second.path(), second.form()), (first.path(), first.form()))?;
-    if first.depth() != second.depth() {
-        let expected = format!("{}, as the first tree has", first.depth());
-        return Err(Error::invalid("depth of a tree", second.depth().to_string(), expected));
-    }
+    check_alike(first, second)?;
     let children = first.form().children();
     let root = Code::root(first.form().dimension);
     Comparison { first, second, children, found }.node(root, &first.root()?, &second.root()?)
+}
+
+/// Fails if forms or depths of two trees differ.
+fn check_alike(first: &TreeFile, second: &TreeFile) -> Result<()> {
+    check_form((second.path(), second.form()), (first.path(), first.form()))?;
+    if first.depth() == second.depth() {
+        return Ok(());
+    }
+    let expected = format!("{}, as the first tree has", first.depth());
+    Err(Error::invalid("depth of a tree", second.depth().to_string(), expected))
 }
 
 /// Two trees that are walked side by side.
@@ -55,13 +62,11 @@ impl Comparison<'_> {
         match (a, b) {
             (Child::Void, Child::Void) => return Ok(()),
             (Child::Leaf(a), Child::Leaf(b)) if a == b => return Ok(()),
-            (Child::Inner { node: a, .. }, Child::Inner { node: b, .. }) => {
-                let record = self.first.kept(a);
-                if record.is_some() && record == self.second.kept(b) {
+            (Child::Inner { .. }, _) | (_, Child::Inner { .. }) => {
+                if is_same_record(self.first, a, self.second, b) {
                     return Ok(());
                 }
             }
-            (Child::Inner { .. }, _) | (_, Child::Inner { .. }) => {}
             (a, b) => return (self.found)(Difference { code, before: a.value(), after: b.value() }),
         }
         let (mut below_a, mut below_b) = (no_children(), no_children());
@@ -76,6 +81,20 @@ impl Comparison<'_> {
     }
 }
 
+/// Whether two nodes are one record of one file.
+fn is_same_record(
+    first: &TreeFile,
+    a: &Child<TreeFileNode>,
+    second: &TreeFile,
+    b: &Child<TreeFileNode>,
+) -> bool {
+    let record = |file: &TreeFile, node: &Child<TreeFileNode>| match node {
+        Child::Inner { node, .. } => file.kept(node),
+        _ => None,
+    };
+    record(first, a).is_some_and(|a| record(second, b) == Some(a))
+}
+
 /// The children of a node; `None` if it is uniform, and they are all like it.
 fn children_of<'c>(
     file: &TreeFile,
@@ -88,7 +107,7 @@ fn children_of<'c>(
 }
 
 /// Totals of the differences between two trees.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
     /// Cells that were VOID and are not any more.
     pub added: u64,
@@ -98,6 +117,20 @@ pub struct Differences {
     pub changed: u64,
     /// Blocks in which they differ, uniform in both.
     pub blocks: u64,
+    /// Runs of cells in FD order in which they differ.
+    pub runs: u64,
+}
+
+impl Differences {
+    /// Counts a block of so many cells.
+    fn add(&mut self, before: Option<Value>, after: Option<Value>, cells: u64) {
+        match (before, after) {
+            (None, _) => self.added += cells,
+            (_, None) => self.removed += cells,
+            _ => self.changed += cells,
+        }
+        self.blocks += 1;
+    }
 }
 
 /// A run of cells in FD order in which two trees differ, from one path to another: see
@@ -126,28 +159,22 @@ pub fn diff_files(
     second: &Path,
     range: &mut dyn FnMut(FdRange) -> Result<()>,
 ) -> Result<Differences> {
-    let options = OpenOptions::default();
-    let (first, second) = (TreeFile::open(first, &options)?, TreeFile::open(second, &options)?);
-    let [here, there] = [&first, &second].map(|file| file.path().display().to_string());
-    let [a, b] = [&first, &second].map(|file| file.metadata().frame.crs.as_ref());
-    Crs::check_same((&here, a), (&there, b))?;
+    let (first, second) = open_both(first, second)?;
     let (axes, depth) = (first.form().axes(), first.depth());
     let mut sum = Differences::default();
     let mut run: Option<FdRange> = None;
     diff(&first, &second, &mut |found| {
         let bits = axes * usize::from(depth - found.code.level());
         let cells = 1u64 << bits;
-        match (found.before, found.after) {
-            (None, _) => sum.added += cells,
-            (_, None) => sum.removed += cells,
-            _ => sum.changed += cells,
-        }
-        sum.blocks += 1;
+        sum.add(found.before, found.after, cells);
         let path = found.code.path() << bits;
         let block = FdRange { first: path, last: path + (cells - 1) };
         match &mut run {
             Some(run) if run.last + 1 == block.first => run.last = block.last,
-            _ => run.replace(block).into_iter().try_for_each(&mut *range)?,
+            _ => {
+                sum.runs += 1;
+                run.replace(block).into_iter().try_for_each(&mut *range)?;
+            }
         }
         Ok(())
     })?;
@@ -155,4 +182,125 @@ pub fn diff_files(
     first.check_unchanged()?;
     second.check_unchanged()?;
     Ok(sum)
+}
+
+/// Opens two trees of one coordinate system.
+fn open_both(first: &Path, second: &Path) -> Result<(TreeFile, TreeFile)> {
+    let options = OpenOptions::default();
+    let (first, second) = (TreeFile::open(first, &options)?, TreeFile::open(second, &options)?);
+    let [here, there] = [&first, &second].map(|file| file.path().display().to_string());
+    let [a, b] = [&first, &second].map(|file| file.metadata().frame.crs.as_ref());
+    Crs::check_same((&here, a), (&there, b))?;
+    Ok((first, second))
+}
+
+/// Compares two trees as [`diff_files`] does, for the totals alone: what is stored once for many nodes of both trees is
+/// compared once.
+///
+/// # Errors
+/// If they cannot be read, or are of different forms or in different coordinate systems.
+pub fn differences(first: &Path, second: &Path) -> Result<Differences> {
+    let (first, second) = open_both(first, second)?;
+    check_alike(&first, &second)?;
+    let dimension = first.form().dimension;
+    let known = Remembered::new(KNOWN_PAIRS);
+    let mut totals = Totals { first: &first, second: &second, dimension, known };
+    let sum = totals.node(first.depth(), &first.any_root()?, &second.any_root()?)?.sum;
+    first.check_unchanged()?;
+    second.check_unchanged()?;
+    Ok(sum)
+}
+
+/// Bytes for the totals of pairs of nodes that were compared already.
+const KNOWN_PAIRS: u64 = 32 << 20;
+
+/// Levels below the smallest nodes whose totals are remembered.
+const KNOWN_HEIGHT: u8 = 4;
+
+/// What two trees have at a node, where it may be compared again.
+type Pair = [Side; 2];
+
+/// What a tree has at a node.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Side {
+    Uniform(Option<Value>),
+    /// The record of an Autumnal file that starts at an offset.
+    Record(u64),
+}
+
+/// Totals of a run of cells in FD order.
+#[derive(Clone, Copy, Default)]
+struct Part {
+    sum: Differences,
+    /// Whether the trees differ in the first cell, and in the last.
+    ends: [bool; 2],
+}
+
+impl Part {
+    /// This, and what comes behind it.
+    fn then(self, next: Part) -> Part {
+        let (a, b) = (self.sum, next.sum);
+        let joined = u64::from(self.ends[1] && next.ends[0]);
+        let sum = Differences {
+            added: a.added + b.added,
+            removed: a.removed + b.removed,
+            changed: a.changed + b.changed,
+            blocks: a.blocks + b.blocks,
+            runs: a.runs + b.runs - joined,
+        };
+        Part { sum, ends: [self.ends[0], next.ends[1]] }
+    }
+}
+
+/// Two trees of which the differences are counted.
+struct Totals<'a> {
+    first: &'a TreeFile,
+    second: &'a TreeFile,
+    dimension: Dimension,
+    known: Remembered<Pair, Part>,
+}
+
+impl Totals<'_> {
+    /// Counts the differences at a node with so many levels below it.
+    fn node(&mut self, height: u8, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<Part> {
+        if !a.is_inner() && !b.is_inner() {
+            let (a, b) = (a.value(), b.value());
+            let mut sum = Differences::default();
+            if a != b {
+                sum.add(a, b, self.dimension.cells(height));
+                sum.runs = 1;
+            }
+            return Ok(Part { sum, ends: [a != b; 2] });
+        }
+        let pair = side(self.first, a).zip(side(self.second, b)).map(<[Side; 2]>::from);
+        let pair = pair.filter(|_| height >= KNOWN_HEIGHT);
+        if let Some(known) = pair.and_then(|pair| self.known.get(height, &pair)) {
+            return Ok(*known);
+        }
+        let mut total: Option<Part> = None;
+        if !is_same_record(self.first, a, self.second, b) {
+            let (mut below_a, mut below_b) = (no_children(), no_children());
+            let from_a = children_of(self.first, a, &mut below_a)?;
+            let from_b = children_of(self.second, b, &mut below_b)?;
+            for step in 0..self.dimension.children() {
+                let a = from_a.map_or(a, |below| &below[step]);
+                let b = from_b.map_or(b, |below| &below[step]);
+                let part = self.node(height - 1, a, b)?;
+                total = Some(total.map_or(part, |total| total.then(part)));
+            }
+        }
+        let total = total.unwrap_or_default();
+        if let Some(pair) = pair {
+            self.known.insert(height, pair, total, 0);
+        }
+        Ok(total)
+    }
+}
+
+/// What a tree has at a node, unless that is in a Goblin file, which has a record for every node.
+fn side(file: &TreeFile, node: &Child<TreeFileNode>) -> Option<Side> {
+    match node {
+        Child::Inner { node, .. } => file.kept(node).map(|kept| Side::Record(kept.address())),
+        uniform => Some(Side::Uniform(uniform.value())),
+    }
 }

@@ -12,7 +12,7 @@ use super::tree_file::{TreeFile, check_form};
 use super::universe::Universe;
 use crate::io::Output;
 use crate::space::Bounds;
-use crate::store::{BuildOptions, OpenOptions};
+use crate::store::{BuildOptions, OpenOptions, check_room};
 use crate::tree::Source;
 use crate::value::Value;
 use crate::{Error, Progress, Result};
@@ -98,7 +98,10 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
     let view = chain.open()?;
     // How many cells there are to be, unless some were left out.
     let shrinks = (!view.has_windows()).then(|| view.to_source().determinant().abs());
+    // (Of a part of a file nobody knows how many nodes it has.)
+    let least = if view.has_windows() { 0 } else { expected_records(&view)? };
     let derivation = Derivation {
+        least,
         views: vec![view],
         operation: Operation::Over,
         fill: None,
@@ -141,8 +144,12 @@ pub fn combine(
     progress: &dyn Progress,
 ) -> Result<Outcome> {
     let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+    let views = aligned(open_alike(paths)?)?;
+    let keeps_first = operation.keeps_first(views[0].source().header().rule);
+    let least = if keeps_first { expected_records(&views[0])? } else { 0 };
     let derivation = Derivation {
-        views: aligned(open_alike(paths)?)?,
+        least,
+        views,
         operation,
         fill,
         universe,
@@ -200,6 +207,12 @@ fn aligned(files: Vec<Arc<TreeFile>>) -> Result<Vec<View>> {
         .collect()
 }
 
+/// INNER nodes that a view of all of a file has, about: those of the file, or as many fewer as its cells are larger.
+fn expected_records(view: &View) -> Result<u64> {
+    let cells = view.to_source().determinant().abs().max(1.0);
+    Ok((view.source().shared_records()? as f64 / cells) as u64)
+}
+
 /// Numbers with commas between them.
 fn list(numbers: &[u64]) -> String {
     numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(",")
@@ -215,6 +228,8 @@ struct Derivation {
     universe: Universe,
     /// See [`Chain::moves`].
     moves: bool,
+    /// INNER nodes that the result has at least, about, as far as is known.
+    least: u64,
     /// A line to add to the first file's provenance.
     provenance: String,
 }
@@ -239,7 +254,7 @@ impl Derivation {
             None => self.provenance,
         });
         let before: Result<Vec<u64>> =
-            views.iter().map(|view| Ok(view.source().statistics(None)?.cells)).collect();
+            views.iter().map(|view| Ok(view.source().totals(None)?.cells)).collect();
         let before = before?;
         let mut source = Combined::new(views, self.operation, extent)?;
         if let Some(universe) = universe {
@@ -253,6 +268,7 @@ impl Derivation {
             })?)?;
         }
         let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, memory) };
+        check_room(&output, header.form, options.share, self.least)?;
         let tally = build(&source, &options, output, progress)?;
         Ok(Outcome { extent, depth, before, after: tally.cells, expected: None, universe })
     }

@@ -28,7 +28,7 @@ pub use combine::{Combined, CombinedNode, build};
 pub use convert::convert;
 pub use cross::{Pair, cross};
 pub use data_box::data_box;
-pub use diff::{Difference, Differences, FdRange, diff, diff_files};
+pub use diff::{Difference, Differences, FdRange, diff, diff_files, differences};
 pub use edit::{CellValue, Edit, apply_edits, edit};
 pub use files::{Chain, Outcome, PairOfSamples, combine, cross_files, transform};
 pub use operation::{Operation, Prefer};

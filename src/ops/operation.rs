@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::coverage;
 use crate::store::builder::{Join, MergeAction, MergeState, MergeTable, Merging};
-use crate::value::Value;
+use crate::value::{Rule, Value};
 
 /// Choice of the value where both trees have one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +61,19 @@ pub enum Operation {
 pub(super) const UNION: u8 = 7;
 
 impl Operation {
+    /// Whether all cells of the first tree belong to the result with their values, so that it has about as many nodes at
+    /// least.
+    pub(super) fn keeps_first(self, rule: Rule) -> bool {
+        match self {
+            // (Bodies that are joined may hide each other.)
+            Operation::Set { number, prefer } => {
+                number & 3 == 3 && prefer == Prefer::First && rule != Rule::Occupancy
+            }
+            Operation::Over => true,
+            _ => false,
+        }
+    }
+
     /// Whether cells that are in none of the trees belong to the result: there must then be a universe.
     pub fn needs_universe(self) -> bool {
         matches!(self, Operation::Set { number, .. } if number & 8 != 0)

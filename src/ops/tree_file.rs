@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::patched::{Patched, PatchedNode};
-use crate::query::{Statistics, source_statistics, tally_statistics};
+use crate::query::{Statistics, autumnal_statistics, source_statistics};
 use crate::space::Bounds;
 use crate::store::autumnal::{self, Autumnal, Commit};
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
@@ -183,11 +183,24 @@ impl TreeFile {
         }
     }
 
+    /// INNER nodes of a tree of which a file may have stored any number once: of Autumnal files all, else none.
+    pub(super) fn shared_records(&self) -> Result<u64> {
+        self.autumnal().map_or(Ok(0), Autumnal::claimed_records)
+    }
+
     /// Name and bytes of each part of the file.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         match self {
             TreeFile::Goblin(file) => file.sections(),
             _ => self.autumnal().map_or_else(Vec::new, Autumnal::sections),
+        }
+    }
+
+    /// The root, however many nodes there are below it: for those who look at each record once.
+    pub(super) fn any_root(&self) -> Result<Child<TreeFileNode>> {
+        match self {
+            TreeFile::Autumnal(file) => Ok(file.root_child().map_node(TreeFileNode::Autumnal)),
+            file => file.root(),
         }
     }
 
@@ -207,22 +220,23 @@ impl TreeFile {
     /// # Errors
     /// If the file is damaged there.
     pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
-        let picture = self.header().picture();
-        let counts_classes = self.header().counts_classes();
+        self.statistics_with(bounds, self.header().counts_classes())
+    }
+
+    /// Cells and channels of a box, as [`TreeFile::statistics`] has them, without classes: these may take longer.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub(crate) fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        self.statistics_with(bounds, false)
+    }
+
+    fn statistics_with(&self, bounds: Option<Bounds>, count_classes: bool) -> Result<Statistics> {
         let bounds = self.header().within_picture(bounds);
         match self {
-            TreeFile::Goblin(file) => file.statistics(Some(bounds)),
-            TreeFile::Autumnal(file) => {
-                // All of the picture is all of the tree, however many nodes that has.
-                if bounds == picture
-                    && let Child::Inner { node, .. } = file.root_child()
-                    && let Some(tally) = file.tally(&node)?
-                {
-                    return Ok(tally_statistics(tally, bounds.volume(), counts_classes));
-                }
-                source_statistics(&**file, &bounds, counts_classes)
-            }
-            TreeFile::Patched(_) | TreeFile::Memory(_) => source_statistics(self, &bounds, counts_classes),
+            TreeFile::Goblin(file) => file.statistics_with(Some(bounds), count_classes),
+            TreeFile::Autumnal(file) => autumnal_statistics(file, &bounds, count_classes),
+            TreeFile::Patched(_) | TreeFile::Memory(_) => source_statistics(self, &bounds, count_classes),
         }
     }
 

@@ -117,9 +117,13 @@ impl Count for Classes {
         }
     }
 
-    fn zone(&mut self, zone: &dyn Zone) -> Result<()> {
-        zone.classes()?.into_iter().for_each(|(value, cells)| self.block(value, cells));
-        Ok(())
+    fn zone(&mut self, zone: &dyn Zone) -> Result<bool> {
+        let classes = zone.classes()?;
+        if classes.is_empty() {
+            return Ok(zone.tally()?.cells == 0);
+        }
+        classes.into_iter().for_each(|(value, cells)| self.block(value, cells));
+        Ok(true)
     }
 
     fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {

@@ -25,11 +25,11 @@ pub(super) type CountDense<T> = fn(&mut T, &DenseBlock<'_>, ([usize; 3], [usize;
 pub(super) trait Count {
     /// Counts cells of a value.
     fn block(&mut self, value: Value, cells: u64);
-    /// Counts all cells of a zone.
+    /// Counts all cells of a zone; `false` if it does not tell enough.
     ///
     /// # Errors
     /// If the zone is damaged.
-    fn zone(&mut self, zone: &dyn Zone) -> Result<()>;
+    fn zone(&mut self, zone: &dyn Zone) -> Result<bool>;
     /// Counts all cells of a subtree of so many levels, given its records.
     ///
     /// # Errors
@@ -100,14 +100,14 @@ impl<V: Native> Count for Counter<V> {
         self.add(native::<V>(value), cells);
     }
 
-    fn zone(&mut self, zone: &dyn Zone) -> Result<()> {
+    fn zone(&mut self, zone: &dyn Zone) -> Result<bool> {
         let zone = zone.tally()?;
         if zone.cells > 0 {
             self.widen(native::<V>(zone.min), native::<V>(zone.max), zone.cells);
         }
         self.sums = V::add_sums(self.sums, V::typed_sums(&zone.sum));
         self.squares = V::add_sums(self.squares, V::typed_sums(&zone.squares));
-        Ok(())
+        Ok(true)
     }
 
     fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {
@@ -175,9 +175,9 @@ impl Count for MaskedCounter {
         self.tally = Tally::merge(&[&self.tally, &Tally::leaf(self.tally.value_type, value, cells, false)]);
     }
 
-    fn zone(&mut self, zone: &dyn Zone) -> Result<()> {
+    fn zone(&mut self, zone: &dyn Zone) -> Result<bool> {
         self.tally = Tally::merge(&[&self.tally, &Tally { classes: Vec::new(), ..zone.tally()? }]);
-        Ok(())
+        Ok(true)
     }
 
     fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {

@@ -3,9 +3,11 @@
 use zerocopy::IntoBytes;
 
 use super::count::{CountDense, CountSubtree, number_of};
+use super::folded::walk_folded;
 use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 use crate::Result;
 use crate::space::{Bounds, Code};
+use crate::store::autumnal::Autumnal;
 use crate::store::container::dense::DenseBlock;
 use crate::store::container::subtree::{BadSkip, each_leaf};
 use crate::store::container::{Record, with_form_type};
@@ -34,6 +36,21 @@ pub(crate) fn source_histogram<S: Source>(
 ) -> Result<Vec<u64>> {
     let mut histogram = Histogram::new(source.form(), range, bins);
     ended(walk_source(source, bounds, &mut histogram))?;
+    Ok(histogram.bins.cells)
+}
+
+/// [`Goblin::histogram`] of an Autumnal file, whose records may stand for any number of nodes.
+pub(crate) fn autumnal_histogram(
+    file: &Autumnal,
+    bounds: &Bounds,
+    range: (f64, f64),
+    bins: usize,
+) -> Result<Vec<u64>> {
+    if !file.is_folded()? {
+        return source_histogram(file, bounds, range, bins);
+    }
+    let mut histogram = Histogram::new(file.form(), range, bins);
+    walk_folded(file, bounds, &mut histogram)?;
     Ok(histogram.bins.cells)
 }
 

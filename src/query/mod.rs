@@ -10,6 +10,7 @@ mod count;
 pub(crate) mod dump;
 mod field;
 mod find;
+mod folded;
 mod histogram;
 mod occupancy;
 #[cfg(feature = "raster")]
@@ -24,7 +25,7 @@ mod window;
 pub(crate) use field::Field;
 pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};
-pub(crate) use histogram::source_histogram;
+pub(crate) use histogram::{autumnal_histogram, source_histogram};
 pub(crate) use occupancy::{Filling, OccupancyLevel};
 #[cfg(feature = "raster")]
 pub(crate) use pixels::{PixelGrid, PixelSums};
@@ -33,7 +34,7 @@ pub use ray::{CellHit, Ray, Rays, SurfaceHit};
 pub use solid::SolidStatistics;
 pub(crate) use solid::measure;
 pub use stats::{ChannelStatistics, Statistics};
-pub(crate) use stats::{source_statistics, tally_statistics};
+pub(crate) use stats::{autumnal_statistics, source_statistics};
 pub(crate) use window::Canvas;
 
 use crate::{Error, Result};

@@ -3,14 +3,16 @@
 
 use crate::Result;
 use crate::space::{Bounds, Code};
+use crate::store::autumnal::Autumnal;
 use crate::store::container::dense::DenseBlock;
 use crate::store::container::subtree::BadSkip;
 use crate::store::goblin::Goblin;
-use crate::tree::{Form, Source};
+use crate::tree::{Child, Form, Source};
 use crate::value::{Sums, Tally, Value};
 
 use super::classes::{Classes, tally_of_classes};
 use super::count::{Count, counter_of};
+use super::folded::walk_folded;
 use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 
 /// Statistics of the cells of a box that are not VOID.
@@ -48,12 +50,17 @@ impl Goblin {
     /// # Errors
     /// If the file is damaged there.
     pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        self.statistics_with(bounds, self.header().counts_classes())
+    }
+
+    /// [`Goblin::statistics`] with or without classes, for which more of the file is read where there are very many.
+    pub(crate) fn statistics_with(&self, bounds: Option<Bounds>, count_classes: bool) -> Result<Statistics> {
         let header = self.header();
         let picture = header.picture();
         let bounds = header.within_picture(bounds);
         // A box that has the whole picture has the whole tree: the rest is VOID.
         let space = Bounds::space(header.form.dimension, header.depth());
-        let mut gather = Gather::new(header.form, header.counts_classes());
+        let mut gather = Gather::new(header.form, count_classes);
         ended(walk(self, if bounds == picture { &space } else { &bounds }, &mut gather))?;
         Ok(gather.finish(bounds.volume()))
     }
@@ -70,8 +77,31 @@ pub(crate) fn source_statistics<S: Source>(
     Ok(gather.finish(bounds.volume()))
 }
 
+/// [`Goblin::statistics`] of an Autumnal file, with or without classes.
+pub(crate) fn autumnal_statistics(
+    file: &Autumnal,
+    bounds: &Bounds,
+    counts_classes: bool,
+) -> Result<Statistics> {
+    let (header, volume) = (file.header(), bounds.volume());
+    // All of the picture is all of the tree, however many nodes that has.
+    if *bounds == header.picture()
+        && let Child::Inner { node, .. } = file.root_child()
+        && let Some(tally) = file.tally(&node)?
+        && !(counts_classes && tally.lacks_classes())
+    {
+        return Ok(tally_statistics(tally, volume, counts_classes));
+    }
+    if !file.is_folded()? {
+        return source_statistics(file, bounds, counts_classes);
+    }
+    let mut gather = Gather::new(header.form, counts_classes);
+    walk_folded(file, bounds, &mut gather)?;
+    Ok(gather.finish(volume))
+}
+
 /// Statistics of all cells of a tally, of a box of so many cells.
-pub(crate) fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistics {
+fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistics {
     let tally = if count_classes { tally_of_classes(tally.value_type, tally.classes) } else { tally };
     summary(&tally, volume, 0)
 }
@@ -126,8 +156,7 @@ impl Gather {
 
 impl Visitor for Gather {
     fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
-        self.count.zone(zone)?;
-        Ok(true)
+        Ok(self.count.zone(zone)?)
     }
 
     #[inline]

@@ -66,6 +66,13 @@ impl Bounds {
         Bounds { min, max: std::array::from_fn(|axis| self.max[axis].min(other.max[axis]).max(min[axis])) }
     }
 
+    /// The same box, counted from the first cell of another that it is in.
+    #[inline]
+    pub fn within(&self, other: &Bounds) -> Bounds {
+        let from = |at: [u64; 3]| std::array::from_fn(|axis| at[axis].saturating_sub(other.min[axis]));
+        Bounds { min: from(self.min), max: from(self.max) }
+    }
+
     /// Whether all of `other` is inside.
     #[inline]
     pub fn contains(&self, other: &Bounds) -> bool {

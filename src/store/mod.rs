@@ -11,7 +11,7 @@ pub use container::{
     Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, TagScope, TreeFormat,
     file_is_tree, split_commit,
 };
-pub(crate) use write::build;
 #[cfg(feature = "mesh")]
 pub(crate) use write::build_with;
+pub(crate) use write::{build, check_room};
 pub use write::{build_slabs, build_source, build_tree};

@@ -3,7 +3,7 @@
 use std::mem;
 
 use super::builder::{BuildOptions, Builder, Fill, ReusableSource, Slab, Slabs, TreeSink, walk};
-use super::container::{Metadata, TreeFormat};
+use super::container::{Metadata, RecordLayout, TreeFormat};
 use super::{autumnal, goblin};
 use crate::io::Output;
 use crate::parallel;
@@ -130,6 +130,16 @@ pub fn build_source(
     progress: &dyn Progress,
 ) -> Result<Tally> {
     build(&CodedSource(source), extent, options, output, progress)
+}
+
+/// Makes sure that there is room for a tree of so many INNER nodes, by an estimate.
+///
+/// # Errors
+/// If there is none: see [`Output::check_room`].
+pub(crate) fn check_room(output: &Output, form: Form, share: bool, records: u64) -> Result<()> {
+    // Of what stores equal subtrees once nothing is known.
+    let least = if share { 0 } else { RecordLayout::new(form).least_node() };
+    output.check_room(records.saturating_mul(least))
 }
 
 /// A source of users of the library: an object, so that they do not compile the builder.

@@ -28,11 +28,32 @@ pub struct Tally {
     pub sum: Sums,
     /// Sum of squares of each channel.
     pub squares: Sums,
-    /// Cells of each value, by ascending value; empty unless classes are counted.
+    /// Cells of each value, by ascending value; empty unless classes are counted, or where there are too many.
     pub classes: Vec<(Value, u64)>,
 }
 
+/// Classes that files list of a zone at most. A list is then no longer than a third of the records of the smallest segment that
+/// has one, and an edit writes no more than some kilobytes of them on each level.
+const MOST_CLASSES: usize = 1024;
+
 impl Tally {
+    /// Whether there are cells, but nothing is known of their values.
+    pub(crate) fn lacks_classes(&self) -> bool {
+        self.classes.is_empty() && self.cells > 0
+    }
+
+    /// The classes as files list them; `None` if there are too many, or they were not counted.
+    pub(crate) fn listed_classes(&self) -> Option<&[(Value, u64)]> {
+        (self.classes.len() <= MOST_CLASSES && !self.lacks_classes()).then_some(&self.classes)
+    }
+
+    /// Forgets classes that no file lists, unless representatives are made of their counts.
+    pub(crate) fn keep_listed_for(&mut self, rule: Rule) {
+        if rule != Rule::Majority && self.listed_classes().is_none() {
+            self.classes = Vec::new();
+        }
+    }
+
     /// The tally of no cells.
     pub fn void(value_type: ValueType) -> Tally {
         let zero = Sums::zero(value_type.sample);
@@ -72,7 +93,11 @@ impl Tally {
         let mut tally = Tally {
             sum: a.sum.add(&b.sum),
             squares: a.squares.add(&b.squares),
-            classes: merge_counts(value_type, &a.classes, &b.classes),
+            // (What is not known of a part is not known of the whole.)
+            classes: match a.lacks_classes() || b.lacks_classes() {
+                true => Vec::new(),
+                false => merge_counts(value_type, &a.classes, &b.classes),
+            },
             ..*a
         };
         tally.count_cells(b.min, b.max, b.cells, b.present);

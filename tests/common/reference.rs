@@ -165,7 +165,9 @@ impl Writer<'_> {
         let count = self.records(node, node.code.level(), (false, false), &mut records);
         let start = self.file.len();
         self.file.extend(records);
-        let classes = if self.counts_classes { node.sums.classes.clone() } else { BTreeMap::new() };
+        let is_listed = self.counts_classes && node.sums.classes.len() <= 1024;
+        let classes = if is_listed { node.sums.classes.clone() } else { BTreeMap::new() };
+        let listed = if self.counts_classes && !is_listed { u32::MAX } else { classes.len() as u32 };
         // (By value: of unsigned bytes the order is that of the numbers.)
         for (value, cells) in &classes {
             self.file.extend(value);
@@ -176,7 +178,7 @@ impl Writer<'_> {
         entry.extend((start as u64).to_le_bytes());
         entry.extend(((self.file.len() - start) as u64).to_le_bytes());
         entry.extend(count.to_le_bytes());
-        entry.extend((classes.len() as u32).to_le_bytes());
+        entry.extend(listed.to_le_bytes());
         entry.extend(crc32c::crc32c(&self.file[start..]).to_le_bytes());
         entry.extend([0; 4]);
         entry.extend(node.sums.cells.to_le_bytes());

@@ -14,6 +14,7 @@ use spinney::store::autumnal::{Autumnal, Note};
 use spinney::tree::{Child, Source};
 use spinney::value::{Kind, Rule, SampleType, Value};
 
+use super::counted::CountedFile;
 use crate::common::{
     CLASSIC, Cells, QUAD, assert_same, byte, cells_of, made, options, quad, try_children, write_cells,
 };
@@ -145,8 +146,21 @@ pub(super) fn encoded(document: impl Serialize) -> Vec<u8> {
 
 /// A file with these records, right in everything else. `previous` is where the commit before is said to be.
 fn crafted(depth: u8, records: &[u8], root: u64, previous: u64) -> Vec<u8> {
+    crafted_as((depth, 0), records, (1, root), previous, (0, 0))
+}
+
+/// A file with these records behind a hole of so many bytes, a root with a representative, and totals of cells and INNER
+/// nodes.
+fn crafted_as(
+    (depth, hole): (u8, usize),
+    records: &[u8],
+    (representative, root): (u8, u64),
+    previous: u64,
+    (cells, inner): (u64, u64),
+) -> Vec<u8> {
     let (original, _) = two_commits();
     let mut file = page(depth);
+    file.resize(file.len() + hole, 0);
     extent(&mut file, 0, records);
     // The metadata's extent is the one with kind 2.
     let is_metadata = |at: &usize| original[*at..].starts_with(b"Extt\x02");
@@ -155,8 +169,8 @@ fn crafted(depth: u8, records: &[u8], root: u64, previous: u64) -> Vec<u8> {
     let metadata = extent(&mut file, 2, &original[at + HEAD..][..length]);
     let note = (None::<i64>, String::new(), String::new());
     let written = (0u64, 0u64, 0u64, 0u64);
-    let root = (2u8, vec![1u8], root);
-    let commit = (1u64, note, 0u64, 0u64, written, 1u64, root, metadata, previous, (0u64, 0u64));
+    let root = (2u8, vec![representative], root);
+    let commit = (1u64, note, cells, inner, written, 1u64, root, metadata, previous, (0u64, 0u64));
     let commit = extent(&mut file, 1, &encoded((1u32, commit)));
     let end = file.len() as u64;
     let mut slot = b"AutuMeta".to_vec();
@@ -243,6 +257,20 @@ fn pointers_that_go_astray_are_refused() {
 }
 
 #[test]
+fn a_pointer_into_a_hole_is_not_followed_to_its_beginning() {
+    let hole = 40 << 20;
+    let mut record = vec![0x57, 1];
+    record.extend(&(FIRST + hole - (1 << 20)).to_le_bytes()[..6]);
+    record.extend([2, 3, 4]);
+    let CountedFile { editor, work, .. } =
+        &CountedFile::new(crafted_as((3, hole as usize), &record, (1, FIRST + hole), 0, (0, 0)));
+    let code = Code::from_cell(Dimension::Quad, 3, [0, 0, 0]).unwrap();
+    let (found, reads) = work.of(|| editor.tree().value_at(code));
+    // No further than an extent can be long, sector by sector.
+    assert!(found.is_err() && reads < (16 << 20) / 512 + 100, "{reads}");
+}
+
+#[test]
 fn commits_that_go_round_are_refused() {
     let leaf = [0x55, 1, 1, 2, 3, 4];
     for previous in [FIRST, START as u64, 1 << 40, u64::MAX, 100] {
@@ -268,13 +296,19 @@ fn leb128(mut number: u128) -> Vec<u8> {
 }
 
 /// A tree of some depth all of whose nodes of a level are one record. Zones claim what `records` says of a height.
-fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
+pub(super) fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
+    folded_of(depth, [1, 2, 2, 3], records)
+}
+
+/// A tree as [`folded`] makes it of four cells, of which two are 2, one is 1 and one 3.
+pub(super) fn folded_of(depth: u8, cells_of_four: [u8; 4], records: impl Fn(u8) -> u128) -> Vec<u8> {
     let mut bytes: Vec<u8> = Vec::new();
     let mut below = 0;
     for height in 1..=depth {
         let at = bytes.len();
         if height == 1 {
-            bytes.extend([0x55, 2, 1, 2, 2, 3]);
+            bytes.extend([0x55, 2]);
+            bytes.extend(cells_of_four);
         } else {
             let back = (at - below) as u16;
             bytes.extend([0xAA, 2]);
@@ -296,11 +330,12 @@ fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
         }
         below = at;
     }
-    crafted(depth, &bytes, FIRST + below as u64, 0)
+    let totals = (1 << (2 * depth), u64::try_from(records(depth)).unwrap_or(0));
+    crafted_as((depth, 0), &bytes, (2, FIRST + below as u64), 0, totals)
 }
 
 /// Records of a full tree.
-fn full(height: u8) -> u128 {
+pub(super) fn full(height: u8) -> u128 {
     ((1 << (2 * u32::from(height))) - 1) / 3
 }
 

@@ -21,9 +21,12 @@ mod autumnal_imitations;
 mod autumnal_machine;
 #[cfg(unix)]
 mod autumnal_processes;
+mod classes;
 mod codes;
+mod counted;
 mod faults;
 mod fixtures;
+mod folded;
 mod formats_md;
 mod frozen;
 mod fuzz_corpus;

@@ -49,6 +49,36 @@ fn a_published_file_that_is_overwritten_or_cut_short_is_noticed() {
 }
 
 #[test]
+fn outputs_are_no_longer_than_they_may_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let (tree, out) = (fixture("v1/classes.goblin"), folder.path().join("out.goblin"));
+    let commands: [&[&str]; 4] =
+        [&["publish"], &["transform", "rotate=90", "-o"], &["combine", "over", "-o"], &["compact", "-o"]];
+    for words in commands {
+        let tree = if words[0] == "compact" { fixture("v1/history.autumn") } else { tree.clone() };
+        let out = if words[0] == "compact" { out.with_extension("autumn") } else { out.clone() };
+        let run = |most: &str| {
+            let mut command = Command::new(PROGRAM);
+            let (first, rest) = words.split_first().unwrap();
+            command.arg(first).args(["--max-bytes", most]);
+            match words {
+                ["combine", operation, ..] => command.args([operation]).arg(&tree).arg("-o").arg(&out),
+                ["publish"] => command.arg(&tree).arg(&out),
+                _ => command.arg(&tree).args(rest).arg(&out),
+            };
+            command.output().unwrap()
+        };
+        let refused = run("200");
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(!refused.status.success() && message.contains("200"), "{words:?}: {message}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{words:?}");
+        let made = run("1M");
+        assert!(made.status.success(), "{words:?}: {}", String::from_utf8_lossy(&made.stderr));
+        std::fs::remove_file(&out).unwrap();
+    }
+}
+
+#[test]
 fn an_edited_file_may_grow_but_not_lose_commits() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");

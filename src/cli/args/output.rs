@@ -4,7 +4,30 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use spinney::export::image::{Format, format_of};
+use spinney::io::Output;
 use spinney::store::split_commit;
+
+use super::memory::parse_bytes;
+
+/// Bytes that an output may have.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub(crate) struct OutputLimit {
+    /// Fail, and leave nothing behind, if the output would have more bytes, such as 500M or 20G [default: what is
+    /// free in its folder]
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
+    max_bytes: Option<u64>,
+}
+
+impl OutputLimit {
+    /// Starts a file.
+    pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
+        let output = Output::create(path)?;
+        Ok(match self.max_bytes {
+            Some(most) => output.with_limit(most),
+            None => output,
+        })
+    }
+}
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result<()> {

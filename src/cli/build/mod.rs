@@ -17,7 +17,7 @@ use spinney::store::file_is_tree;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use super::Global;
-use super::args::{Memory, check_output, parse_crs};
+use super::args::{Memory, OutputLimit, check_output, parse_crs};
 use super::report::{Work, report_built};
 
 /// Make a tree of a picture, or of several on one grid, or of models of solids.
@@ -62,6 +62,8 @@ struct Common {
     crs: Option<Crs>,
     #[command(flatten)]
     memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
     /// Store equal subtrees once; for .autumn files
     #[arg(long)]
     share: bool,
@@ -155,7 +157,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     }
     let raw = import.raw_bytes();
     let work = Work::start(global, "cells")?;
-    let output = Output::create(&args.output)?;
+    let output = args.common.limit.create(&args.output)?;
     let lines = import.build(output, &args.solids, &work)?;
     work.finish();
     for (heading, text) in lines {

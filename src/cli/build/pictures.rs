@@ -52,7 +52,7 @@ impl PictureArgs {
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
         let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent } = self.clone();
-        let Common { depth, crs, memory, share } = common;
+        let Common { depth, crs, memory, share, limit: _ } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);

@@ -88,7 +88,7 @@ impl SolidArgs {
 
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
-        let Common { depth, crs, memory, share } = common;
+        let Common { depth, crs, memory, share, limit: _ } = common;
         check_output(self.like.as_deref(), output)?;
         let models = mesh::open_all(inputs, memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());

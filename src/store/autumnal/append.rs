@@ -74,6 +74,11 @@ impl Appender {
         }
     }
 
+    /// Whether equal subtrees are stored once.
+    pub(super) fn shares(&self) -> bool {
+        self.dedup.is_some()
+    }
+
     /// Offset of the next byte.
     pub(super) fn position(&self) -> u64 {
         self.start + self.buffer.len() as u64

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::append::{Appender, NewRecord};
 use super::commit::Root;
+use super::copied::Copied;
 use super::layout::{Heights, zone_height};
 use super::reader::{Autumnal, Node};
 use super::verified::Verified;
@@ -60,8 +61,9 @@ impl<'a> Check<'a> {
 }
 
 /// A node, what records above it need of what is below, and the records in the file that its own, or that above, points to.
-struct BuiltNode {
-    part: Part,
+#[derive(Clone)]
+pub(super) struct BuiltNode {
+    pub(super) part: Part,
     /// A bit for each of the nodes with records that come next below, in Z order, or for the node itself: those that have one.
     bitmap: u64,
     /// The addresses of these.
@@ -88,6 +90,11 @@ pub(super) struct RecordBuilder<'a> {
     /// A commit of another file with the same tree as the base: what is known to be in one is in the other,
     /// too.
     twin: Option<&'a Autumnal>,
+    /// Whether equal subtrees are stored once.
+    shares: bool,
+    /// Nodes that were made of others already: of those of other files where equal subtrees are stored once, and of the
+    /// file's own that had to be made anew.
+    copied: Option<Copied>,
     siblings: Siblings<BuiltNode>,
     root: Option<BuiltNode>,
 }
@@ -102,6 +109,9 @@ impl<'a> RecordBuilder<'a> {
         base: Option<&'a Autumnal>,
         twin: Option<&'a Autumnal>,
     ) -> RecordBuilder<'a> {
+        let shares = matches!(&mode, Mode::Write(appender) if appender.shares());
+        // Majorities are made of the counts of all classes, which large nodes that are kept may not list.
+        let must_count = options.rule == Rule::Majority && base.is_some();
         RecordBuilder {
             form,
             heights: Heights::new(form.dimension, options.depth),
@@ -111,6 +121,8 @@ impl<'a> RecordBuilder<'a> {
             mode,
             base,
             twin,
+            shares,
+            copied: (shares || must_count).then(|| Copied::new(options.memory / 8)),
             siblings: Siblings::new(form.dimension, options.depth, covered),
             root: None,
         }
@@ -130,6 +142,9 @@ impl<'a> RecordBuilder<'a> {
         let (depth, value_type) = (self.depth, self.form.value);
         loop {
             let code = node.part.code;
+            if let Some(copied) = &mut self.copied {
+                copied.made(code, &node);
+            }
             let Some(parent) = code.parent() else {
                 self.root = Some(node);
                 return Ok(());
@@ -222,6 +237,10 @@ impl<'a> RecordBuilder<'a> {
                 let place = format!("node {code}");
                 let problem = "its record, or its zone, is not what the leaves below make it";
                 check.findings.push(Finding { place, problem: problem.into() });
+                // (Once for all nodes that it stands for.)
+                if let Some(old) = old.filter(|_| !record.zone.is_empty()) {
+                    check.verified.insert(old);
+                }
                 // So that the nodes above are not found to be wrong for no other reason than this one.
                 Ok(old.map_or(0, |old| old.address))
             }
@@ -284,6 +303,7 @@ impl TreeSink for RecordBuilder<'_> {
         if let Some(sealed) = sealed {
             part.records = sealed.records;
         }
+        part.tally.keep_listed_for(self.rule);
         let mut node = BuiltNode::new(part);
         let code = node.part.code;
         let height = self.depth - code.level();
@@ -299,6 +319,20 @@ impl TreeSink for RecordBuilder<'_> {
     }
 
     fn keep(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
+        if self.keep_own(code, kept)? {
+            return Ok(true);
+        }
+        let is_own = self.base.is_some_and(|base| base.archive.file == kept.file);
+        let copied = self.copied.as_mut().filter(|_| self.shares || is_own);
+        let Some(copy) = copied.and_then(|copied| copied.find(code, kept)) else { return Ok(false) };
+        self.join(copy)?;
+        Ok(true)
+    }
+}
+
+impl RecordBuilder<'_> {
+    /// Keeps a node of the file itself, or one of which it is known where it is in the file.
+    fn keep_own(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
         let Some(base) = self.base else { return Ok(false) };
         let node = Node::new(kept.address, kept.height);
         let node = if kept.file == base.archive.file {
@@ -314,7 +348,15 @@ impl TreeSink for RecordBuilder<'_> {
         };
         // What has no zone is smaller than a block: it is built anew, and found to be there.
         let Some(node) = node else { return Ok(false) };
+        if let Mode::Check(check) = &self.mode
+            && !check.verified.contains(node)
+        {
+            return Ok(false);
+        }
         let Some(Zone { records: total, tally }) = base.zone(node)? else { return Ok(false) };
+        if self.rule == Rule::Majority && tally.lacks_classes() {
+            return Ok(false);
+        }
         let child = Child::Inner { representative: base.representative(node)?, node: () };
         let above = self.above_of(code, base.record(node)?.run());
         let records = above.ok_or_else(|| base.bad_run(node.address))?;

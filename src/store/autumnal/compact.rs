@@ -60,6 +60,11 @@ pub fn compact(
     let commits = keep.of(&history)?;
     let header = history.header().clone();
     let share = share || history.is_shared();
+    // (What commits have in common is written once.)
+    for commit in commits.iter().filter(|_| !share) {
+        let tree = Autumnal::new(history.archive.clone(), commit.clone())?;
+        output.check_room(tree.claimed_records()?.saturating_mul(header.record_layout().least_node()))?;
+    }
     let mut made = Vec::new();
     // The commit that was written last: what a commit has in common with it is in the new file.
     let mut before: Option<Autumnal> = None;

@@ -1,16 +1,15 @@
 //! Extents: checksummed runs of bytes, from which everything but the first three pages of a file is made.
 
 use std::borrow::Cow;
-use std::io;
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use zerocopy::little_endian::{U32, U64};
-use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout, Unaligned};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::meta::Slot;
 use super::newest::slots;
+use super::sectors::{MOST_BYTES, Sectors};
 use crate::io::{ReadBackend, Stamp};
 use crate::{Error, Result};
 
@@ -27,8 +26,7 @@ pub(super) const FULL_EXTENT: usize = 1 << 16;
 
 const _: () = assert!(FIRST_EXTENT.is_multiple_of(PAGE));
 
-/// Bytes of the longest extent that is read as a whole: metadata, a commit. A hostile length must not ask for
-/// more.
+/// Bytes of the longest extent, behind its head. A hostile length must not ask for more.
 const MAX_WHOLE: u64 = 16 << 20;
 /// Bytes that are read at a time where only their checksum is wanted.
 const CHECK_BYTES: u64 = 1 << 20;
@@ -101,8 +99,8 @@ pub(super) struct Extents {
     backend: Box<dyn ReadBackend>,
     /// End of the commit: what is behind does not belong to it.
     pub(super) end: u64,
-    /// One bit per sector: whether it is one of an extent of records that was found to be good.
-    verified: Vec<AtomicU64>,
+    /// Sectors of extents of records that were found to be good.
+    verified: Sectors,
     check: bool,
 }
 
@@ -149,16 +147,13 @@ impl Extents {
     /// The extents in a backend up to `end`, which must not lie behind the backend's own.
     ///
     /// # Errors
-    /// If there is no memory for a bit per sector.
+    /// If that is further than any file reaches.
     pub(super) fn new(path: &Path, backend: Box<dyn ReadBackend>, end: u64, check: bool) -> Result<Extents> {
-        let words = end.div_ceil(SECTOR).div_ceil(64);
-        // The system hands out zeroed memory page by page as it is touched, so that large files open, and go
-        // on after an edit, as fast as small ones. A sparse file can claim any length: running out of memory
-        // is no reason to die.
-        let verified = AtomicU64::new_vec_zeroed(words as usize).map_err(|_| {
-            let cause = io::Error::from(io::ErrorKind::OutOfMemory);
-            Error::io(path, "get memory for a bit per sector of the file")(cause)
-        })?;
+        if end > MOST_BYTES {
+            let found = format!("a commit that ends at byte {end}");
+            return Err(Error::unsupported(path, found, format!("files may have {MOST_BYTES} bytes")));
+        }
+        let verified = Sectors::new(end);
         Ok(Extents { path: path.to_path_buf(), backend, end, verified, check })
     }
 
@@ -201,10 +196,7 @@ impl Extents {
     /// Makes sure that the extent of records that an address is in is good.
     #[inline]
     fn check_at(&self, address: u64) -> Result<()> {
-        let sector = address / SECTOR;
-        // (Whoever sets a bit has seen the same bytes: no order with other memory is needed.)
-        let word = self.verified.get((sector / 64) as usize).map_or(0, |word| word.load(Ordering::Relaxed));
-        if word >> (sector % 64) & 1 == 0 { self.verify_extent(address) } else { Ok(()) }
+        if self.verified.contains(address / SECTOR) { Ok(()) } else { self.verify_extent(address) }
     }
 
     /// Finds the extent of records that an address is in, checks it, and remembers that it is good.
@@ -214,9 +206,8 @@ impl Extents {
         if self.check {
             self.check_payload(&extent)?;
         }
-        for sector in extent.start / SECTOR..extent.end().div_ceil(SECTOR) {
-            self.verified[(sector / 64) as usize].fetch_or(1 << (sector % 64), Ordering::Relaxed);
-        }
+        (extent.start / SECTOR..extent.end().div_ceil(SECTOR))
+            .for_each(|sector| self.verified.insert(sector));
         Ok(())
     }
 
@@ -234,19 +225,21 @@ impl Extents {
         if address < FIRST_EXTENT || address >= self.end {
             return Err(outside());
         }
-        // Back to the nearest head. Extents are short, but for one with a very long record.
+        // Back to the nearest head, but no further than an extent can be long: a file may be nearly all holes.
         let mut start = address / SECTOR * SECTOR;
+        let first = address.saturating_sub(MAX_WHOLE + HEAD_SIZE as u64).max(FIRST_EXTENT);
         let extent = loop {
             if let Some(extent) = self.extent_at(start)? {
                 break extent;
             }
-            if start <= FIRST_EXTENT {
+            if start <= first {
                 return Err(outside());
             }
             start -= SECTOR;
         };
         let is_inside = (extent.payload_start()..extent.end()).contains(&address);
-        if extent.kind == ExtentKind::Records as u8 && is_inside { Ok(extent) } else { Err(outside()) }
+        let is_good = extent.kind == ExtentKind::Records as u8 && is_inside && extent.length <= MAX_WHOLE;
+        if is_good { Ok(extent) } else { Err(outside()) }
     }
 
     /// The extent that starts at an offset of the file, if there is one.

@@ -1,20 +1,30 @@
 //! Nodes per level, which nobody keeps up to date in a file that is edited: they are counted.
 
+use super::distinct::Occurring;
 use super::reader::{Autumnal, Node};
 use crate::Result;
+use crate::space::Bounds;
 use crate::store::container::LevelCounts;
-use crate::tree::{Child, Source, no_children};
+use crate::tree::{Child, NodeState, Source, no_children};
+use crate::value::Value;
 
 impl Autumnal {
     /// Nodes of the commit's tree by level and state, those of shared subtrees as often as they occur; `None` if it has
-    /// more than `most` records, each of which is read.
+    /// more than `most` records, each of which is read. (What a record stands for several times is read once if the tree
+    /// has more nodes than the file has room for.)
     ///
     /// # Errors
     /// If the file is damaged.
     pub fn level_counts(&self, most: u64) -> Result<Option<LevelCounts>> {
+        let root = self.root_child();
+        if self.is_folded()? {
+            let mut counted = Counted { depth: self.depth(), counts: LevelCounts::default() };
+            self.each_distinct(&Bounds::space(self.form().dimension, self.depth()), &mut counted)?;
+            return Ok(Some(counted.counts));
+        }
         let mut counts = LevelCounts::default();
         let mut left = most;
-        let is_counted = self.count_levels(self.root_child(), 0, &mut counts, &mut left)?;
+        let is_counted = self.count_levels(root, 0, &mut counts, &mut left)?;
         Ok(is_counted.then_some(counts))
     }
 
@@ -26,9 +36,7 @@ impl Autumnal {
         counts: &mut LevelCounts,
         left: &mut u64,
     ) -> Result<bool> {
-        let mut nodes = [0; 3];
-        nodes[node.state() as usize] = 1;
-        counts.add(level, nodes);
+        counts.add(level, nodes_of(node.state(), 1));
         let Child::Inner { node, .. } = node else { return Ok(true) };
         let Some(less) = left.checked_sub(1) else { return Ok(false) };
         *left = less;
@@ -40,5 +48,31 @@ impl Autumnal {
             }
         }
         Ok(true)
+    }
+}
+
+/// So many nodes of a state.
+fn nodes_of(state: NodeState, nodes: u64) -> [u64; 3] {
+    let mut of = [0; 3];
+    of[state as usize] = nodes;
+    of
+}
+
+/// The nodes of a tree each record of which is read once.
+struct Counted {
+    depth: u8,
+    counts: LevelCounts,
+}
+
+impl Occurring for Counted {
+    fn inner(&mut self, node: Node, times: u64) -> Result<bool> {
+        self.counts.add(self.depth - node.height, nodes_of(NodeState::Inner, times));
+        Ok(true)
+    }
+
+    fn uniform(&mut self, value: Option<Value>, levels: u8, times: u64, _: u64) -> Result<()> {
+        let state = if value.is_some() { NodeState::Leaf } else { NodeState::Void };
+        self.counts.add(self.depth - levels, nodes_of(state, times));
+        Ok(())
     }
 }

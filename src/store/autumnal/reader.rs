@@ -474,6 +474,18 @@ impl Autumnal {
         claimed.ok_or_else(|| self.bad_zone(node.address))
     }
 
+    /// INNER nodes of the tree, those of shared subtrees as often as they occur, as its root's zone says. (Whoever walks
+    /// it finds out if that is not true.)
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub(crate) fn claimed_records(&self) -> Result<u64> {
+        match self.root {
+            Child::Inner { node, .. } => self.records_below(self.extents(), node),
+            Child::Void | Child::Leaf(_) => Ok(0),
+        }
+    }
+
     /// Checks that the zone of a node, which has this record, adds up with those of the nodes that it points to: else a
     /// small file could claim few records and have any number.
     #[inline(never)]

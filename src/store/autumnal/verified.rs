@@ -1,46 +1,39 @@
-//! Nodes that were found to be good, so that what commits, or parts of a tree, have in common is looked at once.
+//! Nodes that were looked at, so that what commits, or parts of a tree, have in common is looked at once.
 
-use std::collections::HashSet;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::reader::{Autumnal, Node};
+use super::remembered::Remembered;
 use crate::Result;
 use crate::store::builder::{RecordRef, ReusableSource};
 use crate::tree::{CellBlock, Child, Children, Form, Source};
 use crate::value::Tally;
 
-/// Nodes with zones that were found to be good, with all that is below them.
-pub(super) struct Verified {
-    nodes: Mutex<HashSet<Node>>,
-    /// Nodes that may be kept in memory. Those beyond are looked at again, which costs nothing but time.
-    most: usize,
-}
-
-/// Bytes that a node takes in memory, in a table that is half full.
-const NODE_SIZE: u64 = 2 * (size_of::<Node>() as u64 + 1);
+/// Nodes with zones that were looked at, with all that is below them. Those for which there is no room are looked at again.
+pub(super) struct Verified(Mutex<Remembered<u64, ()>>);
 
 impl Verified {
     /// None yet, and room for as many as fit into so many bytes.
     pub(super) fn new(memory: u64) -> Verified {
-        Verified { nodes: Mutex::default(), most: (memory / NODE_SIZE) as usize }
+        Verified(Mutex::new(Remembered::new(memory)))
+    }
+
+    fn nodes(&self) -> MutexGuard<'_, Remembered<u64, ()>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(super) fn insert(&self, node: Node) {
-        let mut nodes = self.nodes.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        if nodes.len() < self.most {
-            nodes.insert(node);
-        }
+        self.nodes().insert(node.height, node.address, (), 0);
     }
 
-    fn contains(&self, node: Node) -> bool {
-        self.nodes.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).contains(&node)
+    pub(super) fn contains(&self, node: Node) -> bool {
+        self.nodes().get(node.height, &node.address).is_some()
     }
 }
 
-/// A tree as a source of which only what was not verified yet is looked at.
+/// A tree as a source each record of which is looked at once, so that it may have any number of nodes.
 pub(super) struct Unverified<'a> {
     pub(super) tree: &'a Autumnal,
-    pub(super) verified: &'a Verified,
 }
 
 impl Source for Unverified<'_> {
@@ -55,7 +48,8 @@ impl Source for Unverified<'_> {
     }
 
     fn root(&self) -> Result<Child<Node>> {
-        self.tree.root()
+        // (However many nodes there are: each record is looked at once.)
+        Ok(self.tree.root_child())
     }
 
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
@@ -77,6 +71,6 @@ impl Source for Unverified<'_> {
 
 impl ReusableSource for Unverified<'_> {
     fn kept(&self, node: &Node) -> Option<RecordRef> {
-        if self.verified.contains(*node) { self.tree.kept(node) } else { None }
+        self.tree.kept(node)
     }
 }

@@ -149,7 +149,7 @@ impl Autumnal {
         let mut made = Vec::new();
         let mode = Mode::Check(Check::new(&mut made, verified));
         let mut builder = RecordBuilder::new(form, &options, [u64::MAX; 3], mode, Some(self), None);
-        let source = Unverified { tree: self, verified };
+        let source = Unverified { tree: self };
         let shape = shape(form.dimension, options.depth);
         let walked = walk(&source, &options, shape, true, &mut builder, progress);
         let place = format!("commit {}", self.commit.number);

@@ -7,6 +7,9 @@
 use crate::tree::Form;
 use crate::value::{Tally, Value};
 
+/// Number of classes of a zone that has too many to list them.
+const NOT_COUNTED: u64 = u32::MAX as u64;
+
 /// A zone.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Zone {
@@ -45,8 +48,9 @@ impl Zone {
             }
         }
         if with_classes {
-            put(&mut bytes, tally.classes.len() as u128);
-            for (value, cells) in &tally.classes {
+            let listed = tally.listed_classes();
+            put(&mut bytes, listed.map_or(NOT_COUNTED, |classes| classes.len() as u64).into());
+            for (value, cells) in listed.into_iter().flatten() {
                 bytes.extend_from_slice(&value.to_bytes()[..width]);
                 put(&mut bytes, u128::from(*cells));
             }
@@ -92,6 +96,9 @@ impl Zone {
         }
         if with_classes {
             let count = get_u64(rest)?;
+            if count == NOT_COUNTED && cells > 0 {
+                return Ok(Zone { records, tally });
+            }
             if count > cells {
                 return Err(BadZone::Wrong);
             }

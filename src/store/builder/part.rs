@@ -11,6 +11,7 @@ use crate::value::{Rule, Tally, Value, ValueType, representative};
 pub(in crate::store) const ALWAYS_HEAVY: u64 = u32::MAX as u64;
 
 /// A node and what coarser segments still need of the tree below it.
+#[derive(Clone)]
 pub(in crate::store) struct Part {
     pub(in crate::store) code: Code,
     pub(in crate::store) child: Child<()>,
@@ -84,7 +85,7 @@ impl Part {
         rule: Rule,
         counts: &mut LevelCounts,
     ) -> Self {
-        let tally = Tally::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
+        let mut tally = Tally::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
         let children = || parts.iter().map(|part| part.child);
         if let Some(child) = uniform_children(children()) {
             return Part { code, child, total: 0, records: Vec::new(), tally };
@@ -108,6 +109,7 @@ impl Part {
         parts.iter().for_each(|part| records.extend_from_slice(&part.records));
         let cells = code.dimension().cells(depth - code.level());
         let representative = representative_of(rule, children(), &tally, cells);
+        tally.keep_listed_for(rule);
         Part {
             code,
             child: Child::Inner { representative, node: () },

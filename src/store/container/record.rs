@@ -114,6 +114,11 @@ impl RecordLayout {
         self.dimension.children()
     }
 
+    /// Bytes that an INNER node takes at least: those of its children's values, which a dense block has of it.
+    pub(crate) const fn least_node(&self) -> u64 {
+        (self.children() * self.width) as u64
+    }
+
     /// Records in so many bytes.
     #[inline]
     pub fn count(&self, records: &[u8]) -> usize {

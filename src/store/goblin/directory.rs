@@ -21,13 +21,16 @@ pub struct Entry {
     pub length: u64,
     /// Records of the segment.
     pub records: u32,
-    /// Class counts that follow the records.
+    /// Class counts that follow the records; `u32::MAX` if there would be too many.
     pub classes: u32,
     /// CRC-32C of the segment's bytes.
     pub checksum: u32,
     /// Zone statistics, but for the class counts, which stand in the segment.
     pub zone: Tally,
 }
+
+/// Number of class counts of a segment that has none because there would be too many.
+pub(super) const NOT_COUNTED: u32 = u32::MAX;
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard, PoisonError};
 
 use super::cache::SegmentCache;
-use super::directory::SegmentLocation;
+use super::directory::{NOT_COUNTED, SegmentLocation};
 use super::reader::Goblin;
 use super::segment::{COUNT_SIZE, Segment};
 use crate::Result;
@@ -38,7 +38,8 @@ impl Goblin {
         // The entry's own checksum is looked at before any of its numbers is used.
         let entry = self.entry(index)?;
         let part = || format!("segment {} (entry {index})", entry.code);
-        let classes = u64::from(entry.classes) * (self.layout.width + COUNT_SIZE) as u64;
+        let listed = if entry.classes == NOT_COUNTED { 0 } else { entry.classes };
+        let classes = u64::from(listed) * (self.layout.width + COUNT_SIZE) as u64;
         let records = u64::from(entry.records) * self.layout.size as u64;
         if entry.records == 0 || entry.length != records + classes {
             let found = format!("{} bytes, {} records", entry.length, entry.records);
@@ -78,7 +79,10 @@ impl Goblin {
             return Err(self.corrupt(part(), format!("a first skip of {skip}"), &expected));
         }
         let counted = segment.classes().iter().try_fold(0u64, |sum, (_, cells)| sum.checked_add(*cells));
-        if entry.classes > 0 && counted != Some(entry.zone.cells) {
+        if entry.classes == 0 && self.header.counts_classes() {
+            return Err(self.corrupt(part(), "no class counts", "some, or the number that means very many"));
+        }
+        if listed > 0 && counted != Some(entry.zone.cells) {
             let expected = format!("{}, as the directory has it", entry.zone.cells);
             return Err(self.corrupt(part(), format!("class counts of {counted:?} cells"), &expected));
         }

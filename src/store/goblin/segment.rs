@@ -50,7 +50,7 @@ impl<'a> Segment<'a> {
         self.bytes
     }
 
-    /// Cells of each value below the segment's node; empty unless the file counts classes.
+    /// Cells of each value below the segment's node; empty unless the file counts classes, or if there are too many.
     pub fn classes(&self) -> Vec<(Value, u64)> {
         let entries = self.bytes[self.record_bytes..].chunks_exact(self.width + COUNT_SIZE);
         let entry = |entry: &[u8]| {

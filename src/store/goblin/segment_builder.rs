@@ -80,7 +80,9 @@ impl TreeSink for SegmentBuilder<'_> {
     }
 
     fn can_copy(&self, code: Code, node: &StoredNode<'_>) -> Result<bool> {
-        SegmentCopy::is_possible(node, code, self.form, &self.shape)
+        // (Majorities above it are made of the counts of all classes.)
+        let needs_classes = self.rule == Rule::Majority;
+        SegmentCopy::is_possible(node, code, self.form, &self.shape, needs_classes)
     }
 
     fn copy(&mut self, code: Code, representative: Value, node: &StoredNode<'_>) -> Result<()> {

@@ -2,6 +2,7 @@
 
 use std::any::Any;
 
+use super::directory::NOT_COUNTED;
 use super::reader::Goblin;
 use super::segment::Segment;
 use super::segment_builder::SegmentSink;
@@ -37,8 +38,14 @@ fn file_of<'a>(node: &StoredNode<'a>) -> Option<&'a Goblin> {
 
 impl<'a> SegmentCopy<'a> {
     /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment,
-    /// and so will `to`, with the same segments below.
-    pub(super) fn is_possible(node: &StoredNode<'_>, to: Code, form: Form, shape: &Shape) -> Result<bool> {
+    /// and so will `to`, with the same segments below; and it tells its classes, if somebody needs them.
+    pub(super) fn is_possible(
+        node: &StoredNode<'_>,
+        to: Code,
+        form: Form,
+        shape: &Shape,
+        needs_classes: bool,
+    ) -> Result<bool> {
         let Some(file) = file_of(node) else { return Ok(false) };
         let there = file.header();
         let is_alike = there.form == form
@@ -49,8 +56,9 @@ impl<'a> SegmentCopy<'a> {
         if !is_alike || !shape.is_candidate(to.level()) || is_root || node.record != 0 {
             return Ok(false);
         }
-        let code = file.segment(node.run as usize)?.code();
-        Ok(code.level() + node.height == there.depth())
+        let segment = node.run as usize;
+        let owns = file.segment(segment)?.code().level() + node.height == there.depth();
+        Ok(owns && !(needs_classes && file.entry(segment)?.classes == NOT_COUNTED))
     }
 
     /// All that is to be copied; `None` if the node is not that of a Goblin file.

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use super::directory::{Entry, entry_size};
+use super::directory::{Entry, NOT_COUNTED, entry_size};
 use super::segment::{COUNT_SIZE, Segment};
 use super::segment_builder::{SegmentBuilder, SegmentSink};
 use super::trailer::{Section, Trailer};
@@ -38,6 +38,7 @@ struct Writer {
     out: Output,
     path: PathBuf,
     layout: RecordLayout,
+    counts_classes: bool,
     /// Bytes written so far.
     position: u64,
     /// Directory entries of the segments written so far.
@@ -50,8 +51,8 @@ impl Writer {
     fn new(out: Output, header: &Header, memory: u64) -> Result<Writer> {
         let path = out.path().to_path_buf();
         let sorter = Sorter::new(folder(&path), entry_size(header.form.value), memory);
-        let layout = header.record_layout();
-        let mut writer = Writer { out, path, layout, position: 0, sorter, stored_records: 0 };
+        let (layout, counts_classes) = (header.record_layout(), header.counts_classes());
+        let mut writer = Writer { out, path, layout, counts_classes, position: 0, sorter, stored_records: 0 };
         writer.write(&header.to_bytes(TreeFormat::Goblin), "write the header")?;
         Ok(writer)
     }
@@ -91,7 +92,8 @@ impl SegmentSink for Writer {
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {
         let offset = self.position;
         let SealedSegment { code, records, tally } = segment;
-        let classes = class_bytes(self.layout.width, &tally.classes);
+        let listed = if self.counts_classes { tally.listed_classes() } else { Some(&[][..]) };
+        let classes = class_bytes(self.layout.width, listed.unwrap_or_default());
         let checksum = crc32c::crc32c_append(crc32c::crc32c(&records), &classes);
         self.write(&records, "write a segment")?;
         self.write(&classes, "write a segment")?;
@@ -102,7 +104,7 @@ impl SegmentSink for Writer {
             offset,
             length: self.position - offset,
             records: count as u32,
-            classes: tally.classes.len() as u32,
+            classes: listed.map_or(NOT_COUNTED, |classes| classes.len() as u32),
             checksum,
             zone: tally,
         };

@@ -3,13 +3,17 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// Chunks by number; those not used for longest go when there are too many bytes.
+/// What a decoded chunk is made of: the offset and number of its bytes (`None` is all the rest of the file), and its rows.
+/// Chunks of which all of that is the same are the same, wherever they are in the image.
+pub(super) type ChunkKey = (u64, Option<u64>, u64);
+
+/// Chunks by what they are made of; those not used for longest go when there are too many bytes.
 pub(super) struct ChunkCache {
     limit: u64,
     held: u64,
     clock: u64,
-    chunks: HashMap<u64, (u64, Arc<Vec<u8>>)>,
-    by_age: BTreeMap<u64, u64>,
+    chunks: HashMap<ChunkKey, (u64, Arc<Vec<u8>>)>,
+    by_age: BTreeMap<u64, ChunkKey>,
 }
 
 impl ChunkCache {
@@ -18,7 +22,7 @@ impl ChunkCache {
         ChunkCache { limit, held: 0, clock: 0, chunks: HashMap::new(), by_age: BTreeMap::new() }
     }
 
-    pub(super) fn get(&mut self, chunk: u64) -> Option<Arc<Vec<u8>>> {
+    pub(super) fn get(&mut self, chunk: ChunkKey) -> Option<Arc<Vec<u8>>> {
         let (used, bytes) = self.chunks.get_mut(&chunk)?;
         self.by_age.remove(used);
         self.clock += 1;
@@ -28,7 +32,7 @@ impl ChunkCache {
     }
 
     /// Adds a chunk. Gives back the memory of one that had to go, if any, for the next chunk to use.
-    pub(super) fn put(&mut self, chunk: u64, bytes: Arc<Vec<u8>>) -> Vec<u8> {
+    pub(super) fn put(&mut self, chunk: ChunkKey, bytes: Arc<Vec<u8>>) -> Vec<u8> {
         let mut gone = None;
         self.clock += 1;
         self.held += bytes.len() as u64;
@@ -56,14 +60,15 @@ mod tests {
     fn chunks_not_used_for_longest_go_first() {
         let mut cache = ChunkCache::new(20);
         let chunk = |byte| Arc::new(vec![byte; 10]);
-        assert!(cache.put(1, chunk(1)).is_empty());
-        assert!(cache.put(2, chunk(2)).is_empty());
-        assert!(cache.get(1).is_some());
-        assert_eq!(cache.put(3, chunk(3)), [2; 10]);
-        assert!(cache.get(1).is_some() && cache.get(2).is_none() && cache.get(3).is_some());
+        let key = |number| (number, None, 10);
+        assert!(cache.put(key(1), chunk(1)).is_empty());
+        assert!(cache.put(key(2), chunk(2)).is_empty());
+        assert!(cache.get(key(1)).is_some());
+        assert_eq!(cache.put(key(3), chunk(3)), [2; 10]);
+        assert!(cache.get(key(1)).is_some() && cache.get(key(2)).is_none() && cache.get(key(3)).is_some());
         // One that is larger than all room stays alone.
-        cache.put(4, Arc::new(vec![4; 30]));
-        assert!(cache.get(4).is_some() && cache.get(3).is_none());
+        cache.put(key(4), Arc::new(vec![4; 30]));
+        assert!(cache.get(key(4)).is_some() && cache.get(key(3)).is_none());
         assert_eq!((cache.held, cache.by_age.len()), (30, 1));
     }
 }

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use super::cache::ChunkCache;
+use super::cache::{ChunkCache, ChunkKey};
 use super::codec::{ChunkShape, Compression, States};
 use super::colour::{Colour, Yuv};
 use super::ifd::{Directory, Input};
@@ -35,6 +35,9 @@ pub(super) struct Image {
     workers: Mutex<Vec<Worker>>,
     /// Chunks that may be decoded at once.
     parallel: usize,
+    /// Chunks that were decoded.
+    #[cfg(test)]
+    pub(super) decoded: std::sync::atomic::AtomicU64,
 }
 
 /// Decoder states and buffers of one thread.
@@ -124,6 +127,8 @@ impl Image {
             workers: Mutex::default(),
             parallel: (input.memory / 2 / chunk.max(1)).clamp(1, threads) as usize,
             channels: colour.channels(samples),
+            #[cfg(test)]
+            decoded: Default::default(),
             hole: vec![0; sample_format.sample().size()],
             lowest_first: first(tag::FILL_ORDER, 1)? == 2 && !codec.ignores_fill_order(),
             layout,
@@ -193,35 +198,43 @@ impl Image {
     }
 
     fn fill(&self, input: &Input, worker: &mut Worker, job: &mut Job<'_>, plane: u64) -> Result<()> {
-        let index = self.layout.index(plane, job.across, job.down);
-        let cached = self.cache.lock().expect("no panic while held").get(index);
-        if let Some(chunk) = cached {
-            return self.copy(input, &chunk, &mut worker.row, job, plane);
-        }
-        if !self.decode(input, worker, job, plane)? {
+        let ChunkLocation::At(offset, count) = self.layout.location(plane, job.across, job.down) else {
             for pixel in job.rows.iter_mut().flat_map(|row| row.chunks_exact_mut(self.pixel_bytes())) {
                 let samples = pixel.chunks_exact_mut(self.hole.len());
                 samples.for_each(|sample| sample.copy_from_slice(&self.hole));
             }
             return Ok(());
+        };
+        let key = (offset, count, self.layout.region(job.across, job.down).height);
+        let cached = self.cache.lock().expect("no panic while held").get(key);
+        if let Some(chunk) = cached {
+            return self.copy(input, &chunk, &mut worker.row, job, plane);
         }
+        self.decode(input, worker, job, plane, key)?;
         self.copy(input, &worker.chunk, &mut worker.row, job, plane)?;
-        if !job.whole {
+        // What is asked for in parts, or is there several times, will likely be asked for again.
+        if !job.whole || self.layout.repeats {
             let chunk = Arc::new(std::mem::take(&mut worker.chunk));
-            worker.chunk = self.cache.lock().expect("no panic while held").put(index, chunk);
+            worker.chunk = self.cache.lock().expect("no panic while held").put(key, chunk);
         }
         Ok(())
     }
 
-    /// Decodes a chunk into `worker.chunk`; `false` if it is a hole.
-    fn decode(&self, input: &Input, worker: &mut Worker, job: &Job<'_>, plane: u64) -> Result<bool> {
-        let ChunkLocation::At(offset, count) = self.layout.location(plane, job.across, job.down) else {
-            return Ok(false);
-        };
+    /// Decodes a chunk into `worker.chunk`.
+    fn decode(
+        &self,
+        input: &Input,
+        worker: &mut Worker,
+        job: &Job<'_>,
+        plane: u64,
+        (offset, count, rows): ChunkKey,
+    ) -> Result<()> {
+        #[cfg(test)]
+        self.decoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let place = || self.layout.name(plane, job.across, job.down);
         let width = self.layout.chunk_width as usize;
         // Tiles at the bottom should have rows beyond the image, but some writers leave them out.
-        let rows = self.layout.region(job.across, job.down).height as usize;
+        let rows = rows as usize;
         let samples = if self.layout.planes > 1 { 1 } else { self.samples };
         let row_bytes = (width * samples * self.sample_format.bits()).div_ceil(8);
         let (packed_rows, packed_row_bytes) = self.colour.packed(width, rows, row_bytes);
@@ -258,7 +271,7 @@ impl Image {
             predictor::restore(self.predictor, chunk, packed_row_bytes, size, samples, input.big_endian);
         }
         self.colour.convert(chunk, width, rows, samples);
-        Ok(true)
+        Ok(())
     }
 
     /// Widens the wanted samples of a decoded chunk into the rows of a job.

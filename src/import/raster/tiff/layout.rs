@@ -23,6 +23,8 @@ pub(super) struct ChunkLayout {
     piece_bytes: u64,
     offsets: Vec<u64>,
     counts: Option<Vec<u64>>,
+    /// Whether several chunks are made of the same bytes.
+    pub(super) repeats: bool,
 }
 
 /// Location of a chunk's bytes in the file.
@@ -86,6 +88,7 @@ impl ChunkLayout {
             planes,
             pieces: rows.div_ceil(chunk_height),
             piece_bytes: row_bytes.saturating_mul(chunk_height),
+            repeats: repeats(&offsets),
             offsets,
             counts,
         };
@@ -114,11 +117,6 @@ impl ChunkLayout {
         self.height.div_ceil(self.chunk_height)
     }
 
-    /// A number of its own for each chunk.
-    pub(super) fn index(&self, plane: u64, across: u64, down: u64) -> u64 {
-        (plane * self.down() + down) * self.across() + across
-    }
-
     /// The pixels of a chunk, as far as they are in the image.
     pub(super) fn region(&self, across: u64, down: u64) -> Region {
         let (x, y) = (across * self.chunk_width, down * self.chunk_height);
@@ -145,6 +143,17 @@ impl ChunkLayout {
         let plane = if self.planes > 1 { format!(" of plane {plane}") } else { String::new() };
         format!("{kind} at column {}, row {}{plane}", region.x, region.y)
     }
+}
+
+/// Whether an offset other than 0, which means that there is no chunk, is there twice.
+fn repeats(offsets: &[u64]) -> bool {
+    // Mostly they grow.
+    if offsets.windows(2).all(|pair| pair[0] < pair[1]) {
+        return false;
+    }
+    let mut sorted: Vec<u64> = offsets.iter().copied().filter(|offset| *offset != 0).collect();
+    sorted.sort_unstable();
+    sorted.windows(2).any(|pair| pair[0] == pair[1])
 }
 
 /// Rows to read at once from strips of `rows` rows. They divide the strips evenly, unless there is only one.

@@ -224,3 +224,67 @@ fn tags(directory: &Directory<'_>) -> Result<BTreeMap<String, String>> {
     }
     Ok(tags)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use super::*;
+
+    /// A file of tiles of 16 x 16 bytes, all at one place; the strips' tags tell where.
+    fn repeated(tiles: u32) -> Vec<u8> {
+        let side = tiles * 16;
+        let data = 8u32;
+        let tags = data + 256;
+        let tables = tags + 2 + 9 * 12 + 4;
+        let mut bytes = b"II*\0".to_vec();
+        bytes.extend(tags.to_le_bytes());
+        bytes.extend((0..=255u8).map(|pixel| pixel / 3));
+        bytes.extend(9u16.to_le_bytes());
+        let count = tiles * tiles;
+        // Type 4 is a number of 32 bits.
+        for (tag, count, value) in [
+            (256u16, 1, side),
+            (257, 1, side),
+            (258, 1, 8),
+            (259, 1, 1),
+            (262, 1, 1),
+            (322, 1, 16),
+            (323, 1, 16),
+            (324, count, tables),
+            (325, count, tables + 4 * count),
+        ] {
+            bytes.extend(tag.to_le_bytes());
+            bytes.extend(4u16.to_le_bytes());
+            bytes.extend(u32::to_le_bytes(count));
+            bytes.extend(u32::to_le_bytes(value));
+        }
+        bytes.extend([0; 4]);
+        (0..count).for_each(|_| bytes.extend(data.to_le_bytes()));
+        (0..count).for_each(|_| bytes.extend(256u32.to_le_bytes()));
+        bytes
+    }
+
+    #[test]
+    fn tiles_of_the_same_bytes_are_decoded_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.tif");
+        let tiles = 200;
+        std::fs::write(&path, repeated(tiles)).unwrap();
+        let (input, first) = Input::open(&path, 1 << 20).unwrap();
+        let (directory, _) = input.directory(first).unwrap();
+        let image = Image::new(&input, &directory).unwrap();
+        let side = u64::from(tiles) * 16;
+        let mut rows = vec![0; side as usize * 64];
+        for y in (0..side).step_by(64) {
+            image.read(&input, Region::new(0, y, side, 64.min(side - y)), &mut rows).unwrap();
+            for (index, pixel) in rows.iter().enumerate() {
+                let (x, y) = (index as u64 % side, index as u64 / side);
+                assert_eq!(u64::from(*pixel), (x % 16 + y % 16 * 16) / 3, "{x}, {y}");
+            }
+        }
+        // Some threads may have been at it at the same time.
+        let most = rayon::current_num_threads() as u64;
+        assert!((1..=most).contains(&image.decoded.load(Ordering::Relaxed)));
+    }
+}

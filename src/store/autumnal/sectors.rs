@@ -1,0 +1,76 @@
+//! A set of sectors of a file, in memory for those parts alone that have some of them.
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use super::extents::SECTOR;
+
+/// Sectors whose bits stand together: 16 MiB of the file.
+const REGION: u64 = 1 << 15;
+/// Regions in a row: 128 GiB.
+const ROW: u64 = 1 << 13;
+
+/// Bytes of a file that can be told apart: 2^50.
+pub(super) const MOST_BYTES: u64 = SECTOR * REGION * ROW * ROW;
+
+/// The bits of a region.
+type Region = Box<[AtomicU64]>;
+
+/// A row of regions.
+type Row = Box<[OnceLock<Region>]>;
+
+/// A set of sectors; any number of threads may ask and add.
+pub(super) struct Sectors {
+    rows: Box<[OnceLock<Row>]>,
+}
+
+impl Sectors {
+    /// The empty set, for files of up to so many bytes, no more than [`MOST_BYTES`].
+    pub(super) fn new(bytes: u64) -> Sectors {
+        let rows = bytes.min(MOST_BYTES).div_ceil(SECTOR * REGION * ROW);
+        Sectors { rows: (0..rows).map(|_| OnceLock::new()).collect() }
+    }
+
+    /// Whether a sector is in the set.
+    #[inline]
+    pub(super) fn contains(&self, sector: u64) -> bool {
+        let row = self.rows.get((sector / (REGION * ROW)) as usize).and_then(OnceLock::get);
+        let region = row.and_then(|row| row[(sector / REGION % ROW) as usize].get());
+        // (Whoever sets a bit has seen the same bytes: no order with other memory is needed.)
+        let word = region.map_or(0, |region| region[(sector % REGION / 64) as usize].load(Ordering::Relaxed));
+        word >> (sector % 64) & 1 == 1
+    }
+
+    /// Adds a sector; one that is in no file of so many bytes is left out.
+    pub(super) fn insert(&self, sector: u64) {
+        let Some(row) = self.rows.get((sector / (REGION * ROW)) as usize) else { return };
+        let row = row.get_or_init(|| (0..ROW).map(|_| OnceLock::new()).collect());
+        let region = row[(sector / REGION % ROW) as usize]
+            .get_or_init(|| (0..REGION / 64).map(|_| AtomicU64::new(0)).collect());
+        region[(sector % REGION / 64) as usize].fetch_or(1 << (sector % 64), Ordering::Relaxed);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sectors_are_told_apart_and_take_room_where_they_are() {
+        let sectors = Sectors::new(MOST_BYTES);
+        let some =
+            [0, 1, 63, 64, REGION - 1, REGION, REGION * ROW - 1, REGION * ROW, MOST_BYTES / SECTOR - 1];
+        for (index, sector) in some.iter().enumerate() {
+            assert!(some[index..].iter().all(|sector| !sectors.contains(*sector)), "{sector}");
+            sectors.insert(*sector);
+            assert!(some[..=index].iter().all(|sector| sectors.contains(*sector)), "{sector}");
+        }
+        let rows: Vec<&Row> = sectors.rows.iter().filter_map(OnceLock::get).collect();
+        let regions: usize = rows.iter().map(|row| row.iter().filter_map(OnceLock::get).count()).sum();
+        assert_eq!((rows.len(), regions), (3, 5));
+        // What lies behind the end is in no set.
+        let small = Sectors::new(1000);
+        small.insert(REGION * ROW);
+        assert!(!small.contains(REGION * ROW) && !small.contains(u64::MAX));
+    }
+}

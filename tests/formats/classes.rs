@@ -1,0 +1,189 @@
+//! Very many classes, and very many commits: files, edits and answers stay as small as what changes, and exact.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use spinney::dataset::{self, Dataset};
+use spinney::io::Output;
+use spinney::ops::{Edit, apply_edits, convert};
+use spinney::space::Bounds;
+use spinney::store::OpenOptions;
+use spinney::store::autumnal::{Autumnal, Note};
+use spinney::store::goblin::Goblin;
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType, Value};
+
+use super::counted::CountedFile;
+use crate::common::{Cells, assert_same, cells_of, made, options, quad, same_trees, write_cells};
+
+const FORM: Form = quad(SampleType::U32, 1);
+
+/// Classes that a zone lists at most.
+const MOST: u64 = 1024;
+
+/// The first class. (What writes cells takes a smaller number for VOID.)
+const FIRST: u32 = 1000;
+
+/// A picture of so many classes: patches of some cells, and single cells between them.
+fn picture(side: u64, classes: u64) -> Cells {
+    let mix = |number: u64| number.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 20;
+    made(FORM, [side, side, 1], |[x, y, _]| {
+        let place = if (x / 8 + y / 8) % 2 == 0 { x / 4 + side * (y / 4) } else { x + side * y };
+        Some(Value::from([FIRST + (mix(place + 1) % classes) as u32]))
+    })
+}
+
+/// The numbers of classes that are tried, each with a picture's side.
+const SCALES: [(u64, u64); 4] = [(256, 1000), (256, 10_000), (512, 100_000), (1024, 1_000_000)];
+
+fn file_bytes(cells: &Cells, name: &str, (rule, kind): (Rule, Kind)) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    write_cells(&path, cells, &options(rule, kind, cells.depth()));
+    std::fs::read(path).unwrap()
+}
+
+/// Cells of each class in a box.
+fn counted(cells: &Cells, bounds: &Bounds) -> Vec<(f64, u64)> {
+    let mut counts = BTreeMap::<u32, u64>::new();
+    for y in bounds.min[1]..bounds.max[1] {
+        for x in bounds.min[0]..bounds.max[0] {
+            let bytes = cells.get([x, y, 0]).unwrap().to_bytes();
+            *counts.entry(u32::from_le_bytes(bytes[..4].try_into().unwrap())).or_default() += 1;
+        }
+    }
+    counts.into_iter().map(|(class, cells)| (f64::from(class), cells)).collect()
+}
+
+fn goblin(bytes: &[u8]) -> Dataset {
+    Dataset::of(Goblin::from_bytes(bytes.to_vec()).unwrap().into()).unwrap()
+}
+
+fn autumnal(bytes: &[u8]) -> Dataset {
+    Dataset::of(Autumnal::from_bytes(bytes.to_vec()).unwrap().into()).unwrap()
+}
+
+#[test]
+fn lists_of_classes_are_bounded_and_answers_exact() {
+    for (side, classes) in SCALES {
+        let cells = picture(side, classes);
+        let whole = Bounds::picture([side, side, 1]);
+        let part = Bounds { min: [side / 4 + 3, 5, 0], max: [side - 7, side / 2 + 9, 1] };
+        let kinds = [(Rule::Majority, Kind::Categorical), (Rule::Nearest, Kind::Categorical)];
+        for (rule, kind) in kinds {
+            let without = (Rule::Nearest, Kind::Continuous);
+            // Lists have a value and a number for each class.
+            let bytes = file_bytes(&cells, "t.goblin", (rule, kind));
+            let tree = goblin(&bytes);
+            let lists = bytes.len() as u64 - file_bytes(&cells, "t.goblin", without).len() as u64;
+            assert!(lists <= tree.segments() as u64 * MOST * 12, "{classes}: {lists}");
+            let edited = file_bytes(&cells, "t.autumn", (rule, kind));
+            let zones = (side / 64).pow(2) * 4 / 3 + 1;
+            let lists = edited.len() as u64 - file_bytes(&cells, "t.autumn", without).len() as u64;
+            assert!(lists <= zones * (MOST * 7 + 8) + 4096, "{classes}: {lists}");
+            for tree in [&tree, &autumnal(&edited)] {
+                for bounds in [whole, part] {
+                    let found = tree.statistics(Some(bounds)).unwrap();
+                    assert!(found.classes == counted(&cells, &bounds), "{classes}, {bounds:?}");
+                    assert_eq!(found.cells, bounds.volume());
+                }
+                assert_eq!(tree.verify(1 << 24, &()).unwrap(), [], "{classes}");
+            }
+            // From one format to the other and back.
+            let folder = tempfile::tempdir().unwrap();
+            let file = |name: &str| folder.path().join(name);
+            std::fs::write(file("a.goblin"), &bytes).unwrap();
+            let to = |from: &str, to: &str| {
+                let output = Output::create(&file(to)).unwrap();
+                convert(&file(from), false, output, 1 << 24, &()).unwrap();
+            };
+            to("a.goblin", "b.autumn");
+            to("b.autumn", "c.goblin");
+            to("c.goblin", "d.goblin");
+            assert!(std::fs::read(file("c.goblin")).unwrap() == bytes, "{rule}, {classes}");
+            assert!(std::fs::read(file("d.goblin")).unwrap() == bytes, "{rule}, {classes}");
+        }
+    }
+}
+
+#[test]
+fn majorities_among_very_many_classes_are_exact() {
+    let cells = picture(256, 10_000);
+    let bytes = file_bytes(&cells, "t.goblin", (Rule::Majority, Kind::Categorical));
+    let tree = cells.tree(Rule::Majority);
+    same_trees(&Goblin::from_bytes(bytes).unwrap(), &tree);
+    let bytes = file_bytes(&cells, "t.autumn", (Rule::Majority, Kind::Categorical));
+    same_trees(&Autumnal::from_bytes(bytes).unwrap(), &tree);
+}
+
+/// Gives a cell a value, as one commit, and tells the bytes that this wrote.
+fn set(file: &mut CountedFile, [x, y]: [u64; 2], class: u32) -> u64 {
+    let before = file.work.written();
+    let edit = Edit::Set(vec![([x, y, 0], Some(vec![f64::from(class)]))]);
+    apply_edits(&mut file.editor, &mut [Ok(edit)].into_iter(), &()).unwrap();
+    file.editor.commit(Note::default()).unwrap().unwrap();
+    file.work.written() - before
+}
+
+#[test]
+fn an_edit_among_very_many_classes_writes_little() {
+    for (side, classes) in [(256, 1000), (256, 10_000), (512, 262_144), (1024, 1_000_000)] {
+        let mut cells = match classes {
+            262_144 => {
+                made(FORM, [side, side, 1], |[x, y, _]| Some(Value::from([FIRST + (x + side * y) as u32])))
+            }
+            _ => picture(side, classes),
+        };
+        let bytes = file_bytes(&cells, "t.autumn", (Rule::Majority, Kind::Categorical));
+        let mut file = CountedFile::new(bytes);
+        for (at, class) in [([17, 33], 5), ([side - 1, 0], 5), ([17, 33], 4_000_000)] {
+            let written = set(&mut file, at, class);
+            assert!(written < 64 << 10, "{classes} classes: {written} bytes");
+            cells.cells[(at[0] + side * at[1]) as usize] = Some(Value::from([class]));
+        }
+        let tree = autumnal(&file.bytes());
+        let whole = Bounds::picture([side, side, 1]);
+        assert!(tree.statistics(None).unwrap().classes == counted(&cells, &whole), "{classes}");
+        assert_eq!(tree.verify(1 << 26, &()).unwrap(), [], "{classes}");
+        // As if it had been made so.
+        if side == 256 {
+            same_trees(&*file.editor.tree(), &cells.tree(Rule::Majority));
+        }
+        assert_same(&cells_of(&*file.editor.tree(), cells.size), &cells, "edited");
+    }
+}
+
+#[test]
+fn the_work_of_a_commit_does_not_grow_with_their_number() {
+    let cells = picture(64, 50);
+    let mut file = CountedFile::new(file_bytes(&cells, "t.autumn", (Rule::Majority, Kind::Categorical)));
+    let mut most = [0; 2];
+    for number in 2..=10_000u64 {
+        let before = file.work.reads();
+        let written = set(&mut file, [number % 64, number / 64 % 64], 2000 + number as u32 % 40);
+        let work = [file.work.reads() - before, written];
+        if number < 100 {
+            most = [0, 1].map(|kind| work[kind].max(most[kind]));
+        } else {
+            assert!(work[0] <= 2 * most[0] && work[1] <= 2 * most[1], "{number}: {work:?}, {most:?}");
+        }
+        if number == 100 || number == 10_000 {
+            let work = file.work.clone();
+            let ((), reads) = work.of(|| file.reopen());
+            assert!(reads < 100, "opening after {number} commits: {reads}");
+        }
+    }
+    let bytes = file.bytes();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.autumn");
+    std::fs::write(&path, bytes).unwrap();
+    assert_eq!(
+        dataset::open(&named(&path, 7777), &OpenOptions::new()).unwrap().commit().unwrap().number,
+        7777
+    );
+}
+
+/// A commit of a file.
+fn named(path: &Path, number: u64) -> std::path::PathBuf {
+    format!("{}@{number}", path.display()).into()
+}

@@ -1,0 +1,122 @@
+//! Bytes in memory that count how often, and how much of them, is read and written: for tests of costs.
+
+use std::borrow::Cow;
+use std::io;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use spinney::Result;
+use spinney::io::{FileId, ReadBackend, WriteBackend};
+use spinney::store::autumnal::Editor;
+
+/// Work that was done with some bytes.
+#[derive(Default)]
+pub(super) struct Work {
+    reads: AtomicU64,
+    written: AtomicU64,
+}
+
+impl Work {
+    /// Number of reads.
+    pub(super) fn reads(&self) -> u64 {
+        self.reads.load(Ordering::Relaxed)
+    }
+
+    /// Bytes that were written.
+    pub(super) fn written(&self) -> u64 {
+        self.written.load(Ordering::Relaxed)
+    }
+
+    /// The answer to a question, and the reads that it took.
+    pub(super) fn of<T>(&self, ask: impl FnOnce() -> T) -> (T, u64) {
+        let before = self.reads();
+        let answer = ask();
+        (answer, self.reads() - before)
+    }
+}
+
+/// A file in memory whose uses are counted.
+struct Counted {
+    bytes: Arc<Mutex<Vec<u8>>>,
+    work: Arc<Work>,
+    id: FileId,
+}
+
+/// What is in it, up to where it ended at some time: nothing is written over but the meta slots.
+struct Snapshot {
+    bytes: Arc<Mutex<Vec<u8>>>,
+    len: u64,
+    work: Arc<Work>,
+}
+
+impl ReadBackend for Snapshot {
+    fn len(&self) -> u64 {
+        self.len
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        None
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        self.work.reads.fetch_add(1, Ordering::Relaxed);
+        Ok(Cow::Owned(self.bytes.lock().unwrap()[offset as usize..][..length].to_vec()))
+    }
+}
+
+impl WriteBackend for Counted {
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        self.work.written.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        let mut file = self.bytes.lock().unwrap();
+        let end = offset as usize + bytes.len();
+        let length = file.len().max(end);
+        file.resize(length, 0);
+        file[offset as usize..end].copy_from_slice(bytes);
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn reader(&self) -> Result<Box<dyn ReadBackend>> {
+        let len = self.bytes.lock().unwrap().len() as u64;
+        Ok(Box::new(Snapshot { bytes: self.bytes.clone(), len, work: self.work.clone() }))
+    }
+
+    fn id(&self) -> FileId {
+        self.id
+    }
+}
+
+/// An Autumnal file in memory, open to be read and edited, and the work that is done with it.
+pub(super) struct CountedFile {
+    pub(super) editor: Editor,
+    pub(super) work: Arc<Work>,
+    bytes: Arc<Mutex<Vec<u8>>>,
+}
+
+impl CountedFile {
+    /// Opens the bytes of a file.
+    pub(super) fn new(bytes: Vec<u8>) -> CountedFile {
+        let (work, bytes) = (Arc::<Work>::default(), Arc::new(Mutex::new(bytes)));
+        let editor = editor(&bytes, &work);
+        CountedFile { editor, work, bytes }
+    }
+
+    /// Opens it anew.
+    pub(super) fn reopen(&mut self) {
+        self.editor = editor(&self.bytes, &self.work);
+    }
+
+    /// All bytes.
+    pub(super) fn bytes(&self) -> Vec<u8> {
+        self.bytes.lock().unwrap().clone()
+    }
+}
+
+fn editor(bytes: &Arc<Mutex<Vec<u8>>>, work: &Arc<Work>) -> Editor {
+    let backend = Counted { bytes: bytes.clone(), work: work.clone(), id: FileId::unique() };
+    Editor::on(Box::new(backend), Path::new("(counted)"), 1 << 24).unwrap()
+}

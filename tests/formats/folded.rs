@@ -1,0 +1,211 @@
+//! Trees that have far more nodes than their files have room for, because records stand for many of them: what is asked
+//! takes the work of the records, and what would be written is known before.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use spinney::Error;
+use spinney::dataset::Dataset;
+use spinney::io::Output;
+use spinney::ops::{
+    Chain, Differences, Operation, Universe, combine, convert, diff_files, differences, transform,
+};
+use spinney::space::Bounds;
+use spinney::store::OpenOptions;
+use spinney::store::autumnal::{Autumnal, Keep, compact};
+
+use super::autumnal_hostile::{folded, folded_of, full};
+use super::counted::CountedFile;
+use crate::common::{QUAD, Random, byte, made};
+
+/// Reads that any question about all of the tree may take: some for each of the records on the way, of which there is one
+/// for each level.
+const FEW: u64 = 3000;
+
+fn write(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
+    let path = folder.join(name);
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+fn dataset(bytes: Vec<u8>) -> Dataset {
+    Dataset::of(Arc::new(Autumnal::from_bytes(bytes).unwrap()).into()).unwrap()
+}
+
+#[test]
+fn questions_take_the_work_of_the_records() {
+    for depth in [12, 18, 29] {
+        let CountedFile { editor, work, .. } = &CountedFile::new(folded(depth, full));
+        let tree = Dataset::of(editor.tree().into()).unwrap();
+        let side = 1u64 << depth;
+        let cells = side * side;
+        let (levels, reads) = work.of(|| tree.level_counts(1000).unwrap().unwrap());
+        assert!(reads < FEW, "levels: {reads}");
+        let expected: Vec<[u64; 3]> = (0..=depth)
+            .map(|level| if level == depth { [0, cells, 0] } else { [0, 0, 1 << (2 * level)] })
+            .collect();
+        assert_eq!(levels.levels(), expected);
+        let whole = Bounds { min: [0; 3], max: [side, side, 1] };
+        let (bins, reads) = work.of(|| tree.histogram(&whole, 1.0, 3.0, 4).unwrap());
+        assert!(reads < FEW, "histogram: {reads}");
+        assert_eq!(bins, [cells / 4, 0, cells / 2, cells / 4]);
+        let (statistics, reads) = work.of(|| tree.statistics(None).unwrap());
+        assert!(reads < FEW, "statistics: {reads}");
+        assert_eq!((statistics.cells, statistics.channels[0].mean), (cells, 2.0));
+        // A box of which only the left border cuts anything.
+        let half = Bounds { min: [side / 2 + 64, 0, 0], max: [side / 2 + 1024, 1024, 1] };
+        let (statistics, reads) = work.of(|| tree.statistics(Some(half)).unwrap());
+        assert!(reads < 20 * FEW, "statistics of a box: {reads}");
+        assert_eq!(statistics.cells, 960 * 1024);
+        let (bins, reads) = work.of(|| tree.histogram(&half, 1.0, 3.0, 2).unwrap());
+        assert!(reads < 20 * FEW, "histogram of a box: {reads}");
+        assert_eq!(bins, [960 * 256, 960 * 768]);
+        let (findings, reads) = work.of(|| tree.verify(1 << 20, &()).unwrap());
+        assert!(reads < 2_000_000, "verify: {reads}");
+        assert_eq!(findings, []);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_record_is_found_once() {
+    // Zones that tell of other cells.
+    for depth in [12, 29] {
+        let tree = dataset(folded_of(depth, [1, 2, 2, 2], full));
+        let findings = tree.verify(1 << 20, &()).unwrap();
+        assert!((1..=40).contains(&findings.len()), "{findings:?}");
+    }
+}
+
+#[test]
+fn boxes_are_counted_as_cell_by_cell() {
+    let tree = dataset(folded(9, full));
+    let cells =
+        made(QUAD, [512, 512, 1], |[x, y, _]| Some(byte([1, 2, 2, 3][((x & 1) + 2 * (y & 1)) as usize])));
+    let mut random = Random(31);
+    for _ in 0..40 {
+        let min: [u64; 2] = std::array::from_fn(|_| random.below(500));
+        let max: [u64; 2] = std::array::from_fn(|axis| min[axis] + 1 + random.below(512 - min[axis]));
+        let bounds = Bounds { min: [min[0], min[1], 0], max: [max[0], max[1], 1] };
+        let mut expected = [0; 3];
+        for y in min[1]..max[1] {
+            for x in min[0]..max[0] {
+                expected[usize::from(cells.get([x, y, 0]).unwrap().to_bytes()[0]) - 1] += 1;
+            }
+        }
+        assert_eq!(tree.histogram(&bounds, 1.0, 3.0, 3).unwrap(), expected, "{bounds:?}");
+        let classes = tree.statistics(Some(bounds)).unwrap().classes;
+        let found: Vec<u64> = classes.iter().map(|(_, cells)| *cells).collect();
+        assert_eq!(found, expected.into_iter().filter(|cells| *cells > 0).collect::<Vec<_>>(), "{bounds:?}");
+    }
+}
+
+#[test]
+fn differences_are_counted_once_for_many_nodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let pair = |depth: u8| {
+        let first = write(folder.path(), "first.autumn", &folded(depth, full));
+        let second = write(folder.path(), "second.autumn", &folded_of(depth, [1, 2, 3, 2], full));
+        [first, second]
+    };
+    let [first, second] = pair(29);
+    let found = differences(&first, &second).unwrap();
+    // Cells 2 and 3 of each four; cell 3 and then cell 2 of the next four are no neighbours.
+    let (changed, runs) = (1 << 57, 1 << 56);
+    assert_eq!(found, Differences { changed, blocks: changed, runs, ..Differences::default() });
+    assert_eq!(differences(&first, &first).unwrap(), Differences::default());
+    // As one by one.
+    let [first, second] = pair(8);
+    let mut runs = 0;
+    let one_by_one = diff_files(&first, &second, &mut |_| {
+        runs += 1;
+        Ok(())
+    });
+    let found = differences(&first, &second).unwrap();
+    assert_eq!((one_by_one.unwrap(), found.runs), (found, runs));
+}
+
+#[test]
+fn copies_that_share_take_the_work_of_the_records() {
+    let folder = tempfile::tempdir().unwrap();
+    let from = write(folder.path(), "from.autumn", &folded(18, full));
+    let to = folder.path().join("to.autumn");
+    convert(&from, true, Output::create(&to).unwrap(), 1 << 24, &()).unwrap();
+    let tree = Autumnal::open(&to, &OpenOptions::new()).unwrap();
+    assert_eq!((tree.commit().records, tree.commit().cells), (full(18) as u64, 1 << 36));
+    assert_eq!(tree.commit().written.records, 18);
+    assert!(tree.file_size() < 1 << 15);
+    let tree = Dataset::of(tree.into()).unwrap();
+    assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
+    assert_eq!(differences(&from, &to).unwrap(), Differences::default());
+    let again = folder.path().join("again.autumn");
+    let output = Output::create(&again).unwrap();
+    let commits = compact(&from, &Keep::Last(1), true, output, 1 << 24, &()).unwrap();
+    assert_eq!((commits[0].records, commits[0].written.records), (full(18) as u64, 18));
+}
+
+/// Bytes that outputs may have.
+const MOST: u64 = 1 << 20;
+
+/// The names in a folder.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+#[test]
+fn what_has_no_room_is_refused_before_it_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let from = write(folder.path(), "from.autumn", &folded(18, full));
+    let records = full(18) as u64;
+    for (name, needed) in [("to.goblin", 8 * records), ("to.autumn", 4 * records)] {
+        let output = || Output::create(&folder.path().join(name)).unwrap().with_limit(MOST);
+        let converted = convert(&from, false, output(), 1 << 24, &());
+        let whole = Chain::of(&from);
+        let transformed = transform(&whole, output(), 1 << 24, &()).map(drop);
+        let files = [from.clone(), from.clone()];
+        let combined =
+            combine(Operation::Over, None, Universe::Usual, &files, output(), 1 << 24, &()).map(drop);
+        for refused in [converted, transformed, combined] {
+            match refused.unwrap_err() {
+                Error::NoRoom { needed: found, limit: MOST, whose: "are allowed", .. } => {
+                    assert_eq!(found, needed)
+                }
+                other => panic!("{name}: {other}"),
+            }
+        }
+    }
+    let output = Output::create(&folder.path().join("to.autumn")).unwrap().with_limit(MOST);
+    let compacted = compact(&from, &Keep::Last(1), false, output, 1 << 24, &());
+    assert!(matches!(compacted, Err(Error::NoRoom { .. })));
+    // More than any disk has.
+    let from = write(folder.path(), "from.autumn", &folded(29, full));
+    let output = Output::create(&folder.path().join("to.goblin")).unwrap();
+    let error = convert(&from, false, output, 1 << 24, &()).unwrap_err().to_string();
+    assert!(error.contains(&(8 * full(29)).to_string()) && error.contains("free in its folder"), "{error}");
+    assert_eq!(names(folder.path()), ["from.autumn"]);
+}
+
+#[test]
+fn limits_hold_while_writing() {
+    let folder = tempfile::tempdir().unwrap();
+    // Of a part of a file nobody knows how many nodes it has.
+    let from = write(folder.path(), "from.autumn", &folded(18, full));
+    let part = Chain { steps: vec!["window=1,1,700,700".parse().unwrap()], ..Chain::of(&from) };
+    for name in ["to.goblin", "to.autumn"] {
+        let path = folder.path().join(name);
+        let output = Output::create(&path).unwrap().with_limit(MOST);
+        let error = transform(&part, output, 1 << 24, &()).unwrap_err();
+        let Error::Io { cause, .. } = &error else { panic!("{error}") };
+        assert!(cause.to_string().contains(&MOST.to_string()), "{cause}");
+        assert_eq!(names(folder.path()), ["from.autumn"]);
+        // As long as it may be.
+        transform(&part, Output::create(&path).unwrap(), 1 << 24, &()).unwrap();
+        let length = std::fs::metadata(&path).unwrap().len();
+        std::fs::remove_file(&path).unwrap();
+        transform(&part, Output::create(&path).unwrap().with_limit(length), 1 << 24, &()).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let less = Output::create(&path).unwrap().with_limit(length - 1);
+        assert!(transform(&part, less, 1 << 24, &()).is_err());
+        assert_eq!(names(folder.path()), ["from.autumn"]);
+    }
+}
