@@ -303,13 +303,14 @@ fn merge<R: Record>(
                                 level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                             }
                             // Part of a dense block, which is no run of its own.
-                            NodeState::Inner if node.below > 0 => {
+                            NodeState::Inner if node.below > 0 && below > 0 => {
                                 expanded.push(index as u32);
                                 let uniform = MergeNode { state: NodeState::Void, ..pair[tree] };
                                 let mut nodes = [uniform; 2];
                                 nodes[tree] = pair[tree];
                                 deeper.push(OpenPair { nodes, taken: Some(tree) });
                             }
+                            NodeState::Inner if node.below > 0 => return None,
                             NodeState::Inner => {
                                 let subtree = &records[tree][node.record as usize..];
                                 let subtree = &subtree[..subtree[0].skip() as usize];
