@@ -70,8 +70,9 @@ struct Points<'a> {
     table: Vec<Entry>,
     /// The values that uniform entries stand for.
     values: Vec<Option<Value>>,
-    /// Segments of all others.
-    segments: Vec<Segment<'a>>,
+    /// Segments of all others, each with how many levels these are below the roots of their dense blocks; 0 is for
+    /// nodes with records of their own.
+    segments: Vec<(Segment<'a>, u8)>,
 }
 
 /// A node of the table: its record in a segment, or a value.
@@ -139,7 +140,8 @@ impl Goblin {
 impl Points<'_> {
     /// Writes the values of cells of the level.
     fn values<R: Record>(&self, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
-        let segments: Vec<&[R]> = self.segments.iter().map(|segment| R::of(segment.records())).collect();
+        let runs = self.segments.iter();
+        let runs: Vec<(&[R], u8)> = runs.map(|(run, below)| (R::of(run.records()), *below)).collect();
         let side = 1u32 << self.level;
         for (cell, value) in cells.iter().zip(values) {
             let inside = (0..3).all(|axis| cell[axis] < if axis < R::AXES { side } else { 1 });
@@ -148,7 +150,7 @@ impl Points<'_> {
                 true if self.top == 0 => self.value_from_root(*cell)?,
                 true => match self.table[self.entry_index(*cell, self.level - self.top)] {
                     Entry { segment: UNIFORM, record } => self.values[record as usize],
-                    entry => self.value_below(&segments, entry, *cell)?,
+                    entry => self.value_below(&runs, entry, *cell)?,
                 },
             };
         }
@@ -157,19 +159,19 @@ impl Points<'_> {
 
     /// The value of a cell below a node of the table.
     #[inline]
-    fn value_below<R: Record>(&self, segments: &[&[R]], entry: Entry, cell: Cell) -> Result<Option<Value>> {
-        let records = segments[entry.segment as usize];
+    fn value_below<R: Record>(&self, runs: &[(&[R], u8)], entry: Entry, cell: Cell) -> Result<Option<Value>> {
+        let (records, below) = runs[entry.segment as usize];
         let [x, y, z] = cell.map(|cell| cell as usize);
         let mut at = entry.record as usize;
         for bit in (0..self.level - self.top).rev() {
             // (In quadtrees z is 0.)
             let step = x >> bit & 1 | (y >> bit & 1) << 1 | (z >> bit & 1) << 2;
             let record = records.get(at).ok_or_else(|| self.bad_skip(entry, at))?;
-            if record.is_dense() && bit > 0 {
-                let block = dense_block(records, at);
-                let block =
-                    block.filter(|block| block.levels > bit).ok_or_else(|| self.bad_skip(entry, at))?;
-                return Ok(block.value_at(bit + 1, cell));
+            if record.is_dense() && below + bit > 0 {
+                // (Nodes in a block come here at once, from the table; others have no levels above them.)
+                let level = below + bit + 1;
+                let block = dense_block(records, at).filter(|block| block.levels >= level);
+                return Ok(block.ok_or_else(|| self.bad_skip(entry, at))?.value_at(level, cell));
             }
             match record.state(step) {
                 VOID => return Ok(None),
@@ -185,7 +187,7 @@ impl Points<'_> {
 
     #[cold]
     fn bad_skip(&self, entry: Entry, record: usize) -> Error {
-        self.tree.bad_skip(&self.segments[entry.segment as usize], record)
+        self.tree.bad_skip(&self.segments[entry.segment as usize].0, record)
     }
 
     /// The value of a cell that no entry of the table leads to.
@@ -226,10 +228,11 @@ impl Points<'_> {
 
     /// Index in [`Points::segments`] of a node's segment.
     fn segment_of(&mut self, node: &Node) -> Result<u32> {
+        let (index, below) = (node.segment as usize, node.place.below);
         // In preorder, a segment's nodes come one after the other.
-        let known = self.segments.iter().rposition(|segment| segment.index() == node.segment as usize);
+        let known = self.segments.iter().rposition(|known| (known.0.index(), known.1) == (index, below));
         if known.is_none() {
-            self.segments.push(self.tree.segment(node.segment as usize)?);
+            self.segments.push((self.tree.segment(index)?, below));
         }
         Ok(known.unwrap_or(self.segments.len() - 1) as u32)
     }

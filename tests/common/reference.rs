@@ -39,6 +39,22 @@ enum Place {
     Inner(Value, Box<Inner>),
 }
 
+impl Place {
+    fn value(&self) -> Value {
+        match self {
+            Place::Void => Value::ZERO,
+            Place::Leaf(value) | Place::Inner(value, _) => *value,
+        }
+    }
+}
+
+/// A dense block in the making: the values of each level in rows, and the states of the bottom nodes.
+struct DenseRows {
+    levels: u8,
+    rows: Vec<Vec<Vec<u8>>>,
+    states: Vec<u8>,
+}
+
 /// Knowledge of the cells below a node.
 #[derive(Clone, Default)]
 struct Sums {
@@ -161,8 +177,11 @@ impl Writer<'_> {
     }
 
     fn segment(&mut self, node: &Inner) {
-        let mut records = Vec::new();
-        let count = self.records(node, node.code.level(), (false, false), &mut records);
+        let (top, depth) = (node.code.level(), self.tree.depth());
+        // Without candidates below it, the node stands for the one that there would be.
+        let bottom = (top + self.cut.reach >= depth).then_some(depth);
+        let records = self.records(node, top, bottom);
+        let count = (records.len() / self.record_size()) as u32;
         let start = self.file.len();
         self.file.extend(records);
         let is_listed = self.counts_classes && node.sums.classes.len() <= 1024;
@@ -193,36 +212,29 @@ impl Writer<'_> {
         self.entries.insert(node.code.bits(), entry);
     }
 
-    /// Appends the records of a node that a segment of level `top` has, and tells how many. The node may be behind a
-    /// candidate, as seen from the segment's node, or in an inline one without another between.
-    fn records(
-        &self,
-        node: &Inner,
-        top: u8,
-        (is_behind, is_whole): (bool, bool),
-        records: &mut Vec<u8>,
-    ) -> u32 {
-        let (mut states, mut skip) = (0u32, 1);
-        for child in &node.children {
-            let value = match child {
-                Place::Void => Value::ZERO,
-                Place::Leaf(value) | Place::Inner(value, _) => *value,
-            };
-            records.extend(self.bytes(value));
-        }
+    fn record_size(&self) -> usize {
+        let form = self.tree.form();
+        form.children() * form.width() + if form.dimension == Dimension::Oct { 8 } else { 4 }
+    }
+
+    /// What a segment of level `top` has of a node: records, or a dense block where that takes fewer places. The bottom is that
+    /// of the candidate, at the next candidates' level, that the node is or is in; there is none above these.
+    fn records(&self, node: &Inner, top: u8, bottom: Option<u8>) -> Vec<u8> {
         let is_octree = self.tree.form().dimension == Dimension::Oct;
-        let head = records.len();
-        records.extend(vec![0; if is_octree { 8 } else { 4 }]);
+        let (mut states, mut below) = (0u32, Vec::new());
         for (step, child) in node.children.iter().enumerate() {
             let state = match child {
                 Place::Void => 0,
                 Place::Leaf(_) => 1,
                 Place::Inner(_, inner) => {
                     let level = inner.code.level();
-                    let is_candidate = self.is_candidate(level);
-                    let is_whole = is_whole || is_candidate && !is_behind && !self.is_heavy(inner);
-                    if is_whole || level < top + self.cut.reach {
-                        skip += self.records(inner, top, (is_behind || is_candidate, is_whole), records);
+                    let bottom = bottom.or_else(|| {
+                        let deepest =
+                            if self.is_heavy(inner) { top + self.cut.reach } else { self.tree.depth() };
+                        self.is_candidate(level).then_some(deepest)
+                    });
+                    if level < bottom.unwrap_or(top + self.cut.reach) {
+                        below.extend(self.records(inner, top, bottom));
                         2
                     } else {
                         3
@@ -231,14 +243,77 @@ impl Writer<'_> {
             };
             states |= state << (2 * step);
         }
-        if is_octree {
-            records[head..head + 2].copy_from_slice(&(states as u16).to_le_bytes());
-            records[head + 4..head + 8].copy_from_slice(&skip.to_le_bytes());
-        } else {
-            records[head] = states as u8;
-            records[head + 1..head + 4].copy_from_slice(&skip.to_le_bytes()[..3]);
+        let size = self.record_size();
+        let (mut kind, mut skip) = (0, 1 + below.len() / size);
+        let levels = bottom.map_or(0, |bottom| bottom - node.code.level());
+        if (if is_octree { 2..=3 } else { 3..=5 }).contains(&levels)
+            && levels <= self.cut.reach
+            && let Some((number, payload)) = self.dense(node, levels)
+            && 1 + payload.len().div_ceil(size) < skip
+        {
+            skip = 1 + payload.len().div_ceil(size);
+            (kind, below) = (number, payload);
+            below.resize((skip - 1) * size, 0);
         }
-        skip
+        let mut record: Vec<u8> = node.children.iter().flat_map(|child| self.bytes(child.value())).collect();
+        if is_octree {
+            record.extend(states.to_le_bytes());
+            record.extend((skip as u32 | kind << 29).to_le_bytes());
+        } else {
+            record.push(states as u8);
+            record.extend(&(skip as u32 | kind << 21).to_le_bytes()[..3]);
+        }
+        record.extend(below);
+        record
+    }
+
+    /// The kind and the payload of a node as a dense block of so many levels; `None` if there is no such kind.
+    fn dense(&self, node: &Inner, levels: u8) -> Option<(u32, Vec<u8>)> {
+        let mut block = DenseRows { levels, rows: Vec::new(), states: Vec::new() };
+        for level in 0..=levels {
+            let cells = self.tree.form().dimension.cells(level) as usize;
+            block.rows.push(vec![vec![0; self.tree.form().width()]; cells]);
+            block.states = vec![0; cells];
+        }
+        for (step, child) in node.children.iter().enumerate() {
+            self.paint(child, 1, [0; 3], step, &mut block);
+        }
+        let has = |state: u8| block.states.contains(&state);
+        // The state whose nodes have their bits set.
+        let (kind, set) = match (has(0), has(1), has(3)) {
+            (false, true, false) => (1, None),
+            (false, false, true) => (2, None),
+            (true, true, false) => (3, Some(1)),
+            (true, false, true) => (4, Some(3)),
+            (false, true, true) => (5, Some(3)),
+            _ => return None,
+        };
+        let mut payload = block.rows[2..].concat().concat();
+        if let Some(set) = set {
+            let bit = |(i, state): (usize, &u8)| u8::from(*state == set) << i;
+            payload.extend(block.states.chunks(8).map(|eight| eight.iter().enumerate().map(bit).sum::<u8>()));
+        }
+        Some((kind, payload))
+    }
+
+    /// Writes a child of the node at a place of the level above to the rows, and all that is below it.
+    fn paint(&self, place: &Place, level: u8, above: [usize; 3], step: usize, block: &mut DenseRows) {
+        let at: [usize; 3] = std::array::from_fn(|axis| 2 * above[axis] + (step >> axis & 1));
+        let side = 1 << level;
+        let index = (at[2] * side + at[1]) * side + at[0];
+        block.rows[usize::from(level)][index] = self.bytes(place.value());
+        if level == block.levels {
+            block.states[index] = match place {
+                Place::Void => 0,
+                Place::Leaf(_) => 1,
+                Place::Inner(..) => 3,
+            };
+            return;
+        }
+        for step in 0..self.tree.form().children() {
+            let child = if let Place::Inner(_, inner) = place { &inner.children[step] } else { place };
+            self.paint(child, level + 1, at, step, block);
+        }
     }
 
     /// Version, frame (the identity), nothing that is known of the data, and the nodes per level.

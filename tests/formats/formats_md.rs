@@ -5,10 +5,12 @@ use std::path::Path;
 
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};
+use spinney::store::goblin::Goblin;
 use spinney::store::{BuildOptions, build_tree};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule};
 
+use crate::common::reference::{self, Cut};
 use crate::common::{QUAD, byte};
 
 /// The text of a file of the project.
@@ -23,10 +25,18 @@ fn block<'a>(text: &'a str, marker: &str) -> &'a str {
     after.split_once("\n```").expect("its end").0
 }
 
-/// The bytes of a dump whose lines are offset, bytes, meaning, with two spaces or more between them.
-fn dumped(dump: &str) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    for line in dump.lines() {
+/// The bytes of a dump whose lines are offset, bytes, meaning, with two spaces or more between them. Where a line of dots
+/// leaves some out, they are what they are in the whole.
+fn dumped_of(dump: &str, whole: &[u8]) -> Vec<u8> {
+    let mut bytes = whole[..usize::from_str_radix(dump.split("  ").next().unwrap(), 16).unwrap()].to_vec();
+    let mut lines = dump.lines();
+    while let Some(line) = lines.next() {
+        if line == "..." {
+            let next = lines.clone().next().and_then(|line| line.split("  ").next());
+            let end = next.map_or(whole.len(), |offset| usize::from_str_radix(offset, 16).unwrap());
+            bytes.extend(&whole[bytes.len()..end]);
+            continue;
+        }
         let mut columns = line.splitn(3, "  ");
         let offset = usize::from_str_radix(columns.next().unwrap(), 16).unwrap();
         assert_eq!(offset, bytes.len(), "{line}");
@@ -34,6 +44,11 @@ fn dumped(dump: &str) -> Vec<u8> {
         bytes.extend(pairs.map(|pair| u8::from_str_radix(pair, 16).unwrap()));
     }
     bytes
+}
+
+/// The bytes of a dump that leaves nothing out.
+fn dumped(dump: &str) -> Vec<u8> {
+    dumped_of(dump, &[])
 }
 
 /// The picture of section 16, as it stands there.
@@ -58,6 +73,18 @@ fn the_dump_is_what_the_builder_writes() {
     assert_eq!(dumped(block(&formats, "<!-- dump: classic.goblin -->")), written);
     let frozen = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     assert_eq!(std::fs::read(frozen).unwrap(), written);
+}
+
+#[test]
+fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
+    let cell = |[x, y, _]: [u32; 3]| (x < 8 && y < 8 && x != y).then(|| byte((8 * y + x) as u8));
+    let tree = MemTree::from_cells(QUAD, 5, Rule::Mean, &cell);
+    let cut = Cut { reach: 4, stride: 2, threshold: 1 };
+    let written = reference::goblin(&tree, [8, 8, 1], (Rule::Mean, Kind::Continuous), cut);
+    let formats = text("formats.md");
+    assert_eq!(dumped_of(block(&formats, "<!-- dump: dense blocks -->"), &written), written);
+    // And what the library makes of these cells, cut like this.
+    assert_eq!(Goblin::from_bytes(written).unwrap().verify(1 << 20, &()).unwrap(), []);
 }
 
 #[test]

@@ -172,16 +172,21 @@ impl Header {
         if shape.depth > most {
             return Err(number("depth", raw.depth, &format!("at most {most}")));
         }
-        // So that the records of a block of 2^reach cells along each axis can be counted by skips.
-        let most = if dimension == Dimension::Quad { 10 } else { 8 };
+        // So that skips can count the records of a segment: those of 2^reach cells along each axis, and of one candidate that
+        // is not heavy in each of 2^stride parts.
+        let (most, most_records) = if dimension == Dimension::Quad { (10, 1 << 20) } else { (8, 1 << 28) };
         let fits = (1..shape.reach).contains(&shape.stride)
             && shape.reach <= most
             && shape.reach.is_multiple_of(shape.stride)
-            && (1..=1 << 20).contains(&shape.heavy_threshold);
+            && (1..=1 << 20).contains(&shape.heavy_threshold)
+            && u64::from(shape.heavy_threshold) << (shape.stride * raw.axes) <= most_records;
         if !fits {
             return Err(corrupt(
                 format!("segments {shape:?}"),
-                &format!("stride < reach <= {most}, heavy threshold <= 2^20"),
+                &format!(
+                    "stride < reach <= {most}, heavy threshold <= 2^20, and times {}^stride <= {most_records}",
+                    dimension.children()
+                ),
             ));
         }
         let extent = raw.extent.map(|cells| cells.get());
