@@ -246,7 +246,7 @@ impl Writer<'_> {
         let size = self.record_size();
         let (mut kind, mut skip) = (0, 1 + below.len() / size);
         let levels = bottom.map_or(0, |bottom| bottom - node.code.level());
-        if (if is_octree { 2..=3 } else { 3..=5 }).contains(&levels)
+        if (if is_octree { 2..=4 } else { 3..=8 }).contains(&levels)
             && levels <= self.cut.reach
             && let Some((number, payload)) = self.dense(node, levels)
             && 1 + payload.len().div_ceil(size) < skip
