@@ -225,7 +225,7 @@ fn write_place(text: &mut String, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Writes bytes and records.
+/// Writes bytes and records. (A dense block takes fewer places than it has records; what is stored twice takes more.)
 fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
     let (bytes, raw) = (tree.file_size(), raw_bytes(tree));
     let ratio = raw as f64 / bytes.max(1) as f64;
@@ -236,9 +236,9 @@ fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
     match tree.commit() {
         Some(commit) => writeln!(text, "records     {}; {}", commit.records, commit::written(commit))?,
         None => {
-            let (stored, segments) = (tree.stored_records(), tree.segments());
+            let (places, segments) = (tree.stored_records(), tree.segments());
             let records = tree.metadata().counts.records();
-            writeln!(text, "records     {stored} in {segments} segments, {records} of the tree")?;
+            writeln!(text, "records     {records}, in {places} places of {segments} segments")?;
         }
     }
     Ok(())

@@ -180,8 +180,8 @@ impl Dataset {
         self.file().segments()
     }
 
-    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's
-    /// tree, the shared ones as often as they occur.
+    /// Places of records in all segments, of which dense blocks need fewer, and records that are stored more than once more; in
+    /// Autumnal files the records of the commit's tree, the shared ones as often as they occur.
     pub fn stored_records(&self) -> u64 {
         self.file().stored_records()
     }

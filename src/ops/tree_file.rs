@@ -173,8 +173,8 @@ impl TreeFile {
         if let TreeFile::Goblin(file) = self { file.segments() } else { 0 }
     }
 
-    /// Records in all segments, those stored more than once included; in Autumnal files those of the commit's
-    /// tree, the shared ones as often as they occur.
+    /// Places of records in all segments, of which dense blocks need fewer, and records that are stored more than once more; in
+    /// Autumnal files the records of the commit's tree, the shared ones as often as they occur.
     pub fn stored_records(&self) -> u64 {
         match self {
             TreeFile::Goblin(file) => file.stored_records(),

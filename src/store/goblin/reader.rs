@@ -97,7 +97,7 @@ impl Goblin {
         self.trailer.segments as usize
     }
 
-    /// Records in all segments, those stored more than once included.
+    /// Places of records in all segments: those stored more than once take several, those in dense blocks less than one each.
     pub fn stored_records(&self) -> u64 {
         self.trailer.stored_records
     }
