@@ -5,7 +5,7 @@
 
 use super::builder::{Check, Mode, RecordBuilder, shape};
 use super::commit::Commit;
-use super::extents::{FIRST_EXTENT, PAGE, SECTOR};
+use super::extents::{FIRST_EXTENT, PAGE};
 use super::meta::Slot;
 use super::reader::Autumnal;
 use super::verified::{Unverified, Verified};
@@ -93,7 +93,7 @@ impl Autumnal {
                 return Ok(());
             };
             add(findings, format!("extent at {start}"), extents.check_payload(&extent))?;
-            next = extent.end().next_multiple_of(SECTOR);
+            next = extent.next_start();
         }
         Ok(())
     }
