@@ -102,14 +102,30 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 3, 1] });
     edit(&path, [Ok(Edit::Fill(region, Some(vec![0.25])))], Note::default(), 1 << 20, &())?;
     let floats = fs::read(&path).unwrap();
-    // Large enough for zones; stripes, so that equal subtrees are many.
-    let stripes =
-        MemTree::from_cells(QUAD, 7, Rule::Majority, &|[x, _, _]| Some(Value::from([(x % 2) as u8])));
-    let options = BuildOptions::new(Kind::Categorical, 7).rule(Rule::Majority).share(true);
-    fs::remove_file(&path).unwrap();
-    build_tree(&stripes, [128, 100, 1], &options, Output::create(&path)?, &())?;
-    let zones = fs::read(&path).unwrap();
-    for (name, file) in [("history", history), ("octree", small), ("floats", floats), ("zones", zones)] {
+    // Large enough for pointers and zones; stripes, so that equal subtrees are many.
+    let stripes = |[x, _, _]: [u32; 3]| Some(Value::from([(x % 2) as u8]));
+    // So large that pointers lead to records with pointers; few details, so that it stays small.
+    let few =
+        |[x, y, z]: [u32; 3]| (x != 5 || y > 2).then(|| Value::from([u8::from(x > 250 && y == 3 && z < 2)]));
+    let few_in_space =
+        |[x, y, z]: [u32; 3]| Some(Value::from([u8::from(x == 3 && y < 2) + u8::from(x > 61 && z == 40)]));
+    // Nothing alike, so that there are dense blocks.
+    let much = |[x, y, _]: [u32; 3]| (x != 3).then(|| Value::from([(x * 31 + y * 47) as u8]));
+    let categorical = (Rule::Majority, Kind::Categorical);
+    let mut files = vec![("history", history), ("octree", small), ("floats", floats)];
+    for (name, form, (rule, kind), size, share, cell) in [
+        ("zones", QUAD, categorical, [128, 100, 1], true, &stripes as &dyn Fn([u32; 3]) -> Option<Value>),
+        ("levels", QUAD, (Rule::Mean, Kind::Continuous), [512, 512, 1], false, &few),
+        ("levels_of_octree", OCT, categorical, [64, 64, 64], false, &few_in_space),
+        ("dense", QUAD, categorical, [16, 16, 1], false, &much),
+    ] {
+        let tree = MemTree::from_cells(form, depth_for(size), rule, cell);
+        let options = BuildOptions::new(kind, depth_for(size)).rule(rule).share(share);
+        fs::remove_file(&path).unwrap();
+        build_tree(&tree, size, &options, Output::create(&path)?, &())?;
+        files.push((name, fs::read(&path).unwrap()));
+    }
+    for (name, file) in files {
         let packed = seal::packed(&file);
         assert!(packed.len() < 4000, "{name}: {} bytes", packed.len());
         put("autumnal_read", name, &packed);

@@ -13,6 +13,8 @@ use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact, r
 use spinney::{Error, Progress};
 use tempfile::TempDir;
 
+use super::crafted::head;
+
 /// Offset of the slots, and bytes of one.
 const SLOTS: [usize; 2] = [4096, 8192];
 const SLOT: usize = 40;
@@ -165,6 +167,25 @@ fn a_torn_slot_does_not_bring_back_what_never_was_whole() {
     assert!(Autumnal::from_bytes(bytes.clone()).is_err());
 }
 
+#[test]
+fn what_an_edit_that_was_given_up_has_left_is_passed_over() {
+    let (_folder, path) = file(2);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // Behind the first commit's end is room up to the next page: the head of an extent stands there whose bytes were written
+    // over by the second commit.
+    let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
+    let (start, end) = (number(SLOTS[0] + 24), bytes.len());
+    assert!(start % 4096 != 0 && start.next_multiple_of(4096) < number(SLOTS[1] + 16));
+    let left = head(0, start as u64, (end - start - 32) as u64, 7);
+    bytes[start..start + 32].copy_from_slice(&left);
+    let tree = Autumnal::from_bytes(bytes.clone()).unwrap();
+    assert_eq!((tree.commit().number, tree.verify(1 << 20, &()).unwrap()), (2, vec![]));
+    SLOTS.into_iter().for_each(|slot| bytes[slot] ^= 1);
+    std::fs::write(&path, &bytes).unwrap();
+    assert_eq!(recover(&path, 2, &()).unwrap().number, 2);
+    assert_eq!(open(&path).unwrap().verify(1 << 20, &()).unwrap(), []);
+}
+
 /// Somebody who does something while others work.
 struct Meanwhile<F: FnOnce() + Send>(Mutex<Cell<Option<F>>>);
 
@@ -250,7 +271,7 @@ fn verification_looks_at_the_trees_of_all_commits() {
     let bytes = std::fs::read(&path).unwrap();
     let mut only_older = 0;
     // The records of the first commit, some of which the newest one has as well.
-    for at in 0..69 {
+    for at in 0..81 {
         let mut bytes = bytes.clone();
         reseal(&mut bytes, 3 * 4096, at);
         let Ok(tree) = Autumnal::from_bytes(bytes) else { continue };

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
 use spinney::dataset::Dataset;
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, convert, edit};
@@ -12,15 +11,12 @@ use spinney::query::Condition;
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::autumnal::{Autumnal, Note};
 use spinney::tree::{Child, Source};
-use spinney::value::{Kind, Rule, SampleType, Value};
 
-use super::counted::CountedFile;
-use crate::common::{
-    CLASSIC, Cells, QUAD, assert_same, byte, cells_of, made, options, quad, try_children, write_cells,
+use super::crafted::{
+    CUT, Claims, FIRST, INNER, LEAF, Place, Pointered, crafted, dense, leaves, leb128, place, small, zone,
 };
-
-const START: usize = 12288;
-const HEAD: usize = 32;
+use crate::common::{CLASSIC, Cells, QUAD, assert_same, byte, cells_of, made, try_children};
+use crate::targets::seal::FIRST_EXTENT;
 
 /// A small file with two commits, and their cells.
 fn two_commits() -> (Vec<u8>, [Cells; 2]) {
@@ -94,7 +90,7 @@ fn error_or_truth(bytes: Vec<u8>, commits: &[Cells], what: &str) {
 fn every_bit_that_is_wrong_is_found() {
     let (bytes, commits) = two_commits();
     let meaning = |at: &usize| bytes[*at] != 0 || at % 512 < 64;
-    let places = (0..80).chain(4096..4136).chain(8192..8232).chain(START..bytes.len()).filter(meaning);
+    let places = (0..80).chain(4096..4136).chain(8192..8232).chain(FIRST_EXTENT..bytes.len()).filter(meaning);
     for at in places {
         for bit in 0..8 {
             let mut bytes = bytes.clone();
@@ -111,80 +107,6 @@ fn files_that_are_cut_short_are_refused() {
         error_or_truth(bytes[..length].to_vec(), &commits, &format!("{length} bytes"));
     }
 }
-
-/// The header page for a quadtree of bytes, of some depth.
-fn page(depth: u8) -> Vec<u8> {
-    let (mut bytes, _) = two_commits();
-    bytes.truncate(START);
-    bytes[4096..].fill(0);
-    bytes[18] = depth;
-    bytes[32..40].copy_from_slice(&(1u64 << depth).to_le_bytes());
-    bytes[40..48].copy_from_slice(&(1u64 << depth).to_le_bytes());
-    let checksum = crc32c::crc32c(&bytes[..56]);
-    bytes[56..60].copy_from_slice(&checksum.to_le_bytes());
-    bytes
-}
-
-/// Appends an extent with right checksums and tells where it starts.
-fn extent(file: &mut Vec<u8>, kind: u8, payload: &[u8]) -> u64 {
-    file.resize(file.len().next_multiple_of(512), 0);
-    let start = file.len() as u64;
-    let mut head = b"Extt".to_vec();
-    head.extend([kind, 0, 0, 0]);
-    head.extend(start.to_le_bytes());
-    head.extend((payload.len() as u64).to_le_bytes());
-    head.extend(crc32c::crc32c(payload).to_le_bytes());
-    head.extend(crc32c::crc32c(&head).to_le_bytes());
-    file.extend(head);
-    file.extend(payload);
-    start
-}
-
-pub(super) fn encoded(document: impl Serialize) -> Vec<u8> {
-    bincode::serde::encode_to_vec(document, bincode::config::standard()).unwrap()
-}
-
-/// A file with these records, right in everything else. `previous` is where the commit before is said to be.
-fn crafted(depth: u8, records: &[u8], root: u64, previous: u64) -> Vec<u8> {
-    crafted_as((depth, 0), records, (1, root), previous, (0, 0))
-}
-
-/// A file with these records behind a hole of so many bytes, a root with a representative, and totals of cells and INNER
-/// nodes.
-fn crafted_as(
-    (depth, hole): (u8, usize),
-    records: &[u8],
-    (representative, root): (u8, u64),
-    previous: u64,
-    (cells, inner): (u64, u64),
-) -> Vec<u8> {
-    let (original, _) = two_commits();
-    let mut file = page(depth);
-    file.resize(file.len() + hole, 0);
-    extent(&mut file, 0, records);
-    // The metadata's extent is the one with kind 2.
-    let is_metadata = |at: &usize| original[*at..].starts_with(b"Extt\x02");
-    let at = (START..original.len()).step_by(512).find(is_metadata).unwrap();
-    let length = u64::from_le_bytes(original[at + 16..at + 24].try_into().unwrap()) as usize;
-    let metadata = extent(&mut file, 2, &original[at + HEAD..][..length]);
-    let note = (None::<i64>, String::new(), String::new());
-    let written = (0u64, 0u64, 0u64, 0u64);
-    let root = (2u8, vec![representative], root);
-    let commit = (1u64, note, cells, inner, written, 1u64, root, metadata, previous, (0u64, 0u64));
-    let commit = extent(&mut file, 1, &encoded((1u32, commit)));
-    let end = file.len() as u64;
-    let mut slot = b"AutuMeta".to_vec();
-    for number in [1, commit, end] {
-        slot.extend(number.to_le_bytes());
-    }
-    slot.extend([0; 4]);
-    slot.extend(crc32c::crc32c(&slot).to_le_bytes());
-    file[4096..4136].copy_from_slice(&slot);
-    file
-}
-
-/// The first record's place.
-const FIRST: u64 = (START + HEAD) as u64;
 
 /// Asks everything; tells whether it was refused or, in the end, found out. All of it must be soon.
 fn is_refused(what: &str, bytes: Vec<u8>) -> bool {
@@ -207,74 +129,186 @@ fn is_refused(what: &str, bytes: Vec<u8>) -> bool {
     found
 }
 
+/// A file whose claims are as those of small files that were right.
+fn claiming(depth: u8, records: &[u8], root: u64) -> Vec<u8> {
+    crafted(records, Claims { depth, root: (root, 1), totals: (1 << (2 * depth), 2), previous: 0 })
+}
+
+/// A root of 64 x 64 cells with detail in the north-west, whose record stands behind that of this child.
+struct Small {
+    /// What is behind the first record's place: the child's record, for example.
+    child: Vec<u8>,
+    root: Pointered,
+}
+
+/// The classes of [`Small`] with their cells.
+const CLASSES: [(u8, u128); 3] = [(1, 3072 + 512), (2, 256), (4, 256)];
+
+impl Small {
+    fn new() -> Small {
+        let child = leaves([1, 1, 2, 4]);
+        let root = Pointered {
+            representative: 1,
+            size: 1,
+            bitmap: 1,
+            back: vec![1 + 8],
+            run: vec![place([(INNER, 1), (LEAF, 1), (LEAF, 1), (LEAF, 1)], 2), child],
+            zone: zone(2, &CLASSES),
+        };
+        Small { child: small(1, &[child]), root }
+    }
+
+    /// With a root that is not what it was.
+    fn with(change: impl FnOnce(&mut Pointered)) -> Vec<u8> {
+        let mut small = Small::new();
+        change(&mut small.root);
+        small.file()
+    }
+
+    fn file(&self) -> Vec<u8> {
+        let root = FIRST + self.child.len() as u64;
+        claiming(6, &[&self.child[..], &self.root.bytes()].concat(), root)
+    }
+}
+
 #[test]
 fn a_crafted_file_that_is_right_is_read() {
-    // A root with the leaves 1 to 4.
-    let bytes = crafted(1, &[0x55, 1, 1, 2, 3, 4], FIRST, 0);
-    let file = Autumnal::from_bytes(bytes).unwrap();
-    let code = Code::from_cell(Dimension::Quad, 1, [1, 1, 0]).unwrap();
-    assert_eq!(file.value_at(code).unwrap(), Some(byte(4)));
+    let value = |file: &Autumnal, level, cell| {
+        file.value_at(Code::from_cell(Dimension::Quad, level, cell).unwrap()).unwrap()
+    };
+    let claims = Claims { depth: 1, root: (FIRST, 1), totals: (4, 1), previous: 0 };
+    let file = Autumnal::from_bytes(crafted(&small(1, &[leaves([1, 1, 2, 4])]), claims)).unwrap();
+    assert_eq!(value(&file, 1, [1, 1, 0]), Some(byte(4)));
+    assert_eq!(file.verify(1 << 20, &()).unwrap(), []);
+    let file = Autumnal::from_bytes(Small::new().file()).unwrap();
+    assert_eq!(value(&file, 6, [31, 31, 0]), Some(byte(4)));
+    assert_eq!(value(&file, 2, [0, 1, 0]), Some(byte(2)));
+    assert_eq!(value(&file, 6, [32, 31, 0]), Some(byte(1)));
+    assert_eq!(file.verify(1 << 20, &()).unwrap(), []);
+    // Pointers may be longer than they need to be.
+    for size in 2..=8 {
+        let file = Autumnal::from_bytes(Small::with(|root| root.size = size)).unwrap();
+        assert_eq!(value(&file, 6, [31, 31, 0]), Some(byte(4)));
+        assert_eq!(file.verify(1 << 20, &()).unwrap(), []);
+    }
 }
 
 #[test]
 fn pointers_that_go_astray_are_refused() {
-    let far = |to: u64| {
-        let mut record = vec![0x57, 1];
-        record.extend(&to.to_le_bytes()[..6]);
-        record.extend([2, 3, 4]);
-        record
-    };
-    let near = |back: u16| {
-        let mut record = vec![0x56, 1];
-        record.extend(back.to_le_bytes());
-        record.extend([2, 3, 4]);
-        record
-    };
-    let leaf = [0x55, 1, 1, 2, 3, 4];
-    let with = |first: &[u8], second: Vec<u8>| [first, &second].concat();
-    let second = FIRST + leaf.len() as u64;
-    for (what, records, root) in [
-        ("itself, near", with(&leaf, near(0)), second),
-        ("itself, far", with(&leaf, far(second)), second),
-        ("forward", with(&leaf, far(second + 1)), second),
-        ("before the file", with(&leaf, near(u16::MAX)), second),
-        ("the header", with(&leaf, far(0)), second),
-        ("a meta slot", with(&leaf, far(4096)), second),
-        ("the head of an extent", with(&leaf, far(FIRST - 3)), second),
-        ("behind the file", with(&leaf, far((1 << 48) - 1)), second),
-        ("the root behind the file", leaf.to_vec(), 1 << 40),
-        ("the root in the metadata", leaf.to_vec(), FIRST + 512),
-        ("the root in the header", leaf.to_vec(), 100),
-        ("a root that is cut short", leaf.to_vec(), FIRST + 5),
+    let root = FIRST + 9;
+    for (what, size, back) in [
+        ("itself, near", 1, 0),
+        ("itself, far", 8, 0),
+        ("forward, by going round", 8, u64::MAX),
+        ("before the file", 2, 65535),
+        ("behind the file, by going round", 8, 1 << 63),
+        ("the start of the file", 3, root),
+        ("the header", 3, root - 60),
+        ("a meta slot", 3, root - 4096),
+        ("the head of an extent", 1, 9 + 3),
+        ("the record's second byte", 1, 8),
     ] {
-        assert!(is_refused(what, crafted(3, &records, root, 0)), "{what}");
+        let file = Small::with(|root| {
+            root.size = size;
+            root.back = vec![back];
+        });
+        assert!(is_refused(what, file), "{what}");
+    }
+    let leaf = small(1, &[leaves([1, 1, 2, 4])]);
+    for (what, root) in [
+        ("the root behind the file", 1 << 40),
+        ("the root in the metadata", FIRST + 512),
+        ("the root in the header", 100),
+        ("a root that is cut short", FIRST + 5),
+    ] {
+        assert!(is_refused(what, claiming(1, &leaf, root)), "{what}");
     }
     // Two records that point to each other cannot both point back.
-    let cycle = with(&far(FIRST + 11), near(11));
-    assert!(is_refused("a cycle", crafted(5, &cycle, FIRST + 11, 0)));
-    // INNER where there can only be cells.
-    assert!(is_refused("too deep", crafted(1, &with(&leaf, near(6)), second, 0)));
+    let mut first = Small::new().root;
+    (first.size, first.back) = (8, vec![0]);
+    let length = first.bytes().len() as u64;
+    first.back = vec![length.wrapping_neg()];
+    let second = Pointered { back: vec![length], ..first.clone() };
+    let cycle = [first.bytes(), second.bytes()].concat();
+    assert!(is_refused("a cycle", claiming(11, &cycle, FIRST + length)));
+    // A record is one for nodes of one height: this one should have pointers.
+    let Small { child, root } = Small::new();
+    let records = [child, root.bytes()].concat();
+    assert!(is_refused("the record of a node of another height", claiming(9, &records, FIRST + 9)));
+    // INNER and CUT where there can only be cells.
+    for state in [INNER, CUT] {
+        let run = [place([(state, 1), (LEAF, 1), (LEAF, 2), (LEAF, 4)], 2), leaves([1, 1, 2, 4])];
+        assert!(is_refused("too deep", claiming(1, &small(1, &run), FIRST)));
+        let run = [place([(state, 1), (LEAF, 1), (LEAF, 2), (LEAF, 4)], 1)];
+        assert!(is_refused("too deep", claiming(1, &small(1, &run), FIRST)));
+    }
+    let chain = |skip| place([(INNER, 1), (LEAF, 1), (LEAF, 2), (LEAF, 4)], skip);
+    let run: Vec<Place> = (0..6).map(|level| chain(6 - level)).collect();
+    assert!(is_refused("too deep by one", claiming(5, &small(1, &run), FIRST)));
 }
 
 #[test]
-fn a_pointer_into_a_hole_is_not_followed_to_its_beginning() {
-    let hole = 40 << 20;
-    let mut record = vec![0x57, 1];
-    record.extend(&(FIRST + hole - (1 << 20)).to_le_bytes()[..6]);
-    record.extend([2, 3, 4]);
-    let CountedFile { editor, work, .. } =
-        &CountedFile::new(crafted_as((3, hole as usize), &record, (1, FIRST + hole), 0, (0, 0)));
-    let code = Code::from_cell(Dimension::Quad, 3, [0, 0, 0]).unwrap();
-    let (found, reads) = work.of(|| editor.tree().value_at(code));
-    // No further than an extent can be long, sector by sector.
-    assert!(found.is_err() && reads < (16 << 20) / 512 + 100, "{reads}");
+fn bitmaps_that_lie_are_refused() {
+    for (what, size, bitmap, back) in [
+        ("no pointer for what is INNER", 1, 0, vec![]),
+        ("a pointer for what is uniform", 1, 0b11, vec![9, 9]),
+        ("pointers for all", 1, 0b1111, vec![9; 4]),
+        ("a pointer for another node", 1, 0b10, vec![9]),
+        ("nodes that cannot be", 1, 0b10001, vec![9; 2]),
+        ("very many nodes that cannot be", 1, u64::MAX, vec![9; 64]),
+        ("pointers without bytes", 0, 1, vec![9]),
+        ("pointers of nine bytes", 9, 1, vec![9]),
+        ("pointers of 255 bytes", 255, 1, vec![9]),
+        ("more pointers than there are", 8, 0b1111, vec![9]),
+    ] {
+        let file = Small::with(|root| (root.size, root.bitmap, root.back) = (size, bitmap, back));
+        assert!(is_refused(what, file), "{what}");
+    }
+}
+
+#[test]
+fn runs_that_contradict_themselves_are_refused() {
+    let inner = |state, skip| place([(state, 1), (LEAF, 1), (LEAF, 1), (LEAF, 1)], skip);
+    let leaf = leaves([1, 1, 2, 4]);
+    for (what, run) in [
+        ("no record at all", vec![inner(INNER, 0), leaf]),
+        ("a child's record is missing", vec![inner(INNER, 1)]),
+        ("a child that is cut off", vec![inner(CUT, 1)]),
+        ("more records than there can be", vec![inner(INNER, 342), leaf]),
+        ("more records than there are bytes", vec![inner(INNER, 341), leaf]),
+        ("a child's record ends behind its parent's", vec![inner(INNER, 2), place([(LEAF, 1); 4], 2), leaf]),
+        ("a child's record has no end", vec![inner(INNER, 2), place([(LEAF, 1); 4], 0)]),
+        ("a record that belongs to nobody", vec![inner(LEAF, 2), leaf]),
+        ("other leaves than the child's own record", vec![inner(INNER, 2), leaves([1, 1, 2, 3])]),
+        ("another representative", vec![place([(INNER, 2), (LEAF, 1), (LEAF, 1), (LEAF, 1)], 2), leaf]),
+        ("a block of no length that blocks have", vec![dense(1, 1, 2), leaf]),
+        ("a block of no kind", [vec![dense(6, 1, 11)], vec![leaf; 10]].concat()),
+        ("a block above the run's bottom", [vec![dense(1, 1, 11)], vec![leaf; 10]].concat()),
+    ] {
+        let file = Small::with(|root| root.run = run.clone());
+        assert!(is_refused(what, file), "{what}");
+        // The same in a record that is one run alone.
+        if !what.starts_with("other") && !what.starts_with("another") {
+            assert!(is_refused(what, claiming(5, &small(1, &run), FIRST)), "{what}");
+        }
+    }
+    // Cut off above the nodes that pointers lead to.
+    let above = Pointered { run: vec![inner(CUT, 1)], ..Small::new().root };
+    let records = [small(1, &[leaf]), above.bytes()].concat();
+    assert!(is_refused("a child that is cut off too high", claiming(7, &records, FIRST + 9)));
+    // Blocks that reach beyond the cells.
+    for (levels, skip) in [(3, 11), (4, 43), (5, 171)] {
+        let run = [vec![dense(1, 1, skip)], vec![leaf; skip as usize - 1]].concat();
+        let what = format!("a block of {levels} levels");
+        assert!(is_refused(&what, claiming(levels - 1, &small(1, &run), FIRST)), "{what}");
+    }
 }
 
 #[test]
 fn commits_that_go_round_are_refused() {
-    let leaf = [0x55, 1, 1, 2, 3, 4];
-    for previous in [FIRST, START as u64, 1 << 40, u64::MAX, 100] {
-        let bytes = crafted(1, &leaf, FIRST, previous);
+    for previous in [FIRST, FIRST_EXTENT as u64, 1 << 40, u64::MAX, 100] {
+        let claims = Claims { depth: 1, root: (FIRST, 1), totals: (4, 1), previous };
+        let bytes = crafted(&small(1, &[leaves([1, 1, 2, 4])]), claims);
         assert!(is_refused("a commit before", bytes.clone()), "{previous}");
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("t.autumn");
@@ -284,54 +318,45 @@ fn commits_that_go_round_are_refused() {
     }
 }
 
-/// A number as zones have it.
-fn leb128(mut number: u128) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    while number > 127 {
-        bytes.push(number as u8 | 128);
-        number >>= 7;
-    }
-    bytes.push(number as u8);
-    bytes
+/// The five levels of a node of which all nodes are alike, as a run whose bottom nodes have a state: a dense block.
+fn folded_run(state: u8, cells_of_four: [u8; 4]) -> Vec<Place> {
+    let (kind, bottom) = if state == CUT { (2, [2; 4]) } else { (1, cells_of_four) };
+    let mut payload = vec![2; 16 + 64 + 256];
+    // Rows of the bottom level.
+    payload.extend((0..1024).map(|i| bottom[i % 2 + i / 32 % 2 * 2]));
+    [&[dense(kind, 2, 171)][..], payload.as_chunks::<8>().0].concat()
 }
+
+/// The cells of each node above them, in folded trees.
+const PATTERN: [u8; 4] = [1, 2, 2, 3];
 
 /// A tree of some depth all of whose nodes of a level are one record. Zones claim what `records` says of a height.
 pub(super) fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
-    folded_of(depth, [1, 2, 2, 3], records)
+    folded_of(depth, PATTERN, records)
 }
 
-/// A tree as [`folded`] makes it of four cells, of which two are 2, one is 1 and one 3.
+/// A tree as [`folded`] makes it of other cells, of which its zones know nothing.
 pub(super) fn folded_of(depth: u8, cells_of_four: [u8; 4], records: impl Fn(u8) -> u128) -> Vec<u8> {
-    let mut bytes: Vec<u8> = Vec::new();
-    let mut below = 0;
-    for height in 1..=depth {
-        let at = bytes.len();
-        if height == 1 {
-            bytes.extend([0x55, 2]);
-            bytes.extend(cells_of_four);
-        } else {
-            let back = (at - below) as u16;
-            bytes.extend([0xAA, 2]);
-            (0..4).for_each(|_| bytes.extend(back.to_le_bytes()));
-        }
-        if height >= 6 {
-            let cells = 1u128 << (2 * height);
-            bytes.extend(leb128(records(height)));
-            bytes.extend(leb128(cells));
-            bytes.extend([1, 3]);
-            // Twice the sum, and twice the sum of squares: the numbers are not negative.
-            bytes.extend(leb128(cells * 4));
-            bytes.extend(leb128(cells / 4 * 18 * 2));
-            bytes.extend(leb128(3));
-            for (value, parts) in [(1, 1), (2, 2), (3, 1)] {
-                bytes.push(value);
-                bytes.extend(leb128(cells / 4 * parts));
-            }
-        }
-        below = at;
+    let mut bytes = small(2, &folded_run(LEAF, cells_of_four));
+    let (mut at, mut height) = (0, 5);
+    while height < depth {
+        let here = bytes.len();
+        let above = (height + 2).min(depth);
+        let nodes = 1 << (2 * (above - height));
+        let quarter = 1 << (2 * above - 2);
+        let record = Pointered {
+            representative: 2,
+            size: 2,
+            bitmap: u64::MAX >> (64 - nodes),
+            back: vec![(here - at) as u64; nodes],
+            run: folded_run(CUT, cells_of_four),
+            zone: zone(records(above), &[(1, quarter), (2, 2 * quarter), (3, quarter)]),
+        };
+        bytes.extend(record.bytes());
+        (at, height) = (here, above);
     }
-    let totals = (1 << (2 * depth), u64::try_from(records(depth)).unwrap_or(0));
-    crafted_as((depth, 0), &bytes, (2, FIRST + below as u64), 0, totals)
+    let totals = (1 << (2 * depth), full(depth) as u64);
+    crafted(&bytes, Claims { depth, root: (FIRST + at as u64, 2), totals, previous: 0 })
 }
 
 /// Records of a full tree.
@@ -341,12 +366,12 @@ pub(super) fn full(height: u8) -> u128 {
 
 #[test]
 fn subtrees_shared_beyond_all_bounds_take_no_time() {
-    // As many nodes as a file of 2^60 bytes has, in 500 bytes: what can be answered is.
+    // As many nodes as a file of 2^60 bytes has, in 20 kB: what can be answered is.
     let bytes = folded(29, full);
+    assert!(bytes.len() < 40_000, "{}", bytes.len());
     let file = Arc::new(Autumnal::from_bytes(bytes.clone()).unwrap());
-    for cell in [[0, 0, 0], [1 << 28, 12_345_679, 0], [(1 << 29) - 1; 3].map(|cell| cell)] {
-        let cell = [cell[0], cell[1], 0];
-        let expected = [1, 2, 2, 3][((cell[0] & 1) + 2 * (cell[1] & 1)) as usize];
+    for cell in [[0, 0, 0], [1 << 28, 12_345_679, 0], [(1 << 29) - 1, (1 << 29) - 1, 0]] {
+        let expected = PATTERN[((cell[0] & 1) + 2 * (cell[1] & 1)) as usize];
         assert_eq!(
             file.value_at(Code::from_cell(Dimension::Quad, 29, cell).unwrap()).unwrap(),
             Some(byte(expected))
@@ -358,88 +383,45 @@ fn subtrees_shared_beyond_all_bounds_take_no_time() {
     is_refused("honest", bytes);
     // Claims that are too small are found on the way.
     assert!(is_refused("one record each", folded(29, |_| 1)));
-    assert!(is_refused("few records each", folded(29, |height| full(6) * u128::from(height))));
+    assert!(is_refused("few records each", folded(29, |height| full(8) * u128::from(height))));
     assert!(is_refused("none", folded(29, |_| 0)));
     assert!(is_refused("more than fit", folded(29, |_| u128::from(u64::MAX) + 1)));
+    // As few as their pointers allow: too many all the same.
+    let least = |height: u8| (17 << (2 * (height - 7))) + full(height - 7);
+    assert!(is_refused("the least that is possible", folded(29, least)));
+    // Less than that where no zones are below.
+    assert!(is_refused("fewer than pointers", folded(7, |_| 16)));
+    assert!(is_refused("a wrong number that is possible", folded(7, |_| 17)));
     // One that is not too large to be walked is read as it is.
-    let small = Autumnal::from_bytes(folded(8, full)).unwrap();
-    let expected =
-        made(QUAD, [256, 256, 1], |[x, y, _]| Some(byte([1, 2, 2, 3][((x & 1) + 2 * (y & 1)) as usize])));
-    assert_same(&cells_of(&small, [256, 256, 1]), &expected, "folded");
+    for depth in [5, 6, 7, 8, 9] {
+        let small = Autumnal::from_bytes(folded(depth, full)).unwrap();
+        let cell = |[x, y, _]: [u64; 3]| Some(byte(PATTERN[((x & 1) + 2 * (y & 1)) as usize]));
+        let expected = made(QUAD, [1 << depth, 1 << depth, 1], cell);
+        assert_same(&cells_of(&small, expected.size), &expected, "folded");
+        // (Nodes that are one record have one place: the tree that is built has it, too.)
+        assert_eq!(small.verify(1 << 24, &()).unwrap(), [], "{depth}");
+    }
 }
 
 #[test]
 fn zones_and_lengths_that_ask_for_too_much_are_refused() {
-    let record = |zone: Vec<u8>| [&[0x55, 2, 1, 2, 2, 3][..], &zone].concat();
-    // A root with a zone: 64 x 64 cells.
     for (what, zone) in [
         ("nothing", vec![]),
         ("a number without end", vec![255; 40]),
-        ("more cells than there are", [leb128(1), leb128(5000)].concat()),
-        ("very many classes", [leb128(1), leb128(4096), vec![1, 3, 0, 0], leb128(1 << 60)].concat()),
-        ("classes that are not there", [leb128(1), leb128(4096), vec![1, 3, 0, 0], leb128(4000)].concat()),
+        ("more cells than there are", [leb128(2), leb128(5000)].concat()),
+        ("very many classes", [leb128(2), leb128(4096), vec![1, 3, 0, 0], leb128(1 << 60)].concat()),
+        ("classes that are not there", [leb128(2), leb128(4096), vec![1, 3, 0, 0], leb128(4000)].concat()),
+        ("as many records as no tree has", zone(full(6) + 1, &CLASSES)),
+        ("fewer records than pointers", zone(1, &CLASSES)),
+        ("a record that is not there", zone(3, &CLASSES)),
     ] {
-        assert!(is_refused(what, crafted(6, &record(zone), FIRST, 0)), "{what}");
+        assert!(is_refused(what, Small::with(|root| root.zone = zone)), "{what}");
     }
     // An extent that is longer than the file, with a right head.
-    let mut file = crafted(1, &[0x55, 1, 1, 2, 3, 4], FIRST, 0);
-    file[START + 16..START + 24].copy_from_slice(&u64::MAX.to_le_bytes());
-    let checksum = crc32c::crc32c(&file[START..START + 28]);
-    file[START + 28..START + 32].copy_from_slice(&checksum.to_le_bytes());
+    let mut file = Small::new().file();
+    let start = FIRST_EXTENT;
+    file[start + 16..start + 24].copy_from_slice(&u64::MAX.to_le_bytes());
+    let checksum = crc32c::crc32c(&file[start..start + 28]);
+    file[start + 28..start + 32].copy_from_slice(&checksum.to_le_bytes());
     assert!(is_refused("a long extent", file));
-}
-
-/// The head of an extent, as the specification has it.
-pub(super) fn head(kind: u8, start: u64, length: u64, checksum: u32) -> Vec<u8> {
-    let mut head = b"Extt".to_vec();
-    head.extend([kind, 0, 0, 0]);
-    head.extend(start.to_le_bytes());
-    head.extend(length.to_le_bytes());
-    head.extend(checksum.to_le_bytes());
-    head.extend(crc32c::crc32c(&head).to_le_bytes());
-    head
-}
-
-#[test]
-fn cells_that_imitate_the_head_of_an_extent_are_cells() {
-    let form = quad(SampleType::F64, 1);
-    let write = |cells: &Cells| {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("t.autumn");
-        write_cells(&path, cells, &options(Rule::Nearest, Kind::Continuous, 6));
-        std::fs::read(&path).unwrap()
-    };
-    let side = 64;
-    let mut cells = made(form, [side, side, 1], |[x, y, _]| {
-        Some(Value::from_bytes(&(0.5 + (x + side * y) as f64).to_le_bytes()))
-    });
-    let plain = write(&cells);
-    // The values of four siblings stand one behind the other, in some records where an extent could start.
-    let corners = (0..side / 2).flat_map(|y| (0..side / 2).map(move |x| (2 * x, 2 * y)));
-    let indices =
-        |(x, y): (u64, u64)| [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| ((y + j) * side + x + i) as usize);
-    let found: Vec<_> = corners
-        .filter_map(|corner| {
-            let bytes: Vec<u8> = indices(corner)
-                .iter()
-                .flat_map(|index| cells.cells[*index].unwrap().to_bytes()[..8].to_vec())
-                .collect();
-            let at = plain.windows(32).position(|window| window == bytes).unwrap();
-            at.is_multiple_of(512).then_some((corner, at))
-        })
-        .collect();
-    assert!(!found.is_empty());
-    for (corner, at) in &found {
-        // (Of these bytes some would not be numbers.)
-        let head =
-            (64..).map(|length| head(0, *at as u64, length, 7)).find(|head| head[31] & 0x7f != 0x7f).unwrap();
-        for (index, bytes) in indices(*corner).into_iter().zip(head.chunks(8)) {
-            cells.cells[index] = Some(Value::from_bytes(bytes));
-        }
-    }
-    let forged = write(&cells);
-    assert!(found.iter().any(|(_, at)| forged[*at..].starts_with(b"Extt")), "the test imitates something");
-    let file = Autumnal::from_bytes(forged).unwrap();
-    assert_same(&cells_of(&file, cells.size), &cells, "imitated heads");
-    assert_eq!(file.verify(1 << 20, &()).unwrap(), []);
 }

@@ -10,8 +10,8 @@ use spinney::store::autumnal::{Autumnal, History, Keep, Note, compact, recover};
 use spinney::value::{Kind, Rule, SampleType, Value};
 use tempfile::TempDir;
 
-use super::autumnal_hostile::{encoded, head};
-use crate::common::{Cells, assert_same, cells_of, goblin_bytes, made, oct, options, write_cells};
+use super::crafted::{encoded, head};
+use crate::common::{Cells, assert_same, cells_of, goblin_bytes, made, oct, options, quad, write_cells};
 use crate::targets::seal::{HEAD, SLOTS, extents, long};
 
 const MEMORY: u64 = 1 << 20;
@@ -105,6 +105,103 @@ fn forged_commit(number: u64, start: u64, metadata: u64, time: i64) -> Vec<u8> {
     [head(1, start, payload.len() as u64, crc32c::crc32c(&payload)), payload].concat()
 }
 
+/// The bytes of a picture's file, of 64 x 64 cells.
+fn written(cells: &Cells, rule: Rule) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.autumn");
+    write_cells(&path, cells, &options(rule, Kind::Continuous, 6));
+    std::fs::read(&path).unwrap()
+}
+
+/// A file says what it should.
+fn assert_says(file: Vec<u8>, cells: &Cells, what: &str) {
+    let file = Autumnal::from_bytes(file).unwrap();
+    assert_same(&cells_of(&file, cells.size), cells, what);
+    assert_eq!(file.verify(MEMORY, &()).unwrap(), []);
+}
+
+#[test]
+fn cells_that_imitate_the_head_of_an_extent_are_cells() {
+    let side = 64;
+    let mut cells = made(quad(SampleType::F64, 1), [side, side, 1], |[x, y, _]| {
+        Some(Value::from([0.5 + (x + side * y) as f64]))
+    });
+    let plain = written(&cells, Rule::Nearest);
+    // The rows of a dense block, of 32 cells, stand one behind the other, some where an extent could start.
+    let indices = |(x, y): (u64, u64)| (0..32).map(move |i| (y * side + x + i) as usize);
+    let mut forged_at = Vec::new();
+    for row in (0..side).flat_map(|y| [(0, y), (32, y)]) {
+        let bytes: Vec<u8> =
+            indices(row).flat_map(|index| cells.cells[index].unwrap().to_bytes()[..8].to_vec()).collect();
+        let start = find(&plain, &bytes);
+        let at = start.next_multiple_of(512);
+        if at + HEAD > start + bytes.len() {
+            continue;
+        }
+        // (Of these bytes some would not be numbers.)
+        let forged = (64..).find_map(|length| {
+            let mut bytes = bytes.clone();
+            bytes[at - start..][..HEAD].copy_from_slice(&head(0, at as u64, length, 7));
+            let values = bytes.as_chunks::<8>().0;
+            values.iter().all(|value| !f64::from_le_bytes(*value).is_nan()).then_some(bytes)
+        });
+        for (index, bytes) in indices(row).zip(forged.unwrap().chunks(8)) {
+            cells.cells[index] = Some(Value::from_bytes(bytes));
+        }
+        forged_at.push(at);
+    }
+    let forged = written(&cells, Rule::Nearest);
+    let heads = extents(&forged);
+    // (What is written behind the first record stands elsewhere than it did.)
+    let imitated = forged_at.iter().filter(|at| forged[**at..].starts_with(b"Extt") && !heads.contains(at));
+    assert!(imitated.count() > 5, "the test imitates something");
+    assert_says(forged, &cells, "imitated heads");
+}
+
+#[test]
+fn records_that_begin_like_the_head_of_an_extent_are_records() {
+    // In the north-east four leaves, which are the head behind the record's representative. The north-west, whose record comes
+    // first, has as many nodes as it takes to bring that record to where an extent could start.
+    let cells = |north_east: [[u8; 8]; 4], (nodes, more): (u64, bool)| {
+        made(quad(SampleType::F64, 1), [64, 64, 1], |[x, y, _]| {
+            let number = |x: u64, y: u64| {
+                (0..3).map(|bit| (x >> bit & 1 | (y >> bit & 1) << 1) << (2 * bit)).sum::<u64>()
+            };
+            let block = number(x / 4, y / 4);
+            let is_other = match (x < 32, y < 32) {
+                (_, false) => false,
+                (true, true) if block < nodes => x % 4 == 0 && y % 4 == 0,
+                (true, true) => more && block == nodes && x % 4 < 2 && y % 4 < 2,
+                (false, true) => {
+                    return Some(Value::from_bytes(&north_east[(x / 16 % 2 + y / 16 * 2) as usize]));
+                }
+            };
+            Some(Value::from([if is_other { 0.25 } else { 0.5f64 }]))
+        })
+    };
+    // The largest of them is the representative. These are no heads yet.
+    let plain = [1, 2, 3, 0x7474_7844u64].map(u64::to_le_bytes);
+    let record = [&plain[3..], &plain].concat().concat();
+    let sizes = (1..60).flat_map(|nodes| [(nodes, false), (nodes, true)]);
+    let mut found = sizes.map(|size| (size, find(&written(&cells(plain, size), Rule::Max), &record)));
+    let (size, at) = found.find(|(_, at)| at.is_multiple_of(512)).unwrap();
+    let heads = (0..).map(|length| head(0, at as u64, length, 7));
+    // (The checksums are to be less than the representative, which is: negative.)
+    let mut four = heads.map(|head| {
+        let four: [[u8; 8]; 4] = head.as_chunks::<8>().0.try_into().unwrap();
+        [four[1], four[2], four[3], four[0]]
+    });
+    let four = four.find(|four| f64::from_le_bytes(four[2]) < 0.0).unwrap();
+    let cells = cells(four, size);
+    let forged = written(&cells, Rule::Max);
+    assert_eq!(
+        find(&forged, &[&four[3..], &four].concat().concat()) % 512,
+        HEAD,
+        "it has an extent of its own"
+    );
+    assert_says(forged, &cells, "an imitated head");
+}
+
 #[test]
 fn values_that_imitate_commits_are_values() {
     let form = oct(SampleType::F32, 4);
@@ -114,21 +211,22 @@ fn values_that_imitate_commits_are_values() {
     let (_folder, path) = with_cells(&cells);
     let bytes = std::fs::read(&path).unwrap();
     let metadata = extents(&bytes).into_iter().find(|head| bytes[head + 4] == 2).unwrap() as u64;
-    // The values of eight siblings are 128 bytes; in some of these runs an extent could start that has room in it.
+    // All of a layer of a dense block, 8 x 8 cells, stand one behind the other; in some layers an extent could start that has
+    // room in it.
     let index = |[x, y, z]: [u64; 3]| ((z * SIDE + y) * SIDE + x) as usize;
-    let corners = (0..SIDE.pow(3) / 8).map(|i| [i % 8, i / 8 % 8, i / 64].map(|half| 2 * half));
-    let siblings = |corner: [u64; 3]| -> Vec<[u64; 3]> {
-        (0..8).map(|step| [0, 1, 2].map(|axis| corner[axis] + (step >> axis & 1))).collect()
+    let layers = (0..4 * SIDE).map(|i| [i % 2 * 8, i / 2 % 2 * 8, i / 4]);
+    let layer = |[x, y, z]: [u64; 3]| -> Vec<[u64; 3]> {
+        (0..64).map(|cell| [x + cell % 8, y + cell / 8, z]).collect()
     };
-    let places = corners.filter_map(|corner| {
+    let places = layers.map(|first| {
         let run: Vec<u8> =
-            siblings(corner).into_iter().flat_map(|cell| value(cell).to_bytes()[..16].to_vec()).collect();
+            layer(first).into_iter().flat_map(|cell| value(cell).to_bytes()[..16].to_vec()).collect();
         let start = find(&bytes, &run);
-        let place = start.next_multiple_of(512);
-        (place + 90 <= start + run.len()).then_some((place, start, corner, run))
+        (start.next_multiple_of(512), start, first, run)
     });
     // (Behind the first imitation everything would stand elsewhere.)
-    let (place, start, corner, run) = places.min().unwrap();
+    let (place, start, first, run) = places.min().unwrap();
+    assert!(place + 90 <= start + run.len());
     for number in [2, 3] {
         let forged = (0..).find_map(|time| {
             let commit = forged_commit(number, place as u64, metadata, time);
@@ -139,7 +237,7 @@ fn values_that_imitate_commits_are_values() {
         });
         let forged = forged.unwrap();
         let mut cells = cells.clone();
-        for (cell, bytes) in siblings(corner).into_iter().zip(forged.chunks(16)) {
+        for (cell, bytes) in layer(first).into_iter().zip(forged.chunks(16)) {
             cells.cells[index(cell)] = Some(Value::from_bytes(bytes));
         }
         let (_folder, path) = with_cells(&cells);

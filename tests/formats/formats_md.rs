@@ -1,4 +1,4 @@
-//! The hex dump in `formats.md` is what the builder writes.
+//! The hex dumps in `formats.md` are what is written.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -75,6 +75,13 @@ fn the_dump_is_what_the_builder_writes() {
     assert_eq!(std::fs::read(frozen).unwrap(), written);
 }
 
+/// Fails unless a file has the bytes of the dump with a name, from an offset on.
+fn assert_dumped(name: &str, file: &[u8], offset: usize) -> usize {
+    let expected = dumped(block(&text("formats.md"), &format!("<!-- dump: {name} -->")));
+    assert!(file[offset..].starts_with(&expected), "{name}");
+    expected.len()
+}
+
 #[test]
 fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
     let cell = |[x, y, _]: [u32; 3]| (x < 8 && y < 8 && x != y).then(|| byte((8 * y + x) as u8));
@@ -88,15 +95,38 @@ fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
 }
 
 #[test]
-fn the_dump_of_pointered_records_is_what_is_written() {
+fn the_dumps_of_pointered_records_are_what_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("classic.autumn");
     let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     spinney::ops::convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
-    let expected = dumped(block(&text("formats.md"), "<!-- dump: classic.autumn -->"));
-    assert_eq!(std::fs::read(&path).unwrap()[12288..][..expected.len()], expected);
-    // The record behind is no record: the extent ends there.
-    assert_eq!(expected.len(), 32 + 69);
+    let is_end = |file: &[u8], length: usize| {
+        // The extent ends there, and the dump has all of it.
+        let told = u64::from_le_bytes(file[12288 + 16..][..8].try_into().unwrap());
+        assert_eq!(32 + told as usize, length);
+    };
+    let file = std::fs::read(&path).unwrap();
+    is_end(&file, assert_dumped("classic.autumn", &file, 12288));
+    // The same picture with 8 x 8 cells for one.
+    let cells = picture(&text("formats.md"));
+    let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(y / 8 * 8 + x / 8) as usize]));
+    let tree = MemTree::from_cells(QUAD, 6, Rule::Dominant, &cell);
+    let options = BuildOptions::new(Kind::Categorical, 6).rule(Rule::Dominant).memory(1 << 20);
+    let path = folder.path().join("large.autumn");
+    build_tree(&tree, [64, 64, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
+    let file = std::fs::read(&path).unwrap();
+    is_end(&file, assert_dumped("large.autumn", &file, 12288));
+}
+
+#[test]
+fn the_dumps_of_pages_and_commits_are_those_of_the_frozen_file() {
+    let file =
+        std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/history.autumn")).unwrap();
+    assert_eq!(assert_dumped("header page", &file, 0), 72);
+    assert_eq!(assert_dumped("meta slot", &file, 8192), 40);
+    let commit = u64::from_le_bytes(file[8192 + 16..][..8].try_into().unwrap()) as usize;
+    let length = u64::from_le_bytes(file[commit + 16..][..8].try_into().unwrap()) as usize;
+    assert_eq!(assert_dumped("commit", &file, commit), 32 + length);
 }
 
 #[test]

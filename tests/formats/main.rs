@@ -24,6 +24,7 @@ mod autumnal_processes;
 mod classes;
 mod codes;
 mod counted;
+mod crafted;
 mod dense;
 mod faults;
 mod fixtures;

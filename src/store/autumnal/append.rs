@@ -175,10 +175,10 @@ impl Appender {
         let mut address = self.position();
         let mut size = self.encode_record(address, record);
         // Readers go back from a record to the nearest head of an extent. Values can look like one, at a place
-        // where one could be: no record of the extent may start behind that.
+        // where one could be: no record of the extent may start there or behind that.
         if let Some(place) = self.magic_since(address) {
-            if place < address {
-                // It is there with this record's first bytes.
+            if place <= address {
+                // It is there with this record's first bytes, or at them.
                 self.buffer.truncate((address - self.start) as usize);
                 self.close_extent();
                 self.open_extent(ExtentKind::Records)?;

@@ -91,6 +91,13 @@ impl Extent {
     pub(super) fn end(&self) -> u64 {
         self.payload_start() + self.length
     }
+
+    /// Where the extent behind this one starts. A commit's is its last one: before the next page there can only be what an
+    /// edit that was given up has left.
+    pub(super) fn next_start(&self) -> u64 {
+        let unit = if self.kind == ExtentKind::Commit as u8 { PAGE } else { SECTOR };
+        self.end().next_multiple_of(unit)
+    }
 }
 
 /// The extents of a file up to some commit, read as they are asked for, each checked before its first use.

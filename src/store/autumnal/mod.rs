@@ -1,7 +1,7 @@
 //! The Autumnal format: trees that are edited, with their history. `formats.md` is its specification.
 //!
-//! The classic record has, per child, a leaf value or a pointer, and the node's representative. Files are
-//! append-only and copy-on-write: an edit writes the records that change and the path to a new root, in
+//! A record has a node's representative and some levels of what is below it, and points to the records further down. Files
+//! are append-only and copy-on-write: an edit writes the records that change and the path to a new root, in
 //! checksummed *extents*; a commit makes them durable and then names the new root in one of two *meta slots*.
 //! So a crash at any instant leaves the last commit, readers need no locks, and every commit stays readable.
 

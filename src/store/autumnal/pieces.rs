@@ -3,7 +3,7 @@
 use super::extents::ByteAccess;
 use super::reader::{Autumnal, Node};
 use crate::space::Bounds;
-use crate::store::container::{LEAF, RunChildren, RunNode, VOID};
+use crate::store::container::{INNER, LEAF, RunChildren, RunNode, VOID};
 use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
@@ -69,6 +69,10 @@ impl Autumnal {
                     if child.state == LEAF {
                         each(&space, Piece::Uniform(child.value))?;
                     } else if above > 0 {
+                        // (Nothing is cut off above the run's bottom.)
+                        if child.state != INNER {
+                            return Err(self.bad_run(node.address));
+                        }
                         deeper.push((child.node, path, space));
                     } else {
                         let next = self.follow(&record, path)?;

@@ -463,7 +463,7 @@ impl Autumnal {
         Ok(self.behind(node, zone.len())?[..] == *zone)
     }
 
-    /// INNER nodes of a subtree, as its zone says; what has none is too small to matter.
+    /// INNER nodes of a subtree, as its zone says; one of what has none, which is too small to matter.
     fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<u64> {
         if !self.is_zone(node) {
             return Ok(1);
@@ -499,23 +499,24 @@ impl Autumnal {
         let dimension = self.layout().form.dimension;
         let children = dimension.children() as u64;
         let Some(below) = self.heights().below(node.height) else { return Ok(()) };
+        let targets = record.parts.pointers(&record.bytes, record.address);
+        let mut sum = 0u64;
+        for target in targets.ok_or_else(|| self.bad_pointer(record.address))? {
+            sum = sum.saturating_add(self.records_below(access, Node::new(target, below))?);
+        }
         // A full tree has 1 + c + c^2 ... nodes for c children.
-        let between = (dimension.cells(node.height - below) - 1) / (children - 1);
-        let range = if self.heights().below(below).is_none() {
+        let full = |levels| (dimension.cells(levels) - 1) / (children - 1);
+        let most = if self.heights().below(below).is_none() {
             // Nothing below has a zone: as many as there can be, down to the level above the cells.
-            1..=(dimension.cells(node.height) - 1) / (children - 1)
+            full(node.height)
         } else {
-            let targets = record.parts.pointers(&record.bytes, record.address);
-            let mut sum = 0u64;
-            for target in targets.ok_or_else(|| self.bad_pointer(record.address))? {
-                sum = sum.saturating_add(self.records_below(access, Node::new(target, below))?);
-            }
-            sum.saturating_add(1)..=sum.saturating_add(between)
+            sum.saturating_add(full(node.height - below))
         };
+        let range = sum.saturating_add(1)..=most;
         if range.contains(&claimed) {
             return Ok(());
         }
-        let expected = format!("at most {}, those below and its own", range.end());
+        let expected = format!("{} to {}, those below and its own", range.start(), range.end());
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 

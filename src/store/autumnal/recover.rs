@@ -111,7 +111,7 @@ fn scan(path: &Path, file: &dyn WriteBackend, number: u64, progress: &dyn Progre
             found = Some(meta_at(&extents, start, &commit)?);
         }
         // (Also if its bytes are damaged: there may be some among them that imitate a commit.)
-        start = extent.end().next_multiple_of(SECTOR);
+        start = extent.next_start();
     }
     let expected = "one that is whole";
     found.ok_or_else(|| Error::invalid(format!("{}: commit", path.display()), number.to_string(), expected))

@@ -5,7 +5,7 @@
 
 use super::builder::{Check, Mode, RecordBuilder, shape};
 use super::commit::Commit;
-use super::extents::{ExtentKind, FIRST_EXTENT, PAGE, SECTOR};
+use super::extents::FIRST_EXTENT;
 use super::meta::Slot;
 use super::reader::Autumnal;
 use super::verified::{Unverified, Verified};
@@ -86,10 +86,7 @@ impl Autumnal {
                 return Ok(());
             };
             add(findings, format!("extent at {next}"), extents.check_payload(&extent))?;
-            // The last extent of a commit is the commit's own. Up to the next page there may be what is left of a writer that
-            // crashed, and that the next one has written over but for its beginning.
-            let unit = if extent.kind == ExtentKind::Commit as u8 { PAGE } else { SECTOR };
-            next = extent.end().next_multiple_of(unit);
+            next = extent.next_start();
         }
         Ok(())
     }

@@ -1,0 +1,173 @@
+//! Autumnal files made by hand, by the letter of `formats.md`: quadtrees of bytes (rule dominant, categorical), wrong in nothing
+//! but what they are told to be wrong in.
+
+use std::path::Path;
+
+use serde::Serialize;
+use spinney::io::Output;
+use spinney::ops::convert;
+
+use crate::targets::seal::{FIRST_EXTENT, HEAD, HEAD_MAGIC};
+
+/// Where the first record stands.
+pub(super) const FIRST: u64 = (FIRST_EXTENT + HEAD) as u64;
+
+pub(super) const LEAF: u8 = 1;
+pub(super) const INNER: u8 = 2;
+pub(super) const CUT: u8 = 3;
+
+/// A place of a run, which is a record of a segment.
+pub(super) type Place = [u8; 8];
+
+/// The record of a node whose children have these states and values.
+pub(super) fn place(children: [(u8, u8); 4], skip: u32) -> Place {
+    let mut place = [0; 8];
+    for (i, (state, value)) in children.into_iter().enumerate() {
+        place[i] = value;
+        place[4] |= state << (2 * i);
+    }
+    place[5..].copy_from_slice(&skip.to_le_bytes()[..3]);
+    place
+}
+
+/// The record of a node with four leaves.
+pub(super) fn leaves(values: [u8; 4]) -> Place {
+    place(values.map(|value| (LEAF, value)), 1)
+}
+
+/// The record of a dense block of a kind, with four INNER children that all have one representative.
+pub(super) fn dense(kind: u32, value: u8, skip: u32) -> Place {
+    place([(INNER, value); 4], skip | kind << 21)
+}
+
+/// A record that is one run alone.
+pub(super) fn small(representative: u8, run: &[Place]) -> Vec<u8> {
+    [&[representative][..], run.as_flattened()].concat()
+}
+
+/// A record with pointers.
+#[derive(Clone, Debug)]
+pub(super) struct Pointered {
+    pub(super) representative: u8,
+    /// Bytes of a pointer.
+    pub(super) size: u8,
+    pub(super) bitmap: u64,
+    /// The bytes between this record's start and those of the records below.
+    pub(super) back: Vec<u64>,
+    pub(super) run: Vec<Place>,
+    pub(super) zone: Vec<u8>,
+}
+
+impl Pointered {
+    pub(super) fn bytes(&self) -> Vec<u8> {
+        let mut bytes = vec![self.representative, self.size];
+        bytes.extend(self.bitmap.to_le_bytes());
+        for back in &self.back {
+            bytes.extend(back.to_le_bytes().iter().take(usize::from(self.size)));
+        }
+        [&bytes[..], self.run.as_flattened(), &self.zone].concat()
+    }
+}
+
+/// A number as zones have it.
+pub(super) fn leb128(mut number: u128) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    while number > 127 {
+        bytes.push(number as u8 | 128);
+        number >>= 7;
+    }
+    bytes.push(number as u8);
+    bytes
+}
+
+/// The zone of so many INNER nodes, and so many cells of each class.
+pub(super) fn zone(records: u128, classes: &[(u8, u128)]) -> Vec<u8> {
+    let sum =
+        |power: u32| classes.iter().map(|(value, cells)| u128::from(*value).pow(power) * cells).sum::<u128>();
+    let mut zone = [leb128(records), leb128(sum(0))].concat();
+    zone.extend([classes[0].0, classes[classes.len() - 1].0]);
+    // (Zigzag numbers; these are not negative.)
+    zone.extend([leb128(2 * sum(1)), leb128(2 * sum(2)), leb128(classes.len() as u128)].concat());
+    for (value, cells) in classes {
+        zone.push(*value);
+        zone.extend(leb128(*cells));
+    }
+    zone
+}
+
+/// The head of an extent.
+pub(super) fn head(kind: u8, start: u64, length: u64, checksum: u32) -> Vec<u8> {
+    let mut head = HEAD_MAGIC.to_vec();
+    head.extend([kind, 0, 0, 0]);
+    head.extend(start.to_le_bytes());
+    head.extend(length.to_le_bytes());
+    head.extend(checksum.to_le_bytes());
+    head.extend(crc32c::crc32c(&head).to_le_bytes());
+    head
+}
+
+/// Appends an extent with right checksums and tells where it starts.
+fn extent(file: &mut Vec<u8>, kind: u8, payload: &[u8]) -> u64 {
+    file.resize(file.len().next_multiple_of(512), 0);
+    let start = file.len() as u64;
+    file.extend(head(kind, start, payload.len() as u64, crc32c::crc32c(payload)));
+    file.extend(payload);
+    start
+}
+
+pub(super) fn encoded(document: impl Serialize) -> Vec<u8> {
+    bincode::serde::encode_to_vec(document, bincode::config::standard()).unwrap()
+}
+
+/// What a crafted file says of its tree, but for the records.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Claims {
+    pub(super) depth: u8,
+    /// Where the root's record is, and its representative.
+    pub(super) root: (u64, u8),
+    /// Cells that are not VOID, and INNER nodes.
+    pub(super) totals: (u64, u64),
+    /// Where the commit before starts.
+    pub(super) previous: u64,
+}
+
+/// A file with these records, right in everything else.
+pub(super) fn crafted(records: &[u8], claims: Claims) -> Vec<u8> {
+    let Claims { depth, root, totals, previous } = claims;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.autumn");
+    let goblin = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
+    convert(&goblin, false, Output::create(&path).unwrap(), 1 << 20, &()).unwrap();
+    let original = std::fs::read(&path).unwrap();
+    // The header page, for a tree of this depth.
+    let mut file = original[..FIRST_EXTENT].to_vec();
+    file[4096..].fill(0);
+    file[18] = depth;
+    file[32..40].copy_from_slice(&(1u64 << depth).to_le_bytes());
+    file[40..48].copy_from_slice(&(1u64 << depth).to_le_bytes());
+    let checksum = crc32c::crc32c(&file[..56]);
+    file[56..60].copy_from_slice(&checksum.to_le_bytes());
+    file[64..68].fill(0);
+    let checksum = crc32c::crc32c(&file[64..68]);
+    file[68..72].copy_from_slice(&checksum.to_le_bytes());
+    extent(&mut file, 0, records);
+    // The metadata's extent is the one with kind 2.
+    let is_metadata = |at: &usize| original[*at..].starts_with(b"Extt\x02");
+    let at = (FIRST_EXTENT..original.len()).step_by(512).find(is_metadata).unwrap();
+    let length = u64::from_le_bytes(original[at + 16..at + 24].try_into().unwrap()) as usize;
+    let metadata = extent(&mut file, 2, &original[at + HEAD..][..length]);
+    let note = (None::<i64>, String::new(), String::new());
+    let written = (0u64, 0u64, 0u64, 0u64);
+    let root = (INNER, vec![root.1], root.0);
+    let commit = (1u64, note, totals.0, totals.1, written, 1u64, root, metadata, previous, (0u64, 0u64));
+    let commit = extent(&mut file, 1, &encoded((1u32, commit)));
+    let end = file.len() as u64;
+    let mut slot = b"AutuMeta".to_vec();
+    for number in [1, commit, end] {
+        slot.extend(number.to_le_bytes());
+    }
+    slot.extend([0; 4]);
+    slot.extend(crc32c::crc32c(&slot).to_le_bytes());
+    file[4096..4136].copy_from_slice(&slot);
+    file
+}
