@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use spinney::io::Output;
 use spinney::ops::{Chain, Edit, FillRegion, convert, edit};
-use spinney::space::Bounds;
+use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, History, Keep, Note, compact, recover};
 use spinney::value::{Kind, Rule, SampleType, Value};
@@ -199,6 +199,9 @@ fn records_that_begin_like_the_head_of_an_extent_are_records() {
         HEAD,
         "it has an extent of its own"
     );
+    // Asked for first: nothing has found the extent before.
+    let cell = Code::from_cell(Dimension::Quad, 6, [40, 5, 0]).unwrap();
+    assert_eq!(Autumnal::from_bytes(forged.clone()).unwrap().value_at(cell).unwrap(), cells.get([40, 5, 0]));
     assert_says(forged, &cells, "an imitated head");
 }
 

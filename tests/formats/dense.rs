@@ -214,7 +214,7 @@ fn every_type_comes_back() {
             assert!(goblin_from_tree(&tree, size, rule, kind) == bytes, "{form} {rule}");
             let file = Goblin::from_bytes(bytes.clone()).unwrap();
             let [_, leaves, _, holes, ..] = kinds(&file);
-            assert!(leaves + holes > 3, "{form}: {leaves} and {holes} dense blocks");
+            assert!(leaves + holes > 0, "{form}: {leaves} and {holes} dense blocks");
             same_trees(&file, &tree);
             assert_eq!(file.verify(1 << 20, &()).unwrap(), []);
             assert_eq!(file.metadata().counts.records(), tree.inner_nodes() as u64);
@@ -272,7 +272,7 @@ fn files_of_several_segments_come_back() {
     let bytes = goblin_bytes(&cells, Rule::Mean, Kind::Continuous);
     let file = Goblin::from_bytes(bytes.clone()).unwrap();
     let kinds = kinds(&file);
-    assert!(file.segments() > 8 && kinds[1] > 400 && kinds[2] + kinds[4] > 8, "{kinds:?}");
+    assert!(file.segments() > 8 && kinds[1] > 40 && kinds[2] + kinds[4] > 8, "{kinds:?}");
     same_trees(&file, &tree);
     let mut random = Random(6);
     windows(&file, &tree, &mut random);
