@@ -12,8 +12,10 @@ use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::autumnal::{Autumnal, Note};
 use spinney::tree::{Child, Source};
 
+use super::counted::CountedFile;
 use super::crafted::{
-    CUT, Claims, FIRST, INNER, LEAF, Place, Pointered, crafted, dense, leaves, leb128, place, small, zone,
+    CUT, Claims, FIRST, INNER, LEAF, Place, Pointered, crafted, crafted_behind, dense, leaves, leb128, place,
+    small, zone,
 };
 use crate::common::{CLASSIC, Cells, QUAD, assert_same, byte, cells_of, made, try_children};
 use crate::targets::seal::FIRST_EXTENT;
@@ -302,6 +304,20 @@ fn runs_that_contradict_themselves_are_refused() {
         let what = format!("a block of {levels} levels");
         assert!(is_refused(&what, claiming(levels - 1, &small(1, &run), FIRST)), "{what}");
     }
+}
+
+#[test]
+fn a_pointer_into_a_hole_is_not_followed_to_its_beginning() {
+    let hole = 40 << 20;
+    let root = FIRST + hole;
+    let record = Pointered { size: 4, back: vec![1 << 20], ..Small::new().root };
+    let claims = Claims { depth: 6, root: (root, 1), totals: (1 << 12, 2), previous: 0 };
+    let file = crafted_behind(hole as usize, &record.bytes(), claims);
+    let CountedFile { editor, work, .. } = &CountedFile::new(file);
+    let code = Code::from_cell(Dimension::Quad, 6, [0, 0, 0]).unwrap();
+    let (found, reads) = work.of(|| editor.tree().value_at(code));
+    // No further than an extent can be long, sector by sector.
+    assert!(found.is_err() && reads < (16 << 20) / 512 + 100, "{reads}");
 }
 
 #[test]

@@ -133,6 +133,11 @@ pub(super) struct Claims {
 
 /// A file with these records, right in everything else.
 pub(super) fn crafted(records: &[u8], claims: Claims) -> Vec<u8> {
+    crafted_behind(0, records, claims)
+}
+
+/// A file with these records behind a hole of so many bytes (a multiple of 512).
+pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec<u8> {
     let Claims { depth, root, totals, previous } = claims;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
@@ -150,6 +155,7 @@ pub(super) fn crafted(records: &[u8], claims: Claims) -> Vec<u8> {
     file[64..68].fill(0);
     let checksum = crc32c::crc32c(&file[64..68]);
     file[68..72].copy_from_slice(&checksum.to_le_bytes());
+    file.resize(file.len() + hole, 0);
     extent(&mut file, 0, records);
     // The metadata's extent is the one with kind 2.
     let is_metadata = |at: &usize| original[*at..].starts_with(b"Extt\x02");
