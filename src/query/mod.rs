@@ -11,6 +11,7 @@ pub(crate) mod dump;
 mod field;
 mod find;
 mod histogram;
+mod neighbourhood;
 mod occupancy;
 #[cfg(feature = "raster")]
 mod pixels;
@@ -18,6 +19,7 @@ mod points;
 mod ray;
 mod solid;
 mod stats;
+mod surface;
 mod walk;
 mod window;
 
@@ -34,6 +36,8 @@ pub use solid::SolidStatistics;
 pub(crate) use solid::measure;
 pub use stats::{ChannelStatistics, Statistics};
 pub(crate) use stats::{source_statistics, tally_statistics};
+pub use surface::SolidSurface;
+pub(crate) use surface::measure_surface;
 pub(crate) use window::Canvas;
 
 use crate::{Error, Result};
