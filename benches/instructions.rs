@@ -221,10 +221,11 @@ fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
 fn solid(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     for _ in 0..count {
         let solid = tree.solid(tree.depth(), &())?;
+        let surface = tree.solid_surface(tree.depth(), &())?;
         answers.add(solid.cells);
-        answers.add_numbers(&[solid.volume, solid.smooth_area()]);
+        answers.add_numbers(&[solid.volume, surface.smooth_area()]);
         answers.add_numbers(&solid.centre.unwrap_or_default());
-        solid.faces.into_iter().for_each(|faces| answers.add(faces));
+        surface.faces.into_iter().for_each(|faces| answers.add(faces));
     }
     Ok(())
 }

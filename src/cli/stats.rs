@@ -16,13 +16,15 @@ const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
   spinney stats landcover.goblin --window 0,0,4096,4096 --json
   spinney stats house.goblin
+  spinney stats house.goblin --surface
   spinney stats house.goblin --solid --level 7
 
-Of solids (octrees of occupancy, or others with --solid) volume, surface, centre of gravity and
-bounds are printed, in the model's unit. The volume is exact; coarser levels keep it. The surface
-is that of the cells which are at least half full: once of the cells as blocks, and once of the
-smooth surface they stand for, each face weighted by the surface's normal there. In other octrees
-cells that are not VOID are full.
+Of solids (octrees of occupancy, or others with --solid) volume, centre of gravity and bounds are
+printed, in the model's unit. They are exact; coarser levels keep the volume. --surface adds the
+surface of the cells which are at least half full: once of the cells as blocks, and once of the
+smooth surface they stand for, each face weighted by the surface's normal there. It is found by
+going through all cells around the surface, which takes seconds where there are many. In other
+octrees cells that are not VOID are full.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";
@@ -39,9 +41,12 @@ pub(crate) struct Args {
     /// for none
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
     bins: u32,
-    /// Print volume, surface, centre and bounds of an octree also where its values are not occupancy
+    /// Print volume, centre and bounds of an octree also where its values are not occupancy
     #[arg(long)]
     solid: bool,
+    /// Print the surface of a solid, too; implies --solid
+    #[arg(long)]
+    surface: bool,
     /// Level at which a solid is measured [default: the deepest]
     #[arg(long, value_name = "LEVEL")]
     level: Option<u8>,
@@ -54,15 +59,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
     let bounds = args.part.bounds(&tree)?;
     let is_octree = tree.header().form.axes() == 3;
-    let is_asked = args.solid || args.level.is_some();
+    let is_asked = args.solid || args.surface || args.level.is_some();
     ensure!(
         !is_asked || is_octree,
-        "{}: is a quadtree; --solid and --level are for octrees",
+        "{}: is a quadtree; --solid, --surface and --level are for octrees",
         args.tree.file.display()
     );
     ensure!(
         !is_asked || bounds.is_none(),
-        "--solid and --level are for the whole octree; see --view window=..."
+        "--solid, --surface and --level are for the whole octree; see --view window=..."
     );
     let is_solid = is_octree && tree.header().rule == Rule::Occupancy && bounds.is_none();
     let stats = tree.statistics(bounds)?;
@@ -72,20 +77,22 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     // Last, since up to here a signal ends the program at once.
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
-        Some(tree.solid(level_of(&tree, args.level)?, &work)?)
+        let level = level_of(&tree, args.level)?;
+        let solid = tree.solid(level, &work)?;
+        Some((solid, args.surface.then(|| tree.solid_surface(level, &work)).transpose()?))
     } else {
         None
     };
     if args.json {
         let mut json = as_json(&tree, &stats, &histogram);
-        if let Some(measured) = &measured {
-            json["solid"] = solid::as_json(&tree, measured);
+        if let Some((measured, surface)) = &measured {
+            json["solid"] = solid::as_json(&tree, measured, surface.as_ref());
         }
         print_json(&json)?;
     } else {
         print(&tree, &stats, &histogram)?;
-        if let Some(measured) = measured {
-            print_text(&solid::as_text(&tree, &measured)?)?;
+        if let Some((measured, surface)) = measured {
+            print_text(&solid::as_text(&tree, &measured, surface.as_ref())?)?;
         }
     }
     Ok(tree.check_unchanged()?)

@@ -2,7 +2,9 @@
 
 use super::{Dataset, Reader};
 use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
-use crate::query::{Field, Filling, OccupancyLevel, Rays, SolidStatistics, measure};
+use crate::query::{
+    Field, Filling, OccupancyLevel, Rays, SolidStatistics, SolidSurface, measure, measure_surface,
+};
 use crate::{Progress, Result};
 
 impl Dataset {
@@ -11,8 +13,8 @@ impl Dataset {
         Filling::of(self.header().rule, self.header().form.value)
     }
 
-    /// Volume, surface, centre of gravity and bounds of an octree's solid at a level. Time is proportional to
-    /// the nodes around its surface, memory to depth.
+    /// Volume, centre of gravity and bounds of an octree's solid at a level. Time is proportional to the INNER nodes
+    /// above the level, memory to depth.
     ///
     /// # Errors
     /// If the tree is a quadtree or has no such level, the file is damaged, or on interruption.
@@ -25,6 +27,22 @@ impl Dataset {
                 // The level's cells are the deepest of what is measured.
                 let view = viewed.at(level)?;
                 measure(&view, level, filling, &frame.coarser(self.depth() - level), progress)
+            }
+        }
+    }
+
+    /// The surface of an octree's solid at a level. Time is proportional to it, memory to depth.
+    ///
+    /// # Errors
+    /// As of [`Dataset::solid`].
+    pub fn solid_surface(&self, level: u8, progress: &dyn Progress) -> Result<SolidSurface> {
+        let (filling, frame) = (self.filling(), &self.metadata().frame);
+        match self.reader() {
+            Reader::Goblin(file) => measure_surface(file, level, filling, frame, progress),
+            Reader::Autumnal(file) => measure_surface(file, level, filling, frame, progress),
+            Reader::View(viewed) => {
+                let view = viewed.at(level)?;
+                measure_surface(&view, level, filling, &frame.coarser(self.depth() - level), progress)
             }
         }
     }

@@ -12,6 +12,7 @@ mod field;
 mod find;
 mod folded;
 mod histogram;
+mod neighbourhood;
 mod occupancy;
 #[cfg(feature = "raster")]
 mod pixels;
@@ -19,6 +20,7 @@ mod points;
 mod ray;
 mod solid;
 mod stats;
+mod surface;
 mod walk;
 mod window;
 
@@ -35,6 +37,8 @@ pub use solid::SolidStatistics;
 pub(crate) use solid::measure;
 pub use stats::{ChannelStatistics, Statistics};
 pub(crate) use stats::{autumnal_statistics, source_statistics};
+pub use surface::SolidSurface;
+pub(crate) use surface::measure_surface;
 pub(crate) use window::Canvas;
 
 use crate::{Error, Result};

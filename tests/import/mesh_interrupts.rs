@@ -88,19 +88,25 @@ fn division_of_space_is_interrupted_at_each_triangle() {
 }
 
 #[test]
-fn measures_of_solids_are_interrupted_at_each_node() {
-    let cells = Cells::random(OCT, 7, [32; 3], 200, true);
+fn measures_of_solids_are_interrupted() {
+    let cells = Cells::random(OCT, 7, [64; 3], 200, true);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("solid.goblin");
     std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, Kind::Continuous)).unwrap();
     let tree = spinney::open(&path).unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let patient = Impatient::new(u64::MAX);
-    pool.install(|| tree.solid(tree.depth(), &patient)).unwrap();
-    assert!(patient.asked() > tree.metadata().counts.records(), "{}", patient.asked());
-    let impatient = Impatient::new(patient.asked() / 2);
-    let measured = pool.install(|| tree.solid(tree.depth(), &impatient));
-    assert!(matches!(measured, Err(Error::Interrupted)));
-    // What threads share is nodes and faces of the first levels: each of these asks once more.
-    assert!(impatient.asked() < patient.asked() / 2 + 400, "{}", impatient.asked());
+    let volume = |progress: &Impatient| tree.solid(6, progress).map(|_| ());
+    let surface = |progress: &Impatient| tree.solid_surface(6, progress).map(|_| ());
+    // Of 8 x 8 x 8 nodes that threads share each asks; of 8 blocks each plane of faces.
+    let works: [(&(dyn Fn(&Impatient) -> spinney::Result<()> + Sync), u64); 2] =
+        [(&volume, 512), (&surface, 24)];
+    for (work, least) in works {
+        let patient = Impatient::new(u64::MAX);
+        pool.install(|| work(&patient)).unwrap();
+        assert!(patient.asked() >= least, "{}", patient.asked());
+        let impatient = Impatient::new(patient.asked() / 2);
+        assert!(matches!(pool.install(|| work(&impatient)), Err(Error::Interrupted)));
+        // What threads share asks once more each.
+        assert!(impatient.asked() < patient.asked() / 2 + 600, "{}", impatient.asked());
+    }
 }

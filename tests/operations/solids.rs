@@ -245,6 +245,97 @@ fn slices_across_every_axis_at_every_level() {
     assert_eq!(row, [255, 128, 0, 0]);
 }
 
+/// The area of a solid's smooth surface by its definition: of each face between a cell that is half full and one that
+/// is not, the projection along the first moment of the occupancy within 4 cells, with weights that fall to 0 at
+/// the sphere.
+fn naive_area(fill: &dyn Fn([i64; 3]) -> u8, side: i64) -> f64 {
+    let mut area = 0.0;
+    for cell in every_cell([side as u64 + 1; 3]) {
+        let cell = cell.map(|cell| cell as i64);
+        for axis in 0..3 {
+            let mut before = cell;
+            before[axis] -= 1;
+            if (fill(cell) >= 128) == (fill(before) >= 128) {
+                continue;
+            }
+            let middle: [f64; 3] =
+                std::array::from_fn(|a| cell[a] as f64 + if a == axis { 0.0 } else { 0.5 });
+            let mut sum = [0.0; 3];
+            for around in every_cell([9; 3]) {
+                let other: [i64; 3] = std::array::from_fn(|a| cell[a] + around[a] as i64 - 4);
+                let away: [f64; 3] = std::array::from_fn(|a| other[a] as f64 + 0.5 - middle[a]);
+                let weight =
+                    (16.0 - away.iter().map(|x| x * x).sum::<f64>()).max(0.0) * f64::from(fill(other));
+                (0..3).for_each(|a| sum[a] += weight * away[a]);
+            }
+            let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
+            area += if length > 0.0 { sum[axis].abs() / length } else { 1.0 };
+        }
+    }
+    area
+}
+
+#[test]
+fn surfaces_of_half_full_cells_and_of_large_blocks() {
+    // Cells of any fullness, so that some in the middle of the solid do not count.
+    let mut random = Random(11);
+    let graded = made(OCT, [40, 23, 37], |_| None);
+    let cells =
+        graded.cells.iter().map(|_| Some(byte(random.below(256) as u8)).filter(|it| as_byte(*it) > 99));
+    let graded = Cells { cells: cells.collect(), ..graded };
+    // Blocks of 64 cells beside each other and at the border, with a hole that reaches over several.
+    let large = made(OCT, [128, 100, 64], |[x, y, z]| {
+        let is_hole = (30..80).contains(&x) && (20..50).contains(&y) && (31..33).contains(&z);
+        (x < 64 || z < 32).then(|| byte(255)).filter(|_| !is_hole)
+    });
+    for cells in [graded, large] {
+        let (file, model) = (solid(&cells), cells.tree(Rule::Occupancy));
+        let side = 1i64 << cells.depth();
+        let fills: Vec<u8> =
+            every_cell([side as u64; 3]).map(|at| byte_at(&model, cells.depth(), at)).collect();
+        let fill = |cell: [i64; 3]| {
+            let is_inside = cell.iter().all(|cell| (0..side).contains(cell));
+            if is_inside { fills[((cell[2] * side + cell[1]) * side + cell[0]) as usize] } else { 0 }
+        };
+        let mut faces = [0; 3];
+        for cell in every_cell([side as u64 + 1; 3]) {
+            let cell = cell.map(|cell| cell as i64);
+            for axis in 0..3 {
+                let mut before = cell;
+                before[axis] -= 1;
+                faces[axis] += u64::from((fill(cell) >= 128) != (fill(before) >= 128));
+            }
+        }
+        let found = file.solid_surface(cells.depth(), &()).unwrap();
+        assert_eq!(found.faces, faces);
+        let area = naive_area(&fill, side);
+        assert!((found.smooth_area() / area - 1.0).abs() < 1e-9, "{} {area}", found.smooth_area());
+        // Blocks away from the surface are not read.
+        assert!(found.blocks <= (side as u64 / 32 + 1).pow(3), "{}", found.blocks);
+    }
+    let cube = made(OCT, [256; 3], |cell| cell.iter().all(|cell| *cell < 128).then(|| byte(255)));
+    let found = solid(&cube).solid_surface(8, &()).unwrap();
+    assert_eq!(found.faces, [2 * 128 * 128; 3]);
+    // Of 4 x 4 blocks on each of six sides those at its border.
+    assert_eq!(found.blocks, 6 * 12);
+}
+
+#[test]
+fn solids_are_measured_node_by_node() {
+    let cells = blocks(3, [60, 33, 22]);
+    let file = solid(&cells);
+    // Each INNER node once, at the deepest level all of them; a uniform tree has none.
+    assert_eq!(file.solid(6, &()).unwrap().nodes, file.metadata().counts.records());
+    let above: Vec<u64> = (0..=6).map(|level| file.solid(level, &()).unwrap().nodes).collect();
+    assert!(above.is_sorted() && above[0] == 0 && above[1] == 1, "{above:?}");
+    // Threads change nothing, not even the last digits.
+    let [one, three] = [1, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| (file.solid(6, &()).unwrap(), file.solid_surface(6, &()).unwrap()))
+    });
+    assert_eq!(one, three);
+}
+
 #[test]
 fn solids_are_measured_as_they_are_counted() {
     for (seed, size) in
@@ -283,7 +374,11 @@ fn solids_are_measured_as_they_are_counted() {
             }
             let found = file.solid(level, &()).unwrap();
             let what = format!("seed {seed} level {level}");
-            assert_eq!((found.cells, found.bounds, found.faces), (count, bounds, faces), "{what}");
+            assert_eq!((found.cells, found.bounds), (count, bounds), "{what}");
+            let surface = file.solid_surface(level, &()).unwrap();
+            assert_eq!((surface.level, surface.faces), (level, faces), "{what}");
+            let area = naive_area(&fill, side as i64);
+            assert!((surface.smooth_area() - area).abs() < 1e-9 * area.max(1.0), "{what}");
             assert_eq!(found.volume, sum as f64 / 255.0, "{what}");
             assert_eq!(found.centre.is_some(), sum > 0);
             for (axis, centre) in found.centre.into_iter().flatten().enumerate() {
@@ -297,7 +392,7 @@ fn solids_are_measured_as_they_are_counted() {
 fn surfaces_are_near_the_true_ones() {
     let sphere = |radius: f64| 4.0 * std::f64::consts::PI * radius * radius;
     let file = solid(&ball(6, 25.0));
-    let found = file.solid(6, &()).unwrap();
+    let found = file.solid_surface(6, &()).unwrap();
     assert!(
         (found.smooth_area() / sphere(25.0) - 1.0).abs() < 0.01,
         "{}",
@@ -305,8 +400,9 @@ fn surfaces_are_near_the_true_ones() {
     );
     assert!((found.block_area() / sphere(25.0) - 1.5).abs() < 0.02);
     // A coarser level keeps the volume but for rounding each cell, and nearly the surface.
-    let coarse = file.solid(4, &()).unwrap();
-    assert!((coarse.world_volume() / found.world_volume() - 1.0).abs() < 0.005);
+    let volume = |level: u8| file.solid(level, &()).unwrap().world_volume();
+    assert!((volume(4) / volume(6) - 1.0).abs() < 0.005);
+    let coarse = file.solid_surface(4, &()).unwrap();
     assert!(
         (coarse.smooth_area() / sphere(25.0) - 1.0).abs() < 0.08,
         "{}",
@@ -314,7 +410,7 @@ fn surfaces_are_near_the_true_ones() {
     );
     // Of a cube only the edges are rounded.
     let cube = made(OCT, [64; 3], |cell| cell.iter().all(|cell| (8..56).contains(cell)).then(|| byte(255)));
-    let found = solid(&cube).solid(6, &()).unwrap();
+    let found = solid(&cube).solid_surface(6, &()).unwrap();
     let area = 6.0 * 48.0 * 48.0;
     assert_eq!(found.block_area(), area);
     assert!((found.smooth_area() / area - 1.0).abs() < 0.08, "{}", found.smooth_area() / area);
@@ -339,9 +435,10 @@ fn measures_go_through_the_frame() {
     // By Thomsen's formula, good to one percent.
     let [a, b, d] = [25.0f64, 50.0, 100.0];
     let p = 1.6075;
+    let surface = file.solid_surface(6, &()).unwrap();
     let mean = ((a * b).powf(p) + (a * d).powf(p) + (b * d).powf(p)) / 3.0;
     let area = 4.0 * std::f64::consts::PI * mean.powf(1.0 / p);
-    assert!((found.smooth_area() / area - 1.0).abs() < 0.04, "{}", found.smooth_area() / area);
+    assert!((surface.smooth_area() / area - 1.0).abs() < 0.04, "{}", surface.smooth_area() / area);
     let [low, high] = found.world_bounds().unwrap();
     assert_eq!([low[2], high[2]], [7.0 + 4.0 * 7.0, 7.0 + 4.0 * 57.0]);
 }
@@ -351,6 +448,7 @@ fn quadtrees_are_no_solids() {
     let cells = Cells::random(QUAD, 1, [9, 9, 1], 9, true);
     let file = dataset(&cells, Rule::Mean, Kind::Continuous);
     assert!(file.solid(2, &()).unwrap_err().to_string().contains("an octree"));
+    assert!(file.solid_surface(2, &()).unwrap_err().to_string().contains("an octree"));
     assert!(file.rays(2).err().unwrap().to_string().contains("an octree"));
     let file = solid(&blocks(1, [5, 5, 5]));
     assert!(file.solid(4, &()).unwrap_err().to_string().contains("0 to 3"));
@@ -358,7 +456,8 @@ fn quadtrees_are_no_solids() {
     // Nothing at all.
     let empty = solid(&made(OCT, [5, 5, 5], |_| None));
     let found = empty.solid(3, &()).unwrap();
-    assert_eq!((found.volume, found.centre, found.bounds, found.smooth_area()), (0.0, None, None, 0.0));
+    assert_eq!((found.volume, found.centre, found.bounds), (0.0, None, None));
+    assert_eq!(empty.solid_surface(3, &()).unwrap().smooth_area(), 0.0);
 }
 
 /// Where a ray is in a cell; the longer `to - from`, the surer.

@@ -42,7 +42,7 @@ fn octrees_tell_where_they_lie_on_every_axis() {
         (&info["world"], &info["unit"]),
         (&json!([[10.0, 20.0, 30.0], [14.0, 24.0, 34.0]]), &json!("mm"))
     );
-    let text = stdout(&["stats", &tree]);
+    let text = stdout(&["stats", &tree, "--surface"]);
     for part in ["lengths in mm\n", "volume   64 mm3 (", "96 mm2 of blocks"] {
         assert!(text.contains(part), "{part}: {text}");
     }

@@ -170,14 +170,21 @@ fn statistics_of_solids() {
     let found = json(&["stats", &trees.block, "--json"]);
     let solid = &found["solid"];
     assert_eq!((&solid["volume"], &solid["level"]), (&72.0.into(), &4.into()));
-    assert_eq!(solid["surface_of_blocks"], 2.0 * (24.0 + 18.0 + 12.0));
+    // The surface is found for those who ask.
+    assert!(solid.as_object().unwrap().keys().all(|key| !key.contains("surface") && key != "faces"));
+    let with_surface = json(&["stats", &trees.block, "--json", "--surface"]);
+    assert_eq!(with_surface["solid"]["surface_of_blocks"], 2.0 * (24.0 + 18.0 + 12.0));
+    assert_eq!(with_surface["solid"]["faces"], serde_json::json!([24, 36, 48]));
+    assert_eq!(with_surface["solid"]["volume"], solid["volume"]);
     assert_eq!(solid["centre"], serde_json::json!([5.0, 3.0, 1.5]));
     assert_eq!(solid["bounds_cells"], serde_json::json!([[2, 1, 0], [8, 5, 3]]));
     let coarse = json(&["stats", &trees.block, "--json", "--level", "3"]);
     assert_eq!(coarse["solid"]["level"], 3);
     assert!((coarse["solid"]["volume"].as_f64().unwrap() - 72.0).abs() < 0.5);
     let text = stdout(&["stats", &trees.block]);
-    assert!(text.contains("volume   72 (72.000 cells") && text.contains("108 of blocks"), "{text}");
+    assert!(text.contains("volume   72 (72.000 cells") && !text.contains("surface"), "{text}");
+    assert!(stdout(&["stats", &trees.block, "--surface"]).contains("108 of blocks"));
+    assert!(stdout(&["stats", &trees.numbers, "--surface"]).contains("of blocks"));
     // What is no solid is told of as before.
     assert!(json(&["stats", &trees.numbers, "--json"])["solid"].is_null());
     assert!(!stdout(&["stats", &trees.numbers]).contains("solid"));
@@ -186,6 +193,7 @@ fn statistics_of_solids() {
     let turned = json(&["stats", &trees.block, "--json", "--view", "scale=2,2,2", "--view", "rotate=90,x"]);
     assert_eq!(turned["solid"]["volume_cells"], 8.0 * 72.0);
     assert!(complaint(&["stats", &trees.quadtree, "--solid"], 1).contains("quadtree"));
+    assert!(complaint(&["stats", &trees.quadtree, "--surface"], 1).contains("quadtree"));
     assert!(complaint(&["stats", &trees.block, "--level", "5"], 1).contains("0 to 4"));
     assert!(
         complaint(&["stats", &trees.block, "--solid", "--window", "0,0,1,1"], 1).contains("whole octree")

@@ -1,10 +1,10 @@
-//! Volume, surface, centre and bounds of solids.
+//! Volume, centre, bounds and surface of solids.
 
 use super::unit::{behind_number, unit};
 use anyhow::Result;
 use serde_json::json;
 use spinney::dataset::Dataset;
-use spinney::query::SolidStatistics;
+use spinney::query::{SolidStatistics, SolidSurface};
 
 /// Words for a unit that nobody told.
 const UNKNOWN: &str = "the model's unit, which nobody told (`build --unit` does)";
@@ -15,26 +15,37 @@ fn list(numbers: &[f64; 3]) -> String {
     numbers.map(|number| ((number * 1e6).round() / 1e6).to_string()).join(", ")
 }
 
-/// A solid as JSON.
-pub(crate) fn as_json(tree: &Dataset, solid: &SolidStatistics) -> serde_json::Value {
-    json!({
+/// A solid as JSON, with its surface if that was measured.
+pub(crate) fn as_json(
+    tree: &Dataset,
+    solid: &SolidStatistics,
+    surface: Option<&SolidSurface>,
+) -> serde_json::Value {
+    let mut json = json!({
         "level": solid.level,
         "unit": unit(tree),
         "volume": solid.world_volume(),
         "volume_cells": solid.volume,
         "occupied_cells": solid.cells,
-        "surface": solid.smooth_area(),
-        "surface_of_blocks": solid.block_area(),
-        "faces": solid.faces,
         "centre": solid.world_centre(),
         "centre_cells": solid.centre,
         "bounds": solid.world_bounds(),
         "bounds_cells": solid.bounds.map(|bounds| [bounds.min, bounds.max]),
-    })
+    });
+    if let Some(surface) = surface {
+        json["surface"] = surface.smooth_area().into();
+        json["surface_of_blocks"] = surface.block_area().into();
+        json["faces"] = json!(surface.faces);
+    }
+    json
 }
 
-/// A solid as text.
-pub(crate) fn as_text(tree: &Dataset, solid: &SolidStatistics) -> Result<String> {
+/// A solid as text, with its surface if that was measured.
+pub(crate) fn as_text(
+    tree: &Dataset,
+    solid: &SolidStatistics,
+    surface: Option<&SolidSurface>,
+) -> Result<String> {
     use std::fmt::Write;
     let mut text = String::new();
     writeln!(
@@ -52,13 +63,15 @@ pub(crate) fn as_text(tree: &Dataset, solid: &SolidStatistics) -> Result<String>
         solid.volume,
         solid.cells
     )?;
-    let (smooth, blocks) = (solid.smooth_area(), solid.block_area());
-    let square = behind_number(tree, "2");
-    let faces: u64 = solid.faces.iter().sum();
-    writeln!(
-        text,
-        "  surface  {smooth:.6}{square}, estimated from normals; {blocks}{square} of blocks ({faces} faces of cells)"
-    )?;
+    if let Some(surface) = surface {
+        let (smooth, blocks) = (surface.smooth_area(), surface.block_area());
+        let square = behind_number(tree, "2");
+        let faces: u64 = surface.faces.iter().sum();
+        writeln!(
+            text,
+            "  surface  {smooth:.6}{square}, estimated from normals; {blocks}{square} of blocks ({faces} faces of cells)"
+        )?;
+    }
     if let (Some(world), Some(cells)) = (solid.world_centre(), solid.centre) {
         writeln!(text, "  centre   {} (cell {})", list(&world), list(&cells))?;
     }
