@@ -5,6 +5,7 @@
 //! Prints millions of cells per second of processor time, the best of some runs. Files are written to `/dev/shm` where it is
 //! there, so that disks do not count, and removed unless a folder is given to keep them in.
 
+#[allow(dead_code)] // nothing here is left to chance
 mod measuring;
 
 use std::path::{Path, PathBuf};

@@ -15,6 +15,7 @@ mod options;
 mod part;
 mod reuse;
 mod reused;
+mod rows;
 mod sink;
 mod slab;
 mod tally;

@@ -6,6 +6,7 @@ use super::block::Block;
 use super::options::BuildOptions;
 use super::part::Part;
 use super::reuse::{ReusableSource, StoredNode};
+use super::rows::RowBlock;
 use super::sink::{BuiltBlock, TreeSink};
 use super::slab::{BlockContent, Slab};
 use crate::parallel;
@@ -199,9 +200,11 @@ impl<'a> Builder<'a> {
         for (i, batch) in codes.chunks(self.batch).enumerate() {
             progress.check()?;
             let plan = self.plan;
-            let build = |code: &Code| match slab.classify(plan.form, *code, height, nodata) {
+            let in_rows = RowBlock::supports(plan.form, plan.rule, plan.count_classes);
+            let build = |code: &Code| match slab.classify(plan.form, *code, height, nodata, in_rows) {
                 BlockContent::Uniform(value) => plan.uniform(*code, value),
                 BlockContent::Mixed(block) => plan.mixed(block),
+                BlockContent::Full(block) => block.build(plan.rule, &plan.shape),
             };
             let built: Vec<BuiltBlock> = parallel::map(batch, build);
             built.into_iter().try_for_each(|built| self.sink.push(built))?;
