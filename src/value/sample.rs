@@ -64,8 +64,24 @@ pub trait Sample: Copy + Debug + Default + PartialEq + PartialOrd + Send + Sync 
 pub(crate) trait Arithmetic: Sample {
     /// Form on disk: little-endian at any address.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
+    /// Sum over at most 2^15 cells, without overflow, in as few bytes as possible.
+    type NarrowSum: Copy
+        + Debug
+        + Default
+        + Add<Output = Self::NarrowSum>
+        + Into<Self::BlockSum>
+        + Send
+        + Sync;
     /// Sum over one block of cells (at most 2^24), without overflow.
     type BlockSum: Copy + Debug + Default + Add<Output = Self::BlockSum> + Into<Self::TotalSum> + Send + Sync;
+    /// Sum of squares over at most 2^15 cells, without overflow, in as few bytes as possible.
+    type NarrowSquare: Copy
+        + Debug
+        + Default
+        + Add<Output = Self::NarrowSquare>
+        + Into<Self::BlockSquare>
+        + Send
+        + Sync;
     /// Sum of squares over one block of cells, without overflow.
     type BlockSquare: Copy
         + Debug
@@ -81,6 +97,12 @@ pub(crate) trait Arithmetic: Sample {
     fn from_wire(wire: Self::Wire) -> Self;
     /// To disk.
     fn to_wire(self) -> Self::Wire;
+    /// The sum of one sample.
+    fn narrow_sum(self) -> Self::NarrowSum;
+    /// The square of one sample.
+    fn narrow_square(self) -> Self::NarrowSquare;
+    /// Mean of 2^`bits` samples (at most 2^15), rounded to the type.
+    fn narrow_mean(sum: Self::NarrowSum, bits: u32) -> Self;
     /// The sum of `cells` equal samples (at most 2^24).
     fn block_sum(self, cells: u32) -> Self::BlockSum;
     /// The sum of the squares of `cells` equal samples (at most 2^24).
@@ -100,7 +122,7 @@ pub(crate) trait Arithmetic: Sample {
 }
 
 macro_rules! integer_sample {
-    ($type:ident, $variant:ident, $wire:ty, $sum:ty, $square:ty, $flip:literal, $to:expr, $from:expr) => {
+    ($type:ident, $variant:ident, $wire:ty, $narrow:ty, $narrow_square:ty, $sum:ty, $square:ty, $flip:literal, $to:expr, $from:expr) => {
         impl Sample for $type {
             const TYPE: SampleType = SampleType::$variant;
 
@@ -134,6 +156,8 @@ macro_rules! integer_sample {
 
         impl Arithmetic for $type {
             type Wire = $wire;
+            type NarrowSum = $narrow;
+            type NarrowSquare = $narrow_square;
             type BlockSum = $sum;
             type BlockSquare = $square;
             type TotalSum = i128;
@@ -145,6 +169,19 @@ macro_rules! integer_sample {
             #[inline]
             fn to_wire(self) -> $wire {
                 $to(self)
+            }
+            #[inline]
+            fn narrow_sum(self) -> $narrow {
+                self as $narrow
+            }
+            #[inline]
+            fn narrow_square(self) -> $narrow_square {
+                self as $narrow_square * self as $narrow_square
+            }
+            #[inline]
+            fn narrow_mean(sum: $narrow, bits: u32) -> $type {
+                // Rounded half up: see `block_mean`.
+                ((sum + (1 << bits >> 1)) >> bits) as $type
             }
             #[inline]
             fn block_sum(self, cells: u32) -> $sum {
@@ -190,11 +227,11 @@ macro_rules! integer_sample {
     };
 }
 
-integer_sample!(u8, U8, u8, u32, i64, 0u64, |x| x, |x| x);
-integer_sample!(u16, U16, U16, i64, i64, 0u64, U16::new, |x: U16| x.get());
-integer_sample!(i16, I16, I16, i64, i64, 1u64, I16::new, |x: I16| x.get());
-integer_sample!(u32, U32, U32, i64, i128, 0u64, U32::new, |x: U32| x.get());
-integer_sample!(i32, I32, I32, i64, i128, 1u64, I32::new, |x: I32| x.get());
+integer_sample!(u8, U8, u8, u32, u32, u32, i64, 0u64, |x| x, |x| x);
+integer_sample!(u16, U16, U16, u32, i64, i64, i64, 0u64, U16::new, |x: U16| x.get());
+integer_sample!(i16, I16, I16, i32, i64, i64, i64, 1u64, I16::new, |x: I16| x.get());
+integer_sample!(u32, U32, U32, i64, i128, i64, i128, 0u64, U32::new, |x: U32| x.get());
+integer_sample!(i32, I32, I32, i64, i128, i64, i128, 1u64, I32::new, |x: I32| x.get());
 
 macro_rules! float_sample {
     ($type:ident, $variant:ident, $wire:ty, $bits:ident, $square:expr) => {
@@ -232,6 +269,8 @@ macro_rules! float_sample {
 
         impl Arithmetic for $type {
             type Wire = $wire;
+            type NarrowSum = DoubleDouble;
+            type NarrowSquare = DoubleDouble;
             type BlockSum = DoubleDouble;
             type BlockSquare = DoubleDouble;
             type TotalSum = DoubleDouble;
@@ -243,6 +282,18 @@ macro_rules! float_sample {
             #[inline]
             fn to_wire(self) -> $wire {
                 <$wire>::new(self)
+            }
+            #[inline]
+            fn narrow_sum(self) -> DoubleDouble {
+                DoubleDouble::from(f64::from(self))
+            }
+            #[inline]
+            fn narrow_square(self) -> DoubleDouble {
+                self.total_square(1)
+            }
+            #[inline]
+            fn narrow_mean(sum: DoubleDouble, bits: u32) -> $type {
+                Self::block_mean(sum, 1 << bits)
             }
             #[inline]
             fn block_sum(self, cells: u32) -> DoubleDouble {
@@ -297,6 +348,10 @@ pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     const CHANNELS: usize;
     /// Form on disk.
     type Wire: FromBytes + IntoBytes + Unaligned + Immutable + KnownLayout + Copy + Debug + Send + Sync;
+    /// Sums of at most 2^15 cells, one per channel.
+    type NarrowSums: Copy + Debug + Default + Send + Sync;
+    /// Sums of squares of at most 2^15 cells, one per channel.
+    type NarrowSquares: Copy + Debug + Default + Send + Sync;
     /// Sums of a block, one per channel.
     type BlockSums: Copy + Debug + Default + Send + Sync;
     /// Sums of squares of a block, one per channel.
@@ -311,6 +366,20 @@ pub(crate) trait Native: Copy + Debug + Default + Send + Sync + 'static {
     fn from_wire(wire: Self::Wire) -> Self;
     /// To disk.
     fn to_wire(self) -> Self::Wire;
+    /// Sums of one cell of this value.
+    fn narrow_sums(self) -> Self::NarrowSums;
+    /// Adds channel by channel.
+    fn add_narrow_sums(a: Self::NarrowSums, b: Self::NarrowSums) -> Self::NarrowSums;
+    /// Squares of the samples of one cell.
+    fn narrow_squares(self) -> Self::NarrowSquares;
+    /// Adds channel by channel.
+    fn add_narrow_squares(a: Self::NarrowSquares, b: Self::NarrowSquares) -> Self::NarrowSquares;
+    /// Sums of squares of a few cells as those of a block.
+    fn widen_narrow_squares(squares: Self::NarrowSquares) -> Self::BlockSquares;
+    /// Means of 2^`bits` cells (at most 2^15), rounded to the type.
+    fn narrow_mean(sums: Self::NarrowSums, bits: u32) -> Self;
+    /// The sums of a few cells as sums of a block.
+    fn widen_narrow(sums: Self::NarrowSums) -> Self::BlockSums;
     /// Sums of `cells` cells of this value (at most 2^24).
     fn block_sums(self, cells: u32) -> Self::BlockSums;
     /// Adds channel by channel.
@@ -357,6 +426,8 @@ macro_rules! native_values {
             type Sample = S;
             const CHANNELS: usize = $channels;
             type Wire = [S::Wire; $channels];
+            type NarrowSums = [S::NarrowSum; $channels];
+            type NarrowSquares = [S::NarrowSquare; $channels];
             type BlockSums = [S::BlockSum; $channels];
             type BlockSquares = [S::BlockSquare; $channels];
             type TotalSums = [S::TotalSum; $channels];
@@ -368,6 +439,34 @@ macro_rules! native_values {
             #[inline]
             fn to_wire(self) -> Self::Wire {
                 self.map(S::to_wire)
+            }
+            #[inline]
+            fn narrow_sums(self) -> Self::NarrowSums {
+                self.map(S::narrow_sum)
+            }
+            #[inline]
+            fn add_narrow_sums(a: Self::NarrowSums, b: Self::NarrowSums) -> Self::NarrowSums {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn narrow_squares(self) -> Self::NarrowSquares {
+                self.map(S::narrow_square)
+            }
+            #[inline]
+            fn add_narrow_squares(a: Self::NarrowSquares, b: Self::NarrowSquares) -> Self::NarrowSquares {
+                std::array::from_fn(|c| a[c] + b[c])
+            }
+            #[inline]
+            fn widen_narrow_squares(squares: Self::NarrowSquares) -> Self::BlockSquares {
+                squares.map(Into::into)
+            }
+            #[inline]
+            fn narrow_mean(sums: Self::NarrowSums, bits: u32) -> Self {
+                sums.map(|sum| S::narrow_mean(sum, bits))
+            }
+            #[inline]
+            fn widen_narrow(sums: Self::NarrowSums) -> Self::BlockSums {
+                sums.map(Into::into)
             }
             #[inline]
             fn block_sums(self, cells: u32) -> Self::BlockSums {

@@ -16,7 +16,7 @@ use crate::store::container::{CUT, INNER, LEAF, Record, RecordHead, RunChildren,
 
 /// Places that a node's subtree takes (0 unless it is INNER), how, and which states its bottom nodes have.
 #[derive(Clone, Copy)]
-struct Places(u32);
+pub(super) struct Places(u32);
 
 impl Places {
     const COUNT: u32 = (1 << 24) - 1;
@@ -26,7 +26,7 @@ impl Places {
 
     /// A node at the bottom, or a uniform one above it; what is INNER at the bottom is cut off there.
     #[inline]
-    fn of_state(state: u8) -> Places {
+    pub(super) fn of_state(state: u8) -> Places {
         let state = if state == INNER { CUT } else { state };
         Places(1 << (Self::STATES_AT + u32::from(state)))
     }
@@ -37,8 +37,23 @@ impl Places {
         Places(node.len | 1 << (Self::STATES_AT + u32::from(LEAF)) | void)
     }
 
+    /// What two nodes take together, and the states of both.
     #[inline]
-    fn count(self) -> u32 {
+    pub(super) fn join(self, other: Places) -> Places {
+        Places((self.count() + other.count()) | (self.0 | other.0) >> Self::STATES_AT << Self::STATES_AT)
+    }
+
+    /// An INNER node, by what its children take together and the sizes of dense blocks of as many levels.
+    #[inline]
+    pub(super) fn parent(self, sizes: &DenseSizes) -> Places {
+        let count = 1 + self.count();
+        let dense = sizes[self.states()];
+        let mark = if dense < count { Self::DENSE } else { 0 };
+        Places(count.min(dense) | mark | (self.states() as u32) << Self::STATES_AT)
+    }
+
+    #[inline]
+    pub(super) fn count(self) -> u32 {
         self.0 & Self::COUNT
     }
 
@@ -49,9 +64,22 @@ impl Places {
 
     /// The kind of dense block that the node becomes, if it becomes one.
     #[inline]
-    fn dense(self) -> Option<DenseKind> {
+    pub(super) fn dense(self) -> Option<DenseKind> {
         if self.0 & Self::DENSE != 0 { DenseKind::of_states(self.states() as u8) } else { None }
     }
+}
+
+/// Places that dense blocks of so many levels take, their own record's included, by the states of their bottom nodes.
+pub(super) type DenseSizes = [u32; 16];
+
+/// The sizes of dense blocks with so many levels below their root, of which `most` are allowed.
+pub(super) fn dense_sizes<R: Record>(levels: u8, most: u8) -> DenseSizes {
+    std::array::from_fn(|states| match DenseKind::of_states(states as u8) {
+        Some(kind) if levels <= most && dense_levels(R::DIMENSION).contains(&levels) => {
+            1 + R::RECORD_LAYOUT.dense_places(kind, levels) as u32
+        }
+        _ => u32::MAX,
+    })
 }
 
 /// A node and what it is made of, in so many places.
@@ -101,20 +129,12 @@ pub(super) fn encode<R: Record>(
 impl<R: Record> Encoder<'_, R> {
     /// Counts the places of all nodes above the bottom.
     fn count(&mut self) {
-        let kinds: [Option<DenseKind>; 16] = std::array::from_fn(|states| DenseKind::of_states(states as u8));
         let mut places: Vec<Vec<Places>> = Vec::with_capacity(self.levels.len());
         for (index, level) in self.levels.iter().enumerate().rev() {
             if index == self.height {
                 continue;
             }
-            // Dense blocks by the states of their bottom nodes.
-            let below = (self.height - index) as u8;
-            let dense: [u32; 16] = std::array::from_fn(|states| match kinds[states] {
-                Some(kind) if below <= self.most_dense && dense_levels(R::DIMENSION).contains(&below) => {
-                    1 + R::RECORD_LAYOUT.dense_places(kind, below) as u32
-                }
-                _ => u32::MAX,
-            });
+            let sizes = dense_sizes::<R>((self.height - index) as u8, self.most_dense);
             let mut here: Vec<Places> = level.states.iter().map(|state| Places::of_state(*state)).collect();
             for node in &level.reused {
                 here[node.index as usize] = Places::of_reused(node);
@@ -127,16 +147,11 @@ impl<R: Record> Encoder<'_, R> {
                         continue;
                     }
                     let first = group * R::CHILDREN;
-                    let (count, seen) = match known {
-                        Some(known) => known[first..first + R::CHILDREN]
-                            .iter()
-                            .fold((1, 0), |(count, seen), child| (count + child.count(), seen | child.0)),
-                        None => (1, states.iter().fold(0, |seen, state| seen | Places::of_state(*state).0)),
+                    let together = match known {
+                        Some(known) => known[first..first + R::CHILDREN].iter().copied().reduce(Places::join),
+                        None => states.iter().map(|state| Places::of_state(*state)).reduce(Places::join),
                     };
-                    let seen = seen >> Places::STATES_AT;
-                    let dense = dense[seen as usize];
-                    let mark = if dense < count { Places::DENSE } else { 0 };
-                    here[parent] = Places(count.min(dense) | mark | seen << Places::STATES_AT);
+                    here[parent] = together.expect("nodes have children").parent(&sizes);
                 }
             }
             places.push(here);

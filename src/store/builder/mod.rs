@@ -16,6 +16,7 @@ mod overlay;
 mod part;
 mod reuse;
 mod reused;
+mod rows;
 mod sink;
 mod slab;
 mod tally;

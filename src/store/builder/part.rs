@@ -122,6 +122,17 @@ impl Part {
 
     /// Takes the node's own segment off, if it owns one; what is left is what the next coarser segments need.
     pub(in crate::store) fn seal(&mut self, shape: &Shape) -> Option<SealedSegment> {
+        self.seal_with(shape, |part, levels| {
+            upper_levels(part.form(), &part.records, levels).expect(RECORDS_ARE_CHECKED)
+        })
+    }
+
+    /// [`Part::seal`], given what makes records of the first levels of the node.
+    pub(super) fn seal_with(
+        &mut self,
+        shape: &Shape,
+        upper_levels: impl FnOnce(&Part, u8) -> Vec<u8>,
+    ) -> Option<SealedSegment> {
         let level = self.code.level();
         let is_root = level == 0;
         let is_heavy = shape.is_candidate(level) && self.total > shape.heavy_threshold as u64;
@@ -132,7 +143,7 @@ impl Part {
             Vec::new()
         } else {
             let cut = shape.cut_level(shape.parent_segment_level(level));
-            upper_levels(self.form(), &self.records, cut.saturating_sub(level)).expect(RECORDS_ARE_CHECKED)
+            upper_levels(self, cut.saturating_sub(level))
         };
         let records = std::mem::replace(&mut self.records, above);
         Some(SealedSegment { code: self.code, records, tally: self.tally.clone() })

@@ -6,6 +6,7 @@ use zerocopy::FromBytes;
 
 use super::averaging::{decode, from_value};
 use super::block::Block;
+use super::rows::RowBlock;
 use crate::Result;
 use crate::space::{Code, morton_encode};
 use crate::store::container::{LEAF, Record, VOID, with_form_type};
@@ -44,6 +45,8 @@ pub trait Slabs: Send {
 pub(super) enum BlockContent {
     /// All cells alike.
     Uniform(Option<Value>),
+    /// Cells that differ, none of which is VOID, to be built in rows.
+    Full(RowBlock),
     /// Cells that differ, or a block that reaches beyond the data.
     Mixed(Block),
 }
@@ -69,9 +72,16 @@ impl Slab {
         }
     }
 
-    /// Classifies the cells under a node, and puts them into Z order if they differ. `nodata` is the value
-    /// that means VOID; NaN always does.
-    pub(super) fn classify(&self, form: Form, code: Code, height: u8, nodata: Option<Value>) -> BlockContent {
+    /// Classifies the cells under a node, and puts them into Z order if they differ, or into rows if `in_rows` allows it and
+    /// none is VOID. `nodata` is the value that means VOID; NaN always does.
+    pub(super) fn classify(
+        &self,
+        form: Form,
+        code: Code,
+        height: u8,
+        nodata: Option<Value>,
+        in_rows: bool,
+    ) -> BlockContent {
         let side = 1u64 << height;
         let axes = form.axes();
         let cell = code.cell();
@@ -80,6 +90,7 @@ impl Slab {
             let most = if axis < axes { side } else { 1 };
             (self.size[axis] - first[axis]).min(most) as usize
         });
+        let is_whole = size.iter().take(axes).all(|cells| *cells as u64 == side);
         let part = BlockCells { first, size };
         let width = form.width();
         if self.is_uniform(self.rows(&part).map(|(_, _, row)| row), width) {
@@ -87,10 +98,13 @@ impl Slab {
             let value = Value::from_bytes(&self.bytes[start * width..][..width]);
             let is_void = form.value.is_nan(value) || nodata == Some(value);
             let valid = self.valid.as_ref().is_none_or(|valid| valid[start]) && !is_void;
-            let is_whole = size.iter().take(axes).all(|cells| *cells as u64 == side);
             if is_whole || !valid {
                 return BlockContent::Uniform(valid.then_some(value));
             }
+        }
+        if is_whole && in_rows && !with_form_type!(form, V, R => self.has_void::<V, R>(&part, nodata)) {
+            let rows = self.rows(&part).map(|(_, _, row)| &self.bytes[row.start * width..row.end * width]);
+            return BlockContent::Full(RowBlock::new(form, code, height, rows.collect::<Vec<_>>().concat()));
         }
         let (states, values) = with_form_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
         BlockContent::Mixed(Block::from_cells(form, code, height, states, values))
@@ -106,6 +120,24 @@ impl Slab {
         (0..size[2]).flat_map(move |z| (0..size[1]).map(move |y| (y, z))).map(move |(y, z)| {
             let row = ((first[2] + z as u64) * height + first[1] + y as u64) * width + first[0];
             (y, z, row as usize..row as usize + size[0])
+        })
+    }
+
+    /// Whether cells of a block are VOID. A kernel: compiled for each type.
+    fn has_void<V: Native, R: Record>(&self, part: &BlockCells, nodata: Option<Value>) -> bool {
+        if self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float() {
+            return false;
+        }
+        let cells = <[R::Bytes]>::ref_from_bytes(&self.bytes).expect("whole values");
+        let nodata = nodata.map(from_value::<R>);
+        self.rows(part).any(|(_, _, row)| {
+            let is_valid =
+                self.valid.as_ref().is_none_or(|valid| valid[row.clone()].iter().all(|flag| *flag));
+            // Without a way out in the middle, so that many are looked at a time.
+            let void = |void: bool, bytes: &R::Bytes| {
+                void | decode::<R, V>(*bytes).is_nan() | nodata.is_some_and(|nodata| nodata == *bytes)
+            };
+            !is_valid || cells[row].iter().fold(false, void)
         })
     }
 

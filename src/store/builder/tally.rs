@@ -7,14 +7,14 @@ use super::block::{Block, for_leaves};
 use super::fold::fold;
 use super::masked;
 use crate::store::container::{LEAF, Record, with_form_type};
-use crate::value::{Native, Sums, Tally, Value, erase};
+use crate::value::{Native, Sums, Tally, Value, ValueType, erase};
 
 /// The tally of all the cells of a block; from class counts where they are known and sums are exact.
 pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tally {
     let form = block.form();
     let is_float = form.value.sample.is_float();
     let mut tally = match &classes {
-        Some(classes) if !is_float => of_classes(block, classes),
+        Some(classes) if !is_float => sum_of_classes(form.value, classes),
         _ => with_form_type!(form, V, R => match form.value.missing {
             Some(_) if V::CHANNELS > 1 => masked::tally::<V, R>(block),
             _ => of_leaves::<V, R>(block, is_float),
@@ -24,8 +24,13 @@ pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tal
     tally
 }
 
-fn of_classes(block: &Block, classes: &[(Value, u64)]) -> Tally {
-    let value_type = block.form().value;
+/// The tally of cells of which there are so many of each value, in ascending order; sums must be exact.
+pub(super) fn of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> Tally {
+    let tally = sum_of_classes(value_type, &classes);
+    Tally { classes, ..tally }
+}
+
+fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> Tally {
     let classes = classes.iter().map(|(value, cells)| Tally::leaf(value_type, *value, *cells, false));
     classes.fold(Tally::void(value_type), |sum, class| Tally::merge(&[&sum, &class]))
 }

@@ -6,6 +6,7 @@ use super::block::Block;
 use super::options::BuildOptions;
 use super::part::Part;
 use super::reuse::{ReusableSource, StoredNode};
+use super::rows::RowBlock;
 use super::sink::{BuiltBlock, TreeSink};
 use super::slab::{BlockContent, Slab};
 use crate::parallel;
@@ -114,7 +115,8 @@ impl Plan {
     ) -> Result<BlockContent> {
         let height = self.shape.depth - self.shape.block_level();
         if let Some(cells) = source.cells(node, height)? {
-            return Ok(Slab::of_block(self.form, code, height, cells).classify(self.form, code, height, None));
+            let slab = Slab::of_block(self.form, code, height, cells);
+            return Ok(slab.classify(self.form, code, height, None, self.in_rows()));
         }
         let fits = |node: &Child<StoredNode<'_>>| match node {
             Child::Inner { node, .. } => self.fits(node, height),
@@ -142,7 +144,13 @@ impl Plan {
         match content {
             BlockContent::Uniform(value) => self.uniform(code, value),
             BlockContent::Mixed(block) => self.mixed(block),
+            BlockContent::Full(block) => block.build(self.rule, &self.shape, self.most_dense),
         }
+    }
+
+    /// Whether blocks without VOID are built in rows.
+    fn in_rows(&self) -> bool {
+        RowBlock::supports(self.form, self.rule, self.count_classes)
     }
 
     fn uniform(&self, code: Code, value: Option<Value>) -> BuiltBlock {
@@ -216,7 +224,10 @@ impl<'a> Builder<'a> {
         for (i, batch) in codes.chunks(self.batch).enumerate() {
             progress.check()?;
             let plan = self.plan;
-            let build = |code: &Code| plan.built(*code, slab.classify(plan.form, *code, height, nodata));
+            let build = |code: &Code| {
+                let content = slab.classify(plan.form, *code, height, nodata, plan.in_rows());
+                plan.built(*code, content)
+            };
             let built: Vec<BuiltBlock> = parallel::map(batch, build);
             built.into_iter().try_for_each(|built| self.sink.push(built))?;
             let blocks = ((i + 1) * self.batch).min(codes.len()) as u64;
