@@ -22,6 +22,7 @@ mod autumnal_machine;
 #[cfg(unix)]
 mod autumnal_processes;
 mod codes;
+mod dense;
 mod faults;
 mod fixtures;
 mod formats_md;
