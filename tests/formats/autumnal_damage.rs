@@ -175,7 +175,7 @@ fn what_an_edit_that_was_given_up_has_left_is_passed_over() {
     // over by the second commit.
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
     let (start, end) = (number(SLOTS[0] + 24), bytes.len());
-    assert!(start % 4096 != 0 && start.next_multiple_of(4096) < number(SLOTS[1] + 16));
+    assert!(!start.is_multiple_of(4096) && start.next_multiple_of(4096) < number(SLOTS[1] + 16));
     let left = head(0, start as u64, (end - start - 32) as u64, 7);
     bytes[start..start + 32].copy_from_slice(&left);
     let tree = Autumnal::from_bytes(bytes.clone()).unwrap();
