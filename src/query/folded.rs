@@ -65,5 +65,5 @@ fn repeated(part: &Tally, times: u64) -> Tally {
     }
     let half = repeated(part, times / 2);
     let twice = Tally::merge(&[&half, &half]);
-    if times % 2 == 0 { twice } else { Tally::merge(&[&twice, part]) }
+    if times.is_multiple_of(2) { twice } else { Tally::merge(&[&twice, part]) }
 }
