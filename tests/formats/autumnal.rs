@@ -34,8 +34,8 @@ fn open(path: &Path) -> Autumnal {
 
 /// INNER nodes that have records of their own: the root, and those of certain heights.
 fn nodes_with_records(tree: &MemTree) -> u64 {
-    let (depth, (first, step)) =
-        (tree.depth(), if tree.form().dimension == Dimension::Quad { (5, 3) } else { (3, 2) });
+    let depth = tree.depth();
+    let (first, step) = (if tree.form().dimension == Dimension::Quad { 5 } else { 3 }, 2);
     let mut open = vec![(tree.root().unwrap(), depth)];
     let mut found = 0;
     while let Some((place, height)) = open.pop() {

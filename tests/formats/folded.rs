@@ -191,7 +191,7 @@ fn limits_hold_while_writing() {
     let folder = tempfile::tempdir().unwrap();
     // Of a part of a file nobody knows how many nodes it has.
     let from = write(folder.path(), "from.autumn", &folded(18, full));
-    let part = Chain { steps: vec!["window=1,1,700,700".parse().unwrap()], ..Chain::of(&from) };
+    let part = Chain { steps: vec!["window=1,1,1100,1100".parse().unwrap()], ..Chain::of(&from) };
     for name in ["to.goblin", "to.autumn"] {
         let path = folder.path().join(name);
         let output = Output::create(&path).unwrap().with_limit(MOST);

@@ -129,7 +129,8 @@ fn classes() {
     assert_eq!(cell(&file, 8, [27, 78, 0]), Some(byte(island::Cover::Lake as u8)));
     assert_eq!(cell(&file, 8, [100, 70, 0]), Some(byte(island::Cover::Snow as u8)));
     assert_eq!(cell(&file, 8, [255, 255, 0]), None);
-    assert_eq!(metadata.counts.records(), file.stored_records());
+    // (Dense blocks take fewer places than records would.)
+    assert_eq!((metadata.counts.records(), file.stored_records()), (3191, 3145));
 }
 
 const CLASSES: [(u8, u64); 7] =
