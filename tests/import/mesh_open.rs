@@ -236,7 +236,7 @@ fn cells_are_as_the_exact_field_says() {
         let mut soup: Vec<Triangle> = (0..count)
             .map(|_| {
                 let from: Point = [0; 3].map(|_| number(0.0, 31));
-                [0; 3].map(|_| from.map(|x| number(x, size).min(31.5)))
+                [0; 3].map(|_| from.map(|x| number(x, size).min(31.25)))
             })
             .collect();
         // Some of it closed, so that there is an inside.
