@@ -182,10 +182,10 @@ impl SmallSums {
         self.cells += cells;
         let fills = u64::from(fill) * cells;
         self.fills += fills;
-        for axis in 0..3 {
-            self.moments[axis] += fills * (2 * min[axis] + side);
-            self.low[axis] = self.low[axis].min(min[axis]);
-            self.high[axis] = self.high[axis].max(min[axis] + side);
+        for (axis, min) in min.into_iter().enumerate() {
+            self.moments[axis] += fills * (2 * min + side);
+            self.low[axis] = self.low[axis].min(min);
+            self.high[axis] = self.high[axis].max(min + side);
         }
     }
 }

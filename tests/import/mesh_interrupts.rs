@@ -8,7 +8,7 @@ use spinney::value::{Kind, Rule};
 use spinney::{Error, Progress, Result};
 
 use crate::common::solid::{Triangle, plain, tetrahedra, unit_cells};
-use crate::common::{Cells, OCT, Random, goblin_bytes, with};
+use crate::common::{OCT, Random, byte, goblin_bytes, made, with};
 
 /// Somebody who wants to stop as soon as that has been asked so many times.
 struct Impatient {
@@ -89,7 +89,7 @@ fn division_of_space_is_interrupted_at_each_triangle() {
 
 #[test]
 fn measures_of_solids_are_interrupted() {
-    let cells = Cells::random(OCT, 7, [64; 3], 200, true);
+    let cells = made(OCT, [64; 3], |[x, y, z]| ((3 * x + 5 * y + 7 * z) % 5 < 2).then(|| byte(255)));
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("solid.goblin");
     std::fs::write(&path, goblin_bytes(&cells, Rule::Occupancy, Kind::Continuous)).unwrap();

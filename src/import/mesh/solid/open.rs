@@ -303,8 +303,9 @@ impl Open<'_> {
         let mut doubtful = Vec::new();
         for (index, value) in values.iter().enumerate() {
             let off = (value.abs() - 0.5).abs();
-            // (Written so that a number that is none is doubtful.)
-            if !(off > fields.errors.of(index)) && !self.is_beside(at, index, height) {
+            // (A number that is none is not sure.)
+            let is_sure = off > fields.errors.of(index);
+            if !is_sure && !self.is_beside(at, index, height) {
                 doubtful.push(index);
             }
         }
@@ -375,7 +376,8 @@ impl Open<'_> {
                 for ((index, lids), error) in cells.iter().zip(lids).zip(rounding) {
                     let value = self.windings[self.number(at, cell_of(*index, height))] as f32 - lids;
                     values[*index] = value;
-                    if !((value.abs() - 0.5).abs() > error) {
+                    let is_sure = (value.abs() - 0.5).abs() > error;
+                    if !is_sure {
                         rest.push(*index);
                     }
                 }
