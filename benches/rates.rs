@@ -71,11 +71,13 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
+/// Draws a window of a level and tells how many segments that took.
+type Draw<'a> = dyn Fn(u8, &Bounds, &mut [u8]) -> spinney::Result<usize> + 'a;
+
 /// A quadtree of which windows are drawn.
 struct Drawn<'a> {
     header: &'a Header,
-    /// Draws a window and tells how many segments that took.
-    draw: &'a dyn Fn(u8, &Bounds, &mut [u8]) -> spinney::Result<usize>,
+    draw: &'a Draw<'a>,
 }
 
 fn measure_windows(tree: &Drawn<'_>, listed: Option<&[[u64; 3]]>, only: Option<&str>) -> Outcome<()> {

@@ -25,6 +25,7 @@ mod recover;
 mod remembered;
 mod sectors;
 mod share;
+mod source;
 mod verified;
 mod verify;
 mod write;

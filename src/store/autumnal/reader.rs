@@ -4,7 +4,6 @@ use std::borrow::Cow;
 use std::cell::Cell;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, Root};
@@ -12,14 +11,13 @@ use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
 use super::layout::{BadRecord, Heights, Parts, PointeredLayout};
 use super::newest::{slots, whole};
 use super::zone::{BadZone, Zone, records};
-use crate::io::{FileBytes, FileId};
+use crate::io::FileId;
 use crate::space::Code;
-use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
 use crate::store::container::{
-    Descent, Header, INNER, LEAF, Metadata, OpenOptions, RunChildren, RunNode, VOID, split_commit,
+    Descent, Header, INNER, LEAF, Metadata, OpenOptions, RunNode, VOID, split_commit,
 };
-use crate::tree::{CellBlock, Child, Children, Form, Source};
-use crate::value::{Tally, Value};
+use crate::tree::{Child, Source};
+use crate::value::Value;
 use crate::{Error, Result};
 
 /// An INNER node of an open file.
@@ -65,7 +63,7 @@ pub struct Autumnal {
 
 /// Records that a tree may have to be walked as a whole, those of shared subtrees counted as often as they
 /// occur: a small file can say of any number of nodes that they are equal, and take for ever.
-const MAX_RECORDS: u64 = 1 << 36;
+pub(super) const MAX_RECORDS: u64 = 1 << 36;
 
 /// Bytes of the number of records at a zone's start at most (and a few more).
 const ZONE_RECORDS: usize = 16;
@@ -250,12 +248,12 @@ impl Autumnal {
     }
 
     #[inline]
-    fn heights(&self) -> Heights {
+    pub(super) fn heights(&self) -> Heights {
         self.layout().heights
     }
 
     #[cold]
-    fn bad_record(&self, address: u64, found: &str, expected: &str) -> Error {
+    pub(super) fn bad_record(&self, address: u64, found: &str, expected: &str) -> Error {
         self.extents().corrupt(format!("record at {address}"), found, expected)
     }
 
@@ -464,7 +462,7 @@ impl Autumnal {
     }
 
     /// INNER nodes of a subtree, as its zone says; one of what has none, which is too small to matter.
-    fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<u64> {
+    pub(super) fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: Node) -> Result<u64> {
         if !self.is_zone(node) {
             return Ok(1);
         }
@@ -489,7 +487,7 @@ impl Autumnal {
     /// Checks that the zone of a node, which has this record, adds up with those of the nodes that it points to: else a
     /// small file could claim few records and have any number.
     #[inline(never)]
-    fn check_zone<'a, A: ByteAccess<'a>>(
+    pub(super) fn check_zone<'a, A: ByteAccess<'a>>(
         &self,
         access: A,
         node: Node,
@@ -520,58 +518,6 @@ impl Autumnal {
         Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
     }
 
-    /// Writes the children of an inner node as nodes of something that stands on this file: what
-    /// [`Source::children`] does, without a second array for those who have nodes of their own.
-    pub(crate) fn children_with<N>(
-        &self,
-        node: &Node,
-        children: &mut Children<N>,
-        node_of: impl Fn(Node) -> N,
-    ) -> Result<()> {
-        match self.extents().mapped() {
-            Some(mapped) => self.children_in(mapped, *node, children, node_of),
-            None => self.children_in(self.extents(), *node, children, node_of),
-        }
-    }
-
-    /// Writes the children of a node to the room's beginning: what walks spend their time on.
-    #[inline(never)]
-    fn children_in<'a, A: ByteAccess<'a>, N>(
-        &self,
-        access: A,
-        node: Node,
-        children: &mut Children<N>,
-        node_of: impl Fn(Node) -> N,
-    ) -> Result<()> {
-        let record = self.record_in(access, node)?;
-        let layout = &self.layout().run;
-        let mut here = RunChildren::default();
-        let read = layout.run_children(record.run(), node.place, &mut here);
-        read.ok_or_else(|| self.bad_run(node.address))?;
-        let below = self.heights().below(record.height);
-        for (step, (child, here)) in children.iter_mut().zip(&here[..layout.children()]).enumerate() {
-            *child = match here.state {
-                VOID => Child::Void,
-                LEAF => Child::Leaf(here.value),
-                _ if node.height <= 1 => {
-                    return Err(self.bad_record(node.address, "INNER", "no deeper node than a cell"));
-                }
-                state => {
-                    let path = node.path as usize * layout.children() + step;
-                    let node = if below == Some(node.height - 1) {
-                        self.follow(&record, path)?.ok_or_else(|| self.no_pointer(node.address))?
-                    } else if state == INNER {
-                        Node { height: node.height - 1, path: path as u8, place: here.node, ..node }
-                    } else {
-                        return Err(self.bad_run(node.address));
-                    };
-                    Child::Inner { representative: here.value, node: node_of(node) }
-                }
-            };
-        }
-        if self.is_zone(node) { self.check_zone(access, node, &record) } else { Ok(()) }
-    }
-
     /// INNER nodes of the tree, those of shared subtrees as often as they occur.
     ///
     /// # Errors
@@ -579,92 +525,5 @@ impl Autumnal {
     pub fn walkable_records(&self) -> Result<u64> {
         self.root()?;
         Ok(self.commit.records)
-    }
-}
-
-impl Source for Autumnal {
-    type Node = Node;
-
-    #[inline]
-    fn form(&self) -> Form {
-        self.layout().form
-    }
-
-    fn depth(&self) -> u8 {
-        self.header().depth()
-    }
-
-    /// # Errors
-    /// If the tree has too many records to be walked as a whole, which can only be when they are shared.
-    fn root(&self) -> Result<Child<Node>> {
-        if let Child::Inner { node, .. } = self.root {
-            let records = self.records_below(self.extents(), node)?;
-            if records > MAX_RECORDS {
-                let found = format!("walking {records} nodes, most of which are stored once for many");
-                let advice = "look at a window, or at a coarser level";
-                return Err(Error::unsupported(self.path(), found, advice));
-            }
-        }
-        Ok(self.root)
-    }
-
-    fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
-        self.children_with(node, children, |node| node)
-    }
-
-    fn cells(&self, node: &Node, levels: u8) -> Result<Option<CellBlock>> {
-        if node.height != levels || levels > self.heights().run {
-            return Ok(None);
-        }
-        let record = self.record(*node)?;
-        let block = self.layout().run.dense_at(record.run(), node.place);
-        Ok(block.filter(|block| block.levels == levels).and_then(|block| block.cells()))
-    }
-
-    fn check_unchanged(&self) -> Result<()> {
-        Autumnal::check_unchanged(self)
-    }
-
-    fn tally(&self, node: &Node) -> Result<Option<Tally>> {
-        Ok(self.zone(*node)?.map(|zone| zone.tally))
-    }
-}
-
-impl ReusableSource for Autumnal {
-    fn stored(&self, node: &Node) -> Option<StoredNode<'_>> {
-        let Node { address, height, place, .. } = *node;
-        (height <= self.heights().run && place.below == 0).then_some(StoredNode {
-            file: self,
-            height,
-            run: address,
-            record: place.record,
-        })
-    }
-
-    fn kept(&self, node: &Node) -> Option<RecordRef> {
-        let Node { address, height, .. } = *node;
-        self.is_zone(*node).then_some(RecordRef { file: self.archive.file, address, height })
-    }
-}
-
-/// Only what is one run down to the cells: see [`ReusableSource::stored`].
-impl RunFile for Autumnal {
-    fn file_header(&self) -> &Header {
-        self.header()
-    }
-
-    fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
-        let height = self.heights().run_of(self.header().depth());
-        let PointeredRecord { bytes, parts, .. } = self.record(Node::new(run, height))?;
-        let (layout, at) = (&self.layout().run, record as usize);
-        let records = parts.run(&bytes);
-        let skip = layout.head(records, at).map_or(0, |head| head.skip);
-        let length = layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
-        let start = parts.run_start() + at * layout.size;
-        let bytes = match bytes {
-            Cow::Borrowed(bytes) => FileBytes::Mapped(bytes),
-            Cow::Owned(bytes) => FileBytes::Held(Arc::new(bytes)),
-        };
-        Ok(Subtree::new(bytes, start..start + length))
     }
 }
