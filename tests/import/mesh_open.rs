@@ -245,7 +245,7 @@ fn cells_are_as_the_exact_field_says() {
     }
     // Boxes without a side or two, also turned inside out. (No side goes through cells' centres, where either answer is
     // right.)
-    for skipped in [vec![0, 1], vec![0, 1, 6, 7], vec![3]] {
+    for skipped in [vec![0, 1], vec![3]] {
         let mut open = cuboid([10.25, 20.75, 12.0], [50.0, 44.25, 49.125]);
         let mut number = 0;
         open.retain(|_| {
