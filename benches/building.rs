@@ -37,7 +37,7 @@ const CASES: [(&str, SampleType, Kind, Cell); 6] = [
     // One class, and some cells of others.
     ("speckle", SampleType::U8, Kind::Categorical, |x, y, bytes| {
         let chance = mix(x, y);
-        bytes.push(if chance % 20 == 0 { (chance >> 32) as u8 % 11 + 1 } else { 0 });
+        bytes.push(if chance.is_multiple_of(20) { (chance >> 32) as u8 % 11 + 1 } else { 0 });
     }),
     ("floats", SampleType::F32, Kind::Continuous, |x, y, bytes| {
         bytes.extend((fractal(x, y, 9) as f32 * 4000.0 - 500.0).to_le_bytes());

@@ -8,7 +8,7 @@ use spinney::io::Output;
 use spinney::value::Value;
 
 use crate::common::solid::{Point, Polygons, Triangle, build, cells, cuboid, unit_cells};
-use crate::common::{Random, shared_data, with};
+use crate::common::{shared_data, with};
 
 type Faces = Vec<(Triangle, u32, [u8; 3])>;
 
@@ -180,80 +180,5 @@ fn files_with_open_objects() {
     if let Some(tree) = build("DELFSHAVEN.city.json", Attribute::Part, Resolution::Cells(256)) {
         let labels = classes(&tree).len();
         assert!(labels > 700, "{labels} labels");
-    }
-}
-
-/// The winding field of triangles, by its definition.
-fn field(triangles: &[Triangle], at: Point) -> f64 {
-    let angle = |triangle: &Triangle| {
-        let [a, b, c] = triangle.map(|corner| [0, 1, 2].map(|axis| corner[axis] - at[axis]));
-        let dot = |a: Point, b: Point| (0..3).map(|axis| a[axis] * b[axis]).sum::<f64>();
-        let length = |a: Point| dot(a, a).sqrt();
-        let cross = [0, 1, 2].map(|i| b[(i + 1) % 3] * c[(i + 2) % 3] - b[(i + 2) % 3] * c[(i + 1) % 3]);
-        let lengths = length(a) * length(b) * length(c);
-        let under = lengths + dot(a, b) * length(c) + dot(b, c) * length(a) + dot(c, a) * length(b);
-        2.0 * dot(a, cross).atan2(under)
-    };
-    triangles.iter().map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
-}
-
-/// Builds open triangles in cells of width 1, and compares each cell with the field at its centre.
-fn compare(triangles: Vec<Triangle>, depth: u8, what: &str) {
-    let faces = triangles.iter().map(|triangle| (*triangle, 0, [0; 3])).collect();
-    let (tree, report) = build(Polygons::of_triangles(faces), &unit_cells(depth));
-    assert_eq!(report.inside, InsideTest::Open, "{what}");
-    let side = 1usize << depth;
-    let extreme = |axis: usize, pick: fn(f64, f64) -> f64, from: f64| {
-        triangles.iter().flatten().map(|corner| corner[axis]).fold(from, pick)
-    };
-    let low = [0, 1, 2].map(|axis| extreme(axis, f64::min, f64::INFINITY));
-    let high = [0, 1, 2].map(|axis| extreme(axis, f64::max, f64::NEG_INFINITY));
-    let (mut inside, mut undecided) = (0, 0);
-    for (index, cell) in cells(&tree).into_iter().enumerate() {
-        let at = [index % side, index / side % side, index / side / side].map(|x| x as f64);
-        if (0..3).any(|axis| at[axis] >= high[axis] || at[axis] + 1.0 <= low[axis]) {
-            assert!(cell.is_none(), "{what}: {at:?} beside the surface");
-            continue;
-        }
-        let expected = field(&triangles, at.map(|x| x + 0.5)).abs();
-        if (expected - 0.5).abs() > 1e-6 {
-            assert_eq!(cell.is_some(), expected >= 0.5, "{what}: {at:?} {expected}");
-        }
-        inside += usize::from(cell.is_some());
-        undecided += u64::from((expected - 0.5).abs() < 0.2);
-    }
-    assert!(inside > 0, "{what}");
-    // (That near half of the way is counted by what was found, which is near enough.)
-    let off = report.undecided.abs_diff(undecided);
-    assert!(off * 50 <= undecided + 500, "{what}: {} {undecided}", report.undecided);
-}
-
-#[test]
-fn cells_are_as_the_exact_field_says() {
-    let mut random = Random(5);
-    let mut number = |from: f64, below: u64| from + random.below(below * 64) as f64 / 64.0;
-    for (count, size) in [(1, 24), (12, 20), (150, 9), (700, 5)] {
-        let mut soup: Vec<Triangle> = (0..count)
-            .map(|_| {
-                let from: Point = [0; 3].map(|_| number(0.0, 31));
-                [0; 3].map(|_| from.map(|x| number(x, size).min(31.25)))
-            })
-            .collect();
-        // Some of it closed, so that there is an inside.
-        soup.extend(cuboid([5.25, 6.0, 7.25], [16.0, 20.25, 14.0]).into_iter().skip(1));
-        compare(soup, 5, &format!("{count} loose triangles"));
-    }
-    // Boxes without a side or two, also turned inside out. (No side goes through cells' centres, where either answer is
-    // right.)
-    for skipped in [vec![0, 1], vec![3]] {
-        let mut open = cuboid([10.25, 20.75, 12.0], [50.0, 44.25, 49.125]);
-        let mut number = 0;
-        open.retain(|_| {
-            number += 1;
-            !skipped.contains(&(number - 1))
-        });
-        compare(open.clone(), 6, &format!("without {skipped:?}"));
-        open.iter_mut().for_each(|triangle| triangle.swap(0, 1));
-        compare(open, 6, &format!("inside out, without {skipped:?}"));
     }
 }

@@ -5,10 +5,9 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 
 use super::closure::Closure;
+use super::field::WindingField;
 use super::grid::Triangle;
 use super::inside::{Attribute, FillOptions, Inside};
-use super::lids::Lids;
-use super::open::OpenSurface;
 use super::plan::SolidImport;
 use super::source::{Solid, Surface};
 use super::triangles::{Collector, Triangles};
@@ -44,8 +43,7 @@ pub struct SolidReport {
     pub unit: Option<String>,
     /// Test that decided what lies inside.
     pub inside: InsideTest,
-    /// Cells whose winding field lies within 0.2 of one half, as in and at the surface's holes: the answer is a guess
-    /// there.
+    /// Cells far from the surface that lie in its holes, where the answer is a guess.
     pub undecided: u64,
     /// Cells that were built: none where the surface encloses nothing, or nothing as wide as a cell.
     pub cells: u64,
@@ -109,10 +107,7 @@ impl SolidImport {
             progress,
         };
         let is_open = |surface: &&Surface| matches!(surface.inside, Inside::Field(_));
-        let count = |surface: &Surface| match &surface.inside {
-            Inside::Field(open) => (surface.triangles.len() - open.lids()) as u64,
-            _ => surface.triangles.len() as u64,
-        };
+        let count = |surface: &Surface| surface.triangles.len() as u64;
         let report = SolidReport {
             faces: read.faces,
             degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
@@ -211,20 +206,6 @@ impl SolidImport {
         Ok(Read { triangles, slivers, faces, repaired, duplicates: 0, displacement, closure })
     }
 
-    /// Fails if what an open surface takes is more than the memory for everything.
-    fn check_memory(&self, needed: u64) -> Result<()> {
-        if needed <= self.options.memory {
-            return Ok(());
-        }
-        Err(Error::TooLarge {
-            path: self.models[0].info().path.clone(),
-            what: "the winding field of a surface that is not closed".into(),
-            needed,
-            limit: self.options.memory,
-            advice: "give more with --memory, close the surface, or build it with --surface".into(),
-        })
-    }
-
     /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface.
     fn inside(&self, read: &mut Read, progress: &dyn Progress) -> Result<(Vec<Surface>, InsideTest)> {
         let whole = |inside, test| Ok((vec![Surface::new(inside, read.triangles.clone())], test));
@@ -238,7 +219,16 @@ impl SolidImport {
             return whole(Inside::Parity, InsideTest::Flipped);
         }
         let count = read.triangles.len() + read.slivers.len();
-        self.check_memory(Units::memory(count))?;
+        let needed = WindingField::memory(count).max(Units::memory(count));
+        if needed > self.options.memory {
+            return Err(Error::TooLarge {
+                path: self.models[0].info().path.clone(),
+                what: "the winding field of a surface that is not closed".into(),
+                needed,
+                limit: self.options.memory,
+                advice: "give more with --memory, close the surface, or build it with --surface".into(),
+            });
+        }
         let mut all = read.triangles.all()?.to_vec();
         all.extend_from_slice(&read.slivers.all()?);
         read.triangles = Triangles::of(Vec::new());
@@ -253,17 +243,9 @@ impl SolidImport {
         let exact = exact.into_iter().filter(|(_, triangles)| !triangles.is_empty());
         let mut surfaces: Vec<Surface> =
             exact.map(|(inside, triangles)| Surface::new(inside, Triangles::of(triangles))).collect();
-        let mut needed = 0;
-        for mut triangles in units.open {
-            progress.check()?;
-            let lids = Lids::of(&triangles);
-            let is_attributed = self.options.attribute != Attribute::Occupancy;
-            needed += (triangles.len() + lids.triangles.len()) as u64 * TRIANGLE
-                + OpenSurface::memory(&lids, if is_attributed { triangles.len() } else { 0 });
-            self.check_memory(needed)?;
-            let open = OpenSurface::new(&triangles, &lids, self.grid.cell(), progress)?;
-            triangles.extend(lids.triangles);
-            surfaces.push(Surface::new(Inside::Field(open.into()), Triangles::of(triangles)));
+        for triangles in units.open {
+            let field = WindingField::new(&triangles, progress)?;
+            surfaces.push(Surface::new(Inside::Field(field.into()), Triangles::of(triangles)));
         }
         Ok((surfaces, test))
     }

@@ -4,8 +4,8 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use super::crossing::Lattice;
+use super::field::WindingField;
 use super::grid::Grid;
-use super::open::OpenSurface;
 use crate::{Error, Progress, Result};
 
 /// Occupancy of a cell that is full.
@@ -88,7 +88,7 @@ pub(super) enum Inside {
     Parity,
     /// A winding field of at least one half, or at most minus one half, within the box around the surface: for
     /// those that are not closed.
-    Field(Arc<OpenSurface>),
+    Field(Arc<WindingField>),
 }
 
 /// Parameters for filling nodes.

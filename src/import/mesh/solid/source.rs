@@ -23,7 +23,7 @@ use crate::value::Value;
 /// Counters of a walk through a solid, shared by all threads.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
-    /// Cells whose winding field is near one half.
+    /// Cells inside a surface that is not closed there, by the winding field.
     pub(super) undecided: AtomicU64,
     /// By which tests triangles were found to cut octants or not.
     pub(super) stages: Mutex<Stages>,
@@ -122,7 +122,8 @@ impl<'a> Solid<'a> {
         for (number, Surface { inside, triangles }) in surfaces.into_iter().enumerate() {
             let state = match inside {
                 _ if solid.fill.surface => State::default(),
-                _ => solid.outside_in(&triangles, State::outside(&inside))?,
+                Inside::Field(_) => State::default(),
+                Inside::Winding | Inside::Parity => solid.outside_in(&triangles, State::outside(&inside))?,
             };
             solid.root.sheets.push(Sheet { surface: number, triangles, state });
             solid.tests.push(inside);
@@ -148,9 +149,9 @@ impl<'a> Solid<'a> {
         Ok(states[0])
     }
 
-    /// Whether crossings are followed.
-    fn is_crossed(&self) -> bool {
-        !self.fill.surface
+    /// Whether crossings decide what is inside a surface.
+    fn is_crossed(&self, sheet: &Sheet) -> bool {
+        !self.fill.surface && !matches!(self.tests[sheet.surface], Inside::Field(_))
     }
 
     /// Grid coordinates of a region's first corner, and its width.
@@ -186,7 +187,7 @@ impl<'a> Solid<'a> {
     /// The parts of a surface in the eight regions of a region; its triangles come to memory if they are to be held.
     fn split_sheet(&self, region: &UpperNode, sheet: &Sheet, is_held: bool) -> Result<Vec<Sheet>> {
         let triangles = if is_held { sheet.triangles.clone().held()? } else { sheet.triangles.clone() };
-        let is_crossed = self.is_crossed();
+        let is_crossed = self.is_crossed(sheet);
         let (min, width) = self.bounds(region);
         let half = width / 2;
         let middle = min.map(|min| min + half);
@@ -274,12 +275,9 @@ impl<'a> Solid<'a> {
             return Some(None);
         }
         let middle = DVec3::from_array(min.map(f64::from)) + f64::from(width) / 2.0;
-        let attribute = |is_inverted| {
-            if self.fill.attribute == Attribute::Occupancy { 0 } else { field.attribute(middle, is_inverted) }
-        };
-        field
-            .uniform(min, width, sheet.state.winding)
-            .map(|field| (field.abs() >= 0.5).then(|| attribute(field < 0.0)))
+        let attribute =
+            || if self.fill.attribute == Attribute::Occupancy { 0 } else { field.attribute(middle) };
+        field.uniform(min, width).map(|winding| (winding != 0).then(attribute))
     }
 
     fn full(&self, attribute: u32) -> Value {
@@ -308,8 +306,7 @@ impl<'a> Solid<'a> {
             })?;
             let cells = match &self.tests[sheet.surface] {
                 Inside::Field(field) if !self.fill.surface => {
-                    let (cells, undecided) =
-                        open::block(&self.fill, field, &triangles, min, height, sheet.state)?;
+                    let (cells, undecided) = open::block(&self.fill, field, &triangles, min, height)?;
                     self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
                     cells
                 }

@@ -96,10 +96,10 @@ impl<R: Record> Encoder<'_, R> {
         let below = &self.levels[up - 1];
         let mut values = [R::ZERO; 8];
         let (mut next, mut states) = (1, 0);
-        for step in 0..R::CHILDREN {
+        for (step, value) in values[..R::CHILDREN].iter_mut().enumerate() {
             let child = std::array::from_fn(|axis| at[axis] << 1 | step >> axis & 1);
             let index = self.index(up - 1, child);
-            values[step] = below.values_of::<R>()[index];
+            *value = below.values_of::<R>()[index];
             let state = match below.uniform[index] {
                 0 if up > 1 => INNER,
                 0 => CUT,

@@ -31,7 +31,7 @@ fn slab(form: Form, first: [u64; 3], side: u64, spread: u64) -> Slab {
                         (0, 0) => noise % spread,
                         (1, 0) => (x / 4 * 3 + y / 8 * 5 + z / 2 * 7) % spread,
                         _ => {
-                            if noise % 50 == 0 {
+                            if noise.is_multiple_of(50) {
                                 noise / 64 % spread
                             } else {
                                 1
