@@ -277,8 +277,8 @@ fn equal_subtrees_are_stored_once() {
         assert_eq!(written.records + written.shared, nodes_with_records(&tiled.tree(Rule::Majority)));
         (written.records, written.bytes)
     });
-    // The records of 32 x 32 cells of one part at most, one of 256 x 256, and the root's.
-    assert_eq!((records[0].0, records[1].0), (256 + 4 + 1, 4 + 1 + 1), "{records:?}");
+    // The records of 32 x 32 cells of one part at most, one of 128 x 128, and the root's.
+    assert_eq!((records[0].0, records[1].0), (256 + 16 + 1, 4 + 1 + 1), "{records:?}");
     // (With pages and heads.)
     assert!(records[1].1 < records[0].1 / 16, "{records:?}");
 }

@@ -87,6 +87,9 @@ fn division_of_space_is_interrupted_at_each_triangle() {
     assert!(impatient.asked() <= patient.asked() / 2 + 64, "{} of {}", impatient.asked(), patient.asked());
 }
 
+/// Work that somebody may want to stop.
+type Work<'a> = dyn Fn(&Impatient) -> spinney::Result<()> + Sync + 'a;
+
 #[test]
 fn measures_of_solids_are_interrupted() {
     let cells = made(OCT, [64; 3], |[x, y, z]| ((3 * x + 5 * y + 7 * z) % 5 < 2).then(|| byte(255)));
@@ -98,8 +101,7 @@ fn measures_of_solids_are_interrupted() {
     let volume = |progress: &Impatient| tree.solid(6, progress).map(|_| ());
     let surface = |progress: &Impatient| tree.solid_surface(6, progress).map(|_| ());
     // Of 8 x 8 x 8 nodes that threads share each asks; of 8 blocks each plane of faces.
-    let works: [(&(dyn Fn(&Impatient) -> spinney::Result<()> + Sync), u64); 2] =
-        [(&volume, 512), (&surface, 24)];
+    let works: [(&Work<'_>, u64); 2] = [(&volume, 512), (&surface, 24)];
     for (work, least) in works {
         let patient = Impatient::new(u64::MAX);
         pool.install(|| work(&patient)).unwrap();
