@@ -152,7 +152,7 @@ fn count_subtree<R: Record>(classes: &mut Classes, records: &[u8], levels: u8) -
 }
 
 fn count_dense<R: Record>(classes: &mut Classes, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
-    block.each_leaf_in::<R>(part, |bytes| count_bytes(classes, bytes.as_bytes(), 1));
+    block.each_leaf_in::<R>(part, &mut |bytes| count_bytes(classes, bytes.as_bytes(), 1));
 }
 
 #[inline]

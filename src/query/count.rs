@@ -45,8 +45,7 @@ pub(super) trait Count {
 pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
     if form.value.missing.is_some() {
         let subtree = with_record_type!(RecordLayout::new(form), R => count_masked_subtree::<R>);
-        let dense = with_record_type!(RecordLayout::new(form), R => count_masked_dense::<R>);
-        return Box::new(MaskedCounter { tally: Tally::void(form.value), subtree, dense });
+        return Box::new(MaskedCounter { form, tally: Tally::void(form.value), subtree });
     }
     with_form_type!(form, V, R => Box::new(Counter::<V> {
         cells: 0,
@@ -137,18 +136,10 @@ fn count_dense<V: Native, R: Record>(
     block: &DenseBlock<'_>,
     part: ([usize; 3], [usize; 3]),
 ) {
-    block.each_leaf_in::<R>(part, |bytes| {
+    block.each_leaf_in::<R>(part, &mut |bytes| {
         let wire = V::Wire::read_from_bytes(bytes.as_bytes()).expect("as many bytes as the value has");
         counter.add(V::from_wire(wire), 1);
     });
-}
-
-fn count_masked_dense<R: Record>(
-    counter: &mut MaskedCounter,
-    block: &DenseBlock<'_>,
-    part: ([usize; 3], [usize; 3]),
-) {
-    block.each_leaf_in::<R>(part, |bytes| counter.block(Value::from_bytes(bytes.as_bytes()), 1));
 }
 
 fn count_subtree<V: Native, R: Record>(
@@ -165,9 +156,9 @@ fn count_subtree<V: Native, R: Record>(
 
 /// A [`Tally`] of values in which samples can be missing.
 struct MaskedCounter {
+    form: Form,
     tally: Tally,
     subtree: CountSubtree<MaskedCounter>,
-    dense: CountDense<MaskedCounter>,
 }
 
 impl Count for MaskedCounter {
@@ -185,7 +176,9 @@ impl Count for MaskedCounter {
     }
 
     fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
-        (self.dense)(self, block, part);
+        with_record_type!(RecordLayout::new(self.form), R => {
+            block.each_leaf_in::<R>(part, &mut |bytes| self.block(Value::from_bytes(bytes.as_bytes()), 1));
+        });
     }
 
     fn finish(self: Box<Self>) -> Tally {

@@ -2,7 +2,7 @@
 
 use zerocopy::IntoBytes;
 
-use super::count::{CountDense, CountSubtree, number_of};
+use super::count::{CountSubtree, number_of};
 use super::folded::walk_folded;
 use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
 use crate::Result;
@@ -10,7 +10,7 @@ use crate::space::{Bounds, Code};
 use crate::store::autumnal::Autumnal;
 use crate::store::container::dense::DenseBlock;
 use crate::store::container::subtree::{BadSkip, each_leaf};
-use crate::store::container::{Record, with_form_type};
+use crate::store::container::{Record, RecordLayout, with_form_type, with_record_type};
 use crate::store::goblin::Goblin;
 use crate::tree::{Form, Source};
 use crate::value::{Native, Sample, Value};
@@ -85,11 +85,11 @@ impl Bins {
 }
 
 struct Histogram {
+    form: Form,
     bins: Bins,
     /// The first sample of a value.
     number: fn(Value) -> f64,
     subtree: CountSubtree<Bins>,
-    dense: CountDense<Bins>,
 }
 
 impl Histogram {
@@ -97,10 +97,10 @@ impl Histogram {
         let cells = vec![0; bins.max(1)];
         let missing = form.value.all_missing().map(|value| form.value.first_sample(value).to_bits());
         Histogram {
+            form,
             bins: Bins { low, scale: cells.len() as f64 / (high - low), missing, cells },
             number: number_of(form.value),
             subtree: with_form_type!(form, V, R => bin_subtree::<<V as Native>::Sample, R>),
-            dense: with_form_type!(form, V, R => bin_dense::<<V as Native>::Sample, R>),
         }
     }
 }
@@ -128,15 +128,14 @@ impl Visitor for Histogram {
     }
 
     fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
-        (self.dense)(&mut self.bins, block, part);
+        let Histogram { form, bins, number, .. } = self;
+        with_record_type!(RecordLayout::new(*form), R => {
+            block.each_leaf_in::<R>(part, &mut |bytes| bins.add(number(Value::from_bytes(bytes.as_bytes())), 1));
+        });
         true
     }
 }
 
 fn bin_subtree<S: Sample, R: Record>(bins: &mut Bins, records: &[u8], levels: u8) -> Result<(), BadSkip> {
     each_leaf(R::of(records), levels, |bytes, cells| bins.add(S::read(bytes.as_bytes()).to_f64(), cells))
-}
-
-fn bin_dense<S: Sample, R: Record>(bins: &mut Bins, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
-    block.each_leaf_in::<R>(part, |bytes| bins.add(S::read(bytes.as_bytes()).to_f64(), 1));
 }

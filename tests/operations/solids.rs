@@ -276,34 +276,41 @@ fn naive_area(fill: &dyn Fn([i64; 3]) -> u8, side: i64) -> f64 {
 }
 
 #[test]
-fn surfaces_of_large_blocks() {
+fn surfaces_of_half_full_cells_and_of_large_blocks() {
+    // Cells of any fullness, so that some in the middle of the solid do not count.
+    let graded = made(OCT, [40, 23, 37], |[x, y, z]| {
+        let fill = (x * 7919 + y * 104_729 + z * 1_299_709) >> 3 & 255;
+        (fill > 99).then(|| byte(fill as u8))
+    });
     // Blocks of 64 cells beside each other and at the border, with a hole that reaches over several.
-    let cells = made(OCT, [128, 100, 64], |[x, y, z]| {
+    let large = made(OCT, [128, 100, 64], |[x, y, z]| {
         let is_hole = (30..80).contains(&x) && (20..50).contains(&y) && (31..33).contains(&z);
         (x < 64 || z < 32).then(|| byte(255)).filter(|_| !is_hole)
     });
-    let file = solid(&cells);
-    let side = 1i64 << cells.depth();
-    let size = cells.size.map(|size| size as i64);
-    let fill = |cell: [i64; 3]| {
-        let is_inside = (0..3).all(|axis| (0..size[axis]).contains(&cell[axis]));
-        if is_inside { cells.get(cell.map(|cell| cell as u64)).map_or(0, as_byte) } else { 0 }
-    };
-    let mut faces = [0; 3];
-    for cell in every_cell([side as u64 + 1; 3]) {
-        let cell = cell.map(|cell| cell as i64);
-        for axis in 0..3 {
-            let mut before = cell;
-            before[axis] -= 1;
-            faces[axis] += u64::from((fill(cell) >= 128) != (fill(before) >= 128));
+    for cells in [graded, large] {
+        let file = solid(&cells);
+        let side = 1i64 << cells.depth();
+        let size = cells.size.map(|size| size as i64);
+        let fill = |cell: [i64; 3]| {
+            let is_inside = (0..3).all(|axis| (0..size[axis]).contains(&cell[axis]));
+            if is_inside { cells.get(cell.map(|cell| cell as u64)).map_or(0, as_byte) } else { 0 }
+        };
+        let mut faces = [0; 3];
+        for cell in every_cell([side as u64 + 1; 3]) {
+            let cell = cell.map(|cell| cell as i64);
+            for axis in 0..3 {
+                let mut before = cell;
+                before[axis] -= 1;
+                faces[axis] += u64::from((fill(cell) >= 128) != (fill(before) >= 128));
+            }
         }
+        let found = file.solid_surface(cells.depth(), &()).unwrap();
+        assert_eq!(found.faces, faces);
+        let area = naive_area(&fill, side);
+        assert!((found.smooth_area() / area - 1.0).abs() < 1e-9, "{} {area}", found.smooth_area());
+        // Blocks away from the surface are not read.
+        assert!(found.blocks <= (side as u64 / 32 + 1).pow(3), "{}", found.blocks);
     }
-    let found = file.solid_surface(cells.depth(), &()).unwrap();
-    assert_eq!(found.faces, faces);
-    let area = naive_area(&fill, side);
-    assert!((found.smooth_area() / area - 1.0).abs() < 1e-9, "{} {area}", found.smooth_area());
-    // Blocks away from the surface are not read.
-    assert!(found.blocks <= (side as u64 / 32 + 1).pow(3), "{}", found.blocks);
     let cube = made(OCT, [256; 3], |cell| cell.iter().all(|cell| *cell < 128).then(|| byte(255)));
     let found = solid(&cube).solid_surface(8, &()).unwrap();
     assert_eq!(found.faces, [2 * 128 * 128; 3]);

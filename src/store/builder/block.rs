@@ -280,8 +280,7 @@ pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Byte
         let cells = block.cells_at(index);
         for node in &level.reused {
             let reused = block.reused_records::<R>(node);
-            each_leaf(reused, block.height - index as u8, |value, cells| leaf(value, cells as u32))
-                .expect(RECORDS_ARE_CHECKED);
+            reused_leaves(reused, block.height - index as u8, &mut |value, cells| leaf(value, cells));
         }
         let values = level.values_of::<R>();
         let leaves = level.states.iter().zip(values);
@@ -295,9 +294,13 @@ pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Byte
                 }
             }
             None if index + 1 < block.levels.len() => {}
-            // The level of the cells, mostly without VOID.
-            None if !level.states.contains(&VOID) => values.iter().for_each(|value| leaf(*value, 1)),
+            // The level of the cells.
             None => leaves.filter(|(state, _)| **state == LEAF).for_each(|(_, value)| leaf(*value, 1)),
         }
     }
+}
+
+/// Hands out the leaves of records that were taken over. (By a pointer: what is done with them is compiled for very many types.)
+fn reused_leaves<R: Record>(records: &[R], levels: u8, leaf: &mut dyn FnMut(R::Bytes, u32)) {
+    each_leaf(records, levels, |value, cells| leaf(value, cells as u32)).expect(RECORDS_ARE_CHECKED);
 }

@@ -1,6 +1,6 @@
 //! Sums over all cells of a stored subtree, in the order in which building adds them.
 
-use crate::store::container::dense::dense_block;
+use crate::store::container::dense::{dense_block, for_z_order};
 use crate::store::container::subtree::RECORDS_ARE_CHECKED;
 use crate::store::container::{INNER, LEAF, Record};
 
@@ -32,30 +32,27 @@ pub(super) fn fold<R: Record, T: Copy + Default>(
     add(&sums[..R::CHILDREN])
 }
 
-/// [`fold`] of a dense block: level by level, however its cells condense.
+/// [`fold`] of a dense block: level by level, however its cells condense. (Plain loops: this is compiled for very many types.)
+#[inline(never)]
 fn fold_dense<R: Record, T: Copy + Default>(
     records: &[R],
     leaf: &impl Fn(R::Bytes, u32) -> T,
     add: &impl Fn(&[T]) -> T,
 ) -> T {
     let block = dense_block(records, 0).expect(RECORDS_ARE_CHECKED);
-    let values = block.values_of::<R>(block.levels).iter().enumerate();
-    let sum = |(index, value): (usize, &R::Bytes)| match block.bottom_state(index) {
-        LEAF => leaf(*value, 1),
-        _ => T::default(),
-    };
-    let mut below: Vec<T> = values.map(sum).collect();
-    for level in (0..block.levels).rev() {
-        let nodes = 1usize << (R::AXES * usize::from(level));
-        below = (0..nodes)
-            .map(|node| {
-                let mut sums = [T::default(); 8];
-                for (step, sum) in sums[..R::CHILDREN].iter_mut().enumerate() {
-                    *sum = below[block.child(level + 1, node, step)];
-                }
-                add(&sums[..R::CHILDREN])
-            })
-            .collect();
+    let values = block.values_of::<R>(block.levels);
+    let mut sums = vec![T::default(); values.len()];
+    for_z_order(R::DIMENSION, block.levels, &mut |z, row| {
+        if block.bottom_state(row) == LEAF {
+            sums[z] = leaf(values[row], 1);
+        }
+    });
+    let mut nodes = sums.len();
+    while nodes > 1 {
+        nodes /= R::CHILDREN;
+        for node in 0..nodes {
+            sums[node] = add(&sums[node * R::CHILDREN..][..R::CHILDREN]);
+        }
     }
-    below[0]
+    sums[0]
 }

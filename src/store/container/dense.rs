@@ -12,7 +12,7 @@ use std::ops::RangeInclusive;
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::record::{CUT, INNER, LEAF, Record, RecordHead, RecordLayout, VOID};
+use super::record::{CUT, INNER, LEAF, OctRecord, QuadRecord, Record, RecordHead, RecordLayout, VOID};
 use crate::space::{Cell, Dimension};
 use crate::tree::CellBlock;
 use crate::value::Value;
@@ -133,7 +133,6 @@ impl<R: Record> DensePlaces<R> {
 }
 
 /// The dense block whose record has a number, which must be there; `None` if it is none, or not a whole one.
-#[inline]
 pub(crate) fn dense_block<R: Record>(records: &[R], at: usize) -> Option<DenseBlock<'_>> {
     let head = records[at].head();
     let kind = DenseKind::from_number(head.dense)?;
@@ -157,7 +156,6 @@ pub(crate) struct DenseBlock<'r> {
 
 impl<'r> DenseBlock<'r> {
     /// The values of all nodes of a level below the root, in rows: x fastest, then y, then z. Zeros where nodes are VOID.
-    #[inline]
     pub(crate) fn values(&self, level: u8) -> &'r [u8] {
         let layout = &self.layout;
         let nodes = layout.dimension.cells(level) as usize;
@@ -173,7 +171,6 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// One bit per bottom node, if these have one of two states.
-    #[inline]
     pub(crate) fn mask(&self) -> Option<&'r [u8]> {
         self.kind.states().1?;
         let layout = &self.layout;
@@ -182,7 +179,6 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// Children of a node.
-    #[inline]
     pub(crate) fn children(&self) -> usize {
         self.layout.children()
     }
@@ -210,7 +206,6 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// The place of the node with an index in its level.
-    #[inline]
     pub(crate) fn place(&self, level: u8, index: usize) -> [usize; 3] {
         let mask = (1 << level) - 1;
         [index & mask, index >> level & mask, index >> (2 * level)]
@@ -261,7 +256,6 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// The value of a node of a level below the root.
-    #[inline]
     pub(crate) fn value(&self, level: u8, index: usize) -> Value {
         let width = self.layout.width;
         Value::read(&self.values(level)[index * width..], width).expect("a value for each node")
@@ -275,30 +269,36 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// The index in its level of a child of a node of the level above (0 is the root, whose index is 0).
-    #[inline]
     pub(crate) fn child(&self, level: u8, parent: usize, step: usize) -> usize {
         let place = self.place(level - 1, parent);
         self.index(level, std::array::from_fn(|axis| place[axis] << 1 | step >> axis & 1))
     }
 
-    /// Shows the values of those bottom nodes that are LEAFs in a box: the first place, and places along each axis.
-    #[inline]
+    /// Shows the values of those bottom nodes that are LEAFs in a box: the first place, and places along each axis. (By a
+    /// pointer: what is done with them is compiled for very many types.)
+    #[inline(never)]
     pub(crate) fn each_leaf_in<R: Record>(
         &self,
         (first, size): ([usize; 3], [usize; 3]),
-        mut leaf: impl FnMut(R::Bytes),
+        leaf: &mut dyn FnMut(R::Bytes),
     ) {
         let values = self.values_of::<R>(self.levels);
         for z in 0..size[2] {
             for y in 0..size[1] {
                 let start = self.index(self.levels, [first[0], first[1] + y, first[2] + z]);
-                let row = start..start + size[0];
-                match self.kind {
-                    DenseKind::ALL_LEAF => values[row].iter().for_each(|value| leaf(*value)),
-                    _ => row.filter(|at| self.bottom_state(*at) == LEAF).for_each(|at| leaf(values[at])),
+                for at in start..start + size[0] {
+                    if self.bottom_state(at) == LEAF {
+                        leaf(values[at]);
+                    }
                 }
             }
         }
+    }
+
+    /// All of the block's bottom: the first place, and places along each axis.
+    pub(crate) fn whole(&self) -> ([usize; 3], [usize; 3]) {
+        let side = 1 << self.levels;
+        ([0; 3], [side, side, if self.layout.dimension == Dimension::Oct { side } else { 1 }])
     }
 
     /// The bottom nodes as cells; `None` if some of them are cut off.
@@ -355,25 +355,41 @@ impl<'r> DenseBlock<'r> {
         }
         states
     }
+}
+
+/// The states of all nodes of a dense block: see [`DenseBlock::states`].
+pub(crate) struct DenseStates {
+    axes: u8,
+    /// Levels below the root.
+    levels: u8,
+    states: Vec<u8>,
+}
+
+impl DenseStates {
+    fn new(axes: u8, levels: u8) -> DenseStates {
+        let mut states = DenseStates { axes, levels, states: Vec::new() };
+        states.states.resize(states.range(levels).end, VOID);
+        states
+    }
 
     /// LEAF nodes (in the lower half) and INNER ones (in the upper half) of each level below the root.
-    pub(crate) fn nodes_per_level<R: Record>(&self) -> [u64; MAX_DENSE_LEVELS as usize + 1] {
-        let states = self.states::<R>();
+    pub(crate) fn nodes_per_level(&self) -> [u64; MAX_DENSE_LEVELS as usize + 1] {
+        let children = 1usize << self.axes;
         let mut nodes = [0; MAX_DENSE_LEVELS as usize + 1];
         for level in 1..=self.levels {
-            let here = states.level(level);
+            let here = self.level(level);
             let side = 1usize << (level - 1);
-            let depth = if R::AXES > 2 { side } else { 1 };
+            let depth = if self.axes > 2 { side } else { 1 };
             let (mut leaves, mut inner) = (0u64, 0u64);
             for z in 0..depth {
                 for y in 0..side {
                     for x in 0..side {
                         // (Nodes below uniform ones are none. The root is not among the states.)
-                        if level > 1 && states.level(level - 1)[(z * side + y) * side + x] != INNER {
+                        if level > 1 && self.level(level - 1)[(z * side + y) * side + x] != INNER {
                             continue;
                         }
                         let corner = ((4 * z * side) + 2 * y) * 2 * side + 2 * x;
-                        for step in 0..R::CHILDREN {
+                        for step in 0..children {
                             let child = corner
                                 + (step & 1)
                                 + (step >> 1 & 1) * 2 * side
@@ -387,20 +403,6 @@ impl<'r> DenseBlock<'r> {
             nodes[usize::from(level)] = leaves | inner << 32;
         }
         nodes
-    }
-}
-
-/// The states of all nodes of a dense block: see [`DenseBlock::states`].
-pub(crate) struct DenseStates {
-    axes: u8,
-    states: Vec<u8>,
-}
-
-impl DenseStates {
-    fn new(axes: u8, levels: u8) -> DenseStates {
-        let mut states = DenseStates { axes, states: Vec::new() };
-        states.states.resize(states.range(levels).end, VOID);
-        states
     }
 
     fn range(&self, level: u8) -> std::ops::Range<usize> {
@@ -461,5 +463,15 @@ pub(crate) fn from_z_order<R: Record, F: FnMut(usize, usize)>(level: usize, mut 
                 row += 1;
             }
         }
+    }
+}
+
+/// [`from_z_order`] by a pointer, where a call for each node is little beside what is done with it: compiled once.
+#[inline(never)]
+pub(crate) fn for_z_order(dimension: Dimension, levels: u8, show: &mut dyn FnMut(usize, usize)) {
+    let levels = usize::from(levels);
+    match dimension {
+        Dimension::Quad => from_z_order::<QuadRecord<1>, _>(levels, show),
+        Dimension::Oct => from_z_order::<OctRecord<1>, _>(levels, show),
     }
 }

@@ -152,16 +152,7 @@ pub(crate) fn each_leaf<R: Record>(
 ) -> Result<(), BadSkip> {
     each_record(records, levels, |level, record: &R, block| {
         if let Some(block) = block {
-            let values = block.values_of::<R>(block.levels);
-            match block.mask() {
-                None => values.iter().for_each(|value| leaf(*value, 1)),
-                Some(mask) => {
-                    for (values, bits) in values.chunks(8).zip(mask) {
-                        let there = values.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 != 0);
-                        there.for_each(|(_, value)| leaf(*value, 1));
-                    }
-                }
-            }
+            block.each_leaf_in::<R>(block.whole(), &mut |value| leaf(value, 1));
             return;
         }
         let cells = 1u64 << (R::AXES * usize::from(levels - level - 1));
@@ -205,7 +196,7 @@ fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MAX_LEV
     each_record(records, levels, |level, record, block| match block {
         None => sums[usize::from(level)] += leaf_inner_counts(record),
         Some(block) => {
-            for (below, nodes) in (0..).zip(block.nodes_per_level::<R>()).skip(1) {
+            for (below, nodes) in (0..).zip(block.states::<R>().nodes_per_level()).skip(1) {
                 sums[usize::from(level) + below as usize - 1] += nodes;
             }
         }

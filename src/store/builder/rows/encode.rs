@@ -15,7 +15,7 @@ struct Encoder<'a, R: Record> {
     is_cut: bool,
     /// Levels of the largest dense blocks.
     most_dense: u8,
-    /// Of each level above the bottom, but for the lowest whose nodes all take one place or none.
+    /// Of each level from the lowest on that has nodes which are not uniform.
     places: Vec<Vec<Places>>,
     layout: std::marker::PhantomData<R>,
 }
@@ -64,17 +64,14 @@ impl<R: Record> Encoder<'_, R> {
             let together = (1..R::CHILDREN).fold(leaf, |together, _| together.join(leaf));
             (1, together.parent(&dense_sizes::<R>(1, self.most_dense)))
         };
-        self.places = vec![Vec::new(); lowest + 1];
+        self.places = vec![Vec::new(); lowest];
+        let of = |uniform: &u8| if *uniform == 1 { leaf } else { other };
+        self.places.push(self.levels[lowest].uniform.iter().map(of).collect());
         for (up, level) in self.levels.iter().enumerate().skip(lowest + 1) {
             let sizes = dense_sizes::<R>(up as u8, self.most_dense);
-            let side = self.side(up - 1);
             let mut here = vec![leaf; level.uniform.len()];
-            if up == lowest + 1 {
-                let of = |uniform| if uniform == 1 { leaf } else { other };
-                reduce(R::AXES, side, &self.levels[lowest].uniform, &mut here, of, Places::join);
-            } else {
-                reduce(R::AXES, side, &self.places[up - 1], &mut here, |places| places, Places::join);
-            }
+            let below = &self.places[up - 1];
+            reduce(R::AXES, self.side(up - 1), below, &mut here, |places| places, Places::join);
             for (here, uniform) in here.iter_mut().zip(&level.uniform) {
                 *here = if *uniform == 1 { leaf } else { here.parent(&sizes) };
             }
@@ -82,11 +79,11 @@ impl<R: Record> Encoder<'_, R> {
         }
     }
 
-    /// What an INNER node takes: one place where nothing is noted, just above the cells.
+    /// What an INNER node takes.
     #[inline]
     fn places(&self, up: usize, at: [usize; 3]) -> (usize, Option<DenseKind>) {
-        let places = self.places[up].get(self.index(up, at));
-        places.map_or((1, None), |places| (places.count() as usize, places.dense()))
+        let places = self.places[up][self.index(up, at)];
+        (places.count() as usize, places.dense())
     }
 
     /// Writes an INNER node of a level to its places, which begin with the first of some records; returns their number.
