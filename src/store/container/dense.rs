@@ -286,9 +286,9 @@ impl<'r> DenseBlock<'r> {
         for z in 0..size[2] {
             for y in 0..size[1] {
                 let start = self.index(self.levels, [first[0], first[1] + y, first[2] + z]);
-                for at in start..start + size[0] {
+                for (at, value) in (start..).zip(&values[start..start + size[0]]) {
                     if self.bottom_state(at) == LEAF {
-                        leaf(values[at]);
+                        leaf(*value);
                     }
                 }
             }
