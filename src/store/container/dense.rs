@@ -156,6 +156,7 @@ pub(crate) struct DenseBlock<'r> {
 
 impl<'r> DenseBlock<'r> {
     /// The values of all nodes of a level below the root, in rows: x fastest, then y, then z. Zeros where nodes are VOID.
+    #[inline]
     pub(crate) fn values(&self, level: u8) -> &'r [u8] {
         let layout = &self.layout;
         let nodes = layout.dimension.cells(level) as usize;
@@ -206,6 +207,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// The place of the node with an index in its level.
+    #[inline]
     pub(crate) fn place(&self, level: u8, index: usize) -> [usize; 3] {
         let mask = (1 << level) - 1;
         [index & mask, index >> level & mask, index >> (2 * level)]
@@ -256,6 +258,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// The value of a node of a level below the root.
+    #[inline]
     pub(crate) fn value(&self, level: u8, index: usize) -> Value {
         let width = self.layout.width;
         Value::read(&self.values(level)[index * width..], width).expect("a value for each node")
@@ -269,6 +272,7 @@ impl<'r> DenseBlock<'r> {
     }
 
     /// The index in its level of a child of a node of the level above (0 is the root, whose index is 0).
+    #[inline]
     pub(crate) fn child(&self, level: u8, parent: usize, step: usize) -> usize {
         let place = self.place(level - 1, parent);
         self.index(level, std::array::from_fn(|axis| place[axis] << 1 | step >> axis & 1))
