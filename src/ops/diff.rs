@@ -217,10 +217,10 @@ const KNOWN_PAIRS: u64 = 32 << 20;
 /// Levels below the smallest nodes whose totals are remembered.
 const KNOWN_HEIGHT: u8 = 4;
 
-/// What two trees have at a node, where it may be compared again.
+/// A pair of nodes of two trees, where it may be compared again.
 type Pair = [Side; 2];
 
-/// What a tree has at a node.
+/// A node of a tree.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Side {
     Uniform(Option<Value>),
@@ -297,7 +297,7 @@ impl Totals<'_> {
     }
 }
 
-/// What a tree has at a node, unless that is in a Goblin file, which has a record for every node.
+/// A node of a tree, unless that is in a Goblin file, which has a record for every node.
 fn side(file: &TreeFile, node: &Child<TreeFileNode>) -> Option<Side> {
     match node {
         Child::Inner { node, .. } => file.kept(node).map(|kept| Side::Record(kept.address())),

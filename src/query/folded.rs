@@ -15,7 +15,7 @@ pub(super) fn walk_folded(tree: &Autumnal, bounds: &Bounds, visitor: &mut impl V
     tree.each_distinct(bounds, &mut Counted { tree, root, visitor })
 }
 
-/// What the tree has in the box, on its way to a visitor.
+/// Adapter that hands the nodes in the box to a visitor.
 struct Counted<'a, V> {
     tree: &'a Autumnal,
     root: Code,

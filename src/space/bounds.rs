@@ -66,7 +66,7 @@ impl Bounds {
         Bounds { min, max: std::array::from_fn(|axis| self.max[axis].min(other.max[axis]).max(min[axis])) }
     }
 
-    /// The same box, counted from the first cell of another that it is in.
+    /// The box, counted from the first cell of another that it is in.
     #[inline]
     pub fn within(&self, other: &Bounds) -> Bounds {
         let from = |at: [u64; 3]| std::array::from_fn(|axis| at[axis].saturating_sub(other.min[axis]));

@@ -4,7 +4,7 @@
 //! children that reach deeper.
 
 use super::check_buffers;
-use super::painter::{BadRun, Painter, Span, bytes_of};
+use super::painter::{AxisSpan, BadRun, Painter, bytes_of};
 use crate::Result;
 use crate::query::check_level;
 use crate::space::{Bounds, Code};
@@ -174,7 +174,7 @@ impl<R: Record> Drawing<'_, '_, R> {
                 }
                 next += skip;
             }
-            let spans: [Span; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
+            let spans: [AxisSpan; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
             let size = spans.map(|span| span.cells);
             if size.contains(&0) {
                 continue;

@@ -25,7 +25,7 @@ pub(super) type Drawn = Result<(), BadRun>;
 
 /// Cells of a node, or of its lower or upper half, that lie in a window, along one axis.
 #[derive(Clone, Copy)]
-pub(super) struct Span {
+pub(super) struct AxisSpan {
     /// Summand of the first of them in the index of a cell's value; undefined if there are none.
     pub(super) offset: usize,
     pub(super) cells: usize,
@@ -73,18 +73,18 @@ impl<'a, R: Record> Painter<'a, R> {
 
     /// Those of `side` cells from `start` along an axis that lie in the window.
     #[inline]
-    pub(super) fn span(&self, axis: usize, start: u64, side: u64) -> Span {
+    pub(super) fn span(&self, axis: usize, start: u64, side: u64) -> AxisSpan {
         let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
         let (first, end) = (start.max(min).min(max), (start + side).min(max));
         let offset = (first - min) as usize * self.strides[axis];
-        Span { offset, cells: end.saturating_sub(first) as usize }
+        AxisSpan { offset, cells: end.saturating_sub(first) as usize }
     }
 
     /// The cells of both halves of a node along each axis that lie in the window; a half has `2^below`. A node's children are
     /// one half of it along each axis: all are cut to the window at once.
     #[inline]
-    pub(super) fn halves(&self, min: [u64; 3], below: u8) -> [[Span; 2]; 3] {
-        let mut halves = [[Span { offset: 0, cells: 1 }; 2]; 3];
+    pub(super) fn halves(&self, min: [u64; 3], below: u8) -> [[AxisSpan; 2]; 3] {
+        let mut halves = [[AxisSpan { offset: 0, cells: 1 }; 2]; 3];
         for (axis, halves) in halves[..R::AXES].iter_mut().enumerate() {
             let side = 1 << below;
             *halves = [min[axis], min[axis] + side].map(|start| self.span(axis, start, side));
@@ -119,7 +119,7 @@ impl<'a, R: Record> Painter<'a, R> {
                 }
                 next += skip;
             }
-            let spans: [Span; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
+            let spans: [AxisSpan; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
             let size = spans.map(|span| span.cells);
             if size.contains(&0) {
                 continue;
@@ -216,7 +216,7 @@ impl<'a, R: Record> Painter<'a, R> {
     fn dense(&mut self, records: &[R], at: usize, below: u8, min: [u64; 3]) -> Drawn {
         let block = Self::dense_rows(records, at, below)?;
         let level = below + 1;
-        let spans: [Span; 3] = std::array::from_fn(|axis| {
+        let spans: [AxisSpan; 3] = std::array::from_fn(|axis| {
             let side = if axis < R::AXES { 1 << level } else { 1 };
             self.span(axis, min[axis], side)
         });

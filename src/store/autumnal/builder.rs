@@ -293,7 +293,7 @@ fn is_same(base: &Autumnal, old: Node, new: NewRecord<'_>) -> Result<bool> {
 }
 
 impl TreeSink for RecordBuilder<'_> {
-    /// What is one run alone is a part of a block, and none of a larger dense block.
+    /// Those of a run: what is one run alone is never inside of a larger dense block.
     fn dense_levels(&self) -> u8 {
         self.heights.run
     }

@@ -23,7 +23,7 @@ impl Copied {
         Copied { begun: HashMap::new(), done: Remembered::new(memory) }
     }
 
-    /// What a node has become, if that is known; else the node that is made of it will tell.
+    /// Finds what a node has become, if that is known; else the node that is made of it will tell.
     pub(super) fn find(&mut self, code: Code, node: RecordRef) -> Option<BuiltNode> {
         let Some(found) = self.done.get(node.height, &(node.file, node.address)) else {
             self.begun.insert(code, node);

@@ -81,7 +81,7 @@ pub(super) struct PointeredLayout {
 
 /// The parts of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Parts {
+pub(super) struct RecordParts {
     /// Bit `i`: whether there is a pointer for node `i`, in Z order, of those that pointers lead to.
     pub(super) bitmap: u64,
     /// Bytes of a pointer.
@@ -122,9 +122,9 @@ impl PointeredLayout {
 
     /// Finds the parts of the record of a node of some height.
     #[inline]
-    pub(super) fn parts(&self, record: &[u8], height: u8) -> Result<Parts, BadRecord> {
+    pub(super) fn parts(&self, record: &[u8], height: u8) -> Result<RecordParts, BadRecord> {
         let width = self.width();
-        let mut parts = Parts { bitmap: 0, pointer: 0, pointers_at: width, run_at: width, end: width };
+        let mut parts = RecordParts { bitmap: 0, pointer: 0, pointers_at: width, run_at: width, end: width };
         if let Some(below) = self.heights.below(height) {
             parts.pointers_at = width + 1 + BITMAP;
             let head = record.get(width..parts.pointers_at).ok_or(BadRecord::Short(parts.pointers_at))?;
@@ -177,7 +177,7 @@ impl PointeredLayout {
     }
 }
 
-impl Parts {
+impl RecordParts {
     /// The run among a record's bytes.
     #[inline]
     pub(super) fn run<'r>(&self, record: &'r [u8]) -> &'r [u8] {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, Root};
 use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
-use super::layout::{BadRecord, Heights, Parts, PointeredLayout};
+use super::layout::{BadRecord, Heights, PointeredLayout, RecordParts};
 use super::newest::{slots, whole};
 use super::zone::{BadZone, Zone, records};
 use crate::io::FileId;
@@ -81,7 +81,7 @@ pub(super) struct PointeredRecord<B> {
     pub(super) height: u8,
     /// From the record's first byte on, at least all but the zone.
     pub(super) bytes: B,
-    pub(super) parts: Parts,
+    pub(super) parts: RecordParts,
 }
 
 impl<B: Deref<Target = [u8]>> PointeredRecord<B> {

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::hash::Hash;
 
-/// What is known of nodes, in bounded memory. Where there is no room for more, that of the smallest nodes goes first:
+/// Knowledge of nodes, in bounded memory. Where there is no room for more, that of the smallest nodes goes first:
 /// what is above them need not be looked at again.
 pub(crate) struct Remembered<K, T> {
     /// By the levels below the nodes.
@@ -24,7 +24,7 @@ impl<K: Eq + Hash, T> Remembered<K, T> {
         Remembered { by_height, taken: vec![0; HEIGHTS], most }
     }
 
-    /// What is known of a node with so many levels below it.
+    /// Knowledge of a node with so many levels below it.
     pub(crate) fn get(&self, height: u8, key: &K) -> Option<&T> {
         self.by_height.get(usize::from(height))?.get(key)
     }

@@ -37,7 +37,7 @@ impl Places {
         Places(node.len | 1 << (Self::STATES_AT + u32::from(LEAF)) | void)
     }
 
-    /// What two nodes take together, and the states of both.
+    /// Places of two nodes together, and the states of both.
     #[inline]
     pub(super) fn join(self, other: Places) -> Places {
         Places((self.count() + other.count()) | (self.0 | other.0) >> Self::STATES_AT << Self::STATES_AT)
@@ -216,27 +216,27 @@ impl<R: Record> Encoder<'_, R> {
             let (head, tail) = mem::take(&mut rest).split_at_mut(bytes);
             (*rows, rest) = (<[R::Bytes]>::mut_from_bytes(head).expect("whole values"), tail);
         }
-        let mut painter = Painter { rows, mask: rest, below, kind };
+        let mut block = Payload { rows, mask: rest, below, kind };
         let is_complete = (index..self.height)
             .all(|index| self.levels[index].expanded.is_none() && self.levels[index].reused.is_empty());
         if is_complete {
             for level in 2..=below {
                 let nodes = node << (R::AXES * level)..(node + 1) << (R::AXES * level);
                 let values = &self.levels[index + level].values_of::<R>()[nodes];
-                from_z_order::<R, _>(level, |z, row| painter.rows[level][row] = values[z]);
+                from_z_order::<R, _>(level, |z, row| block.rows[level][row] = values[z]);
             }
             let states = &self.levels[self.height].states;
             let states = &states[node << (R::AXES * below)..(node + 1) << (R::AXES * below)];
-            painter.mask_of::<R>(states);
+            block.mask_of::<R>(states);
         } else {
-            self.paint(&mut painter, (index, node), 0, [0; 3]);
+            self.paint(&mut block, (index, node), 0, [0; 3]);
         }
     }
 
     /// Paints a node, `level` levels below the root of a dense block, at a place of that level.
     fn paint(
         &self,
-        painter: &mut Painter<'_, R::Bytes>,
+        block: &mut Payload<'_, R::Bytes>,
         (index, node): (usize, usize),
         level: usize,
         at: [usize; 3],
@@ -244,21 +244,21 @@ impl<R: Record> Encoder<'_, R> {
         let here = &self.levels[index];
         let state = here.states[node];
         let value = here.values_of::<R>()[node];
-        if state != INNER || level == painter.below {
+        if state != INNER || level == block.below {
             let state = if state == INNER { CUT } else { state };
-            painter.fill::<R>(level, at, (state, value));
+            block.fill::<R>(level, at, (state, value));
             return;
         }
-        painter.put::<R>(level, at, value);
+        block.put::<R>(level, at, value);
         let Some(first) = self.first_child(index, node) else {
             if let Some(reused) = self.reused_at(index, node) {
                 let records = self.reused.records(reused);
-                paint_run::<R>(painter, (records, RunNode::default()), level, at);
+                paint_run::<R>(block, (records, RunNode::default()), level, at);
             }
             return;
         };
         for step in 0..R::CHILDREN {
-            self.paint(painter, (index + 1, first + step), level + 1, child_at(at, step));
+            self.paint(block, (index + 1, first + step), level + 1, child_at(at, step));
         }
     }
 }
@@ -280,7 +280,7 @@ fn child_at(at: [usize; 3], step: usize) -> [usize; 3] {
 }
 
 /// The payload of a dense block that is being made.
-struct Painter<'p, B> {
+struct Payload<'p, B> {
     /// Values of each level in rows; nothing of the first two.
     rows: [&'p mut [B]; MAX_DENSE_LEVELS as usize + 1],
     /// Bits of the bottom nodes, if the kind has them.
@@ -290,7 +290,7 @@ struct Painter<'p, B> {
     kind: DenseKind,
 }
 
-impl<B: Copy> Painter<'_, B> {
+impl<B: Copy> Payload<'_, B> {
     /// Gives a node its value.
     fn put<R: Record<Bytes = B>>(&mut self, level: usize, [x, y, z]: [usize; 3], value: B) {
         if level >= 2 {
@@ -330,7 +330,7 @@ impl<B: Copy> Painter<'_, B> {
 
 /// Paints what is below a node of a run that reaches down to the cells.
 fn paint_run<R: Record>(
-    painter: &mut Painter<'_, R::Bytes>,
+    block: &mut Payload<'_, R::Bytes>,
     (records, node): (&[u8], RunNode),
     level: usize,
     at: [usize; 3],
@@ -341,10 +341,10 @@ fn paint_run<R: Record>(
         let value = super::averaging::from_value::<R>(child.value);
         let at = child_at(at, step);
         if child.state == INNER {
-            painter.put::<R>(level + 1, at, value);
-            paint_run::<R>(painter, (records, child.node), level + 1, at);
+            block.put::<R>(level + 1, at, value);
+            paint_run::<R>(block, (records, child.node), level + 1, at);
         } else {
-            painter.fill::<R>(level + 1, at, (child.state, value));
+            block.fill::<R>(level + 1, at, (child.state, value));
         }
     }
 }

@@ -63,7 +63,7 @@ struct MergeNode<B> {
     record: u32,
 }
 
-/// What is still to be opened.
+/// Work that is still to be opened.
 enum Open<B> {
     /// Two nodes whose children are to be merged.
     Pair([MergeNode<B>; 2]),

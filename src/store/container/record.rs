@@ -209,7 +209,7 @@ pub(crate) trait Record:
     type Values: AsRef<[Self::Bytes]>;
     /// No value: all bytes zero.
     const ZERO: Self::Bytes;
-    /// What is where in a record.
+    /// The layout of the record.
     const RECORD_LAYOUT: RecordLayout = RecordLayout {
         dimension: Self::DIMENSION,
         width: size_of::<Self::Bytes>(),

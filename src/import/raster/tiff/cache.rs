@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// What a decoded chunk is made of: the offset and number of its bytes (`None` is all the rest of the file), and its rows.
+/// Identity of a decoded chunk: the offset and number of its bytes (`None` is all the rest of the file), and its rows.
 /// Chunks of which all of that is the same are the same, wherever they are in the image.
 pub(super) type ChunkKey = (u64, Option<u64>, u64);
 

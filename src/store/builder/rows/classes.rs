@@ -15,7 +15,7 @@ const BYTE_BITS: usize = 7;
 /// its first cell to its last: in maps, most classes are at few places.
 const BAND_BITS: usize = 3;
 
-/// What is known of the nodes of a level.
+/// Knowledge of the nodes of a level.
 struct Counts<T> {
     /// The most frequent class so far, and its cells.
     winners: Vec<u8>,

@@ -79,7 +79,7 @@ impl<R: Record> Encoder<'_, R> {
         }
     }
 
-    /// What an INNER node takes.
+    /// Places and form of an INNER node.
     #[inline]
     fn places(&self, up: usize, at: [usize; 3]) -> (usize, Option<DenseKind>) {
         let places = self.places[up][self.index(up, at)];

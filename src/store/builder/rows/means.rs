@@ -71,7 +71,7 @@ fn put_means<V: Native, S: Copy>(block: &mut RowBlock, sums: &[S], mean: impl Fn
     }
 }
 
-/// What is known of all cells, whose sums are known.
+/// Statistics of all cells, whose sums are known.
 fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> Tally {
     let values = values::<V>(&block.levels[0].values);
     let cells = values.len() as u64;
