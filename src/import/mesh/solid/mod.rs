@@ -6,14 +6,18 @@ mod build;
 mod closure;
 mod coverage;
 mod crossing;
+mod cubic;
 mod field;
 mod fill;
 mod grid;
 mod inside;
+mod nearest;
 mod open;
 mod plan;
 mod polygon;
+mod rim;
 mod source;
+mod surroundings;
 mod triangles;
 mod units;
 
