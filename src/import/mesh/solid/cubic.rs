@@ -92,9 +92,7 @@ mod tests {
             let exact = |[x, y, z]: [f64; 3]| (x * x * x - y) * (1.0 + y * z) + z * z * x;
             // Its fourth derivatives are at most 24.
             let wave = |[x, y, z]: [f64; 3]| (x + y - z + 0.3).sin() * 24.0;
-            for (function, bound) in
-                [(&exact as &dyn Fn([f64; 3]) -> f64, 0.0), (&wave, cubic.spread)]
-            {
+            for (function, bound) in [(&exact as &dyn Fn([f64; 3]) -> f64, 0.0), (&wave, cubic.spread)] {
                 let node = |number: usize| {
                     let at = [number % NODES, number / NODES % NODES, number / NODES / NODES];
                     function(at.map(|at| place(cubic.cells[at]))) as f32

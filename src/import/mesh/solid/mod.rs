@@ -11,6 +11,7 @@ mod field;
 mod fill;
 mod grid;
 mod inside;
+mod local;
 mod nearest;
 mod open;
 mod plan;

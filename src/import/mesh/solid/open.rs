@@ -9,17 +9,19 @@ use glam::DVec3;
 
 use super::bits::{Bits, Cells};
 use super::coverage::{Cube, Test};
-use super::cubic::{ALL, Cubic, NODES, interpolate};
-use super::field::{DOUBT, LocalField, Range, WindingField, wide};
 use super::crossing::Lattice;
+use super::cubic::{ALL, Cubic, NODES, interpolate};
+use super::field::{DOUBT, WindingField, wide};
 use super::fill::{Painter, change, cut_cells, occupancy, windings_at_centres};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
+use super::local::{LocalField, Range};
+use super::rim::Rim;
 use crate::Result;
 use crate::import::mesh::face::triangle;
 
 /// Bound of the error of interpolation up to which a cube is not divided.
-const TOLERANCE: f64 = 5e-3;
+const TOLERANCE: f64 = 0.02;
 /// Cells along an axis for which near triangles are found together.
 const TOGETHER: usize = 4;
 /// Points of a cell along an axis by which coverage is told where it cannot be exact.
@@ -42,7 +44,8 @@ pub(super) fn block(
     let mut open = Open { fill, field, min, painter, cubics, undecided: 0 };
     let place = open.place([0; 3], height);
     let (middle, half) = open.middle(place);
-    open.cube(&field.local(middle, half, fill.cell()), triangles, place)?;
+    let rim = field.rims.around(middle, half);
+    open.cube(&field.local(middle, half, fill.cell()), &rim, triangles, place)?;
     let Open { mut painter, undecided, .. } = open;
     painter.surface(triangles, min)?;
     Ok((painter.finish(), undecided))
@@ -95,7 +98,13 @@ impl Open<'_> {
     }
 
     /// Fills a cube of cells, from the triangles that reach into it and the field in it.
-    fn cube(&mut self, local: &LocalField<'_>, triangles: &[Triangle], place: Place) -> Result<()> {
+    fn cube(
+        &mut self,
+        local: &LocalField<'_>,
+        rim: &Rim,
+        triangles: &[Triangle],
+        place: Place,
+    ) -> Result<()> {
         self.fill.progress.check()?;
         let Place { at, height, corner } = place;
         if self.field.is_beside(corner, self.fill.cell() << height) {
@@ -104,13 +113,16 @@ impl Open<'_> {
         if height < Cubic::LEAST {
             return self.near(local, triangles, place);
         }
-        let error = self.cubic(height).spread * local.bend();
+        let (middle, half) = self.middle(place);
+        let spread = self.cubic(height).spread;
+        let error = spread * rim.bend(middle, half, TOLERANCE / spread);
         if error <= TOLERANCE && self.smooth(local, triangles, place, error)? {
             return Ok(());
         }
         if height == Cubic::LEAST {
             return self.near(local, triangles, place);
         }
+        let rim = rim.narrow(middle, half);
         for child in 0..8 {
             let at = std::array::from_fn(|axis| at[axis] + ((child >> axis & 1) << (height - 1)));
             let place = self.place(at, height - 1);
@@ -121,7 +133,7 @@ impl Open<'_> {
             };
             let inner: Vec<Triangle> = triangles.iter().filter(reaches).copied().collect();
             let (middle, half) = self.middle(place);
-            self.cube(&local.narrow(middle, half), &inner, place)?;
+            self.cube(&local.narrow(middle, half), &rim, &inner, place)?;
         }
         Ok(())
     }
@@ -170,8 +182,7 @@ impl Open<'_> {
             for (value, winding) in values.iter_mut().zip(&windings) {
                 *value += *winding as f32;
             }
-            let counts =
-                if is_covered { self.sampled(&nodes, triangles, place)? } else { Vec::new() };
+            let counts = if is_covered { self.sampled(&nodes, triangles, place)? } else { Vec::new() };
             self.fields(&values, triangles, &|_, number| Ok(usize::from(counts[number])), place)?;
         }
         Ok(true)
@@ -244,7 +255,8 @@ impl Open<'_> {
         let mut counts = vec![0; 1 << (3 * height)];
         for (number, value) in interpolate(nodes, [&finer; 3]).into_iter().enumerate() {
             let [x, y, z] = Place { height: fine, ..place }.cell(number).map(|at| at / SAMPLES);
-            counts[(z << height | y) << height | x] += u8::from((value + windings[number] as f32).abs() >= 0.5);
+            counts[(z << height | y) << height | x] +=
+                u8::from((value + windings[number] as f32).abs() >= 0.5);
         }
         Ok(counts)
     }

@@ -135,11 +135,18 @@ impl Rim {
         }
     }
 
-    /// Bound in such a cube of the fourth derivatives along the axes, by 24 and with the half width as unit of length, of
-    /// a field that is smooth there; infinite if a rim may go through it.
-    pub(super) fn bend(&self, middle: DVec3, half: f64) -> f64 {
-        let of = |piece: &Piece| 2.0 * piece.half.length() / piece.gap(middle, half).max(0.0).powi(5);
-        let near: f64 = self.pieces.iter().map(of).sum();
-        (self.far + near) * half.powi(4) / (4.0 * std::f64::consts::PI)
+    /// Bound in a cube inside this one of the fourth derivatives along the axes, by 24 and with the half width as unit of
+    /// length, of a field that is smooth there; infinite if it is beyond the limit, or a rim may go through the cube.
+    pub(super) fn bend(&self, middle: DVec3, half: f64, limit: f64) -> f64 {
+        let scale = half.powi(4) / (4.0 * std::f64::consts::PI);
+        let mut sum = self.far * scale;
+        for piece in &self.pieces {
+            sum += 2.0 * piece.half.length() / piece.gap(middle, half).max(0.0).powi(5) * scale;
+            // (A number that is none is beyond it.)
+            if !(sum <= limit) {
+                return f64::INFINITY;
+            }
+        }
+        sum
     }
 }

@@ -52,7 +52,8 @@ impl Surroundings {
         let [a, b, c] = corners;
         let normal = (b - a).cross(c - a);
         let offset = a.dot(normal);
-        let rounding = 4.0 * f64::from(f32::EPSILON) * (offset.abs() + f64::from(self.reach) * normal.length());
+        let rounding =
+            4.0 * f64::from(f32::EPSILON) * (offset.abs() + f64::from(self.reach) * normal.length());
         self.near.push(Facet {
             corners: corners.map(|corner| corner.as_vec3().into()),
             normal: normal.as_vec3().into(),
@@ -105,8 +106,7 @@ fn add_dipole(far: &Far, [x, y, z]: &[Lanes; 3], sum: &mut Lanes) {
         let square = ax * ax + ay * ay + az * az;
         let inverse = 1.0 / square;
         let cube = inverse * inverse * square.sqrt();
-        let quadratic =
-            ax * (mxx * ax + mxy * ay + mxz * az) + ay * (myy * ay + myz * az) + mzz * az * az;
+        let quadratic = ax * (mxx * ax + mxy * ay + mxz * az) + ay * (myy * ay + myz * az) + mzz * az * az;
         let along = nx * ax + ny * ay + nz * az;
         sum[lane] += (along + trace - 3.0 * quadratic * inverse) * cube;
     }
