@@ -184,7 +184,7 @@ fn files_with_open_objects() {
 }
 
 /// Error of the winding field, as stated: cells whose field is nearer to one half may be inside or outside.
-const BOUND: f64 = 0.02;
+const BOUND: f64 = 0.01;
 
 /// Builds open triangles in cells of width 1, and compares some cells with the field at their centres.
 fn compare(triangles: &[Triangle], depth: u8, every: usize, what: &str) {

@@ -15,13 +15,13 @@ use crate::space::{Dimension, morton_encode};
 use crate::{Error, Progress, Result};
 
 /// Triangles that are looked at one by one.
-pub(super) const LEAF: usize = 4;
+pub(super) const LEAF: u32 = 4;
 /// Distance of a group's centre from a point, in radii of the group, from which on its field may be that of a dipole.
 const FAR_RATIO: f64 = 1.5;
-/// What a dipole may leave out.
-const DIPOLE_ERROR: f64 = 1e-3;
-/// Error of the interpolation of a group's field.
-const GROUP_ERROR: f64 = 1e-3;
+/// Bound of what a dipole leaves out. There are tens of them, whose errors have nothing to do with each other.
+const DIPOLE_ERROR: f64 = 6e-4;
+/// Bound of the error of the interpolation of a group's field: more than ten times what it is.
+const GROUP_ERROR: f64 = 3e-2;
 /// Distance of the field from one half up to which it is in doubt whether a point is inside.
 pub(super) const DOUBT: f64 = 0.2;
 
@@ -203,7 +203,7 @@ pub(super) const SPREAD: f64 = 0.125 * (1.0 + 1.85 + 1.85 * 1.85);
 impl WindingField {
     /// Bytes of memory that the field of this number of triangles takes.
     pub(super) fn memory(triangles: usize) -> u64 {
-        let groups = 4 * triangles.div_ceil(LEAF);
+        let groups = 4 * triangles.div_ceil(LEAF as usize);
         // While it is made, there is a sorted copy of the triangles, too.
         let each = size_of::<[[i32; 3]; 3]>() + 4 + size_of::<Triangle>() + 16;
         (triangles * each + groups * size_of::<Group>()) as u64 + Rims::memory(triangles)
@@ -248,7 +248,7 @@ impl WindingField {
     fn group(&mut self, first: usize, end: usize, progress: &dyn Progress) -> Result<Moments> {
         progress.check()?;
         let index = self.groups.len();
-        let moments = if end - first > LEAF {
+        let moments = if end - first > LEAF as usize {
             let middle = first.midpoint(end);
             // (In its place until it is known.)
             self.groups.push(Moments::of([DVec3::ZERO; 3]).group([first, end], [index, 0]));
@@ -265,7 +265,7 @@ impl WindingField {
 
     /// Adds the parts of a group to a list; there are none of a triangle.
     pub(super) fn divide(&self, group: &Group, list: &mut Vec<Group>) {
-        if group.count as usize <= LEAF {
+        if group.count <= LEAF {
             let numbers = group.first..group.first + group.count;
             list.extend(numbers.map(|number| Group::of(number, self.triangles[number as usize].map(wide))));
         } else {

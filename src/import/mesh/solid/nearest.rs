@@ -5,8 +5,8 @@ use glam::DVec3;
 use super::field::{LEAF, WindingField, wide};
 
 impl WindingField {
-    /// Attribute at a point inside, in grid steps, of what may be turned inside out: that of the nearest triangle behind which it lies, the least of
-    /// several. (Of two bodies that touch, one is behind the wall and the other before it.)
+    /// Attribute at a point inside, in grid steps, of what may be turned inside out: that of the nearest triangle
+    /// behind which it lies, the least of several. (Of two bodies that touch, one is behind the wall and the other before it.)
     pub(super) fn attribute(&self, point: DVec3, is_inverted: bool) -> u32 {
         if let [attribute] = self.attributes[..] {
             return attribute;
@@ -20,7 +20,7 @@ impl WindingField {
             if self.least_distance(index, point).powi(2) > best.0 {
                 continue;
             }
-            if group.count as usize <= LEAF {
+            if group.count <= LEAF {
                 for number in group.first as usize..(group.first + group.count) as usize {
                     let triangle @ [a, b, c] = self.triangles[number].map(wide);
                     let found = (distance_squared(&triangle, point), self.attributes[number]);

@@ -21,7 +21,7 @@ use crate::Result;
 use crate::import::mesh::face::triangle;
 
 /// Bound of the error of interpolation up to which a cube is not divided.
-const TOLERANCE: f64 = 0.02;
+const TOLERANCE: f64 = 0.01;
 /// Cells along an axis for which near triangles are found together.
 const TOGETHER: usize = 4;
 /// Points of a cell along an axis by which coverage is told where it cannot be exact.

@@ -13,9 +13,9 @@ use super::grid::Triangle;
 /// Edges that are looked at together.
 const CHUNK: usize = 64;
 /// Distance of a piece from a cube, in half widths of the cube, from which on it is the same for all of the cube.
-const FAR: f64 = 4.0;
-/// Greatest length of a piece that is nearer, in half widths of the cube.
-const LENGTH: f64 = 0.25;
+const FAR: f64 = 3.0;
+/// Greatest length of a piece that is nearer, by its distance and half of the cube's half width.
+const LENGTH: f64 = 0.5;
 
 /// All edges that are a surface's boundary.
 #[derive(Debug)]
@@ -86,7 +86,7 @@ impl Rims {
 
     /// The rims as seen from a cube with this middle and half width.
     pub(super) fn around(&self, middle: DVec3, half: f64) -> Rim {
-        let mut rim = Rim { pieces: Vec::new(), far: 0.0 };
+        let mut rim = Rim { pieces: Vec::new(), within: 0, far: 0.0 };
         for (edges, (ball, length)) in self.edges.chunks(CHUNK).zip(&self.chunks) {
             let gap = ball.gap(middle, half);
             if gap > FAR * half {
@@ -108,7 +108,9 @@ fn edge(triangle: &Triangle, side: u32) -> [[i32; 3]; 2] {
 /// Pieces of rims in a cube and around it.
 #[derive(Clone, Debug)]
 pub(super) struct Rim {
+    /// Those that may go through the cube first: they tell that there is no bound.
     pieces: Vec<Piece>,
+    within: usize,
     /// Sum over the pieces further away of their length by the fifth power of their distance.
     far: f64,
 }
@@ -116,7 +118,7 @@ pub(super) struct Rim {
 impl Rim {
     /// The rims as seen from a cube inside this one.
     pub(super) fn narrow(&self, middle: DVec3, half: f64) -> Rim {
-        let mut rim = Rim { pieces: Vec::new(), far: self.far };
+        let mut rim = Rim { pieces: Vec::new(), within: 0, far: self.far };
         self.pieces.iter().for_each(|piece| rim.add(*piece, middle, half));
         rim
     }
@@ -126,12 +128,17 @@ impl Rim {
         let length = 2.0 * piece.half.length();
         if gap > FAR * half {
             self.far += length / gap.powi(5);
-        } else if length > LENGTH * half {
+        } else if length > LENGTH * (gap.max(0.0) + half / 2.0) {
             let part = piece.half / 2.0;
             self.add(Piece { middle: piece.middle - part, half: part }, middle, half);
             self.add(Piece { middle: piece.middle + part, half: part }, middle, half);
         } else {
             self.pieces.push(piece);
+            if gap <= 0.0 {
+                let last = self.pieces.len() - 1;
+                self.pieces.swap(self.within, last);
+                self.within += 1;
+            }
         }
     }
 

@@ -19,6 +19,10 @@ struct Facet {
     offset: f32,
     /// Bound of the rounding of such a distance of a point of the box.
     rounding: f32,
+    /// Squares of the lengths of the edges ab, bc and ca.
+    edges: [f32; 3],
+    /// See [`ROUNDING`].
+    doubt: f32,
 }
 
 /// A group of triangles far away: a dipole, and the moments of its normals.
@@ -39,9 +43,9 @@ pub(super) struct Surroundings {
     reach: f32,
 }
 
-/// Rounding of a quotient's parts from which on it is in doubt, by the product of the lengths it is made of: solid angles
-/// are right to a hundredth of this quotient's inverse.
-const ROUNDING: f32 = 2e-5;
+/// What the parts of a tangent's quotient have to be greater than, by the product of lengths that they are made of: solid
+/// angles are in doubt by less than a hundredth then.
+const ROUNDING: f64 = 1.2e-5;
 
 impl Surroundings {
     pub(super) fn new(reach: f64) -> Surroundings {
@@ -52,13 +56,18 @@ impl Surroundings {
         let [a, b, c] = corners;
         let normal = (b - a).cross(c - a);
         let offset = a.dot(normal);
+        let edges = [(b - a), (c - b), (a - c)].map(DVec3::length_squared);
+        let longest = edges[0].max(edges[1]).max(edges[2]);
+        let doubt = ROUNDING * (longest.sqrt() + f64::from(self.reach)) * longest;
         let rounding =
-            4.0 * f64::from(f32::EPSILON) * (offset.abs() + f64::from(self.reach) * normal.length());
+            8.0 * f64::from(f32::EPSILON) * (offset.abs() + f64::from(self.reach) * normal.length());
         self.near.push(Facet {
             corners: corners.map(|corner| corner.as_vec3().into()),
             normal: normal.as_vec3().into(),
             offset: offset as f32,
             rounding: rounding as f32,
+            edges: edges.map(|edge| edge as f32),
+            doubt: doubt as f32,
         });
     }
 
@@ -78,7 +87,7 @@ impl Surroundings {
             let at = lanes(points);
             let (mut angles, mut doubts, mut dipoles) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
             for facet in &self.near {
-                add_angles(facet, self.reach, &at, &mut angles, &mut doubts);
+                add_angles(facet, &at, &mut angles, &mut doubts);
             }
             for far in &self.far {
                 add_dipole(far, &at, &mut dipoles);
@@ -115,21 +124,21 @@ fn add_dipole(far: &Far, [x, y, z]: &[Lanes; 3], sum: &mut Lanes) {
 /// Adds half the solid angles of a triangle (Van Oosterom and Strackee, 1983), and one to the doubts where rounding tells
 /// neither the side on which a point lies nor the angle.
 #[inline]
-fn add_angles(facet: &Facet, reach: f32, [x, y, z]: &[Lanes; 3], sum: &mut Lanes, doubts: &mut Lanes) {
-    let ([a, b, c], n) = (&facet.corners, &facet.normal);
+fn add_angles(facet: &Facet, [x, y, z]: &[Lanes; 3], sum: &mut Lanes, doubts: &mut Lanes) {
+    let ([a, b, c], n, edges) = (&facet.corners, &facet.normal, &facet.edges);
     for lane in 0..LANES {
         let (ax, ay, az) = (a[0] - x[lane], a[1] - y[lane], a[2] - z[lane]);
         let (bx, by, bz) = (b[0] - x[lane], b[1] - y[lane], b[2] - z[lane]);
         let (cx, cy, cz) = (c[0] - x[lane], c[1] - y[lane], c[2] - z[lane]);
-        let la = (ax * ax + ay * ay + az * az).sqrt();
-        let lb = (bx * bx + by * by + bz * bz).sqrt();
-        let lc = (cx * cx + cy * cy + cz * cz).sqrt();
-        let ab = ax * bx + ay * by + az * bz;
-        let bc = bx * cx + by * cy + bz * cz;
-        let ca = cx * ax + cy * ay + cz * az;
-        let over = facet.offset - (n[0] * x[lane] + n[1] * y[lane] + n[2] * z[lane]);
-        let lengths = la * lb * lc;
-        let under = lengths + ab * lc + bc * la + ca * lb;
+        let (aa, bb, cc) =
+            (ax * ax + ay * ay + az * az, bx * bx + by * by + bz * bz, cx * cx + cy * cy + cz * cz);
+        let (la, lb, lc) = (aa.sqrt(), bb.sqrt(), cc.sqrt());
+        // Scalar products by the law of cosines, twice as large.
+        let over = 2.0 * (facet.offset - (n[0] * x[lane] + n[1] * y[lane] + n[2] * z[lane]));
+        let under = 2.0 * la * lb * lc
+            + (aa + bb - edges[0]) * lc
+            + (bb + cc - edges[1]) * la
+            + (cc + aa - edges[2]) * lb;
         // The arc tangent of the lesser over the greater, by a polynomial that is off by less than its 40,000th, and
         // from it that of the quotient.
         let (height, width) = (over.abs(), under.abs());
@@ -145,9 +154,8 @@ fn add_angles(facet: &Facet, reach: f32, [x, y, z]: &[Lanes; 3], sum: &mut Lanes
         let arc = if is_steep { PI / 2.0 - arc } else { arc };
         let arc = if under < 0.0 { PI - arc } else { arc };
         sum[lane] += if over < 0.0 { -arc } else { arc };
-        let scale = 3.0 * lengths + reach * (la * lb + lb * lc + lc * la);
         let is_on = (under < 0.0) & (height <= facet.rounding);
-        let is_near_edge = high <= ROUNDING * scale;
+        let is_near_edge = high <= facet.doubt;
         doubts[lane] += if is_on | is_near_edge { 1.0 } else { 0.0 };
     }
 }
