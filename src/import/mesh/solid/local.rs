@@ -3,8 +3,11 @@
 //! What is far from the cube is interpolated in it, and handed down to the cubes in it: Fong and Darve, "The black-box
 //! fast multipole method" (2009). What is near is found for some points together: triangles, and groups as dipoles.
 //!
-//! Fields are in error by less than a hundredth: by what dipoles leave out, by interpolation and by rounding, each of
-//! which is kept to a part of it. On which side of a triangle a point lies is exact.
+//! Fields are in error by less than a hundredth, by what dipoles leave out, by interpolation and by rounding: tests hold
+//! that, and on surfaces and soups of tens of thousands of triangles the most that was measured is 0.007. It is not proven:
+//! the bounds of single errors are, but that they have nothing to do with each other is not. On which side of a triangle
+//! a point lies is exact. Points on a triangle that are nearer to a rim than a thousandth of a cell, where the field takes
+//! all values, have one of these.
 
 use glam::DVec3;
 
@@ -44,7 +47,7 @@ impl WindingField {
         let axes = min.map(|min| CHEBYSHEV.map(|node| min + (half * (1.0 + node)) as i32));
         let nodes = local.at_lattice([&axes[0], &axes[1], &axes[2]], NODES / 2, progress)?;
         let range = Range::of(&nodes, LEBESGUE, error);
-        Ok((range.from_half() > DOUBT as f32).then_some(range.middle))
+        Ok((range.distance_from_half() > DOUBT as f32).then_some(range.middle))
     }
 }
 
@@ -67,7 +70,7 @@ impl Range {
     }
 
     /// Distance from one half, up to and beyond whole numbers; negative where it may be one half.
-    pub(super) fn from_half(&self) -> f32 {
+    pub(super) fn distance_from_half(&self) -> f32 {
         (self.middle - self.middle.floor() - 0.5).abs() - self.reach
     }
 }

@@ -4,6 +4,9 @@
 //! the surface's crossings tell, its winding field is smooth there. In cubes away from such edges it is found at some
 //! cells, interpolated, and the steps are added again. Other cubes are divided, down to cubes of 8 x 8 x 8 cells in which
 //! it is found at each cell.
+//!
+//! Cells whose winding field differs from one half by less than a hundredth may be inside or outside: see
+//! [`local`](super::local).
 
 use glam::DVec3;
 
@@ -122,7 +125,7 @@ impl Open<'_> {
         if height == Cubic::LEAST {
             return self.near(local, triangles, place);
         }
-        let rim = rim.narrow(middle, half);
+        let rim = rim.narrow(&self.field.rims, middle, half);
         for child in 0..8 {
             let at = std::array::from_fn(|axis| at[axis] + ((child >> axis & 1) << (height - 1)));
             let place = self.place(at, height - 1);
@@ -167,7 +170,7 @@ impl Open<'_> {
         }
         let range = Range::of(&nodes, cubic.sum, error);
         let is_covered = self.fill.boundary == Boundary::Coverage && !triangles.is_empty();
-        if range.from_half() > DOUBT as f32 {
+        if range.distance_from_half() > DOUBT as f32 {
             let off = range.middle.round() as i32;
             windings.iter_mut().for_each(|winding| *winding += off);
             if is_covered {
@@ -280,7 +283,7 @@ impl Open<'_> {
         for (number, value) in values.iter().enumerate() {
             let is_cut = cut.get(place.cell(number));
             let (is_inside, is_open) = (value.abs() >= 0.5, !is_cut && is_doubtful(value));
-            if !is_inside && !is_open && !(is_covered && is_cut) {
+            if !(is_inside || is_open || is_covered && is_cut) {
                 continue;
             }
             let cell = self.cell(place, number);

@@ -17,6 +17,9 @@ const FAR: f64 = 3.0;
 /// Greatest length of a piece that is nearer, by its distance and half of the cube's half width.
 const LENGTH: f64 = 0.5;
 
+/// Pieces that are listed for a cube at most; where there are more, the cube is divided without a look at them.
+const MANY: usize = 1 << 15;
+
 /// All edges that are a surface's boundary.
 #[derive(Debug)]
 pub(super) struct Rims {
@@ -86,13 +89,16 @@ impl Rims {
 
     /// The rims as seen from a cube with this middle and half width.
     pub(super) fn around(&self, middle: DVec3, half: f64) -> Rim {
-        let mut rim = Rim { pieces: Vec::new(), within: 0, far: 0.0 };
+        let mut rim = Rim::default();
         for (edges, (ball, length)) in self.edges.chunks(CHUNK).zip(&self.chunks) {
             let gap = ball.gap(middle, half);
             if gap > FAR * half {
                 rim.far += length / gap.powi(5);
             } else {
                 edges.iter().for_each(|edge| rim.add(Piece::of(edge), middle, half));
+            }
+            if rim.pieces.len() > MANY {
+                return Rim { has_too_many: true, ..Rim::default() };
             }
         }
         rim
@@ -106,19 +112,24 @@ fn edge(triangle: &Triangle, side: u32) -> [[i32; 3]; 2] {
 }
 
 /// Pieces of rims in a cube and around it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Rim {
     /// Those that may go through the cube first: they tell that there is no bound.
     pieces: Vec<Piece>,
     within: usize,
     /// Sum over the pieces further away of their length by the fifth power of their distance.
     far: f64,
+    /// There are more than [`MANY`] pieces, and they are not listed.
+    has_too_many: bool,
 }
 
 impl Rim {
-    /// The rims as seen from a cube inside this one.
-    pub(super) fn narrow(&self, middle: DVec3, half: f64) -> Rim {
-        let mut rim = Rim { pieces: Vec::new(), within: 0, far: self.far };
+    /// The rims, which are all of these, as seen from a cube inside this one.
+    pub(super) fn narrow(&self, all: &Rims, middle: DVec3, half: f64) -> Rim {
+        if self.has_too_many {
+            return all.around(middle, half);
+        }
+        let mut rim = Rim { far: self.far, ..Rim::default() };
         self.pieces.iter().for_each(|piece| rim.add(*piece, middle, half));
         rim
     }
@@ -145,12 +156,14 @@ impl Rim {
     /// Bound in a cube inside this one of the fourth derivatives along the axes, by 24 and with the half width as unit of
     /// length, of a field that is smooth there; infinite if it is beyond the limit, or a rim may go through the cube.
     pub(super) fn bend(&self, middle: DVec3, half: f64, limit: f64) -> f64 {
+        if self.has_too_many {
+            return f64::INFINITY;
+        }
         let scale = half.powi(4) / (4.0 * std::f64::consts::PI);
         let mut sum = self.far * scale;
         for piece in &self.pieces {
             sum += 2.0 * piece.half.length() / piece.gap(middle, half).max(0.0).powi(5) * scale;
-            // (A number that is none is beyond it.)
-            if !(sum <= limit) {
+            if sum > limit || sum.is_nan() {
                 return f64::INFINITY;
             }
         }
