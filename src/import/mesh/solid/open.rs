@@ -82,6 +82,26 @@ impl Place {
     }
 }
 
+/// The field at the cells of a cube.
+struct Fields {
+    values: Vec<f32>,
+    place: Place,
+}
+
+impl Fields {
+    /// The values of a part of the cube.
+    fn part(&self, part: Place) -> Vec<f32> {
+        let height = self.place.height;
+        let first: [usize; 3] = std::array::from_fn(|axis| part.at[axis] - self.place.at[axis]);
+        let of = |number: usize| {
+            let cell = part.cell(number);
+            let [x, y, z] = std::array::from_fn(|axis| first[axis] + cell[axis]);
+            self.values[(z << height | y) << height | x]
+        };
+        (0..1 << (3 * part.height)).map(of).collect()
+    }
+}
+
 impl Open<'_> {
     fn place(&self, at: [usize; 3], height: u8) -> Place {
         let corner = std::array::from_fn(|axis| self.min[axis] + at[axis] as i32 * self.fill.cell());
@@ -109,12 +129,12 @@ impl Open<'_> {
         place: Place,
     ) -> Result<()> {
         self.fill.progress.check()?;
-        let Place { at, height, corner } = place;
+        let Place { height, corner, .. } = place;
         if self.field.is_beside(corner, self.fill.cell() << height) {
             return Ok(());
         }
         if height < Cubic::LEAST {
-            return self.near(local, triangles, place);
+            return self.near(local, rim, triangles, place);
         }
         let (middle, half) = self.middle(place);
         let spread = self.cubic(height).spread;
@@ -123,18 +143,10 @@ impl Open<'_> {
             return Ok(());
         }
         if height == Cubic::LEAST {
-            return self.near(local, triangles, place);
+            return self.near(local, rim, triangles, place);
         }
         let rim = rim.narrow(&self.field.rims, middle, half);
-        for child in 0..8 {
-            let at = std::array::from_fn(|axis| at[axis] + ((child >> axis & 1) << (height - 1)));
-            let place = self.place(at, height - 1);
-            let (low, width) = (place.corner.map(i64::from), i64::from(self.fill.cell() << place.height));
-            let high = low.map(|low| low + width);
-            let reaches = |triangle: &&Triangle| {
-                triangle::cuts(&triangle.corners.map(|corner| corner.map(i64::from)), low, high)
-            };
-            let inner: Vec<Triangle> = triangles.iter().filter(reaches).copied().collect();
+        for (place, inner) in self.parts(place, triangles) {
             let (middle, half) = self.middle(place);
             self.cube(&local.narrow(middle, half), &rim, &inner, place)?;
         }
@@ -221,16 +233,76 @@ impl Open<'_> {
     }
 
     /// Fills a cube by the field at each cell.
-    fn near(&mut self, local: &LocalField<'_>, triangles: &[Triangle], place: Place) -> Result<()> {
+    fn near(
+        &mut self,
+        local: &LocalField<'_>,
+        rim: &Rim,
+        triangles: &[Triangle],
+        place: Place,
+    ) -> Result<()> {
         let [x, y, z] = self.centres(place);
         let values = local.at_lattice([&x, &y, &z], TOGETHER, self.fill.progress)?;
-        let sample = |open: &Self, number: usize| {
-            let cell = open.cell(place, number);
-            let axes = cell.corner.map(|corner| open.samples(corner, 1));
-            let values = local.at_lattice([&axes[0], &axes[1], &axes[2]], SAMPLES, open.fill.progress)?;
-            Ok(values.iter().filter(|value| value.abs() >= 0.5).count())
-        };
-        self.fields(&values, triangles, &sample, place)
+        if self.fill.boundary == Boundary::Coverage {
+            return self.covered(local, rim, &Fields { values, place }, triangles, place);
+        }
+        self.fields(&values, triangles, &|_, _| Ok(0), place)
+    }
+
+    /// Fills a part of a cube with the cells' coverage, from the field at each cell: exactly where no rim is and the field
+    /// is nearly whole, and by points of the field in other cells that are cut.
+    fn covered(
+        &mut self,
+        local: &LocalField<'_>,
+        rim: &Rim,
+        fields: &Fields,
+        triangles: &[Triangle],
+        place: Place,
+    ) -> Result<()> {
+        let values = fields.part(place);
+        if triangles.is_empty() || place.height == 0 {
+            let sample = |open: &Self, number: usize| {
+                let cell = open.cell(place, number);
+                let axes = cell.corner.map(|corner| open.samples(corner, 1));
+                let values = local.at_lattice([&axes[0], &axes[1], &axes[2]], SAMPLES, open.fill.progress)?;
+                Ok(values.iter().filter(|value| value.abs() >= 0.5).count())
+            };
+            return self.fields(&values, triangles, &sample, place);
+        }
+        let (middle, half) = self.middle(place);
+        let rim = rim.narrow(&self.field.rims, middle, half);
+        if !rim.is_within() {
+            let (lattice, progress) = (&self.fill.lattice, self.fill.progress);
+            let state = State::default();
+            let mut windings =
+                windings_at_centres(lattice, triangles, place.corner, place.height, state, progress)?;
+            let off = (values[0] - windings[0] as f32).round();
+            let is_whole = |(value, winding): (&f32, &i32)| {
+                (value - *winding as f32 - off).abs() <= (0.5 - DOUBT) as f32
+            };
+            if values.iter().zip(&windings).all(is_whole) {
+                windings.iter_mut().for_each(|winding| *winding += off as i32);
+                return self.cover(triangles, &windings, place);
+            }
+        }
+        for (part, inner) in self.parts(place, triangles) {
+            self.covered(local, &rim, fields, &inner, part)?;
+        }
+        Ok(())
+    }
+
+    /// The eight parts of a cube, with the triangles that reach into them.
+    fn parts(&self, place: Place, triangles: &[Triangle]) -> [(Place, Vec<Triangle>); 8] {
+        std::array::from_fn(|child| {
+            let height = place.height - 1;
+            let part = self
+                .place(std::array::from_fn(|axis| place.at[axis] + ((child >> axis & 1) << height)), height);
+            let (low, width) = (part.corner.map(i64::from), i64::from(self.fill.cell() << height));
+            let high = low.map(|low| low + width);
+            let reaches = |triangle: &&Triangle| {
+                triangle::cuts(&triangle.corners.map(|corner| corner.map(i64::from)), low, high)
+            };
+            (part, triangles.iter().filter(reaches).copied().collect())
+        })
     }
 
     /// Coordinates of the points by which the coverage of some cells in a row is told.

@@ -134,6 +134,11 @@ impl Rim {
         rim
     }
 
+    /// Whether a rim may go through the cube.
+    pub(super) fn is_within(&self) -> bool {
+        self.within > 0 || self.has_too_many
+    }
+
     fn add(&mut self, piece: Piece, middle: DVec3, half: f64) {
         let gap = piece.gap(middle, half);
         let length = 2.0 * piece.half.length();
