@@ -4,7 +4,7 @@
 //! fast multipole method" (2009). What is near is found for some points together: triangles, and groups as dipoles.
 //!
 //! Fields are in error by less than a hundredth, by what dipoles leave out, by interpolation and by rounding: tests hold
-//! that, and on surfaces and soups of tens of thousands of triangles the most that was measured is 0.007. It is not proven:
+//! that, and on surfaces and soups of tens of thousands of triangles the most that was measured is 0.008. It is not proven:
 //! the bounds of single errors are, but that they have nothing to do with each other is not. On which side of a triangle
 //! a point lies is exact. Points on a triangle that are nearer to a rim than a thousandth of a cell, where the field takes
 //! all values, have one of these.
