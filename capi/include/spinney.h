@@ -98,6 +98,16 @@ typedef struct {
   uint64_t size[3];
 } spinney_box;
 
+// Cells of a box where they stand in a mapped file. None of them is VOID.
+typedef struct {
+  // The first cell; not aligned, and there until the dataset is closed or refreshed.
+  const void *samples;
+  // Bytes from a cell to that in the next row.
+  size_t row_stride;
+  // Bytes from a cell to that in the next layer.
+  size_t layer_stride;
+} spinney_view;
+
 // Statistics of one channel; the standard deviation is that of the population.
 typedef struct {
   // Cells that have a sample. All other numbers are not numbers if there are none.
@@ -194,6 +204,15 @@ spinney_status spinney_read(const spinney_dataset *dataset,
                             size_t samples_size,
                             uint8_t *valid,
                             size_t valid_size);
+
+// Shows a box of cells of a level where it stands in the file, without a copy: the samples of a cell together, the cells of a row
+// one behind the other. That can be if the file is a mapped Goblin file and no view, and has the box in one dense block: where no two
+// cells are alike, boxes within aligned ones of up to 256 x 256 cells (16 x 16 x 16 in octrees). SPINNEY_UNSUPPORTED if not:
+// spinney_read() reads all boxes.
+spinney_status spinney_view_of(const spinney_dataset *dataset,
+                               uint32_t level,
+                               const spinney_box *cells,
+                               spinney_view *view);
 
 // Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
 // `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,

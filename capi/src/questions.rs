@@ -114,6 +114,45 @@ pub(crate) fn flags(bytes: &mut [u8]) -> &mut [bool] {
     unsafe { slice::from_raw_parts_mut(bytes.as_mut_ptr().cast(), bytes.len()) }
 }
 
+/// Cells of a box where they stand in a mapped file. None of them is VOID.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct spinney_view {
+    /// The first cell; not aligned, and there until the dataset is closed or refreshed.
+    pub samples: *const c_void,
+    /// Bytes from a cell to that in the next row.
+    pub row_stride: usize,
+    /// Bytes from a cell to that in the next layer.
+    pub layer_stride: usize,
+}
+
+/// Shows a box of cells of a level where it stands in the file, without a copy: the samples of a cell together, the cells of a row
+/// one behind the other. That can be if the file is a mapped Goblin file and no view, and has the box in one dense block: where no two
+/// cells are alike, boxes within aligned ones of up to 256 x 256 cells (16 x 16 x 16 in octrees). SPINNEY_UNSUPPORTED if not:
+/// spinney_read() reads all boxes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_view_of(
+    dataset: *const spinney_dataset,
+    level: u32,
+    cells: *const spinney_box,
+    view: *mut spinney_view,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as these say.
+        let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, some_bounds_at(cells)?) };
+        // SAFETY: it is NULL, or a place of the caller's.
+        let view =
+            unsafe { view.as_mut() }.ok_or_else(|| Failure::invalid("view: got NULL, expected a place"))?;
+        let stored = dataset.stored_rows(level_of(level), &bounds)?.ok_or_else(Failure::not_stored)?;
+        *view = spinney_view {
+            samples: stored.bytes.as_ptr().cast(),
+            row_stride: stored.row,
+            layer_stride: stored.layer,
+        };
+        Ok(())
+    })
+}
+
 /// Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
 /// `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,
 /// are not a number. Much faster than one call for each.

@@ -57,6 +57,11 @@ impl Failure {
         Failure { status: spinney_status::SPINNEY_MEMORY, text: format!("no memory for {bytes} bytes") }
     }
 
+    pub(crate) fn not_stored() -> Failure {
+        let text = "the file does not have this box in rows; read it instead".into();
+        Failure { status: spinney_status::SPINNEY_UNSUPPORTED, text }
+    }
+
     fn panicked(cause: &(dyn Any + Send)) -> Failure {
         let text = cause.downcast_ref::<&str>().map(|text| (*text).to_owned());
         let text = text.or_else(|| cause.downcast_ref::<String>().cloned()).unwrap_or_default();

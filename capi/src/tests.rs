@@ -136,6 +136,54 @@ fn blocks_are_all_of_a_box() {
 }
 
 #[test]
+fn views_are_what_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("noise.goblin");
+    let form = engine::tree::Form::new(
+        engine::space::Dimension::Quad,
+        engine::value::ValueType::new(engine::value::SampleType::U8, 1),
+    );
+    let cell = |[x, y, _]: [u32; 3]| {
+        Some(engine::value::Value::from([((x * 31) ^ (y * 57) ^ ((x * y) >> 3)) as u8]))
+    };
+    let tree = engine::tree::MemTree::from_cells(form, 8, engine::value::Rule::Mean, &cell);
+    let options = engine::store::BuildOptions::new(engine::value::Kind::Continuous, 8);
+    let output = engine::io::Output::create(&path).unwrap();
+    engine::store::build_tree(&tree, [256, 256, 1], &options, output, &()).unwrap();
+    let dataset = open_with(path.to_str().unwrap(), &[], 0).unwrap();
+    let mut view = spinney_view { samples: null(), row_stride: 0, layer_stride: 0 };
+    for (level, start, size) in
+        [(8, [3, 5, 0], [70, 30, 1]), (8, [0; 3], [256, 256, 1]), (5, [7, 7, 0], [1, 9, 1])]
+    {
+        let part = cells(start, size);
+        assert_eq!(unsafe { spinney_view_of(dataset, level, &part, &mut view) }, SPINNEY_OK, "{}", error());
+        let mut samples = vec![0u8; (size[0] * size[1]) as usize];
+        let bytes = samples.len();
+        let to = samples.as_mut_ptr().cast();
+        let read = unsafe { spinney_read(dataset, level, &part, 0.0, to, bytes, null_mut(), 0) };
+        assert_eq!(read, SPINNEY_OK);
+        for (row, samples) in samples.chunks_exact(size[0] as usize).enumerate() {
+            let stored = unsafe {
+                let first = view.samples.cast::<u8>().add(row * view.row_stride);
+                std::slice::from_raw_parts(first, samples.len())
+            };
+            assert_eq!(stored, samples);
+        }
+    }
+    let view_of =
+        |level, part: *const _, view: *mut _| unsafe { spinney_view_of(dataset, level, part, view) };
+    assert_eq!(view_of(8, &cells([200, 0, 0], [90, 3, 1]), &mut view), SPINNEY_UNSUPPORTED);
+    assert_eq!(view_of(9, &cells([0; 3], [1; 3]), &mut view), SPINNEY_INVALID);
+    assert_eq!(view_of(8, null(), &mut view), SPINNEY_INVALID);
+    assert_eq!(view_of(8, &cells([0; 3], [1; 3]), null_mut()), SPINNEY_INVALID);
+    unsafe { spinney_close(dataset) };
+    let positioned = open_with(path.to_str().unwrap(), &[], SPINNEY_POSITIONED).unwrap();
+    let viewed = unsafe { spinney_view_of(positioned, 8, &cells([0; 3], [9, 9, 1]), &mut view) };
+    assert_eq!(viewed, SPINNEY_UNSUPPORTED);
+    unsafe { spinney_close(positioned) };
+}
+
+#[test]
 fn points_statistics_classes_and_histograms_agree() {
     let dataset = open("classes.goblin");
     let library = engine::open(fixture("classes.goblin")).unwrap();

@@ -4,8 +4,8 @@ use super::viewed::value_at;
 use super::{Dataset, Reader};
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PointSamples, Statistics, ZoneRule, ZoneStatistics, autumnal_histogram,
-    source_find, source_histogram, source_statistics, source_zonal, zonal,
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneRule, ZoneStatistics,
+    autumnal_histogram, source_find, source_histogram, source_statistics, source_zonal, zonal,
 };
 #[cfg(feature = "raster")]
 use crate::query::{PixelGrid, PixelSums};
@@ -100,6 +100,18 @@ impl Dataset {
                 let mut canvas = Canvas::new(view.form(), bounds, fill, bytes, valid)?;
                 canvas.draw(&view, view.root()?, view.depth())
             }
+        }
+    }
+
+    /// The values of a box of cells of a level where they stand in the file, without a copy: `None` where that cannot be, and
+    /// [`Dataset::window`] reads them. See [`StoredRows`] and [`Goblin::stored_rows`](crate::store::goblin::Goblin::stored_rows).
+    ///
+    /// # Errors
+    /// If the file is damaged there, or the level is too deep.
+    pub fn stored_rows(&self, level: u8, bounds: &Bounds) -> Result<Option<StoredRows<'_>>> {
+        match self.reader() {
+            Reader::Goblin(file) => file.stored_rows(level, bounds),
+            Reader::Autumnal(_) | Reader::View(_) => Ok(None),
         }
     }
 

@@ -41,6 +41,7 @@ pub(crate) use stats::{autumnal_statistics, source_statistics};
 pub use surface::SolidSurface;
 pub(crate) use surface::measure_surface;
 pub(crate) use window::Canvas;
+pub use window::StoredRows;
 pub use zonal::{ZoneChannel, ZoneRule, ZoneStatistics};
 pub(crate) use zonal::{source_zonal, zonal};
 

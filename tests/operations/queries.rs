@@ -28,6 +28,48 @@ fn cells_of(bounds: &Bounds) -> impl Iterator<Item = [u64; 3]> {
         .flat_map(move |z| (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| [x, y, z])))
 }
 
+/// What stands in the file as it is asked for is what a window reads.
+fn stored(form: Form, seed: u64, size: [u64; 3], is_noise: bool) -> usize {
+    // (Noise without VOID.)
+    let noise =
+        |[x, y, z]: [u64; 3]| Some(common::value(form.value, (x * 31 + y * y * 57 + z * 91 + x * y) % 200));
+    let cells = if is_noise { made(form, size, noise) } else { Cells::random(form, seed, size, 9, true) };
+    let tree = common::dataset(&cells, Rule::Mean, Kind::Continuous);
+    let (mut random, mut found) = (Random(seed), 0);
+    for _ in 0..300 {
+        let level = random.below(u64::from(cells.depth()) + 1) as u8;
+        let bounds = some_bounds(form.dimension, &mut random, 1 << level);
+        let Some(rows) = tree.stored_rows(level, &bounds).unwrap() else { continue };
+        found += 1;
+        let [width, height, depth] = bounds.size().map(|size| size as usize);
+        let (mut values, mut valid) =
+            (vec![0; width * height * depth * form.width()], vec![false; width * height * depth]);
+        tree.window(level, &bounds, 0.0, &mut values, Some(&mut valid)).unwrap();
+        assert!(valid.iter().all(|valid| *valid));
+        for (number, row) in values.chunks_exact(width * form.width()).enumerate() {
+            let at = number % height * rows.row + number / height * rows.layer;
+            assert_eq!(&rows.bytes[at..at + row.len()], row, "{form} {level} {bounds:?}");
+        }
+        assert_eq!(
+            rows.bytes.len(),
+            (height - 1) * rows.row + (depth - 1) * rows.layer + width * form.width()
+        );
+    }
+    assert!(tree.stored_rows(cells.depth() + 1, &Bounds { min: [0; 3], max: [1; 3] }).is_err());
+    found
+}
+
+#[test]
+fn windows_without_a_copy() {
+    for value in value_types() {
+        let found = stored(Form::new(Dimension::Quad, value), 1, [256, 256, 1], true);
+        assert!(found > 5, "{value}: {found}");
+        stored(Form::new(Dimension::Quad, value), 2, [200, 90, 1], false);
+    }
+    assert!(stored(oct(SampleType::I16, 1), 3, [32, 32, 32], true) > 5);
+    stored(OCT, 4, [30, 20, 9], false);
+}
+
 fn windows(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
     let (dimension, width) = (form.dimension, form.width());
     let cells = Cells::random(form, seed, size, 20, true);

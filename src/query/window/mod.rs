@@ -4,8 +4,10 @@ mod autumnal;
 mod goblin;
 mod painter;
 mod source;
+mod stored;
 
 pub(crate) use source::Canvas;
+pub use stored::StoredRows;
 
 use crate::space::Bounds;
 use crate::value::ValueType;

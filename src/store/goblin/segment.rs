@@ -45,6 +45,14 @@ impl<'a> Segment<'a> {
         &self.bytes[..self.record_bytes]
     }
 
+    /// The records, if they are mapped: for as long as the file is open.
+    pub(crate) fn mapped_records(&self) -> Option<&'a [u8]> {
+        match self.bytes {
+            FileBytes::Mapped(bytes) => Some(&bytes[..self.record_bytes]),
+            FileBytes::Held(_) => None,
+        }
+    }
+
     /// The bytes, to be kept beyond the segment's own life.
     pub(super) fn into_bytes(self) -> FileBytes<'a> {
         self.bytes
