@@ -31,8 +31,8 @@ def test_measures(cross: tuple) -> None:
     assert np.array_equal(ds[...], solid * np.uint8(255))
     assert ds.volume() == solid.sum() / 8
     for level in range(ds.levels):
-        # (Representatives are rounded, once.)
-        assert ds.volume(level) == pytest.approx(solid.sum() / 8, rel=0.02)
+        # (Representatives are rounded, once: that of the root is about 6.)
+        assert ds.volume(level) == pytest.approx(solid.sum() / 8, rel=0.1)
     found = ds.solid(surface=True)
     faces = sum(np.diff(np.pad(solid, 1).astype(int), axis=axis).astype(bool).sum() for axis in range(3))
     assert found.block_area == pytest.approx(faces / 4) and 0 < found.area < found.block_area
