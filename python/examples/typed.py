@@ -9,7 +9,7 @@ import spinney
 
 
 def tour(picture: str) -> float:
-    """Builds a tree of a picture, asks and changes it, and tells the share of cells that have changed."""
+    """Builds a tree of a picture, asks and changes it, and tells the share of cells that are other ones then."""
     spinney.build(picture, "map.goblin", memory="256M")
     with spinney.open("map.goblin") as ds:
         window: npt.NDArray[np.generic] = ds.read(1, window=(0, 0, 64, 64))
@@ -26,7 +26,7 @@ def tour(picture: str) -> float:
     commit: spinney.Commit | None = edit.commit
     print(commit and commit.message, [entry.number for entry in spinney.log("map.autumn")])
     changes: spinney.Differences = spinney.diff("map.autumn@1", "map.autumn")
-    return changes.changed / statistics.cells
+    return (changes.added + changes.changed) / statistics.cells
 
 
 if __name__ == "__main__":

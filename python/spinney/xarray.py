@@ -55,7 +55,7 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         """The cells of a level. VOID becomes NaN and scales are applied if `mask_and_scale` is set, which by default it
         is for amounts, and not for classes."""
         tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned)
-        made = _dataset_of(tree, tree.depth if level is None else level, mask_and_scale)
+        made = _dataset_of(tree, tree.depth if level is None else level, _fill_of(tree), mask_and_scale)
         made.set_close(tree.close)
         return made.drop_vars(drop_variables or [], errors="ignore")
 
@@ -73,9 +73,9 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned)
         root = xr.Dataset(attrs=_attributes(tree))
         root.set_close(tree.close)
-        groups = {"/": root}
+        groups, fill = {"/": root}, _fill_of(tree)
         for level in range(tree.levels):
-            made = _dataset_of(tree, level, mask_and_scale)
+            made = _dataset_of(tree, level, fill, mask_and_scale)
             groups[f"/{level}"] = made.drop_vars(drop_variables or [], errors="ignore")
         return groups
 
@@ -113,7 +113,13 @@ class _Cells(BackendArray):
         return (found[np.newaxis] if self.tree.count == 1 else found)[band]
 
 
-def _dataset_of(tree: Dataset, level: int, mask_and_scale: bool | None) -> xr.Dataset:
+def _fill_of(tree: Dataset) -> float | None:
+    """The number that stands for VOID; none where nothing is VOID, and in solids, where 0 is empty."""
+    has_void = tree.rule != "occupancy" and (tree.nodata is not None or tree.statistics()["void_cells"] > 0)
+    return tree.fill_value if has_void else None
+
+
+def _dataset_of(tree: Dataset, level: int, fill: float | None, mask_and_scale: bool | None) -> xr.Dataset:
     cells = _Cells(tree, level)
     axes = ("band", "z", "y", "x") if tree.ndim == 3 else ("band", "y", "x")
     attrs: dict[str, Any] = {}
@@ -128,9 +134,8 @@ def _dataset_of(tree: Dataset, level: int, mask_and_scale: bool | None) -> xr.Da
     units = {unit for unit in tree.units if unit}
     if len(units) == 1:
         attrs["units"] = units.pop()
-    # (A number that stands for VOID means nothing where nothing is VOID, and in solids 0 is empty.)
-    if facts["rule"] != "occupancy" and (tree.nodata is not None or tree.statistics()["void_cells"]):
-        attrs["_FillValue"] = tree.dtype.type(tree.fill_value)
+    if fill is not None:
+        attrs["_FillValue"] = tree.dtype.type(fill)
     scales, offsets = set(tree.scales), set(tree.offsets)
     if len(scales) == 1 and len(offsets) == 1 and (scales, offsets) != ({1.0}, {0.0}):
         attrs["scale_factor"], attrs["add_offset"] = scales.pop(), offsets.pop()

@@ -37,10 +37,7 @@ impl Tree {
         let axes = opened.axes();
         let points = points.as_slice().map_err(|error| invalid(format!("points: {error}")))?;
         let level = level_of(&opened.tree, level)?;
-        let fill = match fill {
-            Some(number) => number,
-            None => opened.void()?,
-        };
+        let fill = opened.fill(fill)?;
         let places = Places::new(&opened, level, in_cells)?;
         let value = opened.tree.header().form.value;
         let total = points.len() / axes;

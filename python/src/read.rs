@@ -74,7 +74,7 @@ pub(crate) fn cells<'py>(
         Some(out) => out.clone(),
         None => empty(py, value.sample, shape)?,
     };
-    let void = masked.then(|| flags(py, &shape[..opened.axes()]));
+    let void = masked.then(|| flags(py, &shape[..opened.axes()])).transpose()?;
     with_bytes(&array, value.sample, |bytes| {
         let mut lent = void.as_ref().map(|void| void.readwrite());
         let mut valid = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
@@ -153,7 +153,7 @@ pub(crate) fn resampled<'py>(
     bytes.filter(|bytes| *bytes < 1 << 40).ok_or_else(too_large)?;
     let sizes = [rows as usize, columns as usize, opened.count()];
     let array = empty(py, value.sample, &sizes[..if opened.count() > 1 { 3 } else { 2 }])?;
-    let void = masked.then(|| flags(py, &sizes[..2]));
+    let void = masked.then(|| flags(py, &sizes[..2])).transpose()?;
     with_bytes(&array, value.sample, |bytes| {
         let mut lent = void.as_ref().map(|void| void.readwrite());
         let mut void = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
@@ -302,20 +302,20 @@ impl Tree {
         boundless: bool,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
+        let opened = slf.get().get()?;
+        let opened = &*opened;
+        let fill_value = opened.fill(fill)?;
+        if masked && out.is_some() {
+            return Err(invalid("masked and out: a masked array is a new one"));
+        }
         if let (true, Some(window)) = (boundless, window) {
             let helper = py.import("spinney._arrays")?.getattr("boundless")?;
             let array = helper.call1((slf, bands, window, level, out_shape, exact, masked, fill))?;
             return delivered(array, out);
         }
-        let opened = slf.get().get()?;
-        let opened = &*opened;
         let tree = &opened.tree;
         let bands = Bands::of(bands, opened.count())?;
         let part = part_of(tree, window, bbox)?;
-        let fill = match fill {
-            Some(number) => number,
-            None => opened.void()?,
-        };
         let pixels = match out_shape {
             Some(shape) => {
                 if level.is_some() {
@@ -329,7 +329,7 @@ impl Tree {
                 let [height, width] = shape;
                 let detail = if exact { Detail::Exact(width, height) } else { Detail::Size(width, height) };
                 let mut request = WindowRequest::new(bounds, detail);
-                request.nodata = Some(fill);
+                request.nodata = Some(fill_value);
                 resampled(py, opened, &request, shape, masked)?
             }
             None => {
@@ -348,7 +348,7 @@ impl Tree {
                         Bands::Some(_) => false,
                     }
                 });
-                let pixels = cells(py, opened, level, &bounds, fill, masked && straight.is_none(), straight)?;
+                let pixels = cells(py, opened, level, &bounds, fill_value, masked, straight)?;
                 if straight.is_some() {
                     return Ok(pixels.array);
                 }

@@ -72,8 +72,11 @@ pub(crate) fn empty<'py>(
 }
 
 /// A new array of flags, all `false`.
-pub(crate) fn flags<'py>(py: Python<'py>, shape: &[usize]) -> Bound<'py, PyArrayDyn<bool>> {
-    PyArrayDyn::<bool>::zeros(py, shape, false)
+pub(crate) fn flags<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+    static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let shape = pyo3::types::PyTuple::new(py, shape)?;
+    let made = ZEROS.import(py, "numpy", "zeros")?.call1((shape, numpy::dtype::<bool>(py)))?;
+    Ok(made.cast_into::<PyArrayDyn<bool>>()?)
 }
 
 /// Shows a function the bytes of a contiguous array of samples.

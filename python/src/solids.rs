@@ -166,7 +166,7 @@ impl Tree {
         (bounds.min[across], bounds.max[across]) = (cell as u64, cell as u64 + 1);
         let mut request = WindowRequest::new(bounds, Detail::Level(level));
         request.across = across;
-        request.nodata = Some(fill.map_or_else(|| opened.void(), Ok)?);
+        request.nodata = Some(opened.fill(fill)?);
         resampled_slice(py, &opened, &request, level, masked)
     }
 

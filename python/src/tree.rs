@@ -44,6 +44,16 @@ impl Opened {
         Ok(*self.void.get_or_init(|| number))
     }
 
+    /// The number for VOID cells, which somebody may have asked for.
+    pub(crate) fn fill(&self, asked: Option<f64>) -> PyResult<f64> {
+        let sample = self.tree.header().form.value.sample;
+        match asked {
+            None => self.void(),
+            Some(number) if sample.is_float() || sample.can_hold(number) => Ok(number),
+            Some(number) => Err(invalid(format!("fill: {} cannot hold {number}", sample.name()))),
+        }
+    }
+
     /// Number of axes.
     pub(crate) fn axes(&self) -> usize {
         self.tree.header().form.axes()
