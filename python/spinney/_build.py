@@ -62,6 +62,8 @@ def build(
       block by block. `dims` names its axes: `"yx"`, `"byx"` (the usual of three axes, as rasterio has them), `"yxb"`, or of
       octrees `"zyx"`, `"bzyx"`, `"zyxb"`. Cells are VOID where a masked array or `mask` is true, where all bands have the
       number `nodata`, and where any is NaN. Octrees of booleans are solids.
+    - a DataArray of xarray, which tells its axes (`band`, `z`, `y`, `x`), transform, coordinate system, nodata number, scale and
+      class names itself, as rioxarray and this package's engine have them.
     - an iterator of arrays, one below the other, which together have `shape` and `dtype`.
     - the path of a picture file, or several of one grid (the last lies on top); `bands`, `layer` and `keep_transparent` are
       for these.
@@ -109,6 +111,17 @@ def build(
         with telling(progress) as tell:
             return _native.build_files(paths, os.fspath(out), for_import, tell)
     _refuse("files", for_files)
+    if hasattr(source, "dims") and hasattr(source, "coords"):
+        from .xarray import described
+
+        told = described(source)
+        source = source.variable
+        # (What is said here counts.)
+        dims, kind, nodata = dims or told["dims"], kind or told["kind"], told["nodata"] if nodata is None else nodata
+        transform = told["transform"] if transform is None else transform
+        common |= {"kind": kind, "nodata": nodata, "crs": system or _crs_text(told["crs"])}
+        categories = categories or told["categories"]
+        scales, offsets = scales or told["scales"], offsets or told["offsets"]
     array = _Blocks(source, dims, shape, dtype, mask)
     if array.is_solid:
         common["rule"] = common["rule"] or "occupancy"

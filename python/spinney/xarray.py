@@ -172,6 +172,52 @@ def _centres(tree: Dataset, level: int, shape: tuple[int, ...]) -> dict[str, Any
     return made
 
 
+def described(array: xr.DataArray) -> dict[str, Any]:
+    """What a DataArray tells about itself, as arguments of `spinney.build`."""
+    names = {"band": "b", "z": "z", "y": "y", "x": "x", "lat": "y", "lon": "x", "latitude": "y", "longitude": "x"}
+    try:
+        dims = "".join(names[str(name)] for name in array.dims)
+    except KeyError as error:
+        raise ValueError(f"axis {error} of the DataArray: expected band, z, y and x; transpose and rename them") from None
+    attrs, encoding = array.attrs, array.encoding
+    both = {**attrs, **encoding}
+    mapping = array.coords.get(both.get("grid_mapping", "spatial_ref"))
+    told: dict[str, Any] = {"dims": dims, "kind": None, "crs": None, "categories": None, "scales": None, "offsets": None}
+    if mapping is not None:
+        told["crs"] = mapping.attrs.get("crs_wkt") or mapping.attrs.get("spatial_ref")
+    told["transform"] = _transform_of(array, dims)
+    fill = attrs.get("_FillValue", encoding.get("_FillValue", attrs.get("nodata")))
+    told["nodata"] = None if fill is None or np.isnan(fill) or "_FillValue" not in attrs else float(fill)
+    if "flag_values" in attrs and "flag_meanings" in attrs:
+        values, meanings = np.atleast_1d(attrs["flag_values"]), str(attrs["flag_meanings"]).split()
+        told["categories"] = {int(value): name.replace("_", " ") for value, name in zip(values, meanings)}
+        told["kind"] = "categorical"
+    if "scale_factor" in attrs or "add_offset" in attrs:
+        bands = array.sizes.get("band", 1)
+        told["scales"] = [float(attrs.get("scale_factor", 1.0))] * bands
+        told["offsets"] = [float(attrs.get("add_offset", 0.0))] * bands
+    return told
+
+
+def _transform_of(array: xr.DataArray, dims: str) -> list[Any] | None:
+    """The map from cells to the world by coordinates of cells' centres; `None` if there are none."""
+    steps, starts = [], []
+    for name in "xyz"[: 3 if "z" in dims else 2]:
+        axis = array.dims[dims.index(name)]
+        if axis not in array.coords or not np.issubdtype(array.coords[axis].dtype, np.number):
+            return None
+        centres = np.asarray(array.coords[axis], dtype=float)
+        step = (centres[-1] - centres[0]) / (len(centres) - 1) if len(centres) > 1 else 1.0
+        wanted = centres[0] + step * np.arange(len(centres))
+        if not np.allclose(centres, wanted, rtol=0, atol=abs(step) * 1e-3):
+            raise ValueError(f"coordinates {axis!r} of the DataArray: not evenly spaced; resample them first")
+        steps.append(step)
+        starts.append(centres[0] - step / 2)
+    if len(steps) == 2:
+        return [steps[0], 0.0, starts[0], 0.0, steps[1], starts[1]]
+    return [[*row, start] for row, start in zip(np.diag(steps).tolist(), starts)]
+
+
 def _reference(tree: Dataset, level: int) -> dict[str, Any]:
     """Attributes of the coordinate system, as rioxarray and GDAL have them."""
     a, b, c, d, e, f = tree.level(level).transform

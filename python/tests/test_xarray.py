@@ -86,3 +86,27 @@ def test_octrees_and_coarser_levels(tmp_path: Path) -> None:
         assert ds.z.values[:2].tolist() == [0.5, 1.5]
     with xr.open_dataset(path, engine="spinney", level=3) as ds, spinney.open(path) as tree:
         assert np.array_equal(ds.band_data[0], tree.read(1, level=3))
+
+
+def test_round_trips(island: str, relief: str, tmp_path: Path) -> None:
+    import dask
+
+    solid = tmp_path / "solid.goblin"
+    spinney.build(noise((20, 30, 40), "uint16"), solid, dims="zyx", transform=np.diag([2.0, 3.0, -4.0, 1.0])[:3])
+    for path in (island, relief, str(solid)):
+        for chunks in (None, {}):
+            with xr.open_dataset(path, engine="spinney", mask_and_scale=False, chunks=chunks) as ds:
+                with dask.config.set(scheduler="threads"):
+                    spinney.build(ds.band_data, tmp_path / "again.goblin")
+            with spinney.open(path) as ours, spinney.open(tmp_path / "again.goblin") as again:
+                assert np.array_equal(ours[...], again[...], equal_nan=ours.dtype.kind == "f")
+                assert (ours.transform, ours.nodata, ours.crs) == (again.transform, again.nodata, again.crs)
+                assert np.allclose(ours.matrix, again.matrix) and ours.stats().cells == again.stats().cells
+    with rioxarray.open_rasterio(FIXTURES / "island_elevation.tif") as array:
+        spinney.build(array, tmp_path / "rio.goblin")
+    with spinney.open(relief) as ours, spinney.open(tmp_path / "rio.goblin") as other:
+        assert np.array_equal(ours[...], other[...], equal_nan=True) and ours.crs == other.crs
+    with pytest.raises(ValueError, match="axis"):
+        spinney.build(xr.DataArray(np.ones((3, 3), "u1"), dims=("a", "b")), tmp_path / "x.goblin")
+    with pytest.raises(ValueError, match="evenly"):
+        spinney.build(xr.DataArray(np.ones((1, 3), "u1"), {"y": [1], "x": [1, 2, 4]}, ("y", "x")), tmp_path / "x.goblin")
