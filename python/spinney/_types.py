@@ -1,7 +1,5 @@
 """What questions are answered with."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
