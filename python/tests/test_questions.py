@@ -64,6 +64,15 @@ def test_samples_of_any_points(tree: tuple, seed: int) -> None:
     assert np.array_equal(coarse, ds.read(1, level=level, fill=-1)[rows[inside] >> 2, columns[inside] >> 2])
 
 
+@pytest.mark.parametrize("count", [1, 20, 100, 1000, 30_000])
+def test_samples_of_noise(tmp_path: Path, count: int) -> None:
+    array = np.random.default_rng(1).integers(0, 255, (900, 1024), "u1")
+    spinney.build(array, tmp_path / "t.goblin")
+    cells = np.random.default_rng(2).integers(0, (1024, 900), (count, 2))
+    with spinney.open(tmp_path / "t.goblin") as ds:
+        assert np.array_equal(ds.sample(cells + 0.5)[:, 0], array[cells[:, 1], cells[:, 0]])
+
+
 def test_odd_points(tree: tuple) -> None:
     _, ds = tree
     assert ds.sample([]).shape == (0, 1)

@@ -1,7 +1,8 @@
-"""The README's blocks of Python run, one after the other, and the example does."""
+"""The README's blocks of Python run, one after the other, and the examples do."""
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 from pathlib import Path
@@ -26,3 +27,14 @@ def test_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     share = example["tour"](str(FIXTURES / "island_elevation.tif"))
     assert 0 < share < 1
+
+
+def test_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("xarray")
+    (tmp_path / "fixtures").symlink_to(FIXTURES)
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads((ROOT / "python" / "examples" / "tour.ipynb").read_text())
+    names: dict[str, object] = {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
