@@ -3,8 +3,8 @@
 #
 #     python/test.sh [ARGUMENTS OF PYTEST...]
 #
-# Builds the package with the optimisation of the project's own tests, installs it, checks the types of the package and of
-# an example, and runs the tests. Needs Python 3.11 or newer, Rust, and on the first run a way to the packages that
+# Builds the package with the optimisation of the project's own tests, installs it, writes its documentation to
+# target/python-doc, checks the types of the package and of an example, and runs the tests. Needs Python 3.11 or newer, Rust, and on the first run a way to the packages that
 # tests/requirements.txt names. The program that answers are compared with is built, too.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -32,6 +32,9 @@ wheels=$target/python-wheels
 rm -rf "$wheels"
 maturin build --manifest-path python/Cargo.toml --profile dev --locked --out "$wheels" --interpreter "$venv/bin/python"
 pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/*.whl
+
+# (Warnings of the documentation, such as of a name that there is not, are errors.)
+(cd "$target" && python -P -W error -m pdoc --output-directory "$target/python-doc" spinney)
 
 cd python
 mypy

@@ -55,7 +55,7 @@ def boundless(
     if out_shape is not None or exact:
         raise ValueError("boundless: is for windows of cells, without out_shape")
     first, size = corner(window)
-    shape = tree.shape_at(None)[::-1]
+    shape = tree._shape_at(None)[::-1]
     if len(first) != len(shape):
         raise ValueError(f"window: {len(first)} axes, the tree has {len(shape)}")
     depth = tree.depth
@@ -96,9 +96,11 @@ def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np
     if not hasattr(given, "__array__") and isinstance(given, Iterable):
         given = list(given)
     try:
-        array = np.ascontiguousarray(given, dtype=np.float64)
+        array = np.ascontiguousarray(np.real(given), dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise TypeError(f"{name}: expected rows of {axes} numbers: {error}") from None
+    if np.iscomplexobj(given):
+        raise TypeError(f"{name}: expected rows of {axes} numbers, got complex ones")
     if array.size == 0:
         array = array.reshape(0, axes)
     if array.ndim != 2 or array.shape[1] != axes:

@@ -76,6 +76,8 @@ def build(
     The output appears when it is complete. Ctrl-C, and whatever else goes wrong, leaves nothing behind.
     """
     size = memory_of(memory)
+    if depth is not None and not 0 <= depth <= 64:
+        raise ValueError(f"depth: {depth}, expected a number of levels")
     system = _crs_text(crs)
     common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share}
     for_files = {

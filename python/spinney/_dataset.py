@@ -51,11 +51,14 @@ def open(
     cannot be done.
     """
     steps = [view] if isinstance(view, str) else list(view)
-    return Dataset(os.fspath(path), steps, commit, positioned)
+    return Dataset(os.fsdecode(path), steps, commit, positioned)
 
 
 class Dataset(_native.Tree):
     """An open tree, or a view of one: see `spinney.open`.
+
+    Indexes are those of cells: `ds[y0:y1, x0:x1]`, of octrees `ds[z, y, x]`, with steps and `...` as in NumPy; of files with several
+    bands the result has these as its first axis, as `numpy.asarray(ds)` has. Closed, it raises ValueError.
 
     It can be used by any number of threads at the same time, is pickled by path, view and commit, and may be used by
     forked processes.
@@ -91,18 +94,18 @@ class Dataset(_native.Tree):
     @property
     def shape(self) -> tuple[int, ...]:
         """Rows and columns; planes first in octrees."""
-        return tuple(self.shape_at(None))
+        return tuple(self._shape_at(None))
 
     @property
     def ndim(self) -> int:
         """2, or 3 of octrees."""
-        return len(self.shape_at(None))
+        return len(self._shape_at(None))
 
     @property
     def size(self) -> int:
         """Number of cells."""
         size = 1
-        for length in self.shape_at(None):
+        for length in self._shape_at(None):
             size *= length
         return size
 
@@ -134,38 +137,38 @@ class Dataset(_native.Tree):
     @property
     def kind(self) -> str:
         """`"categorical"` (classes) or `"continuous"` (amounts)."""
-        return str(self.facts()["kind"])
+        return str(self._facts()["kind"])
 
     @property
     def rule(self) -> str:
         """How one value stands for many at coarser levels: mean, majority, ..."""
-        return str(self.facts()["rule"])
+        return str(self._facts()["rule"])
 
     @property
     def format(self) -> str:
         """`"Goblin"` or `"Autumnal"`."""
-        return str(self.facts()["format"])
+        return str(self._facts()["format"])
 
     @property
     def file_size(self) -> int:
         """Bytes of the file."""
-        return int(self.facts()["file_size"])
+        return int(self._facts()["file_size"])
 
     @property
     def tags(self) -> dict[str, str]:
         """Anything else that is told of the data."""
-        return dict(self.facts()["tags"])
+        return dict(self._facts()["tags"])
 
     @property
     def colormap(self) -> dict[int, tuple[int, int, int, int]] | None:
         """Red, green, blue and opacity by value."""
-        colours = self.facts()["colormap"]
+        colours = self._facts()["colormap"]
         return None if colours is None else dict(colours)
 
     @property
     def categories(self) -> dict[int, str]:
         """Names of values."""
-        return dict(self.facts()["categories"])
+        return dict(self._facts()["categories"])
 
     @property
     def descriptions(self) -> tuple[str | None, ...]:
@@ -180,22 +183,22 @@ class Dataset(_native.Tree):
     @property
     def scales(self) -> tuple[float, ...]:
         """Factors that make physical units of samples."""
-        pairs = self.facts()["scale_offset"] or [(1.0, 0.0)] * self.count
+        pairs = self._facts()["scale_offset"] or [(1.0, 0.0)] * self.count
         return tuple(scale for scale, _ in pairs)
 
     @property
     def offsets(self) -> tuple[float, ...]:
         """What is added to samples times `scales`."""
-        pairs = self.facts()["scale_offset"] or [(1.0, 0.0)] * self.count
+        pairs = self._facts()["scale_offset"] or [(1.0, 0.0)] * self.count
         return tuple(offset for _, offset in pairs)
 
     @property
     def provenance(self) -> list[str]:
         """Where the data came from, a line per input or operation."""
-        return list(self.facts()["provenance"])
+        return list(self._facts()["provenance"])
 
     def _by_band(self, name: str) -> tuple[str | None, ...]:
-        texts = self.facts()[name] or [""] * self.count
+        texts = self._facts()[name] or [""] * self.count
         return tuple(text or None for text in texts)
 
     # Place in the world
@@ -203,13 +206,13 @@ class Dataset(_native.Tree):
     @property
     def transform(self) -> Transform:
         """From columns and rows to the world, in rasterio's order; of octrees x and y of the lowest plane."""
-        x, y, _ = self.frame
+        x, y, _ = self._frame
         return Transform(x[0], x[1], x[3], y[0], y[1], y[3])
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:
         """From cells x, y, z, 1 to the world, 4 x 4 as trimesh has it."""
-        return np.array([*self.frame, [0.0, 0.0, 0.0, 1.0]])
+        return np.array([*self._frame, [0.0, 0.0, 0.0, 1.0]])
 
     @property
     def res(self) -> tuple[float, float]:
@@ -220,7 +223,7 @@ class Dataset(_native.Tree):
     @property
     def bounds(self) -> BoundingBox | Box:
         """Least and greatest coordinates in the world."""
-        low, high = self.world_box
+        low, high = self._world_box
         return BoundingBox(*low[:2], *high[:2]) if self.ndim == 2 else Box(*low, *high)
 
     def xy(self, row: float, col: float) -> tuple[float, float]:
@@ -247,6 +250,12 @@ class Dataset(_native.Tree):
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
         return _as_array(self[...], dtype, copy)
 
+    def __dlpack__(self, **options: Any) -> Any:
+        return self[...].__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return 1, 0
+
     def __len__(self) -> int:
         return self.shape[0]
 
@@ -268,7 +277,7 @@ class Dataset(_native.Tree):
         `shape` are rows and columns of the result, `range` the numbers that become black and white in PNG files.
         """
         with telling(progress) as tell:
-            self.write_window(os.fspath(path), window, bbox, level, shape, exact, nodata, range, tell)
+            self._write_window(os.fspath(path), window, bbox, level, shape, exact, nodata, range, tell)
 
     # Questions
 
@@ -308,17 +317,17 @@ class Dataset(_native.Tree):
         the number `fill` (by default `fill_value`), or is masked.
         """
         array = points_of(points, self.ndim)
-        values, found = self.sample_points(array, level, in_cells, fill)
+        values, found = self._sample_points(array, level, in_cells, fill)
         if not masked:
             return values
         mask = np.array(np.broadcast_to(~found[:, None], values.shape))
-        if self.missing is not None:
-            mask |= values == values.dtype.type(self.missing)
+        if self._missing is not None:
+            mask |= values == values.dtype.type(self._missing)
         return np.ma.MaskedArray(values, mask=mask)
 
     def stats(self, bbox: BBox | None = None, *, window: Window | None = None) -> Statistics:
         """Exact statistics of a part, which take time for its border and not for its cells."""
-        facts = self.statistics(window, bbox)
+        facts = self._statistics(window, bbox)
         bands = tuple(BandStatistics(*band) for band in facts["channels"])
         return Statistics(facts["cells"], facts["void_cells"], bands, dict(facts["classes"]))
 
@@ -341,7 +350,7 @@ class Dataset(_native.Tree):
                 low, high = low - 0.5, high + 0.5
         else:
             low, high = range
-        counts = self.count_bins(bins, low, high, window, bbox)
+        counts = self._count_bins(bins, low, high, window, bbox)
         return counts, np.linspace(low, high, bins + 1)
 
     def find(
@@ -367,7 +376,7 @@ class Dataset(_native.Tree):
             raise ValueError("find: give limit or largest")
         ((name, number),) = given
         assert number is not None
-        codes, levels, boxes, values = self.find_blocks(name, number, window, bbox, limit, largest)
+        codes, levels, boxes, values = self._find_blocks(name, number, window, bbox, limit, largest)
         return Blocks(codes, levels, boxes, self._world_of(boxes), values)
 
     def _world_of(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
@@ -394,7 +403,7 @@ class Dataset(_native.Tree):
     def solid(self, level: int | None = None, *, surface: bool = False, progress: Progress = None) -> Solid:
         """Volume, centre of gravity and bounds of an octree's solid; with `surface` its area, too."""
         with telling(progress) as tell:
-            facts = self.measure(level, surface, tell)
+            facts = self._measure(level, surface, tell)
         box = facts.pop("bounds")
         centre = facts.pop("centre")
         bounds = None if box is None else Box(*box[0], *box[1])
@@ -405,7 +414,7 @@ class Dataset(_native.Tree):
         how full cells are, in cells that are not VOID)."""
         if self.ndim != 3:
             raise ValueError(f"{self.path}: is a quadtree; this is for octrees")
-        values, found = self.sample_points(points_of(points, 3), level, False, None)
+        values, found = self._sample_points(points_of(points, 3), level, False, None)
         if self.rule == "occupancy":
             found &= values[:, 0] >= 128
         return found
@@ -416,7 +425,7 @@ class Dataset(_native.Tree):
         """What rays in the world hit first: cells that are at least half full, or with `smooth` the surface between
         them. One origin or one direction serves all rays."""
         starts, ways = np.broadcast_arrays(_rows(origins, "origins"), _rows(directions, "directions"))
-        distance, points, cells = self.cast_rays(
+        distance, points, cells = self._cast_rays(
             np.ascontiguousarray(starts), np.ascontiguousarray(ways), level, smooth
         )
         return Hits(distance, points, cells)
@@ -440,12 +449,12 @@ class Dataset(_native.Tree):
         if len(given) != 1:
             raise ValueError("slice: give one of x, y and z")
         ((axis, at),) = given
-        return self.slice_across(axis, at, world, level, masked, fill)
+        return self._slice_across(axis, at, world, level, masked, fill)
 
     def mesh(self, level: int | None = None, *, smooth: bool = False, progress: Progress = None) -> Mesh:
         """The surface of an octree as triangles: the faces of cells, or with `smooth` the surface between them."""
         with telling(progress) as tell:
-            return Mesh(*self.surface_arrays(level, smooth, tell))
+            return Mesh(*self._surface_arrays(level, smooth, tell))
 
     def export(
         self,
@@ -458,7 +467,7 @@ class Dataset(_native.Tree):
     ) -> tuple[int, int]:
         """Writes the surface of an octree as a mesh (.ply, .obj, .stl); returns the numbers of vertices and faces."""
         with telling(progress) as tell:
-            return self.write_mesh(os.fspath(path), level, smooth, triangles, tell)
+            return self._write_mesh(os.fspath(path), level, smooth, triangles, tell)
 
     def render(
         self,
@@ -483,7 +492,7 @@ class Dataset(_native.Tree):
         with telling(progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
             to = os.path.join(folder, "picture.npy") if path is None else os.fspath(path)
             direction = (azimuth, elevation)
-            self.write_render(
+            self._write_render(
                 to, size, direction, level, zoom, orthographic, up, background, samples, tell
             )
             if path is not None:
@@ -520,7 +529,7 @@ class Level:
     def __init__(self, dataset: Dataset, level: int) -> None:
         self.dataset = dataset
         self.level = level
-        self.shape = tuple(dataset.shape_at(level))
+        self.shape = tuple(dataset._shape_at(level))
         """Rows and columns; planes first in octrees."""
 
     @property
@@ -541,7 +550,7 @@ class Level:
         return Transform(a * scale, b * scale, c, d * scale, e * scale, f)
 
     def __getitem__(self, key: Any) -> Any:
-        return self.dataset.at_index(self.level, key)
+        return self.dataset._at_index(self.level, key)
 
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
         return _as_array(self[...], dtype, copy)

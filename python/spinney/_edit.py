@@ -57,7 +57,7 @@ class Edit:
         self._done: list[str] = []
         with open(self.path) as tree:
             self._ndim, self._dtype, self._kind, self._rule = tree.ndim, tree.dtype, tree.kind, tree.rule
-            self._nodata, self._count = tree.missing, tree.count
+            self._nodata, self._count = tree._missing, tree.count
         self._editor = _native.Editor(self.path, memory)
 
     def __enter__(self) -> Self:
@@ -90,7 +90,8 @@ class Edit:
         if isinstance(source, Dataset):
             steps = [*source.view, *steps]
             source = f"{source.path}@{source.commit}" if source.commit is not None else source.path
-        with telling(self._progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
+        beside = os.path.dirname(os.path.abspath(self.path))
+        with telling(self._progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:
             if isinstance(source, str | os.PathLike):
                 name = path = os.fspath(source)
                 if not _is_tree(path):

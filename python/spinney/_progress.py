@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from typing import Any
 
 from ._types import Progress
 
 
 @contextmanager
 def telling(progress: Progress) -> Iterator[Callable[[int, int], object] | None]:
-    """A function to be called with what is done and the total; a bar of tqdm if `progress` is `True`."""
+    """A function to be called with what is done and the total: that of a bar of tqdm, if `progress` is one or `True`."""
     if progress is None or progress is False:
         yield None
-    elif progress is True:
+    elif progress is True or hasattr(progress, "update"):
         from tqdm.auto import tqdm  # type: ignore[import-untyped,unused-ignore]
 
-        with tqdm(unit="cells", unit_scale=True) as bar:
+        bar: Any
+        with tqdm(unit="cells", unit_scale=True) if progress is True else nullcontext(progress) as bar:
 
             def show(done: int, total: int) -> None:
                 bar.total = total

@@ -13,8 +13,8 @@ Array = npt.NDArray[Any]
 """An array of samples, of whatever type the file has."""
 Path = str | os.PathLike[str]
 """Name of a file; `map.autumn@3` is commit 3 of `map.autumn`."""
-Progress = Callable[[int, int], object] | bool | None
-"""A function that is called with what is done and the total, or `True` for a bar (tqdm)."""
+Progress = Callable[[int, int], object] | bool | Any | None
+"""A function that is called with what is done and the total, a bar of tqdm, or `True` for a new bar."""
 Window = Any
 """Cells: `(column, row, width, height)`, of octrees `(x, y, z, width, height, depth)`, or a window of rasterio."""
 BBox = Sequence[float]

@@ -101,7 +101,7 @@ class _Cells(BackendArray):
     def __init__(self, tree: Dataset, level: int) -> None:
         self.tree = tree
         self.level = level
-        self.shape = (tree.count, *tree.shape_at(level))
+        self.shape = (tree.count, *tree._shape_at(level))
         self.dtype = tree.dtype
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
@@ -109,13 +109,13 @@ class _Cells(BackendArray):
 
     def _read(self, key: tuple[Any, ...]) -> Any:
         band, *cells = key
-        found = np.asarray(self.tree.at_index(self.level, tuple(cells)))
+        found = np.asarray(self.tree._at_index(self.level, tuple(cells)))
         return (found[np.newaxis] if self.tree.count == 1 else found)[band]
 
 
 def _fill_of(tree: Dataset) -> float | None:
     """The number that stands for VOID; none where nothing is VOID, and in solids, where 0 is empty."""
-    has_void = tree.rule != "occupancy" and (tree.nodata is not None or tree.statistics()["void_cells"] > 0)
+    has_void = tree.rule != "occupancy" and (tree.nodata is not None or tree._statistics()["void_cells"] > 0)
     return tree.fill_value if has_void else None
 
 
@@ -123,7 +123,7 @@ def _dataset_of(tree: Dataset, level: int, fill: float | None, mask_and_scale: b
     cells = _Cells(tree, level)
     axes = ("band", "z", "y", "x") if tree.ndim == 3 else ("band", "y", "x")
     attrs: dict[str, Any] = {}
-    facts = tree.facts()
+    facts = tree._facts()
     classes: dict[int, str] = facts["categories"]
     if classes:
         attrs["flag_values"] = np.array(list(classes), dtype=tree.dtype)

@@ -10,9 +10,13 @@ use spinney::Error;
 pub(crate) fn raised(error: Error) -> PyErr {
     let text = message(&error);
     match &error {
-        Error::Io { path, cause, .. } => match cause.raw_os_error() {
-            // (Python chooses the exception by the number: FileNotFoundError, PermissionError, ...)
-            Some(number) => PyOSError::new_err((number, text, path.clone())),
+        Error::Io { path, doing, cause } => match cause.raw_os_error() {
+            // (Python chooses the exception by the number: FileNotFoundError, PermissionError, ... It shows number and path.)
+            Some(number) => {
+                let text = cause.to_string();
+                let text = text.split(" (os error").next().unwrap_or_default();
+                PyOSError::new_err((number, format!("cannot {doing}: {text}"), path.as_os_str().to_owned()))
+            }
             None if cause.kind() == io::ErrorKind::NotFound => {
                 pyo3::exceptions::PyFileNotFoundError::new_err(text)
             }

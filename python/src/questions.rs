@@ -25,6 +25,7 @@ type Sampled<'py> = (Bound<'py, PyAny>, Bound<'py, PyArray1<bool>>);
 impl Tree {
     /// Values at points, one row each, and flags that are `false` where there is VOID. Points are in the world, or
     /// cells of the deepest level.
+    #[pyo3(name = "_sample_points")]
     fn sample_points<'py>(
         &self,
         py: Python<'py>,
@@ -68,6 +69,7 @@ impl Tree {
 
     /// Exact statistics of a part, by name.
     #[pyo3(signature = (window=None, bbox=None))]
+    #[pyo3(name = "_statistics")]
     fn statistics<'py>(
         &self,
         py: Python<'py>,
@@ -95,6 +97,7 @@ impl Tree {
 
     /// Cells of a part whose first sample lies in each of so many equal parts of a range.
     #[pyo3(signature = (bins, low, high, window=None, bbox=None))]
+    #[pyo3(name = "_count_bins")]
     fn count_bins<'py>(
         &self,
         py: Python<'py>,
@@ -120,6 +123,7 @@ impl Tree {
     /// a block has several).
     #[pyo3(signature = (condition, number, window=None, bbox=None, limit=None, largest=None))]
     #[allow(clippy::too_many_arguments)]
+    #[pyo3(name = "_find_blocks")]
     fn find_blocks<'py>(
         &self,
         py: Python<'py>,

@@ -363,6 +363,7 @@ impl Tree {
     }
 
     /// The cells of a level that an index means.
+    #[pyo3(name = "_at_index")]
     fn at_index<'py>(
         &self,
         py: Python<'py>,

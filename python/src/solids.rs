@@ -37,6 +37,7 @@ type Hits<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'p
 #[pymethods]
 impl Tree {
     /// Volume, centre, bounds, and, if asked for, the surface of a solid, by name.
+    #[pyo3(name = "_measure")]
     fn measure<'py>(
         &self,
         py: Python<'py>,
@@ -66,6 +67,7 @@ impl Tree {
     }
 
     /// Casts rays, in the world, at full cells or at the smooth surface.
+    #[pyo3(name = "_cast_rays")]
     fn cast_rays<'py>(
         &self,
         py: Python<'py>,
@@ -132,6 +134,7 @@ impl Tree {
 
     /// A slice across an axis (0 is x) at a cell of the deepest level, or at a coordinate of the world.
     #[allow(clippy::too_many_arguments)]
+    #[pyo3(name = "_slice_across")]
     fn slice_across<'py>(
         &self,
         py: Python<'py>,
@@ -171,6 +174,7 @@ impl Tree {
     }
 
     /// The surface as vertices and triangles.
+    #[pyo3(name = "_surface_arrays")]
     fn surface_arrays<'py>(
         &self,
         py: Python<'py>,
@@ -194,6 +198,7 @@ impl Tree {
     }
 
     /// Writes the surface as a mesh; returns vertices and faces.
+    #[pyo3(name = "_write_mesh")]
     fn write_mesh(
         &self,
         py: Python<'_>,
@@ -218,6 +223,7 @@ impl Tree {
 
     /// Writes a shaded picture; returns the level that was drawn.
     #[allow(clippy::too_many_arguments)]
+    #[pyo3(name = "_write_render")]
     fn write_render(
         &self,
         py: Python<'_>,

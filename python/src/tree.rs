@@ -191,6 +191,7 @@ impl Tree {
     }
 
     /// Rows and columns of a level; planes first in octrees.
+    #[pyo3(name = "_shape_at")]
     fn shape_at(&self, level: Option<i64>) -> PyResult<Vec<u64>> {
         let opened = self.get()?;
         let size = opened.tree.extent_at(crate::part::level_of(&opened.tree, level)?).max;
@@ -198,13 +199,13 @@ impl Tree {
     }
 
     /// Rows of the map from cells (x, y, z, 1) to the world.
-    #[getter]
+    #[getter(_frame)]
     fn frame(&self) -> PyResult<[[f64; 4]; 3]> {
         Ok(self.get()?.tree.metadata().frame.matrix)
     }
 
     /// Least and greatest coordinates in the world.
-    #[getter]
+    #[getter(_world_box)]
     fn world_box(&self) -> PyResult<[[f64; 3]; 2]> {
         let opened = self.get()?;
         Ok(opened.tree.metadata().frame.world_box(&opened.tree.header().picture()))
@@ -229,13 +230,14 @@ impl Tree {
     }
 
     /// The sample that means that a cell has none in a channel, if there is one.
-    #[getter]
+    #[getter(_missing)]
     fn missing(&self) -> PyResult<Option<f64>> {
         let opened = self.get()?;
         Ok(opened.tree.metadata().nodata.filter(|_| opened.tree.header().form.value.missing.is_some()))
     }
 
     /// All else that is told, by name.
+    #[pyo3(name = "_facts")]
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let opened = self.get()?;
         let (header, metadata) = (opened.tree.header(), opened.tree.metadata());

@@ -142,6 +142,7 @@ def test_refusals(tmp_path: Path) -> None:
         (ValueError, good, {"crs": "nonsense"}),
         (ValueError, good, {"rule": "best"}),
         (ValueError, good, {"depth": 1}),
+        (ValueError, good, {"depth": 300}),
         (ValueError, good, {"memory": "much"}),
         (ValueError, good, {"mask": np.ones((4, 5), bool)}),
         (ValueError, good, {"descriptions": ["a", "b"]}),
@@ -173,6 +174,14 @@ def test_exceptions_of_sources_and_callbacks_come_out(tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     spinney.build(noise((2000, 2000), "uint8"), tmp_path / "t.goblin", progress=lambda *numbers: told.append(numbers))
     assert told and told[-1] == (4_000_000, 4_000_000)
+
+    tqdm = pytest.importorskip("tqdm")
+    with tqdm.tqdm(disable=False, file=open(os.devnull, "w")) as bar:
+        spinney.transform(tmp_path / "t.goblin", "mirror=x", tmp_path / "m.goblin", progress=bar)
+        assert bar.n == bar.total and bar.n > 0
+    (tmp_path / "m.goblin").unlink()
+    spinney.transform(tmp_path / "t.goblin", "mirror=x", tmp_path / "m.goblin", progress=True)
+    (tmp_path / "m.goblin").unlink()
 
     def refuse(done: int, total: int) -> None:
         raise ArithmeticError("enough")

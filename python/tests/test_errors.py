@@ -98,6 +98,8 @@ def test_wrong_arguments(island: str) -> None:
         (ValueError, lambda: ds.level(12)),
         (ValueError, lambda: ds.sample([(1, 2, 3)])),
         (TypeError, lambda: ds.sample(["a"])),
+        (TypeError, lambda: ds.sample(np.ones((3, 2), complex))),
+        (ValueError, lambda: ds.sample([(1, 2)], level=9)),
         (ValueError, lambda: ds.find()),
         (ValueError, lambda: ds.find(1, above=2)),
         (ValueError, lambda: ds.histogram(0)),

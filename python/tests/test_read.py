@@ -167,7 +167,7 @@ def test_arrays_of_numpy(island: str) -> None:
         with pytest.raises(ValueError):
             np.asarray(ds, copy=False)
         assert np.array_equal(np.asarray(ds.level(3)), ds.read(1, level=3))
-        assert np.array_equal(np.from_dlpack(ds[...]), whole)
+        assert np.array_equal(np.from_dlpack(ds[...]), whole) and np.array_equal(np.from_dlpack(ds), whole)
         assert len(ds) == ds.height and len(ds.level(3)) == ds.level(3).shape[0]
         assert ds[5, 7] == whole[5, 7] and isinstance(ds[5, 7], np.uint8)
 
