@@ -286,6 +286,7 @@ class Dataset(_native.Tree):
         self,
         points: Points,
         *,
+        bands: int | Sequence[int] | None = None,
         level: int | None = None,
         in_cells: bool = False,
         masked: Literal[False] = False,
@@ -296,6 +297,7 @@ class Dataset(_native.Tree):
         self,
         points: Points,
         *,
+        bands: int | Sequence[int] | None = None,
         level: int | None = None,
         in_cells: bool = False,
         masked: Literal[True],
@@ -305,12 +307,14 @@ class Dataset(_native.Tree):
         self,
         points: Points,
         *,
+        bands: int | Sequence[int] | None = None,
         level: int | None = None,
         in_cells: bool = False,
         masked: bool = False,
         fill: float | None = None,
     ) -> Array | np.ma.MaskedArray[Any, Any]:
-        """Values at points: an array with a row per point and a column per band.
+        """Values at points: an array with a row per point and a column per band; `bands` are numbers counted from 1, and
+        one alone gives an array without columns.
 
         Points are `(x, y)` in the world, of octrees `(x, y, z)`; with `in_cells` they are columns and rows of the deepest
         level. At a coarser `level` the answer is that of the block around the point. VOID, and all that is outside, has
@@ -318,12 +322,20 @@ class Dataset(_native.Tree):
         """
         array = points_of(points, self.ndim)
         values, found = self._sample_points(array, level, in_cells, fill)
-        if not masked:
-            return values
-        mask = np.array(np.broadcast_to(~found[:, None], values.shape))
-        if self._missing is not None:
-            mask |= values == values.dtype.type(self._missing)
-        return np.ma.MaskedArray(values, mask=mask)
+        result: Any = values
+        if masked:
+            mask = np.array(np.broadcast_to(~found[:, None], values.shape))
+            if self._missing is not None:
+                mask |= values == values.dtype.type(self._missing)
+            result = np.ma.MaskedArray(values, mask=mask)
+        if bands is None:
+            return result  # type: ignore[no-any-return]
+        wanted = np.asarray(bands)
+        if wanted.dtype.kind not in "iu" or wanted.ndim > 1:
+            raise TypeError("bands: expected a number, counted from 1, or a list of numbers")
+        if wanted.size and not 1 <= wanted.min() <= wanted.max() <= self.count:
+            raise IndexError(f"bands: {bands}, the file's bands are 1 to {self.count}")
+        return result[:, wanted - 1]  # type: ignore[no-any-return]
 
     def stats(self, bbox: BBox | None = None, *, window: Window | None = None) -> Statistics:
         """Exact statistics of a part, which take time for its border and not for its cells."""
@@ -377,7 +389,7 @@ class Dataset(_native.Tree):
         ((name, number),) = given
         assert number is not None
         codes, levels, boxes, values = self._find_blocks(name, number, window, bbox, limit, largest)
-        return Blocks(codes, levels, boxes, self._world_of(boxes), values)
+        return Blocks(np.array(codes, dtype=np.str_), levels, boxes, self._world_of(boxes), values)
 
     def _world_of(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Boxes of cells, each a corner and sizes, in the world."""

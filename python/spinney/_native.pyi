@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 import numpy.typing as npt
+from typing_extensions import disjoint_base
 
 from ._types import Array
 
@@ -13,6 +14,7 @@ version: str
 
 _Tell = Callable[[int, int], object] | None
 
+@disjoint_base
 class Tree:
     def __new__(cls, path: Any, view: list[str], commit: int | None, positioned: bool) -> Tree: ...
     def close(self) -> None: ...
@@ -62,7 +64,7 @@ class Tree:
         boundless: bool = False,
         out: Array | None = None,
     ) -> Array: ...
-    def __getitem__(self, key: Any) -> Any: ...
+    def __getitem__(self, key: Any, /) -> Any: ...
     def _at_index(self, level: int | None, key: Any) -> Any: ...
     def _sample_points(
         self, points: npt.NDArray[np.float64], level: int | None, in_cells: bool, fill: float | None
@@ -123,6 +125,7 @@ class Tree:
         progress: _Tell,
     ) -> None: ...
 
+@final
 class Editor:
     def __new__(cls, path: Any, memory: int) -> Editor: ...
     def paste(

@@ -113,7 +113,7 @@ class Statistics:
 class Blocks:
     """Blocks of the tree, one per row of the arrays."""
 
-    codes: list[str]
+    codes: npt.NDArray[np.str_]
     """FD codes: `/` and a digit per level."""
     levels: npt.NDArray[np.uint8]
     """Levels."""

@@ -102,7 +102,7 @@ def test_blocks_are_those_of_the_program(island: str, program: str, words: tuple
         lines = [json.loads(line) for line in run(program, "find", island, "--json", *words, *more).splitlines()]
         with spinney.open(island) as ds:
             found = ds.find(**{name: words[1]}, **options)
-            assert found.codes == [line["code"] for line in lines] and len(found) == len(lines)
+            assert found.codes.tolist() == [line["code"] for line in lines] and len(found) == len(lines)
             assert found.levels.tolist() == [line["level"] for line in lines]
             assert found.boxes.tolist() == [line["min"] + line["size"] for line in lines]
             assert np.allclose(found.world, [line["world"][0] + line["world"][1] for line in lines])

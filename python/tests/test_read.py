@@ -158,6 +158,12 @@ def test_missing_samples_are_masked_by_band(tmp_path: Path) -> None:
         assert np.array_equal(masked.mask, array == 500) and np.array_equal(masked.data, array)
         sampled = ds.sample([(7.5, 1.5), (2.5, 3.5)], masked=True)
         assert sampled.mask.tolist() == [[True, False], [True, True]]
+        points = [(2.5, 4.5), (9.5, 1.5)]
+        assert np.array_equal(ds.sample(points, bands=2), array[1, [4, 1], [2, 9]])
+        assert np.array_equal(ds.sample(points, bands=[2, 1]), array[::-1, [4, 1], [2, 9]].T)
+        for kind, bands in ((IndexError, 0), (IndexError, [1, 3]), (TypeError, "red")):
+            with pytest.raises(kind):
+                ds.sample(points, bands=bands)
 
 
 def test_arrays_of_numpy(island: str) -> None:
