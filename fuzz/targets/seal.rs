@@ -11,8 +11,8 @@ pub const END: usize = 16;
 pub const TRAILER: usize = 68;
 /// Bytes of a section in a trailer.
 pub const SECTION: usize = 24;
-/// Offset of the part of an Autumnal file's header page that tells whether equal subtrees are stored once.
-pub const SHARING: usize = 64;
+/// Offset of the part of an Autumnal file's header page that tells how records are made.
+pub const RECORDS: usize = 64;
 /// Offsets of the meta slots.
 pub const SLOTS: [usize; 2] = [4096, 8192];
 /// Bytes of a slot.
@@ -140,7 +140,7 @@ pub fn extents(file: &[u8]) -> Vec<usize> {
 /// Seals an Autumnal file: header page, meta slots, extents.
 pub fn autumnal(file: &mut [u8]) {
     seal(file, 0, HEADER - 4, HEADER - 4);
-    seal(file, SHARING, SHARING + 4, SHARING + 4);
+    seal(file, RECORDS, RECORDS + 4, RECORDS + 4);
     for slot in SLOTS {
         // (An empty one has no checksum.)
         if file.get(slot..slot + SLOT).is_some_and(|slot| slot.iter().any(|byte| *byte != 0)) {

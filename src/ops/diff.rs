@@ -5,7 +5,7 @@ use std::path::Path;
 use super::tree_file::{TreeFile, TreeFileNode, check_form};
 use crate::space::{Code, Crs, Dimension};
 use crate::store::OpenOptions;
-use crate::store::autumnal::Remembered;
+use crate::store::autumnal::{self, Remembered};
 use crate::store::builder::ReusableSource;
 use crate::tree::{Child, Children, Source, no_children};
 use crate::value::Value;
@@ -224,8 +224,8 @@ type Pair = [Side; 2];
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Side {
     Uniform(Option<Value>),
-    /// The record of an Autumnal file that starts at an offset.
-    Record(u64),
+    /// Of an Autumnal file.
+    Inner(autumnal::Node),
 }
 
 /// Totals of a run of cells in FD order.
@@ -272,8 +272,9 @@ impl Totals<'_> {
             }
             return Ok(Part { sum, ends: [a != b; 2] });
         }
-        let pair = side(self.first, a).zip(side(self.second, b)).map(<[Side; 2]>::from);
-        let pair = pair.filter(|_| height >= KNOWN_HEIGHT);
+        let pair = Side::new(a).zip(Side::new(b)).map(<[Side; 2]>::from);
+        // (Records of the two files may be those of nodes of different heights.)
+        let pair = pair.filter(|pair| height >= KNOWN_HEIGHT && pair.iter().any(Side::has_record));
         if let Some(known) = pair.and_then(|pair| self.known.get(height, &pair)) {
             return Ok(*known);
         }
@@ -297,10 +298,17 @@ impl Totals<'_> {
     }
 }
 
-/// A node of a tree, unless that is in a Goblin file, which has a record for every node.
-fn side(file: &TreeFile, node: &Child<TreeFileNode>) -> Option<Side> {
-    match node {
-        Child::Inner { node, .. } => file.kept(node).map(|kept| Side::Record(kept.address())),
-        uniform => Some(Side::Uniform(uniform.value())),
+impl Side {
+    /// A node of a tree, unless that is in a file that does not store equal subtrees once.
+    fn new(node: &Child<TreeFileNode>) -> Option<Side> {
+        match node {
+            Child::Inner { node: TreeFileNode::Autumnal(node), .. } => Some(Side::Inner(*node)),
+            Child::Inner { .. } => None,
+            uniform => Some(Side::Uniform(uniform.value())),
+        }
+    }
+
+    fn has_record(&self) -> bool {
+        matches!(self, Side::Inner(node) if node.has_record())
     }
 }

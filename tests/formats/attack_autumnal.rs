@@ -16,7 +16,7 @@ use super::attack_goblin::{Field, HEADER_FIELDS, changed, fields};
 use crate::common::command::{is_alone, own_peak_memory};
 use crate::common::{Cells, OCT, QUAD, byte, options, quad};
 use crate::targets::edits::edit_as;
-use crate::targets::seal::{self, HEAD, SHARING, SLOTS};
+use crate::targets::seal::{self, HEAD, RECORDS, SLOTS};
 use crate::targets::trees::ask_autumnal;
 
 /// A file with two commits.
@@ -38,7 +38,7 @@ fn random(form: Form, size: [u64; 3], rule: (Rule, Kind)) -> Vec<u8> {
 /// All fields of an Autumnal file; records, zones, commits and metadata byte by byte.
 fn all_fields(bytes: &[u8]) -> Vec<Field> {
     let mut all = fields("the header", 0, &HEADER_FIELDS);
-    all.extend(fields("sharing", SHARING, &[1, 1, 1, 1]));
+    all.extend(fields("records", RECORDS, &[1, 1, 1, 1]));
     SLOTS.iter().for_each(|slot| all.extend(fields("a slot", *slot, &[8, 8, 8, 8, 4])));
     for head in seal::extents(bytes) {
         all.extend(fields("a head", head, &[4, 1, 3, 8, 8]));

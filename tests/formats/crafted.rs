@@ -51,7 +51,7 @@ pub(super) struct Pointered {
     pub(super) representative: u8,
     /// Bytes of a pointer.
     pub(super) size: u8,
-    pub(super) bitmap: u64,
+    pub(super) bitmap: Vec<u8>,
     /// The bytes between this record's start and those of the records below.
     pub(super) back: Vec<u64>,
     pub(super) run: Vec<Place>,
@@ -61,7 +61,7 @@ pub(super) struct Pointered {
 impl Pointered {
     pub(super) fn bytes(&self) -> Vec<u8> {
         let mut bytes = vec![self.representative, self.size];
-        bytes.extend(self.bitmap.to_le_bytes());
+        bytes.extend(&self.bitmap);
         for back in &self.back {
             bytes.extend(back.to_le_bytes().iter().take(usize::from(self.size)));
         }
@@ -152,7 +152,8 @@ pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec
     file[40..48].copy_from_slice(&(1u64 << depth).to_le_bytes());
     let checksum = crc32c::crc32c(&file[..56]);
     file[56..60].copy_from_slice(&checksum.to_le_bytes());
-    file[64..68].fill(0);
+    // Not sharing, runs of five levels.
+    file[64..68].copy_from_slice(&[0, 5, 0, 0]);
     let checksum = crc32c::crc32c(&file[64..68]);
     file[68..72].copy_from_slice(&checksum.to_le_bytes());
     file.resize(file.len() + hole, 0);

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use super::commit::{Commit, Written};
 use super::extents::{EXTENT_MAGIC, ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
-use super::layout::PointeredLayout;
+use super::layout::{PointeredLayout, Pointers};
 use super::meta::Meta;
 use super::share::{DedupTable, hash};
 use crate::io::{ReadBackend, WriteBackend};
@@ -19,12 +19,13 @@ const MAX_BUFFERED: usize = 4 << 20;
 /// A record that is to be in the file.
 #[derive(Clone, Copy)]
 pub(super) struct NewRecord<'a> {
+    /// Levels below its node.
+    pub(super) height: u8,
     pub(super) representative: Value,
-    /// A bit for each node below that has a record, and the addresses of these; none for a record that is one run alone.
-    pub(super) pointers: Option<(u64, &'a [u64])>,
+    pub(super) pointers: &'a Pointers,
     /// The levels below as records.
     pub(super) run: &'a [u8],
-    /// The zone's bytes; none if there are no pointers.
+    /// The zone's bytes, if it has one.
     pub(super) zone: &'a [u8],
 }
 
@@ -158,11 +159,11 @@ impl Appender {
         done.map_err(Error::io(&*self.path, doing))
     }
 
-    /// Writes the record of a node of some height and tells where it is; or where an equal one is.
-    pub(super) fn record(&mut self, record: NewRecord<'_>, height: u8) -> Result<u64> {
+    /// Writes a record and tells where it is; or where an equal one is.
+    pub(super) fn record(&mut self, record: NewRecord<'_>) -> Result<u64> {
         match self.dedup.take() {
             Some(mut dedup) => {
-                let address = self.share(&mut dedup, record, height);
+                let address = self.share(&mut dedup, record);
                 self.dedup = Some(dedup);
                 address
             }
@@ -196,9 +197,9 @@ impl Appender {
 
     /// Appends a record to the buffer, and tells its size.
     fn encode_record(&mut self, address: u64, record: NewRecord<'_>) -> usize {
-        let NewRecord { representative, pointers, run, zone } = record;
+        let NewRecord { height, representative, pointers, run, zone } = record;
         let start = self.buffer.len();
-        self.layout.encode(address, representative, pointers, run, &mut self.buffer);
+        self.layout.encode((address, height), representative, pointers, run, &mut self.buffer);
         self.buffer.extend_from_slice(zone);
         self.buffer.len() - start
     }
@@ -218,35 +219,30 @@ impl Appender {
 
     /// The content of a record, which is the same wherever it stands: records further down are told by their addresses.
     fn content_of(content: &mut Vec<u8>, record: NewRecord<'_>, width: usize) {
-        let NewRecord { representative, pointers, run, zone } = record;
+        let NewRecord { height, representative, pointers, run, zone } = record;
         content.clear();
+        content.push(height);
         content.extend_from_slice(&representative.to_bytes()[..width]);
-        if let Some((bitmap, targets)) = pointers {
-            content.extend_from_slice(&bitmap.to_le_bytes());
-            targets.iter().for_each(|target| content.extend_from_slice(&target.to_le_bytes()));
-        }
+        content.extend_from_slice(&pointers.bitmap.to_le_bytes());
+        pointers.targets.iter().for_each(|target| content.extend_from_slice(&target.to_le_bytes()));
         content.extend_from_slice(run);
         content.extend_from_slice(zone);
     }
 
-    /// Finds a record with the same content among those that this writer has written for nodes of the same height, else
-    /// writes it.
-    fn share(&mut self, dedup: &mut DedupTable, record: NewRecord<'_>, height: u8) -> Result<u64> {
+    /// Finds a record with the same content among those that this writer has written, else writes it.
+    fn share(&mut self, dedup: &mut DedupTable, record: NewRecord<'_>) -> Result<u64> {
         let mut content = mem::take(&mut self.content);
         Self::content_of(&mut content, record, self.layout.width());
-        content.push(height);
         let hash = hash(&content);
-        content.pop();
         let mut found = None;
         for address in dedup.find(hash) {
-            if self.has_content(address, &content, record, height)? {
-                found = Some(address);
+            found = self.size_with(address, &content, record)?.map(|size| (address, size));
+            if found.is_some() {
                 break;
             }
         }
-        let size = content.len();
         self.content = content;
-        if let Some(address) = found {
+        if let Some((address, size)) = found {
             self.written.shared += 1;
             self.written.spared += size as u64;
             return Ok(address);
@@ -256,13 +252,13 @@ impl Appender {
         Ok(address)
     }
 
-    /// Whether the record at an address, of a node of some height, has this content, which is that of a new record.
-    fn has_content(&mut self, address: u64, content: &[u8], new: NewRecord<'_>, height: u8) -> Result<bool> {
+    /// Bytes of the record at an address, if it has this content, which is that of a new record for a node of the same height.
+    fn size_with(&mut self, address: u64, content: &[u8], new: NewRecord<'_>) -> Result<Option<usize>> {
         if address < self.start && self.reader.is_none() {
             self.reader = Some(self.backend.reader()?);
         }
-        // (Addresses take no less room in the content than pointers in a record.)
-        let most = content.len() + 1;
+        // (Height and addresses take no less room in the content than pointers in a record.)
+        let most = content.len();
         let read;
         let bytes = match (&self.reader, address.checked_sub(self.start)) {
             // It is still in the buffer.
@@ -272,21 +268,26 @@ impl Appender {
                 read = reader.read(address, most as usize)?;
                 &read[..]
             }
-            _ => return Ok(false),
+            _ => return Ok(None),
         };
-        let Ok(parts) = self.layout.parts(bytes, height) else { return Ok(false) };
-        let (Some(representative), Some(zone), Some(targets)) = (
+        let Ok(parts) = self.layout.parts(bytes, new.height) else { return Ok(None) };
+        let (Some(representative), Some(zone), Some(pointers)) = (
             self.layout.representative(bytes),
             bytes.get(parts.end..parts.end + new.zone.len()),
             parts.pointers(bytes, address),
         ) else {
-            return Ok(false);
+            return Ok(None);
         };
-        let pointers = new.pointers.map(|_| (parts.bitmap, &targets[..]));
         let mut found = Vec::with_capacity(content.len());
-        let record = NewRecord { representative, pointers, run: parts.run(bytes), zone };
+        let record = NewRecord {
+            height: new.height,
+            representative,
+            pointers: &pointers,
+            run: parts.run(bytes),
+            zone,
+        };
         Self::content_of(&mut found, record, self.layout.width());
-        Ok(found == content)
+        Ok((found == content).then_some(parts.end + zone.len()))
     }
 
     /// Writes an extent of its own and tells where it starts.

@@ -9,30 +9,32 @@ use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::commit::Commit;
 use super::extents::{Extents, FIRST_EXTENT, PAGE};
-use super::layout::PointeredLayout;
+use super::layout::{Heights, PointeredLayout, run_levels};
 use super::meta::Meta;
 use super::newest::{Look, Newest, find_newest, whole};
 use crate::io::{FileId, ReadBackend};
 use crate::store::container::{Header, TreeFormat};
 use crate::{Error, Result};
 
-/// The part of the first page that tells whether equal subtrees are stored once, behind the header that both formats have.
+/// The part of the first page that tells how records are made, behind the header that both formats have.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
-struct RawSharing {
+struct RawRecords {
     share: u8,
-    zero: [u8; 3],
+    run_levels: u8,
+    zero: [u8; 2],
     checksum: U32,
 }
 
 /// Offset of that part.
-const SHARING: u64 = 64;
+const RECORDS: u64 = 64;
 
 /// The first page of a file.
-pub(super) fn first_page(header: &Header, share: bool) -> Vec<u8> {
+pub(super) fn first_page(header: &Header, share: bool, heights: Heights) -> Vec<u8> {
     let mut page = header.to_bytes(TreeFormat::Autumnal);
-    page.resize(SHARING as usize, 0);
-    let mut raw = RawSharing { share: share.into(), zero: [0; 3], checksum: 0.into() };
+    page.resize(RECORDS as usize, 0);
+    let mut raw =
+        RawRecords { share: share.into(), run_levels: heights.run, zero: [0; 2], checksum: 0.into() };
     raw.checksum = crc32c::crc32c(&raw.as_bytes()[..4]).into();
     page.extend_from_slice(raw.as_bytes());
     page.resize(PAGE as usize, 0);
@@ -60,14 +62,20 @@ impl Pages {
             let found = format!("{} bytes", bytes.len());
             return Err(corrupt("file", &found, "three pages and a commit (is the file cut short?)"));
         }
-        let raw = bytes.read(SHARING, size_of::<RawSharing>())?.into_owned();
+        let raw = bytes.read(RECORDS, size_of::<RawRecords>())?.into_owned();
         let good = crc32c::crc32c(&raw[..4]);
-        let raw = RawSharing::ref_from_bytes(&raw).map_err(|_| corrupt("header", "too few bytes", "more"))?;
+        let raw = RawRecords::ref_from_bytes(&raw).map_err(|_| corrupt("header", "too few bytes", "more"))?;
         if raw.checksum.get() != good || raw.share > 1 {
             let found = format!("{} for equal subtrees stored once", raw.share);
             return Err(corrupt("header", &found, "0 or 1, with its checksum"));
         }
-        let layout = PointeredLayout::new(header.form, header.depth());
+        let levels = run_levels(header.form.dimension);
+        if !levels.contains(&raw.run_levels) {
+            let found = format!("runs of {} levels", raw.run_levels);
+            let expected = format!("{} to {}", levels.start(), levels.end());
+            return Err(corrupt("header", &found, &expected));
+        }
+        let layout = PointeredLayout::new(header.form, raw.run_levels, header.depth());
         Ok(Pages { header, layout, share: raw.share != 0 })
     }
 

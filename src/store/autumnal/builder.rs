@@ -1,28 +1,22 @@
 //! Makes records of the parts of a tree, and keeps those that the file has already.
 
-use std::mem;
+use std::borrow::Cow;
 use std::ops::Range;
 
 use super::append::{Appender, NewRecord};
 use super::commit::Root;
 use super::copied::Copied;
-use super::layout::{Heights, zone_height};
+use super::layout::{Heights, Pointers};
 use super::reader::{Autumnal, Node};
 use super::verified::Verified;
 use super::zone::Zone;
 use crate::Result;
-use crate::space::{Code, Dimension};
+use crate::space::Code;
 use crate::store::builder::{BuildOptions, BuiltBlock, Part, RecordRef, Siblings, TreeSink, upper_levels};
 use crate::store::container::subtree::RECORDS_ARE_CHECKED;
-use crate::store::container::{Finding, INNER, LevelCounts, RecordLayout, RunChildren, RunNode, Shape};
-use crate::tree::{Child, Form};
+use crate::store::container::{Finding, INNER, LevelCounts, RecordLayout, RunChildren, RunNode};
+use crate::tree::{Child, Form, Source};
 use crate::value::{Rule, Value};
-
-/// The shape that makes blocks as large as the smallest nodes with zones, whose children are runs, and leaves all their
-/// records together.
-pub(super) fn shape(dimension: Dimension, depth: u8) -> Shape {
-    Shape { depth, reach: zone_height(dimension), stride: 1, heavy_threshold: u32::MAX }
-}
 
 /// The fate of the records that are made.
 pub(super) enum Mode<'a> {
@@ -64,16 +58,14 @@ impl<'a> Check<'a> {
 #[derive(Clone)]
 pub(super) struct BuiltNode {
     pub(super) part: Part,
-    /// A bit for each of the nodes with records that come next below, in Z order, or for the node itself: those that have one.
-    bitmap: u64,
-    /// The addresses of these.
-    targets: Vec<u64>,
+    /// To the nodes with records that come next below, or to the node itself.
+    pointers: Pointers,
 }
 
 impl BuiltNode {
     /// A node without pointers.
     fn new(part: Part) -> BuiltNode {
-        BuiltNode { part, bitmap: 0, targets: Vec::new() }
+        BuiltNode { part, pointers: Pointers::default() }
     }
 }
 
@@ -86,7 +78,7 @@ pub(super) struct RecordBuilder<'a> {
     with_classes: bool,
     mode: Mode<'a>,
     /// The tree that the file has.
-    base: Option<&'a Autumnal>,
+    base: &'a Autumnal,
     /// A commit of another file with the same tree as the base: what is known to be in one is in the other,
     /// too.
     twin: Option<&'a Autumnal>,
@@ -102,19 +94,19 @@ pub(super) struct RecordBuilder<'a> {
 impl<'a> RecordBuilder<'a> {
     /// `covered` is the extent of the parts that will come; what is outside is VOID.
     pub(super) fn new(
-        form: Form,
+        base: &'a Autumnal,
         options: &BuildOptions,
         covered: [u64; 3],
         mode: Mode<'a>,
-        base: Option<&'a Autumnal>,
         twin: Option<&'a Autumnal>,
     ) -> RecordBuilder<'a> {
+        let form = base.form();
         let shares = matches!(&mode, Mode::Write(appender) if appender.shares());
         // Majorities are made of the counts of all classes, which large nodes that are kept may not list.
-        let must_count = options.rule == Rule::Majority && base.is_some();
+        let must_count = options.rule == Rule::Majority;
         RecordBuilder {
             form,
-            heights: Heights::new(form.dimension, options.depth),
+            heights: base.heights(),
             rule: options.rule,
             depth: options.depth,
             with_classes: options.count_classes(),
@@ -130,9 +122,9 @@ impl<'a> RecordBuilder<'a> {
 
     /// The root and its zone, once everything has come.
     pub(super) fn finish(self) -> (Root, Zone) {
-        let BuiltNode { part, targets, .. } = self.root.expect("all blocks were pushed");
+        let BuiltNode { part, pointers } = self.root.expect("all blocks were pushed");
         let value = part.child.value().map(|value| value.to_bytes()[..self.form.width()].to_vec());
-        let address = if part.child.is_inner() { targets[0] } else { 0 };
+        let address = if part.child.is_inner() { pointers.targets[0] } else { 0 };
         let root = Root { state: part.child.state() as u8, value: value.unwrap_or_default(), address };
         (root, Zone { records: part.total, tally: part.tally })
     }
@@ -162,15 +154,15 @@ impl<'a> RecordBuilder<'a> {
         // Nodes with records below each child, which may itself be one.
         let below = self.heights.below(height).map_or(0, |below| height - 1 - below);
         let bits = self.form.dimension.cells(below);
-        let (mut bitmap, mut targets) = (0, Vec::new());
+        let mut pointers = Pointers::default();
         let mut parts = Vec::with_capacity(nodes.len());
         for (step, node) in (0..).zip(nodes) {
-            bitmap |= node.bitmap << (bits * step);
-            targets.extend(node.targets);
+            pointers.bitmap |= node.pointers.bitmap << (bits * step);
+            pointers.targets.extend(node.pointers.targets);
             parts.push(node.part);
         }
         let part = Part::merge(code, &parts, self.depth, self.rule, &mut LevelCounts::default());
-        let mut node = BuiltNode { part, bitmap, targets };
+        let mut node = BuiltNode { part, pointers };
         self.seal(&mut node)?;
         Ok(node)
     }
@@ -185,18 +177,17 @@ impl<'a> RecordBuilder<'a> {
         }
         let run = upper_levels(self.form, &node.part.records, self.heights.run_of(height));
         let run = run.expect(RECORDS_ARE_CHECKED);
-        let pointers = self.heights.below(height).map(|_| (node.bitmap, &node.targets[..]));
-        let zone = match pointers {
-            Some(_) => {
+        let zone = match self.heights.has_zone(height) {
+            true => {
                 Zone { records: node.part.total, tally: node.part.tally.clone() }.to_bytes(self.with_classes)
             }
-            None => Vec::new(),
+            false => Vec::new(),
         };
-        let old = self.old_node(code)?;
+        let pointers = &node.pointers;
         let address =
-            self.write(code, NewRecord { representative, pointers, run: &run, zone: &zone }, old)?;
+            self.write(code, NewRecord { height, representative, pointers, run: &run, zone: &zone })?;
         node.part.records = self.above_of(code, &run).expect(RECORDS_ARE_CHECKED);
-        (node.bitmap, node.targets) = (1, vec![address]);
+        node.pointers = Pointers { bitmap: 1, targets: vec![address] };
         Ok(())
     }
 
@@ -211,20 +202,16 @@ impl<'a> RecordBuilder<'a> {
         upper_levels(self.form, run, levels).ok()
     }
 
-    /// The node that the file has there, if it is INNER.
-    fn old_node(&self, code: Code) -> Result<Option<Node>> {
-        self.base.map_or(Ok(None), |base| base.inner_at(code))
-    }
-
-    /// Writes a record, unless it is the one that was there before.
-    fn write(&mut self, code: Code, record: NewRecord<'_>, old: Option<Node>) -> Result<u64> {
+    /// Writes the record of a node, unless it is the one that was there before.
+    fn write(&mut self, code: Code, record: NewRecord<'_>) -> Result<u64> {
+        let old = self.base.inner_at(code)?;
         // Copy on write: what is below comes first, so equal addresses mean equal subtrees, and an unchanged record keeps all
         // that is below it.
-        if let (Some(base), Some(old)) = (self.base, old)
-            && is_same(base, old, record)?
+        if let Some(old) = old
+            && is_same(self.base, old, record)?
         {
             if let Mode::Check(check) = &mut self.mode {
-                check.check_place(base, old, record.zone.len())?;
+                check.check_place(self.base, old, record.zone.len())?;
                 if !record.zone.is_empty() {
                     check.verified.insert(old);
                 }
@@ -232,7 +219,7 @@ impl<'a> RecordBuilder<'a> {
             return Ok(old.address);
         }
         match &mut self.mode {
-            Mode::Write(appender) => appender.record(record, self.depth - code.level()),
+            Mode::Write(appender) => appender.record(record),
             Mode::Check(check) => {
                 let place = format!("node {code}");
                 let problem = "its record, or its zone, is not what the leaves below make it";
@@ -247,20 +234,39 @@ impl<'a> RecordBuilder<'a> {
         }
     }
 
-    /// Writes the records of the nodes of a block that are one run each, and are so many levels below a node of the block
-    /// whose records are given.
-    fn runs(
+    /// Writes the records of all nodes of a block that have one and are below a node whose part of the block is given. Tells
+    /// the pointers to those that come next below it.
+    fn below(&mut self, top: (Code, &[u8], Value)) -> Result<Pointers> {
+        let height = self.depth - top.0.level();
+        let mut pointers = Pointers::default();
+        if let Some(below) = self.heights.below(height) {
+            self.levels_below(top, height - below, 0, &mut pointers)?;
+        }
+        Ok(pointers)
+    }
+
+    /// Writes the records of the nodes that are so many levels below one of a block, and of those below them. Adds pointers to
+    /// the former, which are numbered from that of the one of the block on.
+    fn levels_below(
         &mut self,
         (code, records, representative): (Code, &[u8], Value),
         levels: u8,
         number: usize,
-        node: &mut BuiltNode,
+        pointers: &mut Pointers,
     ) -> Result<()> {
         if levels == 0 {
-            let record = NewRecord { representative, pointers: None, run: records, zone: &[] };
-            let old = self.old_node(code)?;
-            node.targets.push(self.write(code, record, old)?);
-            node.bitmap |= 1 << number;
+            let own = self.below((code, records, representative))?;
+            let height = self.depth - code.level();
+            let run = match height > self.heights.run {
+                true => {
+                    let above = upper_levels(self.form, records, self.heights.run);
+                    Cow::Owned(above.expect(RECORDS_ARE_CHECKED))
+                }
+                false => Cow::Borrowed(records),
+            };
+            let record = NewRecord { height, representative, pointers: &own, run: &run, zone: &[] };
+            pointers.targets.push(self.write(code, record)?);
+            pointers.bitmap |= 1 << number;
             return Ok(());
         }
         let layout = RecordLayout::new(self.form);
@@ -273,7 +279,7 @@ impl<'a> RecordBuilder<'a> {
                 let skip = layout.head(records, at).expect(RECORDS_ARE_CHECKED).skip;
                 let below = layout.subtree(records, at, skip).expect(RECORDS_ARE_CHECKED);
                 let number = number * layout.children() + step;
-                self.runs((code.child(step), below, child.value), levels - 1, number, node)?;
+                self.levels_below((code.child(step), below, child.value), levels - 1, number, pointers)?;
             }
         }
         Ok(())
@@ -286,10 +292,8 @@ fn is_same(base: &Autumnal, old: Node, new: NewRecord<'_>) -> Result<bool> {
     if record.run() != new.run || base.representative(old)? != new.representative {
         return Ok(false);
     }
-    let Some((bitmap, targets)) = new.pointers else { return Ok(true) };
-    let is_same = record.parts.bitmap == bitmap
-        && record.parts.pointers(&record.bytes, record.address).as_deref() == Some(targets);
-    Ok(is_same && base.has_zone(old, new.zone)?)
+    let pointers = record.parts.pointers(&record.bytes, record.address);
+    Ok(pointers.as_ref() == Some(new.pointers) && base.has_zone(old, new.zone)?)
 }
 
 impl TreeSink for RecordBuilder<'_> {
@@ -305,14 +309,8 @@ impl TreeSink for RecordBuilder<'_> {
         }
         part.tally.keep_listed_for(self.rule);
         let mut node = BuiltNode::new(part);
-        let code = node.part.code;
-        let height = self.depth - code.level();
-        if let (Child::Inner { representative, .. }, Some(below)) =
-            (node.part.child, self.heights.below(height))
-        {
-            let records = mem::take(&mut node.part.records);
-            self.runs((code, &records, representative), height - below, 0, &mut node)?;
-            node.part.records = records;
+        if let Child::Inner { representative, .. } = node.part.child {
+            node.pointers = self.below((node.part.code, &node.part.records, representative))?;
         }
         self.seal(&mut node)?;
         self.join(node)
@@ -322,7 +320,7 @@ impl TreeSink for RecordBuilder<'_> {
         if self.keep_own(code, kept)? {
             return Ok(true);
         }
-        let is_own = self.base.is_some_and(|base| base.archive.file == kept.file);
+        let is_own = self.base.archive.file == kept.file;
         let copied = self.copied.as_mut().filter(|_| self.shares || is_own);
         let Some(copy) = copied.and_then(|copied| copied.find(code, kept)) else { return Ok(false) };
         self.join(copy)?;
@@ -333,7 +331,7 @@ impl TreeSink for RecordBuilder<'_> {
 impl RecordBuilder<'_> {
     /// Keeps a node of the file itself, or one of which it is known where it is in the file.
     fn keep_own(&mut self, code: Code, kept: RecordRef) -> Result<bool> {
-        let Some(base) = self.base else { return Ok(false) };
+        let base = self.base;
         let node = Node::new(kept.address, kept.height);
         let node = if kept.file == base.archive.file {
             Some(node)
@@ -361,7 +359,7 @@ impl RecordBuilder<'_> {
         let above = self.above_of(code, base.record(node)?.run());
         let records = above.ok_or_else(|| base.bad_run(node.address))?;
         let part = Part { code, child, total, records, tally };
-        self.join(BuiltNode { part, bitmap: 1, targets: vec![node.address] })?;
+        self.join(BuiltNode { part, pointers: Pointers { bitmap: 1, targets: vec![node.address] } })?;
         Ok(true)
     }
 }

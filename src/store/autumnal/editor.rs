@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use super::append::Appender;
 use super::archive::{Archive, OpenFile, first_page};
-use super::builder::{Mode, RecordBuilder, shape};
+use super::builder::{Mode, RecordBuilder};
 use super::commit::{Commit, Note, Root, Written};
 use super::extents::{ExtentKind, Extents, FIRST_EXTENT};
-use super::layout::PointeredLayout;
+use super::layout::{PointeredLayout, run_levels};
 use super::meta::Meta;
 use super::newest::Newest;
 use super::reader::Autumnal;
@@ -83,8 +83,11 @@ impl Editor {
         header: Header,
         options: &BuildOptions,
     ) -> Result<Editor> {
-        let layout = PointeredLayout::new(header.form, header.depth());
-        let mut pages = first_page(&header, options.share);
+        let levels = run_levels(header.form.dimension);
+        // The fewer levels a record has, the more of them are equal.
+        let levels = if options.share { *levels.start() } else { *levels.end() };
+        let layout = PointeredLayout::new(header.form, levels, header.depth());
+        let mut pages = first_page(&header, options.share, layout.heights);
         pages.resize(FIRST_EXTENT as usize, 0);
         backend.write(0, &pages).map_err(Error::io(&*path, "write the header"))?;
         let (bytes, file) = open_file(&*backend)?;
@@ -153,8 +156,8 @@ impl Editor {
     ) -> Result<Tally> {
         let base = self.draft.clone();
         let mode = Mode::Write(&mut self.appender);
-        let mut builder = RecordBuilder::new(base.form(), options, covered, mode, Some(&base), twin);
-        fill(&mut builder, shape(base.form().dimension, options.depth))?;
+        let mut builder = RecordBuilder::new(&base, options, covered, mode, twin);
+        fill(&mut builder, base.heights().shape())?;
         let (root, zone) = builder.finish();
         self.appender.flush()?;
         let commit =

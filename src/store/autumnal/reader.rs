@@ -42,7 +42,7 @@ impl Node {
 
     /// Whether the node has a record of its own.
     #[inline]
-    pub(super) fn has_record(&self) -> bool {
+    pub(crate) fn has_record(&self) -> bool {
         self.place == RunNode::default()
     }
 }
@@ -432,10 +432,10 @@ impl Autumnal {
         })
     }
 
-    /// Whether a node has a zone: if it has a record of its own with pointers.
+    /// Whether a node has a zone.
     #[inline]
     pub(super) fn is_zone(&self, node: Node) -> bool {
-        node.has_record() && self.heights().below(node.height).is_some()
+        node.has_record() && self.heights().has_zone(node.height)
     }
 
     /// The zone of a node, if it has one.
@@ -499,12 +499,12 @@ impl Autumnal {
         let Some(below) = self.heights().below(node.height) else { return Ok(()) };
         let targets = record.parts.pointers(&record.bytes, record.address);
         let mut sum = 0u64;
-        for target in targets.ok_or_else(|| self.bad_pointer(record.address))? {
+        for target in targets.ok_or_else(|| self.bad_pointer(record.address))?.targets {
             sum = sum.saturating_add(self.records_below(access, Node::new(target, below))?);
         }
         // A full tree has 1 + c + c^2 ... nodes for c children.
         let full = |levels| (dimension.cells(levels) - 1) / (children - 1);
-        let most = if self.heights().below(below).is_none() {
+        let most = if !self.heights().has_zone(below) {
             // Nothing below has a zone: as many as there can be, down to the level above the cells.
             full(node.height)
         } else {

@@ -3,7 +3,7 @@
 //! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every
 //! record that this would write must be there.
 
-use super::builder::{Check, Mode, RecordBuilder, shape};
+use super::builder::{Check, Mode, RecordBuilder};
 use super::commit::Commit;
 use super::extents::{FIRST_EXTENT, PAGE};
 use super::meta::Slot;
@@ -11,7 +11,6 @@ use super::reader::Autumnal;
 use super::verified::{Unverified, Verified};
 use crate::store::builder::{BuildOptions, walk};
 use crate::store::container::{Finding, MAX_FINDINGS};
-use crate::tree::Source;
 use crate::{Error, Progress, Result};
 
 impl Autumnal {
@@ -149,12 +148,11 @@ impl Autumnal {
         progress: &dyn Progress,
     ) -> Result<()> {
         let options = BuildOptions::like(self.header(), memory);
-        let form = self.form();
         let mut made = Vec::new();
         let mode = Mode::Check(Check::new(&mut made, verified));
-        let mut builder = RecordBuilder::new(form, &options, [u64::MAX; 3], mode, Some(self), None);
+        let mut builder = RecordBuilder::new(self, &options, [u64::MAX; 3], mode, None);
         let source = Unverified { tree: self };
-        let shape = shape(form.dimension, options.depth);
+        let shape = self.heights().shape();
         let walked = walk(&source, &options, shape, true, &mut builder, progress);
         let place = format!("commit {}", self.commit.number);
         let is_good = walked.is_ok();

@@ -1,7 +1,6 @@
 //! Zones: statistics of all the cells below a large node, so that edits and questions need not look at them.
 //!
-//! A zone stands behind every record that has pointers. Numbers are LEB128: seven bits
-//! a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
+//! A zone stands behind the records of large nodes. Numbers are LEB128: seven bits a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
 //! two f64).
 
 use crate::tree::Form;

@@ -3,7 +3,7 @@
 use super::upper::upper_levels;
 use crate::space::Code;
 use crate::store::container::subtree::RECORDS_ARE_CHECKED;
-use crate::store::container::{LevelCounts, RecordHead, RecordLayout, Shape};
+use crate::store::container::{CUT, LevelCounts, RecordHead, RecordLayout, Shape};
 use crate::tree::{Child, Form};
 use crate::value::{Rule, Tally, Value, ValueType, representative};
 
@@ -96,7 +96,10 @@ impl Part {
         let mut values = Vec::with_capacity(layout.children() * layout.width);
         for (i, child) in children().enumerate() {
             let state = child.state();
-            states |= (state as u32) << (2 * i);
+            // What is below a node may not be needed here.
+            let is_cut = child.is_inner() && parts[i].records.is_empty();
+            let stored = if is_cut { CUT } else { state as u8 };
+            states |= u32::from(stored) << (2 * i);
             tallied[state as usize] += 1;
             values.extend_from_slice(&child.value().unwrap_or_default().to_bytes()[..layout.width]);
         }

@@ -94,10 +94,3 @@ pub struct RecordRef {
     /// Levels below the node.
     pub height: u8,
 }
-
-impl RecordRef {
-    /// Offset of the record in its file.
-    pub(crate) fn address(&self) -> u64 {
-        self.address
-    }
-}

@@ -8,7 +8,7 @@ use crate::store::container::subtree::BadSkip;
 use crate::store::container::{CUT, INNER, RecordLayout, RunChildren, RunNode, VOID, with_record_type};
 use crate::tree::Form;
 
-/// The first levels (one at least) of the subtree that begins with the first of some records; what lies deeper becomes CUT.
+/// The first levels of the subtree that begins with the first of some records; what lies deeper becomes CUT.
 ///
 /// # Errors
 /// If skips lead out of the node, or to the same records more than once: then they would make many of few.
@@ -18,6 +18,9 @@ pub(in crate::store) fn upper_levels(form: Form, records: &[u8], levels: u8) -> 
     let head = layout.head(records, 0).ok_or(BadSkip)?;
     if head.skip == 0 || layout.subtree(records, 0, head.skip).is_none() {
         return Err(BadSkip);
+    }
+    if levels == 0 {
+        return Ok(Vec::new());
     }
     let mut above = vec![Level::root(form)];
     above[0].states[0] = INNER;

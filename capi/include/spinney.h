@@ -1,0 +1,243 @@
+// Spinney files from C. Made by cbindgen from the sources in capi/src: do not edit.
+//
+// Every function that can fail returns a spinney_status; spinney_error() then has the text, for the calling thread and until
+// its next call. Nothing is printed, and no call ends the program.
+//
+// Pointers: what a function reads or writes through a pointer must be there for as long as the call takes; texts are
+// zero-terminated UTF-8 (paths are the bytes that the system takes). NULL where something is needed is SPINNEY_INVALID.
+// Sizes of buffers are always passed, and one that is too small is SPINNEY_INVALID, with nothing written to it.
+//
+// Threads: any number of them may use a dataset at once, but for spinney_refresh() and spinney_close(), which need it alone.
+//
+// Files are mapped. Where others may cut a file short while it is read, or it is on a network folder, SPINNEY_POSITIONED
+// reads it instead: a page of a mapping that is lost is a signal (SIGBUS), which a library cannot catch for its caller.
+
+#pragma once
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+// For spinney_open(): read at positions, instead of mapping the file.
+#define SPINNEY_POSITIONED 1
+
+// What has become of a call.
+typedef enum {
+  // It is done.
+  SPINNEY_OK = 0,
+  // An argument makes no sense, by itself or for this file: also NULL, and buffers of the wrong size.
+  SPINNEY_INVALID = 1,
+  // There is no such file.
+  SPINNEY_NOT_FOUND = 2,
+  // The system refused an operation on a file.
+  SPINNEY_IO = 3,
+  // The file is damaged, or not what its name says.
+  SPINNEY_CORRUPT = 4,
+  // The file, or the call, asks for something that is not supported.
+  SPINNEY_UNSUPPORTED = 5,
+  // The file was changed by somebody else while it was read.
+  SPINNEY_CHANGED = 6,
+  // There is not enough memory, or not enough is allowed.
+  SPINNEY_MEMORY = 7,
+  // A function of the caller's has asked to stop.
+  SPINNEY_STOPPED = 8,
+  // A mistake in the library itself. The dataset can still be closed.
+  SPINNEY_INTERNAL = 9,
+} spinney_status;
+
+// Type of a sample; the machine's own byte order is little-endian wherever Spinney runs.
+typedef enum {
+  SPINNEY_U8 = 0,
+  SPINNEY_U16 = 1,
+  SPINNEY_I16 = 2,
+  SPINNEY_U32 = 3,
+  SPINNEY_I32 = 4,
+  SPINNEY_F32 = 5,
+  SPINNEY_F64 = 6,
+} spinney_sample_type;
+
+// A file, or a view of one.
+typedef struct spinney_dataset spinney_dataset;
+
+// Numbers of a dataset.
+typedef struct {
+  // 2 are quadtrees (pictures), 3 are octrees (volumes and solids).
+  uint32_t axes;
+  // Type of a sample.
+  spinney_sample_type sample;
+  // Samples of a cell, 1 to 4.
+  uint32_t channels;
+  // Bytes of a cell: those of all its samples.
+  uint32_t cell_size;
+  // The level of the cells. Level 0 is the whole space as one node, each level below is twice as fine along each axis.
+  uint32_t depth;
+  // Number of the channel that is opacity, or -1.
+  int32_t alpha;
+  // Size in cells along x, y and z; z is 1 in quadtrees.
+  uint64_t size[3];
+  // Place of the cells in the world: rows x, y, z of the matrix that takes x, y, z, 1 in cells there. Cell 0 spans 0 to 1.
+  double matrix[12];
+  // The number that VOID had in the input, if has_nodata.
+  double nodata;
+  bool has_nodata;
+  // Whether the matrix says something.
+  bool has_georeference;
+  // Whether values are classes.
+  bool is_categorical;
+  // Whether the file is edited and has commits.
+  bool is_autumnal;
+  // Number of the commit, or 0.
+  uint64_t commit;
+} spinney_info;
+
+// A box of cells of a level; z is 0 and 1 in quadtrees.
+typedef struct {
+  // First cell along x, y and z.
+  uint64_t start[3];
+  // Cells along x, y and z.
+  uint64_t size[3];
+} spinney_box;
+
+// Statistics of one channel; the standard deviation is that of the population.
+typedef struct {
+  // Cells that have a sample. All other numbers are not numbers if there are none.
+  uint64_t cells;
+  double min;
+  double max;
+  double mean;
+  double standard_deviation;
+} spinney_channel_statistics;
+
+// Statistics of a box of cells.
+typedef struct {
+  // Cells that are not VOID.
+  uint64_t cells;
+  // Cells that are VOID.
+  uint64_t void_cells;
+  // Classes that spinney_classes() has.
+  uint64_t classes;
+  spinney_channel_statistics channels[4];
+} spinney_statistics;
+
+// A block of cells that is handed to a function.
+typedef struct {
+  // Its cells, of the level that was asked for.
+  spinney_box cells;
+  // Samples as spinney_read() writes them, there until the function returns.
+  const uint8_t *samples;
+  // A byte for each cell: 1 where there is a value.
+  const uint8_t *valid;
+} spinney_block;
+
+// A function that takes blocks; anything but 0 asks to stop.
+typedef int (*spinney_take_block)(void *user, const spinney_block *block);
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// The text of the last failure in this thread: which file, what was found, what was expected. Empty if there was none; it is
+// there until the thread's next call that fails.
+const char *spinney_error(void);
+
+// The library's version.
+const char *spinney_version(void);
+
+// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`. `steps` are those of a
+// view, as `spinney transform` takes them ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is.
+// `flags` is 0 or SPINNEY_POSITIONED. The dataset is to be closed by spinney_close().
+//
+// Costs a few pages, whatever the file's size.
+spinney_status spinney_open(const char *path,
+                            const char *const *steps,
+                            size_t step_count,
+                            uint32_t flags,
+                            spinney_dataset **dataset);
+
+// Closes a dataset; NULL is nothing to close.
+void spinney_close(spinney_dataset *dataset);
+
+// Moves on to the newest commit of a file that is edited; `is_newer` (which may be NULL) tells whether there was one. A
+// dataset that was opened at a certain commit, and a view, stays as it is.
+spinney_status spinney_refresh(spinney_dataset *dataset,
+                               bool *is_newer);
+
+// Fails with SPINNEY_CHANGED if the file was overwritten or cut short since it was opened: answers may then be of the one
+// state or the other. Worth a call at the end of long work.
+spinney_status spinney_check_unchanged(const spinney_dataset *dataset);
+
+// Tells a dataset's numbers. `info_size` is `sizeof(spinney_info)`, so that a later version can have more.
+spinney_status spinney_describe(const spinney_dataset *dataset,
+                                spinney_info *info,
+                                size_t info_size);
+
+// Size of a level in its cells, along x, y and z; a level below the cells counts as theirs.
+spinney_status spinney_level_size(const spinney_dataset *dataset,
+                                  uint32_t level,
+                                  uint64_t (*size)[3]);
+
+// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition), "bands" (name, unit, scale, offset
+// of each), "categories" (names by value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text
+// belongs to the dataset, and is there until that is closed or refreshed. NULL if the dataset is NULL.
+const char *spinney_metadata(const spinney_dataset *dataset);
+
+// Reads a box of cells of a level: x fastest, then y, then z, the samples of a cell together. `samples_size` is the bytes of
+// all of them, `cells * cell_size`; they need not be aligned. Cells that are VOID, or outside, get `fill` in every channel. `valid` may be NULL (with
+// `valid_size` 0), else it has a byte for each cell: 1 where there is a value, 0 where not.
+//
+// Takes time by the cells of the box, whatever lies below them.
+spinney_status spinney_read(const spinney_dataset *dataset,
+                            uint32_t level,
+                            const spinney_box *cells,
+                            double fill,
+                            void *samples,
+                            size_t samples_size,
+                            uint8_t *valid,
+                            size_t valid_size);
+
+// Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
+// `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,
+// are not a number. Much faster than one call for each.
+spinney_status spinney_points(const spinney_dataset *dataset,
+                              uint32_t level,
+                              const uint64_t (*cells)[3],
+                              size_t count,
+                              double *samples,
+                              uint8_t *valid);
+
+// Exact statistics of a box of cells of the deepest level; of all of them if `cells` is NULL. Takes time by the box's border.
+spinney_status spinney_statistics_of(const spinney_dataset *dataset,
+                                     const spinney_box *cells,
+                                     spinney_statistics *statistics);
+
+// Classes of a box of cells, as spinney_statistics_of() takes it, by ascending value, and the cells of each. There is room for
+// `capacity` of each; `count` is how many there are, of which those that have room are written.
+spinney_status spinney_classes(const spinney_dataset *dataset,
+                               const spinney_box *cells,
+                               double *values,
+                               uint64_t *counts,
+                               size_t capacity,
+                               size_t *count);
+
+// Cells of a box (of the deepest level; all if `cells` is NULL) whose first channel lies in each of `count` equal parts of `low`
+// to `high`.
+spinney_status spinney_histogram(const spinney_dataset *dataset,
+                                 const spinney_box *cells,
+                                 double low,
+                                 double high,
+                                 uint64_t *bins,
+                                 size_t count);
+
+// Reads a box of cells of a level block by block, in rows of blocks, and hands each to `take`, with `user`. Blocks are at most 256
+// cells wide and high (64 in octrees), and begin at multiples of that but for the box's own border. Needs memory for one of them.
+// SPINNEY_STOPPED if `take` asks to stop.
+spinney_status spinney_read_blocks(const spinney_dataset *dataset,
+                                   uint32_t level,
+                                   const spinney_box *cells,
+                                   double fill,
+                                   spinney_take_block take,
+                                   void *user);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus

@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Builds the C library and installs it, its header and its pkg-config file (and the GDAL driver where GDAL's headers are):
+#
+#     capi/install.sh PREFIX
+#
+# PROFILE=dev installs the library as tests compile it.
+set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
+prefix=${1:?usage: capi/install.sh PREFIX}
+profile=${PROFILE:-release}
+cargo build --locked --manifest-path "$here/Cargo.toml" --profile "$profile"
+target=${CARGO_TARGET_DIR:-$here/../target}
+built=$target/${profile/#dev/debug}
+mkdir -p "$prefix/lib/pkgconfig" "$prefix/include"
+prefix=$(cd "$prefix" && pwd)
+install -m 644 "$built/libspinney.a" "$prefix/lib"
+install -m 755 "$built/libspinney.so" "$prefix/lib"
+install -m 644 "$here/include/spinney.h" "$prefix/include"
+version=$(sed -n 's/^version = "\(.*\)"/\1/p' "$here/../Cargo.toml" | head -1)
+sed "s#@PREFIX@#$prefix#; s#@VERSION@#$version#" "$here/spinney.pc.in" > "$prefix/lib/pkgconfig/spinney.pc"
+echo "$prefix: lib/libspinney.so, lib/libspinney.a, include/spinney.h, lib/pkgconfig/spinney.pc"

@@ -1,0 +1,270 @@
+//! Opening files, and what is known of them without looking at cells.
+
+use std::ffi::{CStr, CString, c_char};
+use std::path::PathBuf;
+
+use engine::dataset::{self, Dataset};
+use engine::ops::Step;
+use engine::store::{OpenOptions, TreeFormat};
+use engine::value::{Kind, SampleType};
+
+use crate::metadata;
+use crate::status::{Failure, guarded, spinney_status};
+
+/// A file, or a view of one.
+pub struct spinney_dataset {
+    pub(crate) dataset: Dataset,
+    /// What is told of it, as text.
+    metadata: CString,
+}
+
+/// For spinney_open(): read at positions, instead of mapping the file.
+pub const SPINNEY_POSITIONED: u32 = 1;
+
+/// Type of a sample; the machine's own byte order is little-endian wherever Spinney runs.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum spinney_sample_type {
+    SPINNEY_U8 = 0,
+    SPINNEY_U16 = 1,
+    SPINNEY_I16 = 2,
+    SPINNEY_U32 = 3,
+    SPINNEY_I32 = 4,
+    SPINNEY_F32 = 5,
+    SPINNEY_F64 = 6,
+}
+
+impl From<SampleType> for spinney_sample_type {
+    fn from(sample: SampleType) -> Self {
+        use spinney_sample_type::*;
+        match sample {
+            SampleType::U8 => SPINNEY_U8,
+            SampleType::U16 => SPINNEY_U16,
+            SampleType::I16 => SPINNEY_I16,
+            SampleType::U32 => SPINNEY_U32,
+            SampleType::I32 => SPINNEY_I32,
+            SampleType::F32 => SPINNEY_F32,
+            SampleType::F64 => SPINNEY_F64,
+        }
+    }
+}
+
+/// Numbers of a dataset.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct spinney_info {
+    /// 2 are quadtrees (pictures), 3 are octrees (volumes and solids).
+    pub axes: u32,
+    /// Type of a sample.
+    pub sample: spinney_sample_type,
+    /// Samples of a cell, 1 to 4.
+    pub channels: u32,
+    /// Bytes of a cell: those of all its samples.
+    pub cell_size: u32,
+    /// The level of the cells. Level 0 is the whole space as one node, each level below is twice as fine along each axis.
+    pub depth: u32,
+    /// Number of the channel that is opacity, or -1.
+    pub alpha: i32,
+    /// Size in cells along x, y and z; z is 1 in quadtrees.
+    pub size: [u64; 3],
+    /// Place of the cells in the world: rows x, y, z of the matrix that takes x, y, z, 1 in cells there. Cell 0 spans 0 to 1.
+    pub matrix: [f64; 12],
+    /// The number that VOID had in the input, if has_nodata.
+    pub nodata: f64,
+    pub has_nodata: bool,
+    /// Whether the matrix says something.
+    pub has_georeference: bool,
+    /// Whether values are classes.
+    pub is_categorical: bool,
+    /// Whether the file is edited and has commits.
+    pub is_autumnal: bool,
+    /// Number of the commit, or 0.
+    pub commit: u64,
+}
+
+/// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`. `steps` are those of a
+/// view, as `spinney transform` takes them ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is.
+/// `flags` is 0 or SPINNEY_POSITIONED. The dataset is to be closed by spinney_close().
+///
+/// Costs a few pages, whatever the file's size.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_open(
+    path: *const c_char,
+    steps: *const *const c_char,
+    step_count: usize,
+    flags: u32,
+    dataset: *mut *mut spinney_dataset,
+) -> spinney_status {
+    guarded(|| {
+        if path.is_null() || dataset.is_null() || (steps.is_null() && step_count > 0) {
+            return Err(Failure::invalid(
+                "spinney_open: got NULL, expected a path and a place for the dataset",
+            ));
+        }
+        if flags & !SPINNEY_POSITIONED != 0 {
+            return Err(Failure::invalid(format!(
+                "spinney_open: got flags {flags}, expected 0 or SPINNEY_POSITIONED"
+            )));
+        }
+        // SAFETY: the caller passes a zero-terminated text.
+        let path = path_of(unsafe { CStr::from_ptr(path) })?;
+        let mut options = OpenOptions::new();
+        options.positioned |= flags & SPINNEY_POSITIONED != 0;
+        let mut opened = dataset::open(&path, &options)?;
+        let mut chain: Vec<Step> = Vec::new();
+        for step in 0..step_count {
+            // SAFETY: the caller passes as many pointers to zero-terminated texts as it says.
+            let text = unsafe {
+                let text = *steps.add(step);
+                if text.is_null() {
+                    return Err(Failure::invalid("spinney_open: got NULL, expected a step"));
+                }
+                CStr::from_ptr(text)
+            };
+            let text = text.to_str().map_err(|_| Failure::invalid("spinney_open: a step is not UTF-8"))?;
+            chain.push(text.parse()?);
+        }
+        if !chain.is_empty() {
+            opened = opened.view(&chain)?;
+        }
+        let metadata = metadata::json(&opened);
+        let handle = Box::new(spinney_dataset { dataset: opened, metadata });
+        // SAFETY: it is not NULL, and the caller has a pointer there.
+        unsafe { dataset.write(Box::into_raw(handle)) };
+        Ok(())
+    })
+}
+
+#[cfg(unix)]
+fn path_of(path: &CStr) -> Result<PathBuf, Failure> {
+    use std::os::unix::ffi::OsStrExt;
+    Ok(std::ffi::OsStr::from_bytes(path.to_bytes()).into())
+}
+
+#[cfg(not(unix))]
+fn path_of(path: &CStr) -> Result<PathBuf, Failure> {
+    path.to_str().map(PathBuf::from).map_err(|_| Failure::invalid("path: got other bytes, expected UTF-8"))
+}
+
+/// Closes a dataset; NULL is nothing to close.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_close(dataset: *mut spinney_dataset) {
+    guarded(|| {
+        if !dataset.is_null() {
+            // SAFETY: it comes from spinney_open(), and nobody uses it any more.
+            drop(unsafe { Box::from_raw(dataset) });
+        }
+        Ok(())
+    });
+}
+
+/// The dataset behind a handle.
+pub(crate) unsafe fn opened<'a>(dataset: *const spinney_dataset) -> Result<&'a spinney_dataset, Failure> {
+    // SAFETY: it is NULL, or comes from spinney_open() and is not closed.
+    unsafe { dataset.as_ref() }
+        .ok_or_else(|| Failure::invalid("dataset: got NULL, expected one from spinney_open"))
+}
+
+/// Moves on to the newest commit of a file that is edited; `is_newer` (which may be NULL) tells whether there was one. A
+/// dataset that was opened at a certain commit, and a view, stays as it is.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_refresh(
+    dataset: *mut spinney_dataset,
+    is_newer: *mut bool,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: it is NULL, or comes from spinney_open(), and nobody else uses it meanwhile.
+        let handle = unsafe { dataset.as_mut() };
+        let handle =
+            handle.ok_or_else(|| Failure::invalid("dataset: got NULL, expected one from spinney_open"))?;
+        let newer = handle.dataset.refresh()?;
+        if newer {
+            handle.metadata = metadata::json(&handle.dataset);
+        }
+        // SAFETY: it is NULL, or a place of the caller's.
+        if let Some(place) = unsafe { is_newer.as_mut() } {
+            *place = newer;
+        }
+        Ok(())
+    })
+}
+
+/// Fails with SPINNEY_CHANGED if the file was overwritten or cut short since it was opened: answers may then be of the one
+/// state or the other. Worth a call at the end of long work.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_check_unchanged(dataset: *const spinney_dataset) -> spinney_status {
+    // SAFETY: as `opened` says.
+    guarded(|| Ok(unsafe { opened(dataset) }?.dataset.check_unchanged()?))
+}
+
+/// Tells a dataset's numbers. `info_size` is `sizeof(spinney_info)`, so that a later version can have more.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_describe(
+    dataset: *const spinney_dataset,
+    info: *mut spinney_info,
+    info_size: usize,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as `opened` says.
+        let dataset = &unsafe { opened(dataset) }?.dataset;
+        if info.is_null() || info_size != size_of::<spinney_info>() {
+            let expected = size_of::<spinney_info>();
+            return Err(Failure::invalid(format!(
+                "info: got {info_size} bytes, expected a place of {expected}"
+            )));
+        }
+        let (header, metadata) = (dataset.header(), dataset.metadata());
+        let matrix = metadata.frame.matrix;
+        let known = spinney_info {
+            axes: header.form.axes() as u32,
+            sample: header.form.value.sample.into(),
+            channels: header.form.value.channels.into(),
+            cell_size: header.form.width() as u32,
+            depth: header.depth().into(),
+            alpha: metadata.alpha.map_or(-1, i32::from),
+            size: header.extent,
+            matrix: std::array::from_fn(|i| matrix[i / 4][i % 4]),
+            nodata: metadata.nodata.unwrap_or(0.0),
+            has_nodata: metadata.nodata.is_some(),
+            has_georeference: !metadata.frame.is_identity() || metadata.frame.crs.is_some(),
+            is_categorical: header.kind == Kind::Categorical,
+            is_autumnal: dataset.format() == TreeFormat::Autumnal,
+            commit: dataset.commit().map_or(0, |commit| commit.number),
+        };
+        // SAFETY: it is not NULL, and has room.
+        unsafe { info.write(known) };
+        Ok(())
+    })
+}
+
+/// Size of a level in its cells, along x, y and z; a level below the cells counts as theirs.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_level_size(
+    dataset: *const spinney_dataset,
+    level: u32,
+    size: *mut [u64; 3],
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as `opened` says.
+        let dataset = &unsafe { opened(dataset) }?.dataset;
+        // SAFETY: it is NULL, or a place of the caller's.
+        let size =
+            unsafe { size.as_mut() }.ok_or_else(|| Failure::invalid("size: got NULL, expected a place"))?;
+        *size = dataset.extent_at(level_of(level)).max;
+        Ok(())
+    })
+}
+
+/// A level as the library counts it; what is too deep stays so.
+pub(crate) fn level_of(level: u32) -> u8 {
+    u8::try_from(level).unwrap_or(u8::MAX)
+}
+
+/// All that is known of a dataset beside its numbers, as JSON: "crs" (its form and definition), "bands" (name, unit, scale, offset
+/// of each), "categories" (names by value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text
+/// belongs to the dataset, and is there until that is closed or refreshed. NULL if the dataset is NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_metadata(dataset: *const spinney_dataset) -> *const c_char {
+    // SAFETY: as `opened` says.
+    unsafe { dataset.as_ref() }.map_or(std::ptr::null(), |dataset| dataset.metadata.as_ptr())
+}

@@ -1,0 +1,19 @@
+//! Spinney files from C: the functions of `include/spinney.h`, which is made of this crate by cbindgen.
+//!
+//! Handles are opaque, buffers belong to the caller, failures are codes with a text. Nothing prints, exits or unwinds into
+//! the caller. A dataset may be read by any number of threads at once.
+#![allow(non_camel_case_types)] // names as C has them
+#![allow(clippy::missing_safety_doc)] // whoever calls is a C program: the rules are in `spinney.h`'s introduction
+
+mod blocks;
+mod dataset;
+mod metadata;
+mod questions;
+mod status;
+#[cfg(test)]
+mod tests;
+
+pub use blocks::*;
+pub use dataset::*;
+pub use questions::*;
+pub use status::*;

@@ -1,0 +1,274 @@
+//! Questions: windows, points, statistics.
+
+use std::cmp::Ordering;
+use std::ffi::c_void;
+use std::slice;
+
+use engine::query::PointSamples;
+use engine::space::Bounds;
+
+use crate::dataset::{level_of, opened, spinney_dataset};
+use crate::status::{Failure, guarded, spinney_status};
+
+/// A box of cells of a level; z is 0 and 1 in quadtrees.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct spinney_box {
+    /// First cell along x, y and z.
+    pub start: [u64; 3],
+    /// Cells along x, y and z.
+    pub size: [u64; 3],
+}
+
+impl From<Bounds> for spinney_box {
+    fn from(bounds: Bounds) -> Self {
+        let size = std::array::from_fn(|axis| bounds.max[axis] - bounds.min[axis]);
+        spinney_box { start: bounds.min, size }
+    }
+}
+
+/// The box at a pointer.
+pub(crate) unsafe fn bounds_at(cells: *const spinney_box) -> Result<Option<Bounds>, Failure> {
+    // SAFETY: it is NULL, or one of the caller's.
+    let Some(cells) = (unsafe { cells.as_ref() }) else { return Ok(None) };
+    let mut max = [0; 3];
+    for (axis, max) in max.iter_mut().enumerate() {
+        let end = cells.start[axis].checked_add(cells.size[axis]).filter(|end| *end <= 1 << 40);
+        *max =
+            end.ok_or_else(|| Failure::invalid(format!("box: got {cells:?}, expected cells up to 2^40")))?;
+    }
+    Ok(Some(Bounds { min: cells.start, max }))
+}
+
+/// The box at a pointer, which must be there.
+pub(crate) unsafe fn some_bounds_at(cells: *const spinney_box) -> Result<Bounds, Failure> {
+    // SAFETY: as that says.
+    unsafe { bounds_at(cells) }?.ok_or_else(|| Failure::invalid("box: got NULL, expected one"))
+}
+
+/// The caller's buffer of so many items, which must have exactly so many.
+pub(crate) unsafe fn buffer<'a, T>(
+    name: &str,
+    items: *mut T,
+    count: usize,
+    expected: Option<u64>,
+) -> Result<&'a mut [T], Failure> {
+    if expected.is_some_and(|expected| count as u64 != expected) || (items.is_null() && count > 0) {
+        let found = if items.is_null() { "NULL".into() } else { count.to_string() };
+        let expected = expected.map_or("a place".into(), |expected| expected.to_string());
+        return Err(Failure::invalid(format!("{name}: got room for {found}, expected {expected}")));
+    }
+    if items.is_null() {
+        return Ok(&mut []);
+    }
+    // SAFETY: the caller has so many items there, for nobody else while the call takes.
+    Ok(unsafe { slice::from_raw_parts_mut(items, count) })
+}
+
+/// Cells of a box and the bytes that they take, if these are numbers at all.
+fn sizes(bounds: &Bounds, width: usize) -> Result<(u64, u64), Failure> {
+    let extents = (0..3).map(|axis| bounds.max[axis] - bounds.min[axis]);
+    let cells = extents.into_iter().try_fold(1u64, u64::checked_mul);
+    let bytes = cells.and_then(|cells| cells.checked_mul(width as u64));
+    cells
+        .zip(bytes)
+        .ok_or_else(|| Failure::invalid("box: got more than 2^64 cells, expected what fits into memory"))
+}
+
+/// Reads a box of cells of a level: x fastest, then y, then z, the samples of a cell together. `samples_size` is the bytes of
+/// all of them, `cells * cell_size`; they need not be aligned. Cells that are VOID, or outside, get `fill` in every channel. `valid` may be NULL (with
+/// `valid_size` 0), else it has a byte for each cell: 1 where there is a value, 0 where not.
+///
+/// Takes time by the cells of the box, whatever lies below them.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_read(
+    dataset: *const spinney_dataset,
+    level: u32,
+    cells: *const spinney_box,
+    fill: f64,
+    samples: *mut c_void,
+    samples_size: usize,
+    valid: *mut u8,
+    valid_size: usize,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as these say.
+        let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, some_bounds_at(cells)?) };
+        let (count, bytes) = sizes(&bounds, dataset.header().form.width())?;
+        // SAFETY: as that says.
+        let samples = unsafe { buffer("samples", samples.cast(), samples_size, Some(bytes))? };
+        let valid = if valid.is_null() && valid_size == 0 {
+            None
+        } else {
+            // SAFETY: as that says.
+            Some(flags(unsafe { buffer("valid", valid, valid_size, Some(count))? }))
+        };
+        Ok(dataset.window(level_of(level), &bounds, fill, samples, valid)?)
+    })
+}
+
+/// Bytes as flags, all `false`.
+pub(crate) fn flags(bytes: &mut [u8]) -> &mut [bool] {
+    bytes.fill(0);
+    // SAFETY: a bool is a byte that is 0 or 1, and all of these are 0.
+    unsafe { slice::from_raw_parts_mut(bytes.as_mut_ptr().cast(), bytes.len()) }
+}
+
+/// Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
+/// `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,
+/// are not a number. Much faster than one call for each.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_points(
+    dataset: *const spinney_dataset,
+    level: u32,
+    cells: *const [u64; 3],
+    count: usize,
+    samples: *mut f64,
+    valid: *mut u8,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as that says.
+        let dataset = &unsafe { opened(dataset) }?.dataset;
+        let channels = usize::from(dataset.header().form.value.channels);
+        let numbers = count.checked_mul(channels).filter(|_| !cells.is_null() || count == 0);
+        let numbers = numbers
+            .ok_or_else(|| Failure::invalid("cells: got NULL, or too many, expected x, y, z of each"))?;
+        // SAFETY: the caller has so many cells there, and room for what is found of them.
+        let (cells, samples, valid) = unsafe {
+            let cells = if count == 0 { &[][..] } else { slice::from_raw_parts(cells, count) };
+            let valid = if valid.is_null() { &mut [][..] } else { buffer("valid", valid, count, None)? };
+            (cells, buffer("samples", samples, numbers, None)?, valid)
+        };
+        let mut found = PointSamples::default();
+        dataset.points(cells, level_of(level), &mut found)?;
+        for (index, samples) in samples.chunks_exact_mut(channels).enumerate() {
+            let values = found.get(index);
+            match values {
+                Some(values) => samples.copy_from_slice(values),
+                None => samples.fill(f64::NAN),
+            }
+            if let Some(valid) = valid.get_mut(index) {
+                *valid = values.is_some().into();
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Statistics of one channel; the standard deviation is that of the population.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct spinney_channel_statistics {
+    /// Cells that have a sample. All other numbers are not numbers if there are none.
+    pub cells: u64,
+    pub min: f64,
+    pub max: f64,
+    pub mean: f64,
+    pub standard_deviation: f64,
+}
+
+/// Statistics of a box of cells.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct spinney_statistics {
+    /// Cells that are not VOID.
+    pub cells: u64,
+    /// Cells that are VOID.
+    pub void_cells: u64,
+    /// Classes that spinney_classes() has.
+    pub classes: u64,
+    pub channels: [spinney_channel_statistics; 4],
+}
+
+/// Exact statistics of a box of cells of the deepest level; of all of them if `cells` is NULL. Takes time by the box's border.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_statistics_of(
+    dataset: *const spinney_dataset,
+    cells: *const spinney_box,
+    statistics: *mut spinney_statistics,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as these say.
+        let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
+        // SAFETY: it is NULL, or a place of the caller's.
+        let place = unsafe { statistics.as_mut() };
+        let place = place.ok_or_else(|| Failure::invalid("statistics: got NULL, expected a place"))?;
+        let found = dataset.statistics(bounds)?;
+        let none = f64::NAN;
+        let absent = spinney_channel_statistics {
+            cells: 0,
+            min: none,
+            max: none,
+            mean: none,
+            standard_deviation: none,
+        };
+        *place = spinney_statistics {
+            cells: found.cells,
+            void_cells: found.void_cells,
+            classes: found.classes.len() as u64,
+            channels: [absent; 4],
+        };
+        for (place, channel) in place.channels.iter_mut().zip(&found.channels) {
+            let engine::query::ChannelStatistics { cells, min, max, mean, standard_deviation } = *channel;
+            *place = spinney_channel_statistics { cells, min, max, mean, standard_deviation };
+        }
+        Ok(())
+    })
+}
+
+/// Classes of a box of cells, as spinney_statistics_of() takes it, by ascending value, and the cells of each. There is room for
+/// `capacity` of each; `count` is how many there are, of which those that have room are written.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_classes(
+    dataset: *const spinney_dataset,
+    cells: *const spinney_box,
+    values: *mut f64,
+    counts: *mut u64,
+    capacity: usize,
+    count: *mut usize,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as these say.
+        let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
+        // SAFETY: these are places of the caller's, or NULL, which is found.
+        let (values, counts, count) = unsafe {
+            let count =
+                count.as_mut().ok_or_else(|| Failure::invalid("count: got NULL, expected a place"))?;
+            (buffer("values", values, capacity, None)?, buffer("counts", counts, capacity, None)?, count)
+        };
+        let found = dataset.statistics(bounds)?;
+        for ((value, cells), (class, found)) in values.iter_mut().zip(counts).zip(&found.classes) {
+            (*value, *cells) = (*class, *found);
+        }
+        *count = found.classes.len();
+        Ok(())
+    })
+}
+
+/// Cells of a box (of the deepest level; all if `cells` is NULL) whose first channel lies in each of `count` equal parts of `low`
+/// to `high`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn spinney_histogram(
+    dataset: *const spinney_dataset,
+    cells: *const spinney_box,
+    low: f64,
+    high: f64,
+    bins: *mut u64,
+    count: usize,
+) -> spinney_status {
+    guarded(|| {
+        // SAFETY: as these say.
+        let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
+        // SAFETY: as that says.
+        let bins = unsafe { buffer("bins", bins, count, None)? };
+        let bounds = bounds.unwrap_or(dataset.header().picture());
+        if bins.is_empty() || low.partial_cmp(&high) != Some(Ordering::Less) {
+            let found = format!(
+                "histogram: got {count} bins of {low} to {high}, expected one at least, and low < high"
+            );
+            return Err(Failure::invalid(found));
+        }
+        bins.copy_from_slice(&dataset.histogram(&bounds, low, high, count)?);
+        Ok(())
+    })
+}

@@ -1,0 +1,123 @@
+//! Codes of what has failed, and the text of the last failure of each thread.
+
+use std::any::Any;
+use std::cell::RefCell;
+use std::ffi::{CString, c_char};
+use std::io::ErrorKind;
+use std::panic::{self, AssertUnwindSafe};
+use std::sync::Once;
+
+use engine::Error;
+
+/// What has become of a call.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum spinney_status {
+    /// It is done.
+    SPINNEY_OK = 0,
+    /// An argument makes no sense, by itself or for this file: also NULL, and buffers of the wrong size.
+    SPINNEY_INVALID = 1,
+    /// There is no such file.
+    SPINNEY_NOT_FOUND = 2,
+    /// The system refused an operation on a file.
+    SPINNEY_IO = 3,
+    /// The file is damaged, or not what its name says.
+    SPINNEY_CORRUPT = 4,
+    /// The file, or the call, asks for something that is not supported.
+    SPINNEY_UNSUPPORTED = 5,
+    /// The file was changed by somebody else while it was read.
+    SPINNEY_CHANGED = 6,
+    /// There is not enough memory, or not enough is allowed.
+    SPINNEY_MEMORY = 7,
+    /// A function of the caller's has asked to stop.
+    SPINNEY_STOPPED = 8,
+    /// A mistake in the library itself. The dataset can still be closed.
+    SPINNEY_INTERNAL = 9,
+}
+
+/// A code with its text.
+pub(crate) struct Failure {
+    status: spinney_status,
+    text: String,
+}
+
+impl Failure {
+    pub(crate) fn invalid(text: impl Into<String>) -> Failure {
+        Failure { status: spinney_status::SPINNEY_INVALID, text: text.into() }
+    }
+
+    pub(crate) fn stopped() -> Failure {
+        Failure {
+            status: spinney_status::SPINNEY_STOPPED,
+            text: "the caller's function asked to stop".into(),
+        }
+    }
+
+    pub(crate) fn memory(bytes: u64) -> Failure {
+        Failure { status: spinney_status::SPINNEY_MEMORY, text: format!("no memory for {bytes} bytes") }
+    }
+
+    fn panicked(cause: &(dyn Any + Send)) -> Failure {
+        let text = cause.downcast_ref::<&str>().map(|text| (*text).to_owned());
+        let text = text.or_else(|| cause.downcast_ref::<String>().cloned()).unwrap_or_default();
+        Failure { status: spinney_status::SPINNEY_INTERNAL, text: format!("mistake in the library: {text}") }
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Failure {
+        use spinney_status::*;
+        let status = match &error {
+            Error::Io { cause, .. } if cause.kind() == ErrorKind::NotFound => SPINNEY_NOT_FOUND,
+            Error::Io { .. } | Error::NoRoom { .. } | Error::Locked { .. } | Error::Poisoned { .. } => {
+                SPINNEY_IO
+            }
+            Error::Corrupt { .. } => SPINNEY_CORRUPT,
+            Error::Unsupported { .. } => SPINNEY_UNSUPPORTED,
+            Error::Changed { .. } | Error::Moved { .. } => SPINNEY_CHANGED,
+            Error::TooLarge { .. } => SPINNEY_MEMORY,
+            Error::Interrupted => SPINNEY_STOPPED,
+            _ => SPINNEY_INVALID,
+        };
+        let mut text = error.to_string();
+        let mut cause = std::error::Error::source(&error);
+        while let Some(next) = cause {
+            text += &format!(": {next}");
+            cause = next.source();
+        }
+        Failure { status, text }
+    }
+}
+
+thread_local! {
+    static LAST: RefCell<CString> = RefCell::default();
+}
+
+/// Does the work of a call: keeps what failed for the thread, and lets no panic out.
+pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Failure>) -> spinney_status {
+    // Nothing is printed either. (The hook is that of this library's own runtime, not of the program that uses it.)
+    static SILENT: Once = Once::new();
+    SILENT.call_once(|| panic::set_hook(Box::new(|_| {})));
+    let done = panic::catch_unwind(AssertUnwindSafe(work));
+    let failure = match done {
+        Ok(Ok(())) => return spinney_status::SPINNEY_OK,
+        Ok(Err(failure)) => failure,
+        Err(cause) => Failure::panicked(&*cause),
+    };
+    let text: Vec<u8> = failure.text.into_bytes().into_iter().filter(|byte| *byte != 0).collect();
+    LAST.with(|last| *last.borrow_mut() = CString::new(text).unwrap_or_default());
+    failure.status
+}
+
+/// The text of the last failure in this thread: which file, what was found, what was expected. Empty if there was none; it is
+/// there until the thread's next call that fails.
+#[unsafe(no_mangle)]
+pub extern "C" fn spinney_error() -> *const c_char {
+    LAST.with(|last| last.borrow().as_ptr())
+}
+
+/// The library's version.
+#[unsafe(no_mangle)]
+pub extern "C" fn spinney_version() -> *const c_char {
+    concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
+}

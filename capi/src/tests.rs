@@ -1,0 +1,343 @@
+//! Every function and every code, called as a C program calls them.
+#![allow(clippy::undocumented_unsafe_blocks)] // what is tried are just these rules
+
+use std::ffi::{CStr, CString, c_int, c_void};
+use std::path::Path;
+use std::ptr::{null, null_mut};
+
+use engine::dataset::Dataset;
+use engine::space::Bounds;
+
+use crate::spinney_status::*;
+use crate::*;
+
+fn fixture(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/v1").join(name).display().to_string()
+}
+
+/// Opens a file through steps.
+fn open_with(path: &str, steps: &[&str], flags: u32) -> Result<*mut spinney_dataset, spinney_status> {
+    let path = CString::new(path).unwrap();
+    let steps: Vec<CString> = steps.iter().map(|step| CString::new(*step).unwrap()).collect();
+    let pointers: Vec<_> = steps.iter().map(|step| step.as_ptr()).collect();
+    let mut dataset = null_mut();
+    match unsafe { spinney_open(path.as_ptr(), pointers.as_ptr(), pointers.len(), flags, &mut dataset) } {
+        SPINNEY_OK => Ok(dataset),
+        status => Err(status),
+    }
+}
+
+fn open(name: &str) -> *mut spinney_dataset {
+    open_with(&fixture(name), &[], 0).unwrap()
+}
+
+fn error() -> String {
+    unsafe { CStr::from_ptr(spinney_error()) }.to_str().unwrap().into()
+}
+
+fn describe(dataset: *const spinney_dataset) -> spinney_info {
+    let mut info = std::mem::MaybeUninit::<spinney_info>::uninit();
+    let status = unsafe { spinney_describe(dataset, info.as_mut_ptr(), size_of::<spinney_info>()) };
+    assert_eq!(status, SPINNEY_OK);
+    unsafe { info.assume_init() }
+}
+
+fn cells(start: [u64; 3], size: [u64; 3]) -> spinney_box {
+    spinney_box { start, size }
+}
+
+/// The library's own answer.
+fn expected(dataset: &Dataset, level: u8, bounds: &Bounds, fill: f64) -> (Vec<u8>, Vec<u8>) {
+    let cells = bounds.volume() as usize;
+    let (mut samples, mut valid) = (vec![7; cells * dataset.header().form.width()], vec![true; cells]);
+    dataset.window(level, bounds, fill, &mut samples, Some(&mut valid)).unwrap();
+    (samples, valid.into_iter().map(u8::from).collect())
+}
+
+#[test]
+fn answers_are_those_of_the_library() {
+    for name in ["classes.goblin", "elevation.goblin", "rgb.goblin", "ball.goblin", "history.autumn"] {
+        for flags in [0, SPINNEY_POSITIONED] {
+            let dataset = open_with(&fixture(name), &[], flags).unwrap();
+            let library = engine::open(fixture(name)).unwrap();
+            let info = describe(dataset);
+            assert_eq!((info.depth, info.size), (library.depth().into(), library.header().extent));
+            assert_eq!(info.is_autumnal, name.ends_with("autumn"));
+            for level in [info.depth, info.depth / 2, 0] {
+                let mut size = [0; 3];
+                assert_eq!(unsafe { spinney_level_size(dataset, level, &mut size) }, SPINNEY_OK);
+                assert_eq!(size, library.extent_at(level as u8).max);
+                // A little more than there is.
+                let z = if info.axes == 3 { size[2] + 1 } else { 1 };
+                let part = cells([1, 0, 0], [size[0] + 2, size[1], z]);
+                let bounds = Bounds { min: [1, 0, 0], max: [size[0] + 3, size[1], z] };
+                let (expected, present) = expected(&library, level as u8, &bounds, 9.0);
+                let (mut samples, mut valid) = (vec![0; expected.len()], vec![0; present.len()]);
+                let (bytes, flags) = (samples.len(), valid.len());
+                let (to, flag) = (samples.as_mut_ptr(), valid.as_mut_ptr());
+                let read = unsafe { spinney_read(dataset, level, &part, 9.0, to.cast(), bytes, flag, flags) };
+                assert_eq!(read, SPINNEY_OK, "{}", error());
+                assert_eq!((&samples, &valid), (&expected, &present));
+                samples.fill(1);
+                let read =
+                    unsafe { spinney_read(dataset, level, &part, 9.0, to.cast(), bytes, null_mut(), 0) };
+                assert_eq!((read, &samples), (SPINNEY_OK, &expected));
+            }
+            unsafe { spinney_close(dataset) };
+        }
+    }
+}
+
+/// Blocks that were handed out.
+struct Taken {
+    blocks: Vec<(spinney_box, Vec<u8>, Vec<u8>)>,
+    width: usize,
+    most: usize,
+}
+
+unsafe extern "C" fn take(user: *mut c_void, block: *const spinney_block) -> c_int {
+    let (taken, block) = unsafe { (&mut *user.cast::<Taken>(), &*block) };
+    let count = block.cells.size.iter().product::<u64>() as usize;
+    let (samples, valid) = unsafe {
+        let samples = std::slice::from_raw_parts(block.samples.cast::<u8>(), count * taken.width);
+        (samples.to_vec(), std::slice::from_raw_parts(block.valid, count).to_vec())
+    };
+    taken.blocks.push((block.cells, samples, valid));
+    c_int::from(taken.blocks.len() == taken.most)
+}
+
+#[test]
+fn blocks_are_all_of_a_box() {
+    let dataset = open_with(&fixture("elevation.goblin"), &["scale=3"], 0).unwrap();
+    let library =
+        engine::open(fixture("elevation.goblin")).unwrap().view(&["scale=3".parse().unwrap()]).unwrap();
+    let info = describe(dataset);
+    let part = cells([5, 7, 0], [600, 300, 1]);
+    let user = |taken: &mut Taken| std::ptr::from_mut(taken).cast();
+    let mut taken = Taken { blocks: Vec::new(), width: info.cell_size as usize, most: usize::MAX };
+    let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, Some(take), user(&mut taken)) };
+    assert_eq!(read, SPINNEY_OK, "{}", error());
+    assert_eq!(taken.blocks.len(), 3 * 2);
+    for (cells, samples, valid) in &taken.blocks {
+        let max = std::array::from_fn(|axis| cells.start[axis] + cells.size[axis]);
+        let bounds = Bounds { min: cells.start, max };
+        assert_eq!((samples.clone(), valid.clone()), expected(&library, info.depth as u8, &bounds, 0.0));
+    }
+    assert_eq!(
+        taken.blocks.iter().map(|(cells, ..)| cells.size.iter().product::<u64>()).sum::<u64>(),
+        180_000
+    );
+    let mut taken = Taken { blocks: Vec::new(), width: info.cell_size as usize, most: 2 };
+    let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, Some(take), user(&mut taken)) };
+    assert_eq!((read, taken.blocks.len()), (SPINNEY_STOPPED, 2));
+    let read = unsafe { spinney_read_blocks(dataset, info.depth, &part, 0.0, None, null_mut()) };
+    assert_eq!(read, SPINNEY_INVALID);
+    unsafe { spinney_close(dataset) };
+}
+
+#[test]
+fn points_statistics_classes_and_histograms_agree() {
+    let dataset = open("classes.goblin");
+    let library = engine::open(fixture("classes.goblin")).unwrap();
+    let info = describe(dataset);
+    let places: Vec<[u64; 3]> = (0..40).map(|i| [i * 3, i * 2, 0]).chain([[u64::MAX, 5, 0]]).collect();
+    let (mut samples, mut valid) = (vec![0.0; places.len()], vec![9; places.len()]);
+    let asked = unsafe {
+        let (to, flag) = (samples.as_mut_ptr(), valid.as_mut_ptr());
+        spinney_points(dataset, info.depth, places.as_ptr(), places.len(), to, flag)
+    };
+    assert_eq!(asked, SPINNEY_OK, "{}", error());
+    for ((place, sample), valid) in places.iter().zip(&samples).zip(valid) {
+        let mut value = [0.0; 4];
+        let is_there = library.point(*place, info.depth as u8, &mut value).unwrap();
+        assert_eq!((valid, sample.is_nan()), (is_there.into(), !is_there), "{place:?}");
+        assert!(!is_there || *sample == value[0]);
+    }
+    let mut found = spinney_statistics::default();
+    let part = cells([3, 3, 0], [30, 20, 1]);
+    for (part, bounds) in
+        [(null(), None), (std::ptr::from_ref(&part), Some(Bounds { min: [3, 3, 0], max: [33, 23, 1] }))]
+    {
+        assert_eq!(unsafe { spinney_statistics_of(dataset, part, &mut found) }, SPINNEY_OK);
+        let expected = library.statistics(bounds).unwrap();
+        assert_eq!((found.cells, found.void_cells), (expected.cells, expected.void_cells));
+        assert_eq!(found.channels[0].mean, expected.channels[0].mean);
+        assert!(found.channels[1].mean.is_nan());
+        let (mut values, mut counts, mut count) = (vec![0.0; 99], vec![0; 99], 0);
+        let asked = unsafe {
+            spinney_classes(dataset, part, values.as_mut_ptr(), counts.as_mut_ptr(), 99, &mut count)
+        };
+        assert_eq!((asked, count as u64), (SPINNEY_OK, found.classes));
+        let classes: Vec<_> = values.into_iter().zip(counts).take(count).collect();
+        assert_eq!(classes, expected.classes);
+        // Less room than there are.
+        let mut one = (0.0, 0);
+        let asked = unsafe { spinney_classes(dataset, part, &mut one.0, &mut one.1, 1, &mut count) };
+        assert_eq!((asked, count, one), (SPINNEY_OK, classes.len(), classes[0]));
+    }
+    let mut bins = [0; 5];
+    let asked = unsafe { spinney_histogram(dataset, null(), 0.0, 5.0, bins.as_mut_ptr(), 5) };
+    assert_eq!(asked, SPINNEY_OK);
+    assert_eq!(bins[..], library.histogram(&library.header().picture(), 0.0, 5.0, 5).unwrap());
+    unsafe { spinney_close(dataset) };
+}
+
+#[test]
+fn metadata_are_a_document() {
+    let dataset = open("classes.goblin");
+    let text = unsafe { CStr::from_ptr(spinney_metadata(dataset)) }.to_str().unwrap();
+    let document: serde_json::Value = serde_json::from_str(text).unwrap();
+    assert!(document["bands"].is_array() && document["palette"].is_array(), "{text}");
+    unsafe { spinney_close(dataset) };
+    assert!(unsafe { spinney_metadata(null()) }.is_null());
+}
+
+#[test]
+fn a_dataset_of_commits_moves_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("h.autumn");
+    std::fs::copy(fixture("history.autumn"), &path).unwrap();
+    let path = path.to_str().unwrap();
+    let (newest, first) =
+        (open_with(path, &[], 0).unwrap(), open_with(&format!("{path}@1"), &[], 0).unwrap());
+    let before = describe(newest).commit;
+    assert_eq!(describe(first).commit, 1);
+    let region = engine::ops::FillRegion::Box(Bounds { min: [0; 3], max: [1, 1, 1] });
+    let fill = engine::ops::Edit::Fill(region, Some(vec![77.0]));
+    engine::ops::edit(path.as_ref(), [Ok(fill)], Default::default(), 1 << 20, &()).unwrap();
+    let mut newer = false;
+    assert_eq!(unsafe { spinney_refresh(newest, &mut newer) }, SPINNEY_OK);
+    assert!(newer && describe(newest).commit == before + 1);
+    assert_eq!(unsafe { spinney_refresh(newest, null_mut()) }, SPINNEY_OK);
+    assert_eq!(unsafe { spinney_check_unchanged(newest) }, SPINNEY_OK);
+    std::fs::OpenOptions::new().write(true).open(path).unwrap().set_len(9000).unwrap();
+    assert_eq!(unsafe { spinney_check_unchanged(newest) }, SPINNEY_CHANGED);
+    unsafe {
+        spinney_close(newest);
+        spinney_close(first);
+        spinney_close(null_mut());
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_a_code_with_a_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let whole = std::fs::read(fixture("classes.goblin")).unwrap();
+    let missing = folder.path().join("missing.goblin");
+    for (path, steps, flags, status, says) in [
+        (missing.to_str().unwrap(), vec![], 0, SPINNEY_NOT_FOUND, "missing.goblin"),
+        (folder.path().to_str().unwrap(), vec![], 0, SPINNEY_IO, ""),
+        (&file("half.goblin", &whole[..whole.len() / 2]), vec![], 0, SPINNEY_CORRUPT, "half.goblin"),
+        (
+            &file("text.goblin", b"no tree at all, but long enough to be one, as far as one sees"),
+            vec![],
+            0,
+            SPINNEY_CORRUPT,
+            "text",
+        ),
+        (&fixture("history.autumn@99"), vec![], 0, SPINNEY_INVALID, "99"),
+        (&fixture("classes.goblin"), vec!["fold=3"], 0, SPINNEY_INVALID, "fold"),
+        (&fixture("classes.goblin"), vec![], 6, SPINNEY_INVALID, "flags 6"),
+    ] {
+        assert_eq!(open_with(path, &steps, flags).unwrap_err(), status, "{path}: {}", error());
+        assert!(error().contains(says), "{}", error());
+    }
+    let mut place = null_mut();
+    assert_eq!(unsafe { spinney_open(null(), null(), 0, 0, &mut place) }, SPINNEY_INVALID);
+    assert_eq!(unsafe { spinney_open(c"x".as_ptr(), null(), 0, 0, null_mut()) }, SPINNEY_INVALID);
+    assert_eq!(unsafe { spinney_open(c"x".as_ptr(), null(), 1, 0, &mut place) }, SPINNEY_INVALID);
+    assert!(place.is_null());
+
+    let dataset = open("classes.goblin");
+    let info = describe(dataset);
+    let mut samples = [5u8; 16];
+    let to = samples.as_mut_ptr();
+    let part = cells([0; 3], [4, 4, 1]);
+    let read = |dataset: *const _, level, part: *const _, to: *mut u8, size, valid: *mut u8, flags| unsafe {
+        spinney_read(dataset, level, part, 0.0, to.cast(), size, valid, flags)
+    };
+    for (what, status) in [
+        ("no dataset", read(null(), 0, &part, to, 16, null_mut(), 0)),
+        ("no box", read(dataset, 0, null(), to, 16, null_mut(), 0)),
+        ("no buffer", read(dataset, 0, &part, null_mut(), 16, null_mut(), 0)),
+        ("too small", read(dataset, 0, &part, to, 15, null_mut(), 0)),
+        ("too large", read(dataset, 0, &part, to, 17, null_mut(), 0)),
+        ("no room for flags", read(dataset, 0, &part, to, 16, null_mut(), 16)),
+        ("too few flags", read(dataset, 0, &part, to, 16, to, 3)),
+        ("too deep", read(dataset, info.depth + 1, &part, to, 16, null_mut(), 0)),
+        ("much too deep", read(dataset, u32::MAX, &part, to, 16, null_mut(), 0)),
+        ("a box that goes round", read(dataset, 0, &cells([u64::MAX; 3], [1; 3]), to, 16, null_mut(), 0)),
+        ("a huge box", read(dataset, 0, &cells([0; 3], [1 << 39; 3]), to, 16, null_mut(), 0)),
+        ("no places", unsafe { spinney_points(dataset, 0, null(), 3, null_mut(), null_mut()) }),
+        ("very many places", unsafe {
+            spinney_points(dataset, 0, null(), usize::MAX, null_mut(), null_mut())
+        }),
+        ("no statistics", unsafe { spinney_statistics_of(dataset, null(), null_mut()) }),
+        ("no count", unsafe { spinney_classes(dataset, null(), null_mut(), null_mut(), 0, null_mut()) }),
+        ("no bins", unsafe { spinney_histogram(dataset, null(), 0.0, 1.0, null_mut(), 0) }),
+        ("no range", unsafe { spinney_histogram(dataset, null(), 1.0, 1.0, &mut 0, 1) }),
+        ("no number", unsafe { spinney_histogram(dataset, null(), f64::NAN, 1.0, &mut 0, 1) }),
+        ("no size", unsafe { spinney_level_size(dataset, 0, null_mut()) }),
+        ("another structure", unsafe { spinney_describe(dataset, &mut { info }, 8) }),
+        ("no structure", unsafe { spinney_describe(dataset, null_mut(), size_of::<spinney_info>()) }),
+        ("nothing to refresh", unsafe { spinney_refresh(null_mut(), null_mut()) }),
+        ("nothing to check", unsafe { spinney_check_unchanged(null()) }),
+    ] {
+        assert_eq!(status, SPINNEY_INVALID, "{what}: {}", error());
+    }
+    assert_eq!(samples, [5; 16]);
+    unsafe { spinney_close(dataset) };
+    assert_eq!(guarded(|| panic!("on purpose")), SPINNEY_INTERNAL);
+    assert!(error().contains("on purpose"));
+    assert!(!unsafe { CStr::from_ptr(spinney_version()) }.is_empty());
+}
+
+#[test]
+fn threads_read_one_dataset_at_once() {
+    struct Shared(*mut spinney_dataset);
+    // SAFETY: that is what is tried: datasets may be read by any number of threads.
+    unsafe impl Sync for Shared {}
+    let dataset = Shared(open("elevation.goblin"));
+    let library = engine::open(fixture("elevation.goblin")).unwrap();
+    let info = describe(dataset.0);
+    std::thread::scope(|scope| {
+        for thread in 0..8u64 {
+            let (dataset, library) = (&dataset, &library);
+            scope.spawn(move || {
+                for i in 0..50 {
+                    let start = [(thread * 7 + i) % 60, (i * 3) % 40, 0];
+                    let bounds = Bounds { min: start, max: [start[0] + 33, start[1] + 21, 1] };
+                    let (expected, _) = expected(library, info.depth as u8, &bounds, 0.0);
+                    let mut samples = vec![0; expected.len()];
+                    let (to, size, part) = (samples.as_mut_ptr(), samples.len(), cells(start, [33, 21, 1]));
+                    let read = unsafe {
+                        spinney_read(dataset.0, info.depth, &part, 0.0, to.cast(), size, null_mut(), 0)
+                    };
+                    assert_eq!((read, samples), (SPINNEY_OK, expected));
+                    // Each has an error of its own.
+                    let wrong = cells(start, [1; 3]);
+                    let read = unsafe {
+                        spinney_read(
+                            dataset.0,
+                            info.depth,
+                            &wrong,
+                            0.0,
+                            to.cast(),
+                            thread as usize + 90,
+                            null_mut(),
+                            0,
+                        )
+                    };
+                    assert_eq!(read, SPINNEY_INVALID);
+                    assert!(error().contains(&(thread + 90).to_string()), "{}", error());
+                }
+            });
+        }
+    });
+    unsafe { spinney_close(dataset.0) };
+}

@@ -1,0 +1,136 @@
+#!/usr/bin/env bash
+# Tests of the C interface as C and C++ programs, pkg-config and GDAL use it:
+#
+#     capi/test.sh
+#
+# Installs GDAL and its headers where they are not there (Debian's or Ubuntu's package sources).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+target=${CARGO_TARGET_DIR:-target}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+say() { printf -- '-- %s\n' "$*"; }
+fail() {
+    echo "capi/test.sh: $*" >&2
+    exit 1
+}
+fixtures=fixtures/v1
+
+say 'the header is the one that cbindgen makes'
+cargo run --quiet --locked --manifest-path capi/Cargo.toml --features header > "$work/spinney.h"
+diff -u capi/include/spinney.h "$work/spinney.h" || fail 'capi/include/spinney.h is not that of the sources'
+
+say 'installing'
+PROFILE=dev CARGO_TARGET_DIR=$target capi/install.sh "$work/prefix" > /dev/null
+cargo build --quiet --locked --bin spinney
+spinney=$target/debug/spinney
+export PKG_CONFIG_PATH=$work/prefix/lib/pkgconfig LD_LIBRARY_PATH=$work/prefix/lib
+command -v pkg-config > /dev/null || apt-get install -y -qq pkg-config > /dev/null
+read -ra flags <<< "$(pkg-config --cflags --libs spinney)"
+
+say 'C11 and C++17, without a warning, under AddressSanitizer'
+strict=(-Wall -Wextra -Werror -pedantic -g -fsanitize=address,undefined)
+${CC:-cc} -std=c11 "${strict[@]}" capi/examples/tile.c -o "$work/tile" "${flags[@]}"
+${CXX:-c++} -std=c++17 "${strict[@]}" capi/examples/levels.cpp -o "$work/levels" "${flags[@]}"
+# The header alone, in both languages.
+for language in c c++; do
+    echo '#include "spinney.h"' | ${CC:-cc} -x $language -Wall -Wextra -Werror -pedantic -fsyntax-only "${flags[@]}" -
+done
+
+say 'the program in the README'
+awk '/^```c$/ { inside = 1; next } /^```$/ { inside = 0 } inside' README.md > "$work/readme.c"
+${CC:-cc} -std=c11 "${strict[@]}" "$work/readme.c" -o "$work/readme" "${flags[@]}"
+"$work/readme" | grep -qE '^[0-9.]+ [0-9.]+$' || fail 'the program in the README tells no numbers'
+
+say 'a tile is that of the program'
+"$work/tile" $fixtures/classes.goblin 6 3 5 40 30 > "$work/tile.pgm" 2> /dev/null
+"$spinney" get -q $fixtures/classes.goblin "$work/tile.raw" --level 6 --window 12,20,160,120
+tail -c 1200 "$work/tile.pgm" | cmp - "$work/tile.raw"
+
+say 'levels of files of all kinds'
+for file in $fixtures/*.goblin "$fixtures/history.autumn" "$fixtures/history.autumn@1"; do
+    "$work/levels" "$file" > "$work/levels.txt"
+    grep -q '^exactly' "$work/levels.txt" || fail "$file: no levels"
+done
+for file in missing.goblin capi/test.sh "$fixtures/history.autumn@77"; do
+    if "$work/levels" "$file" 2> "$work/error.txt"; then fail "$file: opened"; fi
+    grep -q '^levels: .*' "$work/error.txt" || fail "$file: no message"
+done
+
+say 'statically'
+${CC:-cc} -std=c11 capi/examples/tile.c -I"$work/prefix/include" -o "$work/static" "$work/prefix/lib/libspinney.a" -lpthread -ldl -lm
+"$work/static" $fixtures/classes.goblin 6 3 5 40 30 2> /dev/null | cmp - "$work/tile.pgm"
+
+say 'GDAL'
+command -v gdalinfo > /dev/null || { apt-get update -qq && apt-get install -y -qq gdal-bin > /dev/null; }
+if ! command -v gdal-config > /dev/null && ! apt-get install -y -qq libgdal-dev > /dev/null 2>&1; then
+    # Its headers alone, where the packages that it comes with cannot be had.
+    headers=$(realpath "$target")/gdal-headers
+    if [ ! -d "$headers/usr/include/gdal" ]; then
+        mkdir -p "$headers"
+        (cd "$headers" && apt-get download -qq libgdal-dev 2> /dev/null && dpkg -x libgdal-dev_*.deb .)
+    fi
+    export GDAL_CFLAGS=-I$headers/usr/include/gdal
+    GDAL_LIBS=$(ldconfig -p | sed -n 's/.*libgdal\.so\.[0-9]* .* => //p' | head -1)
+    export GDAL_LIBS
+fi
+capi/gdal/build.sh "$work/prefix" > /dev/null
+export GDAL_DRIVER_PATH=$work/prefix/lib/gdalplugins
+[[ $(gdalinfo --formats) == *Spinney* ]] || fail 'GDAL does not know the driver'
+raw() { gdal_translate -q -of ENVI "$@"; }
+for name in classes elevation rgb; do
+    "$spinney" get -q $fixtures/$name.goblin "$work/$name.tif"
+    raw $fixtures/$name.goblin "$work/ours.img"
+    raw "$work/$name.tif" "$work/theirs.img"
+    cmp "$work/ours.img" "$work/theirs.img" || fail "$name: other samples through GDAL"
+    # A window, and an overview.
+    raw -srcwin 5 7 31 23 $fixtures/$name.goblin "$work/ours.img"
+    raw -srcwin 5 7 31 23 "$work/$name.tif" "$work/theirs.img"
+    cmp "$work/ours.img" "$work/theirs.img" || fail "$name: another window through GDAL"
+    gdalinfo -json $fixtures/$name.goblin > "$work/$name.json"
+done
+python3 - "$work" "$spinney" << 'END'
+import json, subprocess, sys
+work, spinney = sys.argv[1:]
+def told(name):
+    with open(f"{work}/{name}.json") as file:
+        ours = json.load(file)
+    theirs = json.loads(subprocess.check_output(["gdalinfo", "-json", f"{work}/{name}.tif"]))
+    stats = json.loads(subprocess.check_output([spinney, "stats", "--json", f"fixtures/v1/{name}.goblin"]))
+    return ours, theirs, stats
+for name in ["classes", "elevation", "rgb"]:
+    ours, theirs, stats = told(name)
+    assert ours["size"] == theirs["size"], name
+    assert ours.get("geoTransform") == theirs.get("geoTransform"), name
+    assert [band["type"] for band in ours["bands"]] == [band["type"] for band in theirs["bands"]], name
+    assert [band.get("noDataValue") for band in ours["bands"]] == [band.get("noDataValue") for band in theirs["bands"]], name
+    # (In a TIFF file there are 256 colours, whether there is a value for them or not.)
+    colours = lambda told: told["bands"][0].get("colorTable", {"entries": []})["entries"]
+    assert colours(ours) == colours(theirs)[: len(colours(ours))], name
+    assert bool(colours(ours)) == bool(colours(theirs)), name
+    # (The name, and the number at the end: PROJ's and GeoTIFF's ways to tell of a datum differ.)
+    system = lambda told: [told.get("coordinateSystem", {}).get("wkt", "-").splitlines()[at] for at in [0, -1]]
+    assert system(ours) == system(theirs), (name, system(ours), system(theirs))
+    for band, known in zip(ours["bands"], stats["channels"]):
+        told_mean = float(band["metadata"][""]["STATISTICS_MEAN"])
+        assert abs(told_mean - known["mean"]) < 1e-9 * max(1.0, abs(known["mean"])), (name, told_mean, known)
+    width, height = ours["size"]
+    sizes = [overview["size"] for overview in ours["bands"][0]["overviews"]]
+    expected = []
+    while max(width, height) > 1:
+        width, height = (width + 1) // 2, (height + 1) // 2
+        expected.append([width, height])
+    assert sizes == expected, (name, sizes, expected)
+END
+# A level is an overview.
+"$spinney" get -q $fixtures/elevation.goblin "$work/level.tif" --level 5
+size=$(gdalinfo -json "$work/level.tif" | python3 -c 'import json, sys; print(*json.load(sys.stdin)["size"])')
+# shellcheck disable=SC2086 # two numbers
+raw -outsize $size $fixtures/elevation.goblin "$work/ours.img"
+raw "$work/level.tif" "$work/theirs.img"
+cmp "$work/ours.img" "$work/theirs.img" || fail 'a level is not the overview of GDAL'
+[[ $(gdalinfo "$fixtures/history.autumn@1") == *SPINNEY_COMMIT=1* ]] || fail 'no commit through GDAL'
+for file in $fixtures/ball.goblin "$fixtures/history.autumn@77"; do
+    if gdalinfo "$file" > /dev/null 2>&1; then fail "$file: opened by GDAL"; fi
+done
+say 'C interface: all is well'
