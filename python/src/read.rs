@@ -52,6 +52,8 @@ pub(crate) struct Pixels<'py> {
 
 /// Cells to read at a time before signals are looked at.
 const PIECE: u64 = 1 << 24;
+/// Pixels that are resampled in a fraction of a second.
+const SHORT: u64 = 1 << 18;
 
 /// Reads a box of cells of a level into an array (of `out`, if that fits).
 pub(crate) fn cells<'py>(
@@ -154,22 +156,26 @@ pub(crate) fn resampled<'py>(
     let sizes = [rows as usize, columns as usize, opened.count()];
     let array = empty(py, value.sample, &sizes[..if opened.count() > 1 { 3 } else { 2 }])?;
     let void = masked.then(|| flags(py, &sizes[..2])).transpose()?;
+    // (So little that nobody will interrupt it does without a thread of its own.)
+    let is_short = rows * columns <= SHORT && !matches!(request.detail, Detail::Exact(..));
     with_bytes(&array, value.sample, |bytes| {
         let mut lent = void.as_ref().map(|void| void.readwrite());
         let mut void = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
-        jobs::run(py, None, |work| {
-            let (mut at, mut flag) = (0, 0);
-            window_rows(&opened.tree, request, work, &mut |pixels, valid| {
-                bytes[at..at + pixels.len()].copy_from_slice(pixels);
-                at += pixels.len();
-                if let Some(void) = &mut void {
-                    let flags = &mut void[flag..flag + valid.len()];
-                    flags.iter_mut().zip(valid).for_each(|(flag, valid)| *flag = !*valid);
-                }
-                flag += valid.len();
-                Ok(())
-            })
-        })
+        let (mut at, mut flag) = (0, 0);
+        let mut take = |pixels: &[u8], valid: &[bool]| {
+            bytes[at..at + pixels.len()].copy_from_slice(pixels);
+            at += pixels.len();
+            if let Some(void) = &mut void {
+                let flags = &mut void[flag..flag + valid.len()];
+                flags.iter_mut().zip(valid).for_each(|(flag, valid)| *flag = !*valid);
+            }
+            flag += valid.len();
+            Ok(())
+        };
+        match is_short {
+            true => py.detach(|| window_rows(&opened.tree, request, &(), &mut take)).or_raise(),
+            false => jobs::run(py, None, |work| window_rows(&opened.tree, request, work, &mut take)),
+        }
     })?;
     Ok(Pixels { array, void: void.map(|void| void.into_any()) })
 }

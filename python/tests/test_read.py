@@ -33,7 +33,7 @@ def test_fixtures_read_as_the_program_writes_them(path: Path, program: str, tmp_
 @pytest.mark.parametrize("path", QUADTREES, ids=lambda path: path.name)
 def test_sizes_are_resampled_as_by_the_program(path: Path, program: str, tmp_path: Path) -> None:
     with spinney.open(path) as ds:
-        for rows, columns in [(5, 7), (16, 16), (40, 3)]:
+        for rows, columns in [(5, 7), (16, 16), (40, 3), (700, 600)]:
             run(program, "get", path, tmp_path / "a.npy", "--size", f"{columns}x{rows}")
             wanted = np.load(tmp_path / "a.npy")
             found = ds.read(out_shape=(rows, columns))
