@@ -9,8 +9,8 @@ use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::dataset::Dataset;
-use spinney::ops::{Chain, Edit, FillRegion, Polygon, Prefer, apply_edits};
-use spinney::space::Code;
+use spinney::ops::{Chain, Edit, FillRegion, Prefer, apply_edits};
+use spinney::space::{Code, Polygon};
 use spinney::store::autumnal::{self, Note};
 
 use crate::error::{OrRaise, invalid};

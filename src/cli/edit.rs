@@ -8,8 +8,8 @@ use spinney::dataset::Dataset;
 use spinney::import::cells::CellList;
 use spinney::import::raster::{self, ImportOptions};
 use spinney::io::Output;
-use spinney::ops::{Chain, Edit, FillRegion, Polygon, Prefer, Step, apply_edits};
-use spinney::space::Code;
+use spinney::ops::{Chain, Edit, FillRegion, Prefer, Step, apply_edits};
+use spinney::space::{Code, Polygon};
 use spinney::store::autumnal::Editor;
 use spinney::store::file_is_tree;
 

@@ -2,20 +2,18 @@
 
 use super::viewed::value_at;
 use super::{Dataset, Reader};
-#[cfg(feature = "raster")]
-use crate::Progress;
-use crate::Result;
 use crate::ops::TreeFile;
 use crate::query::{
-    Canvas, Condition, FoundBlock, PointSamples, Statistics, autumnal_histogram, source_find,
-    source_histogram, source_statistics,
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, ZoneRule, ZoneStatistics, autumnal_histogram,
+    source_find, source_histogram, source_statistics, source_zonal, zonal,
 };
 #[cfg(feature = "raster")]
 use crate::query::{PixelGrid, PixelSums};
-use crate::space::{Bounds, Cell, Code};
+use crate::space::{Bounds, Cell, Code, Polygon};
 use crate::store::LevelCounts;
 use crate::tree::Source;
 use crate::value::Value;
+use crate::{Progress, Result};
 
 impl Dataset {
     /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the
@@ -116,6 +114,39 @@ impl Dataset {
                 source_statistics(viewed.view(), &self.header().within_picture(bounds), counts_classes)
             }
             _ => self.file().statistics(bounds),
+        }
+    }
+
+    /// Zonal statistics: exact statistics of the cells in each of some polygons, whose corners are in cells of the deepest level
+    /// ([`Frame::to_cells`](crate::space::Frame::to_cells)). The tree is read only where borders cut it; all threads of the
+    /// current pool work. A polygon goes through all of an octree along z.
+    ///
+    /// ```
+    /// use spinney::query::ZoneRule;
+    /// use spinney::space::Polygon;
+    ///
+    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
+    /// let triangle = Polygon::new(&[vec![[40.0, 40.0], [180.0, 60.0], [90.0, 170.0]]])?;
+    /// let zones = map.zonal(&[triangle], ZoneRule::Area, &())?;
+    /// let cells: f64 = zones[0].classes.iter().map(|(_, cells)| cells).sum();
+    /// assert!((cells - zones[0].cells).abs() < 1e-6);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the file is damaged there, or on interruption.
+    pub fn zonal(
+        &self,
+        polygons: &[Polygon],
+        rule: ZoneRule,
+        progress: &dyn Progress,
+    ) -> Result<Vec<ZoneStatistics>> {
+        let header = self.header();
+        let cells = (header.picture(), header.counts_classes());
+        match self.reader() {
+            Reader::Goblin(file) => zonal(file, polygons, rule, progress),
+            Reader::Autumnal(file) => source_zonal(file, cells, polygons, rule, progress),
+            Reader::View(viewed) => source_zonal(viewed.view(), cells, polygons, rule, progress),
         }
     }
 

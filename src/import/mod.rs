@@ -1,6 +1,7 @@
 //! Importers: readers of other programs' files, as sources and blocks of samples.
 
 pub mod cells;
+pub mod geojson;
 #[cfg(any(feature = "mesh", feature = "raster"))]
 mod guard;
 #[cfg(feature = "mesh")]

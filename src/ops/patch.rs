@@ -1,7 +1,6 @@
 //! Changes to parts of a tree: boxes, polygons, nodes, single cells.
 
-use super::polygon::Polygon;
-use crate::space::{Bounds, Code};
+use crate::space::{Bounds, Code, Cover, Polygon};
 use crate::tree::Form;
 use crate::value::Value;
 use crate::{Error, Result};
@@ -142,7 +141,11 @@ impl Patch for FillPatch {
             FillRegion::Box(region) if region.contains(bounds) => Some(true),
             FillRegion::Box(region) if region.intersect(bounds).is_empty() => Some(false),
             FillRegion::Box(_) => None,
-            FillRegion::Polygon(polygon) => polygon.contains(bounds),
+            FillRegion::Polygon(polygon) => match polygon.cover_centres(bounds) {
+                Cover::Whole => Some(true),
+                Cover::Nothing => Some(false),
+                Cover::Part => None,
+            },
         };
         match inside {
             Some(false) => Change::Keep,

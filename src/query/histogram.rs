@@ -127,7 +127,7 @@ impl Visitor for Histogram {
         Some((self.subtree)(&mut self.bins, records, levels))
     }
 
-    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
+    fn dense(&mut self, _: Code, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
         let Histogram { form, bins, number, .. } = self;
         with_record_type!(RecordLayout::new(*form), R => {
             block.each_leaf_in::<R>(part, &mut |bytes| bins.add(number(Value::from_bytes(bytes.as_bytes())), 1));

@@ -23,6 +23,7 @@ mod stats;
 mod surface;
 mod walk;
 mod window;
+mod zonal;
 
 pub(crate) use field::Field;
 pub(crate) use find::source_find;
@@ -40,6 +41,8 @@ pub(crate) use stats::{autumnal_statistics, source_statistics};
 pub use surface::SolidSurface;
 pub(crate) use surface::measure_surface;
 pub(crate) use window::Canvas;
+pub use zonal::{ZoneChannel, ZoneRule, ZoneStatistics};
+pub(crate) use zonal::{source_zonal, zonal};
 
 use crate::{Error, Result};
 

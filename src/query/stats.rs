@@ -106,7 +106,7 @@ fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistic
     summary(&tally, volume, 0)
 }
 
-fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statistics {
+pub(super) fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statistics {
     let value_type = tally.value_type;
     let (min, max) = (value_type.samples(tally.min), value_type.samples(tally.max));
     let channel = |channel: usize| {
@@ -171,7 +171,7 @@ impl Visitor for Gather {
         Some(self.count.subtree(records, levels))
     }
 
-    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
+    fn dense(&mut self, _: Code, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
         self.count.dense(block, part);
         true
     }

@@ -1,6 +1,7 @@
-//! Walks the part of a tree that lies in a box, asking at every zone whether its statistics will do.
+//! Walks the part of a tree that lies in a box, or in anything else that selects cells, asking at every zone whether its
+//! statistics will do.
 
-use crate::space::{Bounds, Code};
+use crate::space::{Bounds, Code, Cover};
 use crate::store::container::dense::{DenseBlock, DenseStates};
 use crate::store::container::subtree::BadSkip;
 use crate::store::container::{
@@ -73,28 +74,54 @@ pub(super) fn ended(walked: Walked) -> Result<()> {
     }
 }
 
-/// A question about a box of cells.
+/// A selection of cells of the deepest level: what a question is about.
+pub(super) trait Selection {
+    /// How it has the cells of a node.
+    fn cover(&self, space: &Bounds) -> Cover;
+    /// The cells of a node, of which it has a part, that it may have.
+    fn part(&self, space: &Bounds) -> Bounds;
+}
+
+impl Selection for Bounds {
+    #[inline]
+    fn cover(&self, space: &Bounds) -> Cover {
+        if self.contains(space) {
+            Cover::Whole
+        } else if self.intersect(space).is_empty() {
+            Cover::Nothing
+        } else {
+            Cover::Part
+        }
+    }
+
+    #[inline]
+    fn part(&self, space: &Bounds) -> Bounds {
+        space.intersect(self)
+    }
+}
+
+/// A question about a selection of cells.
 pub(super) trait Visitor {
-    /// Whether the statistics of a zone that lies wholly in the box will do; otherwise the walk goes into it.
+    /// Whether the statistics of a zone that is selected as a whole will do; otherwise the walk goes into it.
     fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool>;
-    /// A uniform block (`None` is VOID) of which so many cells lie in the box; if not all do, `part` has
-    /// those that do.
+    /// A uniform block (`None` is VOID) of which so many cells may be selected; if not all are, `part` has
+    /// these.
     fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked;
-    /// The records of a whole subtree that lies in the box, none of it in another segment, and its levels:
+    /// The records of a subtree that is selected as a whole, none of it in another segment, and its levels:
     /// whether the visitor has taken all of it at once. Otherwise the walk goes through them.
     fn subtree(&mut self, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
         None
     }
-    /// The part of a dense block of cells that lies in the box, by its first place and places along each axis: whether the
+    /// The part of a dense block of cells, the node with a code, that may be selected, by its first place and places along each axis: whether the
     /// visitor has taken all of it at once. Otherwise the walk goes through it.
-    fn dense(&mut self, _: &DenseBlock<'_>, _: ([usize; 3], [usize; 3])) -> bool {
+    fn dense(&mut self, _: Code, _: &DenseBlock<'_>, _: ([usize; 3], [usize; 3])) -> bool {
         false
     }
     /// The walk has gone through all children of a node.
     fn leave(&mut self, _: Code) -> Walked {
         Ok(())
     }
-    /// A block that lies outside the box.
+    /// A block of which nothing is selected.
     fn outside(&mut self) -> Walked {
         Ok(())
     }
@@ -102,63 +129,103 @@ pub(super) trait Visitor {
     fn enter_segment(&mut self) {}
 }
 
-/// Walks all of `bounds` (cells of the deepest level), in FD order.
-pub(super) fn walk(tree: &Goblin, bounds: &Bounds, visitor: &mut impl Visitor) -> Walked {
-    let (shape, root) = (tree.header().shape, Code::root(tree.header().form.dimension));
-    let whole = root.bounds(shape.depth);
-    // `None` from here on means wholly inside: nodes below need no bounds, and no tests against the box.
-    let space = (!bounds.contains(&whole)).then_some(whole);
-    let walk = Walk { tree, shape, bounds };
-    match tree.root_child() {
-        Child::Inner { .. } => walk.segment(root, tree.find_segment(root), space, visitor),
-        uniform => uniform_block(root, shape.depth, uniform.value(), (space.as_ref(), bounds), visitor),
+/// The cells of a node that are selected.
+#[derive(Clone, Copy)]
+enum Selected {
+    Whole,
+    Nothing,
+    /// A part of these cells.
+    Part(Bounds),
+}
+
+impl Selected {
+    /// The selected ones of a node's cells; `None` if all are.
+    #[inline]
+    fn of(space: Option<Bounds>, selection: &impl Selection) -> Selected {
+        let Some(space) = space else { return Selected::Whole };
+        match selection.cover(&space) {
+            Cover::Whole => Selected::Whole,
+            Cover::Nothing => Selected::Nothing,
+            Cover::Part => Selected::Part(space),
+        }
+    }
+
+    /// The node's cells, unless all of them are selected.
+    #[inline]
+    fn space(self) -> Option<Bounds> {
+        match self {
+            Selected::Part(space) => Some(space),
+            Selected::Whole | Selected::Nothing => None,
+        }
     }
 }
 
-/// Hands a uniform block to the visitor; `space` has its cells unless all of them lie in the box.
+/// Walks all that is selected, in FD order.
+pub(super) fn walk(tree: &Goblin, selection: &impl Selection, visitor: &mut impl Visitor) -> Walked {
+    let (shape, root) = (tree.header().shape, Code::root(tree.header().form.dimension));
+    let whole = root.bounds(shape.depth);
+    // Below a node that is selected as a whole nothing is tested.
+    let selected = Selected::of(Some(whole), selection);
+    let walk = Walk { tree, shape, selection };
+    match tree.root_child() {
+        Child::Inner { .. } if matches!(selected, Selected::Nothing) => visitor.outside(),
+        Child::Inner { .. } => walk.segment(root, tree.find_segment(root), selected.space(), visitor),
+        uniform => uniform_block(root, shape.depth, uniform.value(), (selected, selection), visitor),
+    }
+}
+
+/// Hands a uniform block to the visitor.
 #[inline]
 fn uniform_block(
     code: Code,
     depth: u8,
     value: Option<Value>,
-    (space, bounds): (Option<&Bounds>, &Bounds),
+    (selected, selection): (Selected, &impl Selection),
     visitor: &mut impl Visitor,
 ) -> Walked {
-    let Some(space) = space else {
-        let cells = code.dimension().cells(depth.saturating_sub(code.level()));
-        return visitor.block(code, value, cells, None);
-    };
-    let part = space.intersect(bounds);
-    if part.is_empty() { visitor.outside() } else { visitor.block(code, value, part.volume(), Some(&part)) }
+    match selected {
+        Selected::Whole => {
+            let cells = code.dimension().cells(depth.saturating_sub(code.level()));
+            visitor.block(code, value, cells, None)
+        }
+        Selected::Nothing => visitor.outside(),
+        Selected::Part(space) => {
+            let part = selection.part(&space);
+            visitor.block(code, value, part.volume(), Some(&part))
+        }
+    }
 }
 
-/// Walks all of `bounds` (cells of the deepest level) of any source, in FD order. Zones are where the source
-/// knows tallies.
-pub(super) fn walk_source<S: Source>(source: &S, bounds: &Bounds, visitor: &mut impl Visitor) -> Walked {
+/// Walks all that is selected of any source, in FD order. Zones are where the source knows tallies.
+pub(super) fn walk_source<S: Source>(
+    source: &S,
+    selection: &impl Selection,
+    visitor: &mut impl Visitor,
+) -> Walked {
     let root = Code::root(source.form().dimension);
     let whole = root.bounds(source.depth());
-    let space = (!bounds.contains(&whole)).then_some(whole);
-    source_node(source, root, &source.root()?, space, bounds, visitor)
+    let selected = Selected::of(Some(whole), selection);
+    source_node(source, root, &source.root()?, (selected, selection), visitor)
 }
 
-/// Walks a node of a source; `space` has its cells unless all of them lie in the box.
+/// Walks a node of a source.
 fn source_node<S: Source>(
     source: &S,
     code: Code,
     node: &Child<S::Node>,
-    space: Option<Bounds>,
-    bounds: &Bounds,
+    (selected, selection): (Selected, &impl Selection),
     visitor: &mut impl Visitor,
 ) -> Walked {
     let inner = match node {
         Child::Inner { node, .. } if code.level() < source.depth() => node,
         uniform => {
-            return uniform_block(code, source.depth(), uniform.value(), (space.as_ref(), bounds), visitor);
+            return uniform_block(code, source.depth(), uniform.value(), (selected, selection), visitor);
         }
     };
-    if space.is_some_and(|space| space.intersect(bounds).is_empty()) {
+    if matches!(selected, Selected::Nothing) {
         return visitor.outside();
     }
+    let space = selected.space();
     if space.is_none()
         && let Some(tally) = source.tally(inner)?
         && visitor.zone(code, &KnownTally(tally))?
@@ -169,18 +236,17 @@ fn source_node<S: Source>(
     let mut children = no_children();
     source.children(inner, &mut children)?;
     for (step, child) in children[..dimension.children()].iter().enumerate() {
-        // A child that lies wholly in the box, as do all nodes below it, is not cut any more.
         let space = space.map(|space| space.child(dimension, step));
-        let space = space.filter(|space| !bounds.contains(space));
-        source_node(source, code.child(step), child, space, bounds, visitor)?;
+        let selected = Selected::of(space, selection);
+        source_node(source, code.child(step), child, (selected, selection), visitor)?;
     }
     visitor.leave(code)
 }
 
-struct Walk<'a> {
+struct Walk<'a, S> {
     tree: &'a Goblin,
     shape: Shape,
-    bounds: &'a Bounds,
+    selection: &'a S,
 }
 
 /// A node with a record.
@@ -188,13 +254,13 @@ struct Node {
     /// Its place in the segment.
     at: RunNode,
     code: Code,
-    /// Its cells, unless all of them lie in the box.
+    /// Its cells, unless all of them are selected.
     space: Option<Bounds>,
     /// Whether all that is below it is in the segment.
     inline: bool,
 }
 
-impl Walk<'_> {
+impl<S: Selection> Walk<'_, S> {
     /// A node that owns a segment.
     fn segment(
         &self,
@@ -235,12 +301,12 @@ impl Walk<'_> {
             && block.kind.is_leaves()
         {
             let part = space.map(|space| {
-                let part = space.intersect(self.bounds);
+                let part = self.selection.part(&space);
                 let first = std::array::from_fn(|axis| (part.min[axis] - space.min[axis]) as usize);
                 (first, part.size().map(|size| size as usize))
             });
             if let Some(part) = part
-                && visitor.dense(&block, part)
+                && visitor.dense(code, &block, part)
             {
                 return Ok(());
             }
@@ -254,19 +320,19 @@ impl Walk<'_> {
         for (step, RunChild { state, value, node: at }) in children[..dimension.children()].iter().enumerate()
         {
             let child = code.child(step);
-            let space = space.map(|space| space.child(dimension, step));
-            let space = space.filter(|space| !self.bounds.contains(space));
+            let selected = Selected::of(space.map(|space| space.child(dimension, step)), self.selection);
             match *state {
-                VOID => uniform_block(child, shape.depth, None, (space.as_ref(), self.bounds), visitor)?,
+                VOID => uniform_block(child, shape.depth, None, (selected, self.selection), visitor)?,
                 LEAF => {
-                    uniform_block(child, shape.depth, Some(*value), (space.as_ref(), self.bounds), visitor)?;
+                    uniform_block(child, shape.depth, Some(*value), (selected, self.selection), visitor)?;
                 }
                 state => {
                     debug_assert!(state == INNER || state == CUT);
-                    if space.is_some_and(|space| space.intersect(self.bounds).is_empty()) {
+                    if matches!(selected, Selected::Nothing) {
                         visitor.outside()?;
                         continue;
                     }
+                    let space = selected.space();
                     // A child that owns a segment has a zone there, and records that reach deeper than those
                     // here.
                     let deepest = candidates.then(|| self.tree.find_segment(child)).flatten();
@@ -302,16 +368,13 @@ impl Walk<'_> {
         let level = block.levels - (depth - code.level()) + 1;
         for step in 0..dimension.children() {
             let (child, index) = (code.child(step), block.child(level, index, step));
-            let space = space.map(|space| space.child(dimension, step));
-            let space = space.filter(|space| !self.bounds.contains(space));
+            let selected = Selected::of(space.map(|space| space.child(dimension, step)), self.selection);
             match states.level(level)[index] {
-                INNER if space.is_some_and(|space| space.intersect(self.bounds).is_empty()) => {
-                    visitor.outside()?;
-                }
-                INNER => self.dense(dense, (child, index), space, visitor)?,
+                INNER if matches!(selected, Selected::Nothing) => visitor.outside()?,
+                INNER => self.dense(dense, (child, index), selected.space(), visitor)?,
                 state => {
                     let value = (state != VOID).then(|| block.value(level, index));
-                    uniform_block(child, depth, value, (space.as_ref(), self.bounds), visitor)?;
+                    uniform_block(child, depth, value, (selected, self.selection), visitor)?;
                 }
             }
         }

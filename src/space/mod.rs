@@ -6,6 +6,7 @@ mod control_points;
 mod crs;
 mod dimension;
 mod frame;
+mod polygon;
 mod region;
 mod up;
 
@@ -16,5 +17,6 @@ pub use control_points::{ControlPoint, ControlPoints};
 pub use crs::{Crs, Epsg, GeoKeys};
 pub use dimension::Dimension;
 pub use frame::Frame;
+pub use polygon::{Cover, Polygon};
 pub use region::Region;
 pub use up::Up;

@@ -6,9 +6,9 @@ use spinney::Error;
 use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{
-    Chain, Edit, FillRegion, Operation, Polygon, Prefer, TreeFile, apply_edits, convert, diff_files, edit,
+    Chain, Edit, FillRegion, Operation, Prefer, TreeFile, apply_edits, convert, diff_files, edit,
 };
-use spinney::space::{Bounds, Dimension};
+use spinney::space::{Bounds, Dimension, Polygon};
 use spinney::store::OpenOptions;
 use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact};
 use spinney::tree::Form;

@@ -7,8 +7,8 @@ use spinney::import::mesh::{
 use spinney::io::Output;
 use spinney::value::Value;
 
-use crate::common::solid::{Point, Polygons, Triangle, build, cells, cuboid, unit_cells};
-use crate::common::{shared_data, with};
+use crate::common::solid::{Point, Polygons, Triangle, build, cells, cuboid, plain, unit_cells, winding};
+use crate::common::{Random, shared_data, with};
 
 type Faces = Vec<(Triangle, u32, [u8; 3])>;
 
@@ -180,5 +180,66 @@ fn files_with_open_objects() {
     if let Some(tree) = build("DELFSHAVEN.city.json", Attribute::Part, Resolution::Cells(256)) {
         let labels = classes(&tree).len();
         assert!(labels > 700, "{labels} labels");
+    }
+}
+
+/// Error of the winding field, as stated: cells whose field is nearer to one half may be inside or outside.
+const BOUND: f64 = 0.01;
+
+/// Builds open triangles in cells of width 1, and compares some cells with the field at their centres.
+fn compare(triangles: &[Triangle], depth: u8, every: usize, what: &str) {
+    let (tree, report) = build(plain(triangles), &unit_cells(depth));
+    assert_eq!(report.inside, InsideTest::Open, "{what}");
+    let side = 1usize << depth;
+    let extreme = |axis: usize, pick: fn(f64, f64) -> f64, from: f64| {
+        triangles.iter().flatten().map(|corner| corner[axis]).fold(from, pick)
+    };
+    let low = [0, 1, 2].map(|axis| extreme(axis, f64::min, f64::INFINITY));
+    let high = [0, 1, 2].map(|axis| extreme(axis, f64::max, f64::NEG_INFINITY));
+    let (mut inside, mut outside) = (0, 0);
+    for (index, cell) in cells(&tree).into_iter().enumerate().step_by(every) {
+        let at = [index % side, index / side % side, index / side / side].map(|x| x as f64);
+        if (0..3).any(|axis| at[axis] >= high[axis] || at[axis] + 1.0 <= low[axis]) {
+            assert!(cell.is_none(), "{what}: {at:?} beside the surface");
+            continue;
+        }
+        // What lies on a triangle lies beside it, by far the most along x and the least along z.
+        let expected =
+            winding(triangles, [at[0] + 0.5 + 1e-6, at[1] + 0.5 + 1e-8, at[2] + 0.5 + 1e-10]).abs();
+        if (expected - 0.5).abs() > BOUND {
+            assert_eq!(cell.is_some(), expected >= 0.5, "{what}: {at:?} {expected}");
+        }
+        inside += usize::from(cell.is_some());
+        outside += usize::from(cell.is_none());
+    }
+    assert!(inside > 0 && outside > 0, "{what}");
+}
+
+#[test]
+fn cells_are_as_the_exact_field_says() {
+    let mut random = Random(5);
+    let mut number = |from: f64, below: u64| from + random.below(below * 64) as f64 / 64.0;
+    for (count, size) in [(1, 24), (12, 20), (150, 9), (700, 5)] {
+        let mut soup: Vec<Triangle> = (0..count)
+            .map(|_| {
+                let from: Point = [0; 3].map(|_| number(0.0, 31));
+                [0; 3].map(|_| from.map(|x| number(x, size).min(31.25)))
+            })
+            .collect();
+        // Some of it closed but for a triangle, so that there is an inside.
+        soup.extend(cuboid([5.25, 6.0, 7.25], [16.0, 20.25, 14.0]).into_iter().skip(1));
+        compare(&soup, 5, 1 + count / 50, &format!("{count} loose triangles"));
+    }
+    // Boxes without a side or two, also turned inside out, with sides and their diagonals through cells' centres.
+    for (low, high) in [([10.25, 20.75, 12.0], [50.0, 44.25, 49.125]), ([9.5, 9.5, 9.5], [41.5, 41.5, 41.5])]
+    {
+        for skipped in [vec![0, 1], vec![3], vec![7, 8]] {
+            let faces = cuboid(low, high).into_iter().enumerate();
+            let mut open: Vec<Triangle> =
+                faces.filter(|(index, _)| !skipped.contains(index)).map(|(_, face)| face).collect();
+            compare(&open, 6, 3, &format!("{low:?} without {skipped:?}"));
+            open.iter_mut().for_each(|triangle| triangle.swap(0, 1));
+            compare(&open, 6, 3, &format!("{low:?} inside out, without {skipped:?}"));
+        }
     }
 }

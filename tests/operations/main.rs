@@ -11,3 +11,4 @@ mod queries;
 mod set_operations;
 mod solids;
 mod symmetries;
+mod zonal;

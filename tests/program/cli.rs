@@ -262,6 +262,56 @@ fn statistics() {
 }
 
 #[test]
+fn statistics_of_polygons() {
+    let trees = Trees::new();
+    let document = trees.name("zones.geojson");
+    let polygon = |name: &str, ring: &str| {
+        format!(
+            r#"{{"type":"Feature","properties":{{"name":"{name}"}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}"#
+        )
+    };
+    let features = [
+        polygon("all", "[[0,0],[8,0],[8,8],[0,8],[0,0]]"),
+        polygon("half a column", "[[2,0],[2.5,0],[2.5,8],[2,8]]"),
+        polygon("elsewhere", "[[20,0],[28,0],[28,8]]"),
+    ];
+    std::fs::write(
+        &document,
+        format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, features.join(",")),
+    )
+    .unwrap();
+    let whole = json(&["stats", &trees.classic, "--json"]);
+    for border in ["centre", "area"] {
+        let found = json(&["stats", &trees.classic, "--json", "--zones", &document, "--border", border]);
+        let zones = found["zones"].as_array().unwrap();
+        assert_eq!(zones.len(), 3);
+        assert_eq!((&zones[0]["name"], &zones[0]["cells"]), (&"all".into(), &64.0.into()));
+        for (zone, class) in
+            zones[0]["classes"].as_array().unwrap().iter().zip(whole["classes"].as_array().unwrap())
+        {
+            assert_eq!(zone["cells"].as_f64(), class["cells"].as_f64());
+        }
+        let half = if border == "area" { 4.0 } else { 0.0 };
+        assert_eq!((&zones[1]["cells"], &zones[2]["cells"]), (&half.into(), &0.0.into()));
+    }
+    let text = stdout(&["stats", &trees.classic, "--zones", &document, "--border", "area"]);
+    assert!(
+        text.contains("half a column  4 cells, and 0 VOID") && text.contains("elsewhere  0 cells"),
+        "{text}"
+    );
+    // (Without a word about borders, cells count by their centres.)
+    assert!(stdout(&["stats", &trees.classic, "--zones", &document]).contains("half a column  0 cells"));
+    complaint(&["stats", &trees.classic, "--border", "area"], 2);
+    complaint(&["stats", &trees.classic, "--zones", &document, "--window", "0,0,1,1"], 2);
+    assert!(
+        complaint(&["stats", &trees.classic, "--zones", &trees.name("none.geojson")], 1)
+            .contains("none.geojson")
+    );
+    std::fs::write(&document, r#"{"type":"Point","coordinates":[1,2]}"#).unwrap();
+    assert!(complaint(&["stats", &trees.classic, "--zones", &document], 1).contains("`Point`"));
+}
+
+#[test]
 fn searches() {
     let trees = Trees::new();
     let covered = |arguments: &[&str]| {

@@ -29,7 +29,7 @@ use super::report::{Work, report_built};
 ///
 /// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses
 /// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
-/// its winding field where it is not. Several models become one solid.
+/// its winding field, to 0.01, where it is not. Several models become one solid.
 ///
 /// Data that do not fit into --memory go to a temporary file beside the output.
 #[derive(clap::Args)]

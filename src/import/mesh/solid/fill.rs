@@ -269,13 +269,78 @@ pub(super) struct Painter<'a> {
 /// A triangle that may cut several cells.
 struct Cut {
     corners: [[i64; 3]; 3],
-    attribute: u32,
     /// The first cell's corner, and the width of a cell.
     min: [i32; 3],
     cell: i32,
     /// The cells that its box reaches: from the first up to, not including, the last.
     from: [usize; 3],
     to: [usize; 3],
+}
+
+/// Hands out the cells that a triangle cuts, of a block that begins at `min` and has `2^height` cells along each axis.
+fn each_cut(triangle: &Triangle, min: [i32; 3], cell: i32, height: u8, each: &mut dyn FnMut([usize; 3])) {
+    let side = 1i32 << height;
+    let mut from = [0usize; 3];
+    let mut to = [0usize; 3];
+    for axis in 0..3 {
+        let (low, high) =
+            (triangle.min(axis) as i64 - min[axis] as i64, triangle.max(axis) as i64 - min[axis] as i64);
+        let cell = cell as i64;
+        // Open cells: a triangle that ends on a wall does not reach the cell behind it, nor does one that
+        // lies in it.
+        let first = low.div_euclid(cell).max(0);
+        let end = (high + cell - 1).div_euclid(cell).min(side as i64);
+        if first >= end || (low == high && low.rem_euclid(cell) == 0) {
+            return;
+        }
+        (from[axis], to[axis]) = (first as usize, end as usize);
+    }
+    if (0..3).all(|axis| to[axis] - from[axis] == 1) {
+        // A triangle in one cell, and not in its walls.
+        return each(from);
+    }
+    // (Wide: the cut test multiplies differences.)
+    let corners = triangle.corners.map(|corner| corner.map(i64::from));
+    Cut { corners, min, cell, from, to }.descend([0; 3], height, each);
+}
+
+impl Cut {
+    /// Hands out those of a node of cells whose first cell is at `at`.
+    fn descend(&self, at: [usize; 3], height: u8, each: &mut dyn FnMut([usize; 3])) {
+        let side = 1usize << height;
+        if (0..3).any(|axis| at[axis] >= self.to[axis] || at[axis] + side <= self.from[axis]) {
+            return;
+        }
+        let cell = i64::from(self.cell);
+        let low: [i64; 3] = std::array::from_fn(|axis| i64::from(self.min[axis]) + at[axis] as i64 * cell);
+        let high = low.map(|low| low + side as i64 * cell);
+        if !triangle::cuts(&self.corners, low, high) {
+            return;
+        }
+        if height == 0 {
+            return each(at);
+        }
+        for child in 0..8 {
+            let at = std::array::from_fn(|axis| at[axis] + (child >> axis & 1) * side / 2);
+            self.descend(at, height - 1, each);
+        }
+    }
+}
+
+/// The cells of a block that triangles cut.
+pub(super) fn cut_cells(
+    triangles: &[Triangle],
+    min: [i32; 3],
+    cell: i32,
+    height: u8,
+    progress: &dyn Progress,
+) -> Result<Bits> {
+    let mut cut = Bits::new(height);
+    for triangle in triangles {
+        progress.check()?;
+        each_cut(triangle, min, cell, height, &mut |at| cut.set(at));
+    }
+    Ok(cut)
 }
 
 impl<'a> Painter<'a> {
@@ -301,59 +366,11 @@ impl<'a> Painter<'a> {
         if fill.surface || fill.boundary == Boundary::Full || fill.attribute == Attribute::Colour {
             for triangle in triangles {
                 fill.progress.check()?;
-                self.cut(triangle, min, fill.cell());
+                let height = self.cells.height;
+                each_cut(triangle, min, fill.cell(), height, &mut |at| self.mark(at, triangle.attribute));
             }
         }
         Ok(())
-    }
-
-    /// Marks the cells that a triangle cuts.
-    fn cut(&mut self, triangle: &Triangle, min: [i32; 3], cell: i32) {
-        let side = 1i32 << self.cells.height;
-        let mut from = [0usize; 3];
-        let mut to = [0usize; 3];
-        for axis in 0..3 {
-            let (low, high) =
-                (triangle.min(axis) as i64 - min[axis] as i64, triangle.max(axis) as i64 - min[axis] as i64);
-            let cell = cell as i64;
-            // Open cells: a triangle that ends on a wall does not reach the cell behind it, nor does one that
-            // lies in it.
-            let first = low.div_euclid(cell).max(0);
-            let end = (high + cell - 1).div_euclid(cell).min(side as i64);
-            if first >= end || (low == high && low.rem_euclid(cell) == 0) {
-                return;
-            }
-            (from[axis], to[axis]) = (first as usize, end as usize);
-        }
-        if (0..3).all(|axis| to[axis] - from[axis] == 1) {
-            // A triangle in one cell, and not in its walls.
-            return self.mark(from, triangle.attribute);
-        }
-        // (Wide: the cut test multiplies differences.)
-        let corners = triangle.corners.map(|corner| corner.map(i64::from));
-        let cut = Cut { corners, attribute: triangle.attribute, min, cell, from, to };
-        self.descend(&cut, [0; 3], self.cells.height);
-    }
-
-    /// Marks those of a node of cells whose first cell is at `at`.
-    fn descend(&mut self, cut: &Cut, at: [usize; 3], height: u8) {
-        let side = 1usize << height;
-        if (0..3).any(|axis| at[axis] >= cut.to[axis] || at[axis] + side <= cut.from[axis]) {
-            return;
-        }
-        let cell = i64::from(cut.cell);
-        let low: [i64; 3] = std::array::from_fn(|axis| i64::from(cut.min[axis]) + at[axis] as i64 * cell);
-        let high = low.map(|low| low + side as i64 * cell);
-        if !triangle::cuts(&cut.corners, low, high) {
-            return;
-        }
-        if height == 0 {
-            return self.mark(at, cut.attribute);
-        }
-        for child in 0..8 {
-            let at = std::array::from_fn(|axis| at[axis] + (child >> axis & 1) * side / 2);
-            self.descend(cut, at, height - 1);
-        }
     }
 
     fn mark(&mut self, at: [usize; 3], attribute: u32) {

@@ -237,13 +237,13 @@ impl<'a> Solid<'a> {
     }
 
     /// Node of a region as its parent has it: void, a leaf, or an inner node.
-    fn child(&self, mut region: UpperNode) -> Child<Node> {
+    fn child(&self, mut region: UpperNode) -> Result<Child<Node>> {
         let mut sheets = Vec::new();
         for sheet in std::mem::take(&mut region.sheets) {
-            match self.uniform(&region, &sheet) {
+            match self.uniform(&region, &sheet)? {
                 Some(None) => {}
                 // What comes after it changes nothing.
-                Some(Some(attribute)) if sheets.is_empty() => return Child::Leaf(self.full(attribute)),
+                Some(Some(attribute)) if sheets.is_empty() => return Ok(Child::Leaf(self.full(attribute))),
                 Some(Some(_)) => {
                     sheets.push(sheet);
                     break;
@@ -252,32 +252,34 @@ impl<'a> Solid<'a> {
             }
         }
         if sheets.is_empty() {
-            return Child::Void;
+            return Ok(Child::Void);
         }
-        self.inner(Node::Region(Arc::new(UpperNode { sheets, ..region })))
+        Ok(self.inner(Node::Region(Arc::new(UpperNode { sheets, ..region }))))
     }
 
     /// Whether all of a region is outside a surface, or all of it inside, with its attribute; `None` if it is
     /// divided or in doubt.
-    fn uniform(&self, region: &UpperNode, sheet: &Sheet) -> Option<Option<u32>> {
+    fn uniform(&self, region: &UpperNode, sheet: &Sheet) -> Result<Option<Option<u32>>> {
         let inside = &self.tests[sheet.surface];
         if !sheet.triangles.is_empty() {
-            return None;
+            return Ok(None);
         }
         if self.fill.surface {
-            return Some(None);
+            return Ok(Some(None));
         }
         let Inside::Field(field) = inside else {
-            return Some(inside.has(sheet.state.winding).then_some(sheet.state.attribute));
+            return Ok(Some(inside.has(sheet.state.winding).then_some(sheet.state.attribute)));
         };
         let (min, width) = self.bounds(region);
         if field.is_beside(min, width) {
-            return Some(None);
+            return Ok(Some(None));
         }
+        let value = field.uniform(min, width, self.fill.cell(), self.fill.progress)?;
         let middle = DVec3::from_array(min.map(f64::from)) + f64::from(width) / 2.0;
-        let attribute =
-            || if self.fill.attribute == Attribute::Occupancy { 0 } else { field.attribute(middle) };
-        field.uniform(min, width).map(|winding| (winding != 0).then(attribute))
+        let attribute = |value: f32| {
+            if self.fill.attribute == Attribute::Occupancy { 0 } else { field.attribute(middle, value < 0.0) }
+        };
+        Ok(value.map(|value| (value.abs() >= 0.5).then(|| attribute(value))))
     }
 
     fn full(&self, attribute: u32) -> Value {
@@ -341,14 +343,14 @@ impl Source for Solid<'_> {
     }
 
     fn root(&self) -> Result<Child<Node>> {
-        Ok(self.child(self.root.clone()))
+        self.child(self.root.clone())
     }
 
     fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
         let (block, above, at) = match node {
             Node::Region(region) if self.is_split(region) => {
                 for (child, region) in children.iter_mut().zip(self.split(region)?) {
-                    *child = self.child(region);
+                    *child = self.child(region)?;
                 }
                 return Ok(());
             }

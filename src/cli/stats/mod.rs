@@ -1,5 +1,9 @@
 //! `spinney stats`: exact statistics of any part.
 
+mod zones;
+
+use std::path::PathBuf;
+
 use anyhow::{Result, ensure};
 use serde_json::json;
 use spinney::dataset::Dataset;
@@ -18,6 +22,7 @@ const EXAMPLES: &str = "Examples:
   spinney stats house.goblin
   spinney stats house.goblin --surface
   spinney stats house.goblin --solid --level 7
+  spinney stats landcover.goblin --zones districts.geojson --border area --json
 
 Of solids (octrees of occupancy, or others with --solid) volume, centre of gravity and bounds are
 printed, in the model's unit. They are exact; coarser levels keep the volume. --surface adds the
@@ -25,6 +30,10 @@ surface of the cells which are at least half full: once of the cells as blocks, 
 smooth surface they stand for, each face weighted by the surface's normal there. It is found by
 going through all cells around the surface, which takes seconds where there are many. In other
 octrees cells that are not VOID are full.
+
+With --zones there are statistics of the cells in each polygon of a GeoJSON file, whose corners are
+taken to be in the tree's own coordinate system, whatever the document says of theirs. Only what the
+polygons' borders cut is read.
 
 Areas in square metres are printed for projected coordinate systems that count in metres, except Web
 Mercator. Cells of degrees differ in area.";
@@ -50,6 +59,12 @@ pub(crate) struct Args {
     /// Level at which a solid is measured [default: the deepest]
     #[arg(long, value_name = "LEVEL")]
     level: Option<u8>,
+    /// Polygons in a GeoJSON file: statistics of the cells in each
+    #[arg(long, value_name = "GEOJSON", conflicts_with_all = ["window", "bbox", "solid", "surface", "level"])]
+    zones: Option<PathBuf>,
+    /// Cells on a polygon's border
+    #[arg(long, value_name = "RULE", value_enum, default_value_t, requires = "zones")]
+    border: zones::BorderCells,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -57,6 +72,10 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
+    if let Some(file) = &args.zones {
+        zones::run(&tree, file, args.border, args.json, global)?;
+        return Ok(tree.check_unchanged()?);
+    }
     let bounds = args.part.bounds(&tree)?;
     let is_octree = tree.header().form.axes() == 3;
     let is_asked = args.solid || args.surface || args.level.is_some();

@@ -1,0 +1,177 @@
+//! The rims of a surface's holes: where its winding field is not smooth.
+//!
+//! But for the steps by one at the surface itself, a winding field changes as the magnetic field of a current along the
+//! rims is (Biot and Savart): its gradient at a point is the sum over all pieces of a rim of the piece times the
+//! direction to it over the square of its distance, and each further derivative takes another distance.
+
+use glam::DVec3;
+
+use super::closure::edge_number;
+use super::field::place_key;
+use super::grid::Triangle;
+
+/// Edges that are looked at together.
+const CHUNK: usize = 64;
+/// Distance of a piece from a cube, in half widths of the cube, from which on it is the same for all of the cube.
+const FAR: f64 = 3.0;
+/// Greatest length of a piece that is nearer, by its distance and half of the cube's half width.
+const LENGTH: f64 = 0.5;
+
+/// Pieces that are listed for a cube at most; where there are more, the cube is divided without a look at them.
+const MANY: usize = 1 << 15;
+
+/// All edges that are a surface's boundary.
+#[derive(Debug)]
+pub(super) struct Rims {
+    edges: Vec<[[i32; 3]; 2]>,
+    /// A ball around each [`CHUNK`] of the edges, and their length.
+    chunks: Vec<(Piece, f64)>,
+}
+
+/// A piece of an edge, or what is in a ball: from its middle to one end.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    middle: DVec3,
+    half: DVec3,
+}
+
+impl Piece {
+    fn of(edge: &[[i32; 3]; 2]) -> Piece {
+        let [from, to] = edge.map(|end| DVec3::from_array(end.map(f64::from)));
+        Piece { middle: from.midpoint(to), half: (to - from) / 2.0 }
+    }
+
+    /// Distance from which on it lies from a cube.
+    fn gap(&self, middle: DVec3, half: f64) -> f64 {
+        ((self.middle - middle).abs() - half).max(DVec3::ZERO).length() - self.half.length()
+    }
+}
+
+impl Rims {
+    /// Bytes of memory that the rims of this number of triangles take at most.
+    pub(super) fn memory(triangles: usize) -> u64 {
+        (3 * triangles * size_of::<[[i32; 3]; 2]>()) as u64
+    }
+
+    /// The edges that triangles have more often in one direction than in the other.
+    pub(super) fn new(triangles: &[Triangle]) -> Rims {
+        let mut numbers: Vec<(u64, i32, u32)> = Vec::with_capacity(3 * triangles.len());
+        for (index, triangle) in (0..).zip(triangles) {
+            for side in 0..3 {
+                let [from, to] = edge(triangle, side);
+                if from != to {
+                    let (number, is_forward) = edge_number(from, to);
+                    numbers.push((number, if is_forward { 1 } else { -1 }, 3 * index + side));
+                }
+            }
+        }
+        numbers.sort_unstable();
+        let mut edges = Vec::new();
+        for same in numbers.chunk_by(|a, b| a.0 == b.0) {
+            let times = same.iter().map(|(_, way, _)| way).sum::<i32>();
+            let first = same[0].2;
+            let edge = edge(&triangles[first as usize / 3], first % 3);
+            edges.extend((0..times.unsigned_abs()).map(|_| edge));
+        }
+        drop(numbers);
+        edges.sort_by_cached_key(|[from, to]| {
+            (place_key(std::array::from_fn(|axis| from[axis].midpoint(to[axis]))), *from, *to)
+        });
+        let ball = |edges: &[[[i32; 3]; 2]]| {
+            let middle = Piece::of(&edges[0]).middle;
+            let pieces = || edges.iter().map(Piece::of);
+            let radius = pieces().map(|piece| piece.middle.distance(middle) + piece.half.length());
+            let half = DVec3::new(radius.fold(0.0, f64::max), 0.0, 0.0);
+            (Piece { middle, half }, pieces().map(|piece| 2.0 * piece.half.length()).sum())
+        };
+        Rims { chunks: edges.chunks(CHUNK).map(ball).collect(), edges }
+    }
+
+    /// The rims as seen from a cube with this middle and half width.
+    pub(super) fn around(&self, middle: DVec3, half: f64) -> Rim {
+        let mut rim = Rim::default();
+        for (edges, (ball, length)) in self.edges.chunks(CHUNK).zip(&self.chunks) {
+            let gap = ball.gap(middle, half);
+            if gap > FAR * half {
+                rim.far += length / gap.powi(5);
+            } else {
+                edges.iter().for_each(|edge| rim.add(Piece::of(edge), middle, half));
+            }
+            if rim.pieces.len() > MANY {
+                return Rim { has_too_many: true, ..Rim::default() };
+            }
+        }
+        rim
+    }
+}
+
+/// An edge of a triangle.
+fn edge(triangle: &Triangle, side: u32) -> [[i32; 3]; 2] {
+    let side = side as usize;
+    [triangle.corners[side], triangle.corners[(side + 1) % 3]]
+}
+
+/// Pieces of rims in a cube and around it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rim {
+    /// Those that may go through the cube first: they tell that there is no bound.
+    pieces: Vec<Piece>,
+    within: usize,
+    /// Sum over the pieces further away of their length by the fifth power of their distance.
+    far: f64,
+    /// There are more than [`MANY`] pieces, and they are not listed.
+    has_too_many: bool,
+}
+
+impl Rim {
+    /// The rims, which are all of these, as seen from a cube inside this one.
+    pub(super) fn narrow(&self, all: &Rims, middle: DVec3, half: f64) -> Rim {
+        if self.has_too_many {
+            return all.around(middle, half);
+        }
+        let mut rim = Rim { far: self.far, ..Rim::default() };
+        self.pieces.iter().for_each(|piece| rim.add(*piece, middle, half));
+        rim
+    }
+
+    /// Whether a rim may go through the cube.
+    pub(super) fn is_within(&self) -> bool {
+        self.within > 0 || self.has_too_many
+    }
+
+    fn add(&mut self, piece: Piece, middle: DVec3, half: f64) {
+        let gap = piece.gap(middle, half);
+        let length = 2.0 * piece.half.length();
+        if gap > FAR * half {
+            self.far += length / gap.powi(5);
+        } else if length > LENGTH * (gap.max(0.0) + half / 2.0) {
+            let part = piece.half / 2.0;
+            self.add(Piece { middle: piece.middle - part, half: part }, middle, half);
+            self.add(Piece { middle: piece.middle + part, half: part }, middle, half);
+        } else {
+            self.pieces.push(piece);
+            if gap <= 0.0 {
+                let last = self.pieces.len() - 1;
+                self.pieces.swap(self.within, last);
+                self.within += 1;
+            }
+        }
+    }
+
+    /// Bound in a cube inside this one of the fourth derivatives along the axes, by 24 and with the half width as unit of
+    /// length, of a field that is smooth there; infinite if it is beyond the limit, or a rim may go through the cube.
+    pub(super) fn bend(&self, middle: DVec3, half: f64, limit: f64) -> f64 {
+        if self.has_too_many {
+            return f64::INFINITY;
+        }
+        let scale = half.powi(4) / (4.0 * std::f64::consts::PI);
+        let mut sum = self.far * scale;
+        for piece in &self.pieces {
+            sum += 2.0 * piece.half.length() / piece.gap(middle, half).max(0.0).powi(5) * scale;
+            if sum > limit || sum.is_nan() {
+                return f64::INFINITY;
+            }
+        }
+        sum
+    }
+}

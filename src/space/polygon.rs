@@ -1,0 +1,378 @@
+//! Polygons on a plane of cells: which cells' centres they have inside, and how much of cells.
+
+use std::ops::Range;
+
+use super::bounds::Bounds;
+use crate::{Error, Result};
+
+/// A polygon of rings: what an odd number of them is around is inside.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Polygon {
+    /// Edges that pass through each of some bands of rows, of the same height.
+    bands: Vec<Vec<Edge>>,
+    low: f64,
+    high: f64,
+    /// Least and greatest column of the corners.
+    sides: [f64; 2],
+}
+
+/// From one corner to the next; what is inside lies on the same side of all of them, unless rings cross each other.
+type Edge = [[f64; 2]; 2];
+
+/// Most bands of rows: only the edges in the bands of a node are tested against it.
+const BANDS: usize = 1024;
+
+/// How a polygon has a box of cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cover {
+    /// All of it.
+    Whole,
+    /// Nothing of it.
+    Nothing,
+    /// A part of it, or that is not known.
+    Part,
+}
+
+impl Polygon {
+    /// The polygon with these rings, in cells; rings close by themselves.
+    ///
+    /// # Errors
+    /// If a ring has less than three corners, or one that is not finite.
+    pub fn new(rings: &[Vec<[f64; 2]>]) -> Result<Polygon> {
+        let is_turned = vec![false; rings.len()];
+        Polygon::of_rings(rings, &is_turned)
+    }
+
+    /// The polygon of several parts that have nothing in common, each an outer ring and its holes. (Rings may run in either
+    /// direction.)
+    ///
+    /// # Errors
+    /// Those of [`Polygon::new`].
+    pub fn of_parts(parts: &[Vec<Vec<[f64; 2]>>]) -> Result<Polygon> {
+        let (mut rings, mut is_turned) = (Vec::new(), Vec::new());
+        for part in parts {
+            for (index, ring) in part.iter().enumerate() {
+                is_turned.push((signed_area(ring) < 0.0) != (index > 0));
+                rings.push(ring.clone());
+            }
+        }
+        Polygon::of_rings(&rings, &is_turned)
+    }
+
+    /// The polygon of rings, each of which may have to be gone round in the other direction.
+    fn of_rings(rings: &[Vec<[f64; 2]>], is_turned: &[bool]) -> Result<Polygon> {
+        let corners = || rings.iter().flatten();
+        if rings.is_empty() || rings.iter().any(|ring| ring.len() < 3) {
+            return Err(Error::invalid("polygon", "a ring of less than three corners", "three or more"));
+        }
+        if corners().flatten().any(|number| !number.is_finite()) {
+            return Err(Error::invalid("polygon", "a corner that is not finite", "numbers"));
+        }
+        let least = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
+        let most = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
+        let (low, high, sides) = (least(1), most(1), [least(0), most(0)]);
+        // (A band for each row, where there are not so many.)
+        let bands = (high - low).ceil().clamp(1.0, BANDS as f64) as usize;
+        let mut polygon = Polygon { bands: vec![Vec::new(); bands], low, high, sides };
+        for (ring, is_turned) in rings.iter().zip(is_turned) {
+            for (i, corner) in ring.iter().enumerate() {
+                let next = ring[(i + 1) % ring.len()];
+                let bands = polygon.bands(corner[1].min(next[1]), corner[1].max(next[1]));
+                let edge = if *is_turned { [next, *corner] } else { [*corner, next] };
+                polygon.bands[bands].iter_mut().for_each(|band| band.push(edge));
+            }
+        }
+        Ok(polygon)
+    }
+
+    /// Least and greatest coordinates of the corners.
+    pub fn corners(&self) -> [[f64; 2]; 2] {
+        [[self.sides[0], self.low], [self.sides[1], self.high]]
+    }
+
+    /// The bands of the rows from one coordinate to another.
+    fn bands(&self, from: f64, to: f64) -> Range<usize> {
+        let height = (self.high - self.low).max(f64::MIN_POSITIVE);
+        let count = self.bands.len() as f64;
+        let band = |y: f64| ((y - self.low) / height * count).clamp(0.0, count - 1.0) as usize;
+        band(from)..band(to) + 1
+    }
+
+    /// Whether cells' centres are inside. It is always known of one cell.
+    pub fn cover_centres(&self, bounds: &Bounds) -> Cover {
+        let low = [centre(bounds.min[0]), centre(bounds.min[1])];
+        let high = [centre(bounds.max[0] - 1), centre(bounds.max[1] - 1)];
+        if high[1] < self.low || low[1] > self.high {
+            return Cover::Nothing;
+        }
+        let is_cell = low == high;
+        let near = |edge: &Edge| !is_cell && passes(edge, low, high);
+        if self.bands[self.bands(low[1], high[1])].iter().flatten().any(near) {
+            return Cover::Part;
+        }
+        // No edge passes between the centres, so that the first one's parity is that of all.
+        if self.has(low) { Cover::Whole } else { Cover::Nothing }
+    }
+
+    /// Whether cells lie inside, with all of their area.
+    pub fn cover_area(&self, bounds: &Bounds) -> Cover {
+        let low = [bounds.min[0] as f64, bounds.min[1] as f64];
+        let high = [bounds.max[0] as f64, bounds.max[1] as f64];
+        if high[1] <= self.low || low[1] >= self.high || high[0] <= self.sides[0] || low[0] >= self.sides[1] {
+            return Cover::Nothing;
+        }
+        let near = |edge: &Edge| passes(edge, low, high);
+        if self.bands[self.bands(low[1], high[1])].iter().flatten().any(near) {
+            return Cover::Part;
+        }
+        if self.has([centre(bounds.min[0]), centre(bounds.min[1])]) { Cover::Whole } else { Cover::Nothing }
+    }
+
+    /// Whether a point is inside, not too near an edge. Ends on the row count as below it: a ray through a corner then crosses
+    /// both of its edges, or none, or the one that goes on, and parity is right.
+    fn has(&self, [x, y]: [f64; 2]) -> bool {
+        let band = self.bands(y, y).start;
+        self.bands[band].iter().filter_map(|edge| crossing(edge, y)).filter(|at| x < *at).count() % 2 == 1
+    }
+
+    /// The columns of a row, from `columns`, whose cells' centres are inside; `crossings` is room to work in.
+    pub fn spans(
+        &self,
+        row: u64,
+        columns: Range<u64>,
+        crossings: &mut Vec<f64>,
+        each: &mut dyn FnMut(Range<u64>),
+    ) {
+        let y = centre(row);
+        crossings.clear();
+        if y < self.low || y > self.high {
+            return;
+        }
+        crossings.extend(self.bands[self.bands(y, y).start].iter().filter_map(|edge| crossing(edge, y)));
+        crossings.sort_unstable_by(f64::total_cmp);
+        // (A centre is left of a crossing that it does not lie on. What is negative, or too large, becomes the nearest number.)
+        let column = |at: f64| ((at - 0.5).ceil() as u64).clamp(columns.start, columns.end);
+        for pair in crossings.chunks_exact(2) {
+            let span = column(pair[0])..column(pair[1]);
+            if !span.is_empty() {
+                each(span);
+            }
+        }
+    }
+
+    /// Number of cells of a box whose centres are inside.
+    pub fn count_centres(&self, bounds: &Bounds, crossings: &mut Vec<f64>) -> u64 {
+        let rows =
+            bounds.min[1].max(self.low.max(0.0) as u64)..bounds.max[1].min(self.high.max(0.0) as u64 + 1);
+        let mut cells = 0;
+        for row in rows {
+            let columns = bounds.min[0]..bounds.max[0];
+            self.spans(row, columns, crossings, &mut |span| cells += span.end - span.start);
+        }
+        cells
+    }
+
+    /// Area of a box of cells that is inside, in cells. Exact but for rounding, if rings do not cross each other.
+    pub fn area(&self, bounds: &Bounds) -> f64 {
+        let [left, right] = [bounds.min[0] as f64, bounds.max[0] as f64];
+        let [low, high] = [(bounds.min[1] as f64).max(self.low), (bounds.max[1] as f64).min(self.high)];
+        if low >= high {
+            return 0.0;
+        }
+        let height = (self.high - self.low) / self.bands.len() as f64;
+        let mut sum = 0.0;
+        // Each piece of an edge counts in the one band that it lies in.
+        for number in self.bands(low, high) {
+            let from = if number == 0 { self.low } else { self.low + height * number as f64 };
+            let to = if number + 1 == self.bands.len() {
+                self.high
+            } else {
+                self.low + height * (number + 1) as f64
+            };
+            let rows = [from.max(low), to.min(high)];
+            if rows[0] < rows[1] {
+                sum +=
+                    self.bands[number].iter().map(|edge| area_left(edge, rows, [left, right])).sum::<f64>();
+            }
+        }
+        sum.abs().min((right - left) * (high - low))
+    }
+}
+
+/// The centre of a cell along an axis.
+fn centre(cell: u64) -> f64 {
+    cell as f64 + 0.5
+}
+
+/// The column at which an edge crosses a row.
+#[inline]
+fn crossing([a, b]: &Edge, y: f64) -> Option<f64> {
+    ((a[1] > y) != (b[1] > y)).then(|| a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]))
+}
+
+/// Area of a box that lies left of an edge, between two rows: positive for edges that lead to higher rows.
+fn area_left([a, b]: &Edge, rows: [f64; 2], [left, right]: [f64; 2]) -> f64 {
+    let (is_up, [from, to]) = if a[1] <= b[1] { (true, [a, b]) } else { (false, [b, a]) };
+    let [low, high] = [rows[0].max(from[1]), rows[1].min(to[1])];
+    if low >= high {
+        return 0.0;
+    }
+    let at = |y: f64| from[0] + (y - from[1]) / (to[1] - from[1]) * (to[0] - from[0]);
+    let [start, end] = [at(low), at(high)];
+    let area = integral(start, end, left, right) * (high - low);
+    if is_up { area } else { -area }
+}
+
+/// The mean, along a line from `start` to `end`, of how far the box from `left` to `right` lies on its left.
+fn integral(start: f64, end: f64, left: f64, right: f64) -> f64 {
+    let (least, most) = (start.min(end), start.max(end));
+    if most <= left {
+        return 0.0;
+    }
+    if least >= right {
+        return right - left;
+    }
+    if least >= left && most <= right {
+        return (least + most) / 2.0 - left;
+    }
+    // A part of the line is left of the box, a part in it, a part right of it.
+    let (first, last) = (least.max(left), most.min(right));
+    let inside = (last - first) * ((first + last) / 2.0 - left);
+    let beyond = (most - right).max(0.0) * (right - left);
+    (inside + beyond) / (most - least)
+}
+
+/// Twice the area of a ring, positive if its edges lead round it from the first axis to the second.
+fn signed_area(ring: &[[f64; 2]]) -> f64 {
+    let ends = ring.iter().zip(ring.iter().cycle().skip(1));
+    ends.map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum()
+}
+
+/// Whether an edge may touch a box: never wrongly no.
+fn passes([a, b]: &Edge, low: [f64; 2], high: [f64; 2]) -> bool {
+    for axis in 0..2 {
+        if a[axis].max(b[axis]) < low[axis] || a[axis].min(b[axis]) > high[axis] {
+            return false;
+        }
+    }
+    // The corners' sides of the edge's line; a small part of a cell is left for rounding.
+    let normal = [a[1] - b[1], b[0] - a[0]];
+    let side = |x: f64, y: f64| normal[0] * (x - a[0]) + normal[1] * (y - a[1]);
+    let sides = [side(low[0], low[1]), side(high[0], low[1]), side(low[0], high[1]), side(high[0], high[1])];
+    let slack = (normal[0].abs() + normal[1].abs()) * 1e-6;
+    !(sides.iter().all(|side| *side > slack) || sides.iter().all(|side| *side < -slack))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers from 0 to `most`.
+    fn random(state: &mut u64, most: f64) -> f64 {
+        *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 33) as f64 / (1u64 << 31) as f64 * most
+    }
+
+    /// A star around a point, with a hole: no ring crosses another.
+    fn star(state: &mut u64, middle: [f64; 2], radius: f64) -> Vec<Vec<[f64; 2]>> {
+        let ring = |state: &mut u64, least: f64, most: f64, is_turned: bool| -> Vec<[f64; 2]> {
+            let count = 3 + random(state, 20.0) as usize;
+            let corner = |i: usize| {
+                let i = if is_turned { count - i } else { i };
+                let angle = i as f64 / count as f64 * std::f64::consts::TAU;
+                let away = least + random(state, most - least);
+                [middle[0] + away * angle.cos(), middle[1] + away * angle.sin()]
+            };
+            (0..count).map(corner).collect()
+        };
+        let (a, b) = (random(state, 2.0) > 1.0, random(state, 2.0) > 1.0);
+        // (A hole of three corners reaches further towards the middle than its corners do.)
+        vec![ring(state, radius * 0.9, radius, a), ring(state, radius * 0.1, radius * 0.3, b)]
+    }
+
+    /// Whether a point is inside, by the definition.
+    fn is_inside(rings: &[Vec<[f64; 2]>], [x, y]: [f64; 2]) -> bool {
+        let edges = rings.iter().flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
+        let crosses = edges.filter(|(a, b)| {
+            (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+        });
+        crosses.count() % 2 == 1
+    }
+
+    #[test]
+    fn centres_are_counted_as_one_by_one() {
+        let mut state = 1;
+        let mut crossings = Vec::new();
+        for _ in 0..60 {
+            let middle = [random(&mut state, 40.0), random(&mut state, 40.0)];
+            let radius = 1.0 + random(&mut state, 30.0);
+            let rings = star(&mut state, middle, radius);
+            let polygon = Polygon::of_parts(std::slice::from_ref(&rings)).unwrap();
+            for _ in 0..20 {
+                let min = [random(&mut state, 40.0) as u64, random(&mut state, 40.0) as u64, 0];
+                let size = [1 + random(&mut state, 16.0) as u64, 1 + random(&mut state, 16.0) as u64];
+                let bounds = Bounds { min, max: [min[0] + size[0], min[1] + size[1], 1] };
+                let cells =
+                    (min[1]..bounds.max[1]).flat_map(|y| (min[0]..bounds.max[0]).map(move |x| (x, y)));
+                let expected =
+                    cells.filter(|(x, y)| is_inside(&rings, [centre(*x), centre(*y)])).count() as u64;
+                assert_eq!(polygon.count_centres(&bounds, &mut crossings), expected, "{bounds:?}");
+                match polygon.cover_centres(&bounds) {
+                    Cover::Whole => assert_eq!(expected, size[0] * size[1]),
+                    Cover::Nothing => assert_eq!(expected, 0),
+                    Cover::Part => assert!(size[0] * size[1] > 1),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn areas_are_those_of_many_points() {
+        let mut state = 2;
+        for _ in 0..40 {
+            let middle = [random(&mut state, 20.0), random(&mut state, 20.0)];
+            let radius = 1.0 + random(&mut state, 12.0);
+            let rings = star(&mut state, middle, radius);
+            let polygon = Polygon::of_parts(std::slice::from_ref(&rings)).unwrap();
+            let whole = Bounds { min: [0; 3], max: [40, 40, 1] };
+            let mut sum = 0.0;
+            for x in 0..40 {
+                for y in 0..40 {
+                    let cell = Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] };
+                    let area = polygon.area(&cell);
+                    sum += area;
+                    let points = (0..400).map(|i| {
+                        [x as f64 + (i % 20) as f64 / 20.0 + 0.025, y as f64 + (i / 20) as f64 / 20.0 + 0.025]
+                    });
+                    let expected = points.filter(|point| is_inside(&rings, *point)).count() as f64 / 400.0;
+                    assert!((area - expected).abs() < 0.06, "{area}, not {expected}");
+                    match polygon.cover_area(&cell) {
+                        Cover::Whole => assert!((area - 1.0).abs() < 1e-9, "{area}"),
+                        Cover::Nothing => assert!(area < 1e-9, "{area}"),
+                        Cover::Part => {}
+                    }
+                }
+            }
+            assert!((sum - polygon.area(&whole)).abs() < 1e-9 * sum.max(1.0));
+            if middle.iter().all(|at| *at > radius) {
+                let exact = (signed_area(&rings[0]).abs() - signed_area(&rings[1]).abs()) / 2.0;
+                assert!((sum - exact).abs() < 1e-9 * exact, "{sum}, not {exact}");
+            }
+        }
+    }
+
+    #[test]
+    fn cells_with_corners_and_edges_on_rings_count_once() {
+        // Two squares that share a side, along rows and columns of centres.
+        let square = |x: f64| vec![vec![[x, 2.5], [x + 4.0, 2.5], [x + 4.0, 8.5], [x, 8.5]]];
+        let all = Bounds { min: [0; 3], max: [20, 20, 1] };
+        let mut crossings = Vec::new();
+        let [a, b] = [3.5, 7.5].map(|x| Polygon::of_parts(&[square(x)]).unwrap());
+        let both = Polygon::of_parts(&[square(3.5), square(7.5)]).unwrap();
+        let counts = [&a, &b, &both].map(|polygon| polygon.count_centres(&all, &mut crossings));
+        assert_eq!(counts, [24, 24, 48]);
+        assert_eq!([a.area(&all), b.area(&all), both.area(&all)], [24.0, 24.0, 48.0]);
+        assert!(Polygon::new(&[vec![[0.0, 0.0], [1.0, f64::NAN], [1.0, 1.0]]]).is_err());
+        assert!(Polygon::new(&[]).is_err() && Polygon::of_parts(&[vec![vec![[0.0; 2]; 2]]]).is_err());
+    }
+}

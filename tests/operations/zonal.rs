@@ -1,0 +1,195 @@
+//! Statistics of the cells in polygons, against going through all cells.
+
+use std::collections::BTreeMap;
+
+use spinney::dataset::Dataset;
+use spinney::io::Output;
+use spinney::ops::convert;
+use spinney::query::{ZoneRule, ZoneStatistics};
+use spinney::space::{Bounds, Polygon};
+use spinney::tree::Form;
+use spinney::value::{Kind, Rule, SampleType};
+
+use crate::common::{Cells, OCT, QUAD, Random, options, quad, write_cells};
+
+/// A ring around a point; corners may be at centres and corners of cells.
+fn ring(random: &mut Random, [x, y]: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
+    let count = 3 + random.below(12);
+    let is_half = random.below(3) == 0;
+    let corner = |i: u64| {
+        let angle = i as f64 / count as f64 * std::f64::consts::TAU;
+        let away = radius * (1.0 + random.below(100) as f64 / 300.0);
+        let corner = [x + away * angle.cos(), y + away * angle.sin()];
+        if is_half { corner.map(|at| (at * 2.0).round() / 2.0) } else { corner }
+    };
+    (0..count).map(corner).collect()
+}
+
+/// Parts beside each other, some with a hole, some of them outside of the picture.
+fn parts(random: &mut Random, size: [u64; 3]) -> Vec<Vec<Vec<[f64; 2]>>> {
+    let count = 1 + random.below(2);
+    (0..count)
+        .map(|part| {
+            // (Each in a strip of its own, so that they do not overlap.)
+            let strip = size[0] as f64 / count as f64;
+            let radius = (strip / 3.0).min(size[1] as f64) * (random.below(90) + 10) as f64 / 100.0;
+            let middle = [strip * (part as f64 + 0.5), random.below(size[1] + 8) as f64];
+            let mut rings = vec![ring(random, middle, radius)];
+            if random.below(2) == 0 {
+                rings.push(ring(random, middle, radius * 0.3));
+            }
+            rings
+        })
+        .collect()
+}
+
+/// Whether a point is inside: by the definition.
+fn has(parts: &[Vec<Vec<[f64; 2]>>], [x, y]: [f64; 2]) -> bool {
+    let rings = parts.iter().flatten();
+    let edges = rings.flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
+    let crosses = edges
+        .filter(|(a, b)| (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
+    crosses.count() % 2 == 1
+}
+
+/// What every cell says.
+fn expected(
+    cells: &Cells,
+    size: [u64; 3],
+    counts_classes: bool,
+    weight: &dyn Fn([u64; 3]) -> f64,
+) -> ZoneStatistics {
+    let value_type = cells.form.value;
+    let mut zone = ZoneStatistics::default();
+    let mut classes: BTreeMap<i64, f64> = BTreeMap::new();
+    let mut samples: Vec<Vec<(f64, f64)>> = vec![Vec::new(); usize::from(value_type.channels)];
+    for z in 0..size[2] {
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                let weight = weight([x, y, z]);
+                if weight == 0.0 {
+                    continue;
+                }
+                let Some(value) = cells.get([x, y, z]) else {
+                    zone.void_cells += weight;
+                    continue;
+                };
+                zone.cells += weight;
+                for (channel, sample) in samples.iter_mut().zip(value_type.samples(value).iter()) {
+                    channel.push((weight, *sample));
+                }
+                *classes.entry(value_type.samples(value)[0] as i64).or_default() += weight;
+            }
+        }
+    }
+    if counts_classes && value_type.channels == 1 {
+        zone.classes = classes.into_iter().map(|(class, cells)| (class as f64, cells)).collect();
+    }
+    for samples in samples.iter().filter(|samples| !samples.is_empty()) {
+        let weight: f64 = samples.iter().map(|(weight, _)| weight).sum();
+        let mean = samples.iter().map(|(weight, sample)| weight * sample).sum::<f64>() / weight;
+        let squares = samples.iter().map(|(weight, sample)| weight * (sample - mean).powi(2)).sum::<f64>();
+        zone.channels.push(spinney::query::ZoneChannel {
+            cells: weight,
+            min: samples.iter().map(|(_, sample)| *sample).fold(f64::INFINITY, f64::min),
+            max: samples.iter().map(|(_, sample)| *sample).fold(f64::NEG_INFINITY, f64::max),
+            mean,
+            standard_deviation: (squares / weight).sqrt(),
+        });
+    }
+    zone
+}
+
+fn assert_alike(found: &ZoneStatistics, expected: &ZoneStatistics, what: &str) {
+    let near = |a: f64, b: f64| (a - b).abs() <= 1e-6 * (1.0 + a.abs().max(b.abs()));
+    assert!(near(found.cells, expected.cells), "{what}: {found:?}, not {expected:?}");
+    assert!(near(found.void_cells, expected.void_cells), "{what}: {found:?}, not {expected:?}");
+    assert_eq!(found.channels.len(), expected.channels.len(), "{what}");
+    for (found, expected) in found.channels.iter().zip(&expected.channels) {
+        for (a, b) in [
+            (found.cells, expected.cells),
+            (found.min, expected.min),
+            (found.max, expected.max),
+            (found.mean, expected.mean),
+            (found.standard_deviation, expected.standard_deviation),
+        ] {
+            assert!(near(a, b), "{what}: {found:?}, not {expected:?}");
+        }
+    }
+    assert_eq!(found.classes.len(), expected.classes.len(), "{what}: {found:?}, not {expected:?}");
+    for ((class, cells), (other, count)) in found.classes.iter().zip(&expected.classes) {
+        assert!(class == other && near(*cells, *count), "{what}: {found:?}, not {expected:?}");
+    }
+}
+
+fn zones(form: Form, seed: u64, size: [u64; 3], (rule, kind): (Rule, Kind)) {
+    let folder = tempfile::tempdir().unwrap();
+    let [goblin, autumnal] = ["t.goblin", "t.autumn"].map(|name| folder.path().join(name));
+    let cells = Cells::random(form, seed, size, 5 + seed % 30, true);
+    write_cells(&goblin, &cells, &options(rule, kind, cells.depth()));
+    convert(&goblin, false, Output::create(&autumnal).unwrap(), 1 << 24, &()).unwrap();
+    let files: Vec<Dataset> = [&goblin, &autumnal].map(|path| spinney::open(path).unwrap()).into();
+    let view = spinney::open(&goblin).unwrap().view(&["translate=0,0".parse().unwrap()]).unwrap();
+    let counts_classes = files[0].header().counts_classes();
+    let mut random = Random(seed);
+    let zones: Vec<_> = (0..12).map(|_| parts(&mut random, size)).collect();
+    let polygons: Vec<Polygon> = zones.iter().map(|parts| Polygon::of_parts(parts).unwrap()).collect();
+    for border in [ZoneRule::Centre, ZoneRule::Area] {
+        for (name, dataset) in ["goblin", "autumnal", "view"].iter().zip(files.iter().chain([&view])) {
+            let found = dataset.zonal(&polygons, border, &()).unwrap();
+            for ((parts, polygon), found) in zones.iter().zip(&polygons).zip(&found) {
+                let weight = |[x, y, _]: [u64; 3]| match border {
+                    ZoneRule::Centre => f64::from(u8::from(has(parts, [x as f64 + 0.5, y as f64 + 0.5]))),
+                    // (The area is tried by itself, against points.)
+                    ZoneRule::Area => {
+                        let area = polygon.area(&Bounds { min: [x, y, 0], max: [x + 1, y + 1, 1] });
+                        if area < 1e-9 { 0.0 } else { area }
+                    }
+                };
+                let expected = expected(&cells, size, counts_classes, &weight);
+                let found = ZoneStatistics {
+                    classes: found.classes.iter().copied().filter(|(_, cells)| *cells >= 1e-9).collect(),
+                    ..found.clone()
+                };
+                assert_alike(&found, &expected, &format!("{form} {seed} {border:?} {name}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn zones_are_as_their_cells() {
+    let classes = (Rule::Majority, Kind::Categorical);
+    let heights = (Rule::Mean, Kind::Continuous);
+    for seed in 0..6 {
+        zones(QUAD, seed, [150 + seed, 90, 1], classes);
+        zones(quad(SampleType::I16, 1), seed, [70, 130, 1], heights);
+    }
+    zones(quad(SampleType::F32, 2), 7, [140, 60, 1], heights);
+    zones(quad(SampleType::U8, 4), 8, [60, 60, 1], heights);
+    zones(OCT, 9, [40, 33, 7], classes);
+}
+
+#[test]
+fn zones_of_nothing_and_everything() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("t.goblin");
+    let cells = Cells::random(QUAD, 3, [100, 80, 1], 9, false);
+    write_cells(&path, &cells, &options(Rule::Majority, Kind::Categorical, cells.depth()));
+    let file = spinney::open(&path).unwrap();
+    let square = |low: f64, high: f64| {
+        Polygon::new(&[vec![[low, low], [high, low], [high, high], [low, high]]]).unwrap()
+    };
+    let polygons = [square(-1e12, 1e12), square(200.0, 300.0), square(-50.0, -1.0), square(10.2, 10.4)];
+    let all = file.statistics(None).unwrap();
+    for border in [ZoneRule::Centre, ZoneRule::Area] {
+        let found = file.zonal(&polygons, border, &()).unwrap();
+        assert_eq!((found[0].cells, found[0].void_cells), (all.cells as f64, all.void_cells as f64));
+        let classes: Vec<_> = all.classes.iter().map(|(class, cells)| (*class, *cells as f64)).collect();
+        assert_eq!(found[0].classes, classes);
+        assert_eq!([&found[1], &found[2]], [&ZoneStatistics::default(); 2]);
+        let inside = if border == ZoneRule::Centre { 0.0 } else { 0.04 };
+        assert!((found[3].cells - inside).abs() < 1e-9, "{:?}", found[3]);
+    }
+    assert_eq!(file.zonal(&[], ZoneRule::Area, &()).unwrap(), []);
+}
