@@ -24,4 +24,6 @@ pub use camera::Projection;
 #[cfg(feature = "raster")]
 pub use render::{RenderRequest, render};
 #[cfg(feature = "raster")]
-pub use window::{Detail, WindowRequest, export_window, fill_for, window_range};
+pub use window::{
+    Detail, TakeRows, WindowRequest, export_window, fill_for, void_number, window_range, window_rows,
+};

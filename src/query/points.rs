@@ -170,8 +170,12 @@ impl Points<'_> {
             if record.is_dense() && below + bit > 0 {
                 // (Nodes in a block come here at once, from the table; others have no levels above them.)
                 let level = below + bit + 1;
-                let block = dense_block(records, at).filter(|block| block.levels >= level);
-                return Ok(block.ok_or_else(|| self.bad_skip(entry, at))?.value_at(level, cell));
+                let block = dense_block(records, at).ok_or_else(|| self.bad_skip(entry, at))?;
+                // (At the bottom of a segment the block ends, and what is below it is in others.)
+                return match block.levels >= level {
+                    true => Ok(block.value_at(level, cell)),
+                    false => self.value_from_root(cell),
+                };
             }
             match record.state(step) {
                 VOID => return Ok(None),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use spinney::query::{Condition, FoundBlock};
+use spinney::query::{Condition, FoundBlock, PointSamples};
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::tree::Form;
 use spinney::value::{Kind, Rule, SampleType, Value};
@@ -371,5 +371,37 @@ fn very_many_classes_are_counted_exactly() {
         let expected: Vec<_> = expected.into_iter().collect();
         let first = found.iter().zip(&expected).find(|(found, expected)| found != expected);
         assert_eq!((found.len(), first), (expected.len(), None));
+    }
+}
+
+#[test]
+fn points_below_dense_blocks_that_end_with_their_segments() {
+    for (form, size) in [(QUAD, [1024, 700, 1]), (OCT, [130, 128, 70])] {
+        let cells = Cells::noise(form, 3, size, 50);
+        let tree = dataset(&cells, Rule::Mean, Kind::Continuous);
+        let mut random = Random(4);
+        let (mut samples, mut value) = (PointSamples::default(), [0.0; 4]);
+        // The more there are, the deeper the table that they begin at.
+        for count in [1, 20, 100, 1000, 20_000] {
+            for level in [tree.depth(), tree.depth() - 1, tree.depth() - 4] {
+                let shift = tree.depth() - level;
+                let places: Vec<_> = (0..count)
+                    .map(|_| size.map(|length| random.below(length + length / 9) >> shift))
+                    .collect();
+                tree.points(&places, level, &mut samples).unwrap();
+                for (index, cell) in places.iter().enumerate() {
+                    let expected = tree.point(*cell, level, &mut value).unwrap().then_some(&value[..1]);
+                    assert_eq!(
+                        samples.get(index),
+                        expected,
+                        "{form}, {cell:?} of level {level}, one of {count}"
+                    );
+                    if shift == 0 {
+                        let sample = cells.get(*cell).map(|value| form.value.first_sample(value));
+                        assert_eq!(expected.map(|samples| samples[0]), sample);
+                    }
+                }
+            }
+        }
     }
 }

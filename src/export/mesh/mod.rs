@@ -16,6 +16,7 @@
 //! over, so that time goes with the surface. Vertices that blocks share are remembered until the last of
 //! these blocks is done: memory goes with the edge of what is done, never with the mesh.
 
+mod arrays;
 mod faces;
 mod nets;
 mod numbers;
@@ -36,6 +37,7 @@ use crate::space::Frame;
 use crate::value::{Kind, Rule, SampleType};
 use crate::{Error, Progress, Result};
 
+pub use arrays::SurfaceMesh;
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 
@@ -145,6 +147,23 @@ pub fn export_mesh(
     export_blocks(&mut *blocks, attribute, &frame, request, output, format, progress)
 }
 
+/// The surface of an octree as triangles in memory, otherwise as [`export_mesh`] writes it without values;
+/// [`MeshRequest::triangles`] does not matter.
+///
+/// # Errors
+/// As [`export_mesh`]; also if there are more than 2^32 vertices.
+pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progress) -> Result<SurfaceMesh> {
+    let level = request.level.unwrap_or(tree.depth());
+    let is_occupancy = tree.header().rule == Rule::Occupancy;
+    let carry = if request.smooth && is_occupancy { Carry::Coverage } else { Carry::Nothing };
+    let mut blocks = tree.cell_blocks(level, carry)?;
+    let frame = tree.metadata().frame.coarser(tree.depth() - level);
+    Precision::of(&frame, level)?;
+    let (sink, made) = arrays::Arrays::new();
+    write_surface(&mut *blocks, Mesh::new(Box::new(sink), &frame, true), request.smooth, progress)?;
+    Ok(arrays::Arrays::take(made))
+}
+
 /// Writes the surface of the cells that any source has in blocks; `frame` is that of these cells, and
 /// [`MeshRequest::level`] does not matter. An attribute needs blocks that carry [`Carry::Value`].
 ///
@@ -175,9 +194,18 @@ pub fn export_blocks(
         MeshFormat::Stl => Box::new(stl::Stl::new(output)?),
     };
     let triangles = request.triangles || format == MeshFormat::Stl;
-    let mut mesh = Mesh::new(sink, frame, triangles);
-    if request.smooth {
-        nets::write(blocks, carry == Carry::Coverage, &mut mesh, progress)?;
+    write_surface(blocks, Mesh::new(sink, frame, triangles), request.smooth, progress)
+}
+
+fn write_surface(
+    blocks: &mut dyn CellBlocks,
+    mut mesh: Mesh<'_>,
+    smooth: bool,
+    progress: &dyn Progress,
+) -> Result<MeshSummary> {
+    if smooth {
+        let is_coverage = blocks.carry() == Carry::Coverage;
+        nets::write(blocks, is_coverage, &mut mesh, progress)?;
     } else {
         faces::write(blocks, &mut mesh, progress)?;
     }

@@ -143,6 +143,30 @@ pub fn window_range(
     Ok(range)
 }
 
+/// A function that takes pixels, and whether each has a value.
+pub type TakeRows<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
+
+/// Hands out a window's pixels as [`export_window`] writes them to arrays, in bands of whole rows from the first on, with
+/// a flag per pixel that is `false` where it is VOID. [`WindowRequest::range`] does not matter.
+///
+/// # Errors
+/// If [`export_window`] could not read the window either, or `each` fails.
+pub fn window_rows(
+    tree: &Dataset,
+    request: &WindowRequest,
+    progress: &dyn Progress,
+    each: &mut TakeRows<'_>,
+) -> Result<()> {
+    let grid = OutputGrid::of(tree, request)?;
+    let rows = rows_at_a_time(tree, request, &grid)?;
+    let fill = match request.nodata {
+        Some(number) => number,
+        None => void_number(tree)?.unwrap_or(0.0),
+    };
+    Sampler { tree, grid, fill }.bands(rows, false, progress, each)?;
+    tree.check_unchanged()
+}
+
 /// Rows of the output that memory is for.
 fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &OutputGrid) -> Result<u64> {
     let row_bytes = row_bytes(tree.header().form.value, grid);
@@ -178,10 +202,18 @@ impl VoidCells {
             return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or(0.0)) });
         }
         let may_be = tree.may_have_void(request.bounds)?;
-        // Where the last channel is opacity, VOID cells are those without any: any other number would be a colour.
-        let fill = if has_opacity(tree) { Some(0.0) } else { fill_for(tree)? };
-        Ok(VoidCells { may_be, fill: request.nodata.or(fill) })
+        Ok(VoidCells { may_be, fill: request.nodata.or(void_number(tree)?) })
     }
+}
+
+/// The number for VOID cells in arrays: 0 in trees of [`Rule::Occupancy`], where it means empty, and in those with
+/// opacity; else that of [`fill_for`].
+///
+/// # Errors
+/// If the tree's statistics are damaged.
+pub fn void_number(tree: &Dataset) -> Result<Option<f64>> {
+    // Where the last channel is opacity, VOID cells are those without any: any other number would be a colour.
+    if has_opacity(tree) || tree.header().rule == Rule::Occupancy { Ok(Some(0.0)) } else { fill_for(tree) }
 }
 
 fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) -> ImageSpec {

@@ -1,13 +1,11 @@
 //! Rows of a window: cells as they are, means of what pixels cover, or the cells at their centres.
 
+use super::TakeRows;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
 use crate::dataset::Dataset;
 use crate::query::PixelGrid;
 use crate::value::{Rule, SampleType, Value, ValueType};
 use crate::{Progress, Result};
-
-/// A function that takes pixels, and whether each has a value.
-type Take<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
 
 /// Rows of a window, straight or resampled.
 pub(super) struct Sampler<'a> {
@@ -25,7 +23,7 @@ impl Sampler<'_> {
         rows: u64,
         is_upright: bool,
         progress: &dyn Progress,
-        each: &mut Take<'_>,
+        each: &mut TakeRows<'_>,
     ) -> Result<()> {
         let OutputGrid { width, height, pixels, .. } = self.grid;
         let mut row = 0;

@@ -1,0 +1,76 @@
+"""Pictures and solids larger than memory, kept as quadtrees and octrees on disk.
+
+Any part at any level of detail is read straight from the file::
+
+    import spinney
+
+    with spinney.open("island.goblin") as ds:
+        ds.read(1, window=(96, 64, 64, 64))     # cells, as NumPy arrays
+        ds[64:128, 96:160]                      # the same
+        ds.level(5)[...]                        # coarser cells
+        ds.sample([(305000, 3196000)])          # values at places in the world
+        ds.stats(bbox=(303000, 3194000, 307000, 3198000))
+
+Trees are made of picture files, models of solids and arrays (`build`), of other trees (`transform`, `combine`), and
+changed in place (`edit`). With xarray installed, `xarray.open_dataset(path, engine="spinney")` opens them lazily.
+
+Arrays are new ones: cells are unpacked from the tree, so that there are no views of the file itself. `out=` reads into an array
+that is there; `numpy.from_dlpack(ds)` and `numpy.asarray(ds)` read everything.
+
+Errors are those of Python: ValueError for arguments that make no sense, IndexError for cells that there are not, OSError
+(FileNotFoundError, ...) for what files do, each with the library's message. Ctrl-C stops long work within a second, and
+nothing is left behind. Everything but a few lines runs without the interpreter's lock, so that threads work side by side.
+"""
+
+from ._build import build
+from ._dataset import Dataset, Level, open
+from ._edit import Edit, edit
+from ._files import combine, compact, cross, diff, log, publish, recover, transform, verify
+from ._native import version as __version__
+from ._types import (
+    BandStatistics,
+    Blocks,
+    BoundingBox,
+    Box,
+    Commit,
+    Differences,
+    Finding,
+    Hits,
+    Mesh,
+    Outcome,
+    Solid,
+    Statistics,
+    Transform,
+)
+
+__all__ = [
+    "BandStatistics",
+    "Blocks",
+    "BoundingBox",
+    "Box",
+    "Commit",
+    "Dataset",
+    "Differences",
+    "Edit",
+    "Finding",
+    "Hits",
+    "Level",
+    "Mesh",
+    "Outcome",
+    "Solid",
+    "Statistics",
+    "Transform",
+    "__version__",
+    "build",
+    "combine",
+    "compact",
+    "cross",
+    "diff",
+    "edit",
+    "log",
+    "open",
+    "publish",
+    "recover",
+    "transform",
+    "verify",
+]

@@ -1,0 +1,592 @@
+"""Open trees."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path as FilePath
+from typing import Any, Literal, Self, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _native
+from ._arrays import points_of
+from ._files import log
+from ._progress import telling
+from ._types import (
+    Array,
+    BandStatistics,
+    BBox,
+    Blocks,
+    BoundingBox,
+    Box,
+    Commit,
+    Hits,
+    Mesh,
+    Path,
+    Points,
+    Progress,
+    Solid,
+    Statistics,
+    Transform,
+    Window,
+)
+
+
+def open(
+    path: Path, *, view: str | Sequence[str] = (), commit: int | None = None, positioned: bool = False
+) -> Dataset:
+    """Opens a tree file of either format, or a commit of one: `map.autumn@12`, or `commit=12`.
+
+    `view` are steps of `spinney transform` through which the file is seen, such as `"rotate=30"` or
+    `["window=0,0,512,512", "scale=0.5"]`; nothing is made beforehand.
+
+    Files are mapped. If one is cut short or its disk fails meanwhile, the system ends the whole process (SIGBUS):
+    `positioned=True` reads files that may be replaced in place, or that lie on network folders, without mapping them.
+
+    Raises FileNotFoundError or another OSError if it cannot be read, is no tree file or is damaged, ValueError if a step
+    cannot be done.
+    """
+    steps = [view] if isinstance(view, str) else list(view)
+    return Dataset(os.fsdecode(path), steps, commit, positioned)
+
+
+class Dataset(_native.Tree):
+    """An open tree, or a view of one: see `spinney.open`.
+
+    Indexes are those of cells: `ds[y0:y1, x0:x1]`, of octrees `ds[z, y, x]`, with steps and `...` as in NumPy; of files with several
+    bands the result has these as its first axis, as `numpy.asarray(ds)` has. Closed, it raises ValueError.
+
+    It can be used by any number of threads at the same time, is pickled by path, view and commit, and may be used by
+    forked processes.
+    """
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # (The commit that is read, so that whoever gets it sees the same.)
+        return _reopen, (os.path.abspath(self.path), self.view, self.commit, self.positioned)
+
+    def __repr__(self) -> str:
+        name = str(self.path)
+        if self.closed:
+            return f"<spinney.Dataset {name!r}, closed>"
+        commit = "" if self.commit is None else f"@{self.commit}"
+        steps = f" through {', '.join(self.view)}" if self.view else ""
+        kind = "quadtree" if self.ndim == 2 else "octree"
+        size = " x ".join(map(str, reversed(self.shape)))
+        bands = "" if self.count == 1 else f"{self.count} bands of "
+        place = f", {self.crs}" if self.crs and len(self.crs) < 40 else ""
+        return (
+            f"<spinney.Dataset {name + commit!r}{steps}: {kind} of {size} cells, "
+            f"{bands}{self.dtype}, {self.kind}, depth {self.depth}{place}>"
+        )
+
+    # Size and meaning
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows and columns; planes first in octrees."""
+        return tuple(self._shape_at(None))
+
+    @property
+    def ndim(self) -> int:
+        """2, or 3 of octrees."""
+        return len(self._shape_at(None))
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        size = 1
+        for length in self._shape_at(None):
+            size *= length
+        return size
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self.shape[-1]
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.shape[-2]
+
+    @property
+    def indexes(self) -> tuple[int, ...]:
+        """Numbers of the bands."""
+        return tuple(range(1, self.count + 1))
+
+    @property
+    def dtypes(self) -> tuple[str, ...]:
+        """The type of each band, by name."""
+        return (self.dtype.name,) * self.count
+
+    @property
+    def levels(self) -> int:
+        """Number of levels: 0 is one cell for everything, `depth` are the cells."""
+        return self.depth + 1
+
+    @property
+    def kind(self) -> str:
+        """`"categorical"` (classes) or `"continuous"` (amounts)."""
+        return str(self._facts()["kind"])
+
+    @property
+    def rule(self) -> str:
+        """How one value stands for many at coarser levels: mean, majority, ..."""
+        return str(self._facts()["rule"])
+
+    @property
+    def format(self) -> str:
+        """`"Goblin"` or `"Autumnal"`."""
+        return str(self._facts()["format"])
+
+    @property
+    def file_size(self) -> int:
+        """Bytes of the file."""
+        return int(self._facts()["file_size"])
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """Anything else that is told of the data."""
+        return dict(self._facts()["tags"])
+
+    @property
+    def colormap(self) -> dict[int, tuple[int, int, int, int]] | None:
+        """Red, green, blue and opacity by value."""
+        colours = self._facts()["colormap"]
+        return None if colours is None else dict(colours)
+
+    @property
+    def categories(self) -> dict[int, str]:
+        """Names of values."""
+        return dict(self._facts()["categories"])
+
+    @property
+    def descriptions(self) -> tuple[str | None, ...]:
+        """Names of the bands."""
+        return self._by_band("descriptions")
+
+    @property
+    def units(self) -> tuple[str | None, ...]:
+        """Units of the bands, of what scales and offsets make."""
+        return self._by_band("units")
+
+    @property
+    def scales(self) -> tuple[float, ...]:
+        """Factors that make physical units of samples."""
+        pairs = self._facts()["scale_offset"] or [(1.0, 0.0)] * self.count
+        return tuple(scale for scale, _ in pairs)
+
+    @property
+    def offsets(self) -> tuple[float, ...]:
+        """What is added to samples times `scales`."""
+        pairs = self._facts()["scale_offset"] or [(1.0, 0.0)] * self.count
+        return tuple(offset for _, offset in pairs)
+
+    @property
+    def provenance(self) -> list[str]:
+        """Where the data came from, a line per input or operation."""
+        return list(self._facts()["provenance"])
+
+    def _by_band(self, name: str) -> tuple[str | None, ...]:
+        texts = self._facts()[name] or [""] * self.count
+        return tuple(text or None for text in texts)
+
+    # Place in the world
+
+    @property
+    def transform(self) -> Transform:
+        """From columns and rows to the world, in rasterio's order; of octrees x and y of the lowest plane."""
+        x, y, _ = self._frame
+        return Transform(x[0], x[1], x[3], y[0], y[1], y[3])
+
+    @property
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """From cells x, y, z, 1 to the world, 4 x 4 as trimesh has it."""
+        return np.array([*self._frame, [0.0, 0.0, 0.0, 1.0]])
+
+    @property
+    def res(self) -> tuple[float, float]:
+        """Width and height of a cell in the world."""
+        a, b, _, d, e, _ = self.transform
+        return float(np.hypot(a, d)), float(np.hypot(b, e))
+
+    @property
+    def bounds(self) -> BoundingBox | Box:
+        """Least and greatest coordinates in the world."""
+        low, high = self._world_box
+        return BoundingBox(*low[:2], *high[:2]) if self.ndim == 2 else Box(*low, *high)
+
+    def xy(self, row: float, col: float) -> tuple[float, float]:
+        """The world coordinates of a cell's centre."""
+        a, b, c, d, e, f = self.transform
+        col, row = col + 0.5, row + 0.5
+        return a * col + b * row + c, d * col + e * row + f
+
+    def index(self, x: float, y: float) -> tuple[int, int]:
+        """Row and column of the cell at a place in the world; there may be no such cell."""
+        a, b, c, d, e, f = self.transform
+        det = a * e - b * d
+        if det == 0.0:
+            raise ValueError("the file's transform has no inverse")
+        col, row = (e * (x - c) - b * (y - f)) / det, (a * (y - f) - d * (x - c)) / det
+        return int(np.floor(row)), int(np.floor(col))
+
+    # Cells
+
+    def level(self, level: int) -> Level:
+        """The cells of a level, as something to be indexed: `ds.level(9)[0:256, 0:256]`."""
+        return Level(self, level)
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
+        return _as_array(self[...], dtype, copy)
+
+    def __dlpack__(self, **options: Any) -> Any:
+        return self[...].__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return 1, 0
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def save(
+        self,
+        path: Path,
+        *,
+        window: Window | None = None,
+        bbox: BBox | None = None,
+        level: int | None = None,
+        shape: tuple[int, int] | None = None,
+        exact: bool = False,
+        nodata: float | None = None,
+        range: tuple[float, float] | None = None,
+        progress: Progress = None,
+    ) -> None:
+        """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw), as `spinney get` does.
+
+        `shape` are rows and columns of the result, `range` the numbers that become black and white in PNG files.
+        """
+        with telling(progress) as tell:
+            self._write_window(os.fspath(path), window, bbox, level, shape, exact, nodata, range, tell)
+
+    # Questions
+
+    @overload
+    def sample(
+        self,
+        points: Points,
+        *,
+        bands: int | Sequence[int] | None = None,
+        level: int | None = None,
+        in_cells: bool = False,
+        masked: Literal[False] = False,
+        fill: float | None = None,
+    ) -> Array: ...
+    @overload
+    def sample(
+        self,
+        points: Points,
+        *,
+        bands: int | Sequence[int] | None = None,
+        level: int | None = None,
+        in_cells: bool = False,
+        masked: Literal[True],
+        fill: float | None = None,
+    ) -> np.ma.MaskedArray[Any, Any]: ...
+    def sample(
+        self,
+        points: Points,
+        *,
+        bands: int | Sequence[int] | None = None,
+        level: int | None = None,
+        in_cells: bool = False,
+        masked: bool = False,
+        fill: float | None = None,
+    ) -> Array | np.ma.MaskedArray[Any, Any]:
+        """Values at points: an array with a row per point and a column per band; `bands` are numbers counted from 1, and
+        one alone gives an array without columns.
+
+        Points are `(x, y)` in the world, of octrees `(x, y, z)`; with `in_cells` they are columns and rows of the deepest
+        level. At a coarser `level` the answer is that of the block around the point. VOID, and all that is outside, has
+        the number `fill` (by default `fill_value`), or is masked.
+        """
+        array = points_of(points, self.ndim)
+        values, found = self._sample_points(array, level, in_cells, fill)
+        result: Any = values
+        if masked:
+            mask = np.array(np.broadcast_to(~found[:, None], values.shape))
+            if self._missing is not None:
+                mask |= values == values.dtype.type(self._missing)
+            result = np.ma.MaskedArray(values, mask=mask)
+        if bands is None:
+            return result  # type: ignore[no-any-return]
+        wanted = np.asarray(bands)
+        if wanted.dtype.kind not in "iu" or wanted.ndim > 1:
+            raise TypeError("bands: expected a number, counted from 1, or a list of numbers")
+        if wanted.size and not 1 <= wanted.min() <= wanted.max() <= self.count:
+            raise IndexError(f"bands: {bands}, the file's bands are 1 to {self.count}")
+        return result[:, wanted - 1]  # type: ignore[no-any-return]
+
+    def stats(self, bbox: BBox | None = None, *, window: Window | None = None) -> Statistics:
+        """Exact statistics of a part, which take time for its border and not for its cells."""
+        facts = self._statistics(window, bbox)
+        bands = tuple(BandStatistics(*band) for band in facts["channels"])
+        return Statistics(facts["cells"], facts["void_cells"], bands, dict(facts["classes"]))
+
+    def histogram(
+        self,
+        bins: int = 16,
+        range: tuple[float, float] | None = None,
+        *,
+        bbox: BBox | None = None,
+        window: Window | None = None,
+    ) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
+        """Cells of a part by equal parts of a range of the first band, and the edges of these, as `numpy.histogram`.
+
+        The range is that of the part's samples if none is given; samples outside count for the first or the last bin.
+        """
+        if range is None:
+            bands = self.stats(bbox, window=window).bands
+            low, high = (bands[0].min, bands[0].max) if bands else (0.0, 1.0)
+            if not low < high:
+                low, high = low - 0.5, high + 0.5
+        else:
+            low, high = range
+        counts = self._count_bins(bins, low, high, window, bbox)
+        return counts, np.linspace(low, high, bins + 1)
+
+    def find(
+        self,
+        value: float | None = None,
+        *,
+        above: float | None = None,
+        below: float | None = None,
+        bbox: BBox | None = None,
+        window: Window | None = None,
+        limit: int | None = None,
+        largest: int | None = None,
+    ) -> Blocks:
+        """The largest blocks of the tree whose cells all have a value, or one above or below a number (first band).
+
+        They come in FD order, no more than `limit` of them; or, with `largest`, only so many, the largest first.
+        """
+        given = [(name, number) for name, number in (("equal", value), ("above", above), ("below", below))]
+        given = [(name, number) for name, number in given if number is not None]
+        if len(given) != 1:
+            raise ValueError("find: give one of value, above and below")
+        if limit is not None and largest is not None:
+            raise ValueError("find: give limit or largest")
+        ((name, number),) = given
+        assert number is not None
+        codes, levels, boxes, values = self._find_blocks(name, number, window, bbox, limit, largest)
+        return Blocks(np.array(codes, dtype=np.str_), levels, boxes, self._world_of(boxes), values)
+
+    def _world_of(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Boxes of cells, each a corner and sizes, in the world."""
+        axes = self.ndim
+        low, high = boxes[:, :axes], boxes[:, :axes] + boxes[:, axes:]
+        matrix = self.matrix
+        linear = matrix[:axes, :axes]
+        # (A box's least coordinate comes from the end of each edge that leads downwards.)
+        least = np.minimum(low[:, None, :] * linear, high[:, None, :] * linear).sum(axis=2)
+        most = np.maximum(low[:, None, :] * linear, high[:, None, :] * linear).sum(axis=2)
+        return np.hstack([least, most]) + np.tile(matrix[:axes, 3], 2)
+
+    def log(self) -> list[Commit]:
+        """The commits of the file, the newest first."""
+        return log(self.path)
+
+    # Octrees
+
+    def volume(self, level: int | None = None) -> float:
+        """Volume of an octree's solid, in the cube of the world's units; coarser levels keep it."""
+        return self.solid(level).volume
+
+    def solid(self, level: int | None = None, *, surface: bool = False, progress: Progress = None) -> Solid:
+        """Volume, centre of gravity and bounds of an octree's solid; with `surface` its area, too."""
+        with telling(progress) as tell:
+            facts = self._measure(level, surface, tell)
+        box = facts.pop("bounds")
+        centre = facts.pop("centre")
+        bounds = None if box is None else Box(*box[0], *box[1])
+        return Solid(bounds=bounds, centre=None if centre is None else tuple(centre), **facts)
+
+    def contains(self, points: Points, *, level: int | None = None) -> npt.NDArray[np.bool_]:
+        """Whether points `(x, y, z)` of the world lie in cells that are at least half full (of trees that do not tell
+        how full cells are, in cells that are not VOID)."""
+        if self.ndim != 3:
+            raise ValueError(f"{self.path}: is a quadtree; this is for octrees")
+        values, found = self._sample_points(points_of(points, 3), level, False, None)
+        if self.rule == "occupancy":
+            found &= values[:, 0] >= 128
+        return found
+
+    def rays(
+        self, origins: Points, directions: Points, *, level: int | None = None, smooth: bool = False
+    ) -> Hits:
+        """What rays in the world hit first: cells that are at least half full, or with `smooth` the surface between
+        them. One origin or one direction serves all rays."""
+        starts, ways = np.broadcast_arrays(_rows(origins, "origins"), _rows(directions, "directions"))
+        distance, points, cells = self._cast_rays(
+            np.ascontiguousarray(starts), np.ascontiguousarray(ways), level, smooth
+        )
+        return Hits(distance, points, cells)
+
+    def slice(
+        self,
+        *,
+        x: float | None = None,
+        y: float | None = None,
+        z: float | None = None,
+        world: bool = False,
+        level: int | None = None,
+        masked: bool = False,
+        fill: float | None = None,
+    ) -> Array:
+        """A slice of an octree at a cell of the deepest level along x, y or z, or with `world` at a coordinate.
+
+        A slice across z has rows along y, others have rows along z, the lowest first.
+        """
+        given = [(axis, at) for axis, at in enumerate((x, y, z)) if at is not None]
+        if len(given) != 1:
+            raise ValueError("slice: give one of x, y and z")
+        ((axis, at),) = given
+        return self._slice_across(axis, at, world, level, masked, fill)
+
+    def mesh(self, level: int | None = None, *, smooth: bool = False, progress: Progress = None) -> Mesh:
+        """The surface of an octree as triangles: the faces of cells, or with `smooth` the surface between them."""
+        with telling(progress) as tell:
+            return Mesh(*self._surface_arrays(level, smooth, tell))
+
+    def export(
+        self,
+        path: Path,
+        *,
+        level: int | None = None,
+        smooth: bool = False,
+        triangles: bool = False,
+        progress: Progress = None,
+    ) -> tuple[int, int]:
+        """Writes the surface of an octree as a mesh (.ply, .obj, .stl); returns the numbers of vertices and faces."""
+        with telling(progress) as tell:
+            return self._write_mesh(os.fspath(path), level, smooth, triangles, tell)
+
+    def render(
+        self,
+        path: Path | None = None,
+        *,
+        size: tuple[int, int] = (1024, 768),
+        azimuth: float = 215.0,
+        elevation: float = 30.0,
+        level: int | None = None,
+        zoom: float = 1.0,
+        orthographic: bool = False,
+        up: Literal["y", "z"] = "z",
+        background: tuple[int, int, int] | None = (255, 255, 255),
+        samples: int = 2,
+        progress: Progress = None,
+    ) -> npt.NDArray[np.uint8] | None:
+        """A shaded picture of an octree's solid: an array of rows, columns and colours, or a file if `path` is given.
+
+        `size` are columns and rows; the viewer stands at `azimuth` on the compass (0 is north, along y), `elevation`
+        degrees above the horizon. Without a background the picture has opacity as a fourth channel.
+        """
+        with telling(progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
+            to = os.path.join(folder, "picture.npy") if path is None else os.fspath(path)
+            direction = (azimuth, elevation)
+            self._write_render(
+                to, size, direction, level, zoom, orthographic, up, background, samples, tell
+            )
+            if path is not None:
+                return None
+            picture: npt.NDArray[np.uint8] = np.load(to)
+            return picture
+
+    # Notebooks
+
+    def _repr_png_(self) -> bytes | None:
+        if self.closed:
+            return None
+        with tempfile.TemporaryDirectory(prefix="spinney-") as folder:
+            path = os.path.join(folder, "picture.png")
+            if self.ndim == 3:
+                self.render(path, size=(320, 240), samples=1)
+            else:
+                most = max(self.shape)
+                rows, columns = (max(1, min(length, length * 320 // most)) for length in self.shape)
+                self.save(path, shape=(rows, columns))
+            return FilePath(path).read_bytes()
+
+    def _repr_html_(self) -> str:
+        from base64 import b64encode
+
+        png = self._repr_png_()
+        picture = "" if png is None else f'<img src="data:image/png;base64,{b64encode(png).decode()}"/><br/>'
+        return f"{picture}<code>{escape(repr(self))}</code>"
+
+
+class Level:
+    """The cells of one level of a dataset, to be indexed like an array."""
+
+    def __init__(self, dataset: Dataset, level: int) -> None:
+        self.dataset = dataset
+        self.level = level
+        self.shape = tuple(dataset._shape_at(level))
+        """Rows and columns; planes first in octrees."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the samples."""
+        return self.dataset.dtype
+
+    @property
+    def ndim(self) -> int:
+        """2, or 3 of octrees."""
+        return len(self.shape)
+
+    @property
+    def transform(self) -> Transform:
+        """From columns and rows of the level to the world."""
+        a, b, c, d, e, f = self.dataset.transform
+        scale = 2.0 ** (self.dataset.depth - self.level)
+        return Transform(a * scale, b * scale, c, d * scale, e * scale, f)
+
+    def __getitem__(self, key: Any) -> Any:
+        return self.dataset._at_index(self.level, key)
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
+        return _as_array(self[...], dtype, copy)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __repr__(self) -> str:
+        size = " x ".join(map(str, reversed(self.shape)))
+        return f"<level {self.level} of {str(self.dataset.path)!r}: {size} cells>"
+
+
+def _reopen(path: str, view: list[str], commit: int | None, positioned: bool) -> Dataset:
+    return Dataset(path, view, commit, positioned)
+
+
+def _rows(points: Any, name: str) -> npt.NDArray[np.float64]:
+    """Points as rows; one alone is a row."""
+    array = np.asarray(points if hasattr(points, "__array__") else list(points), dtype=np.float64)
+    return points_of(array[None] if array.ndim == 1 and array.size else array, 3, name)
+
+
+def _as_array(array: Array, dtype: npt.DTypeLike | None, copy: bool | None) -> Array:
+    """What `__array__` gives: cells are always read, so that there is no array without a copy."""
+    if copy is False:
+        raise ValueError("cells are read from a file: there is no array without a copy")
+    return array if dtype is None else array.astype(dtype, copy=False)

@@ -1,0 +1,203 @@
+"""Edits of Autumnal files."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterable, Sequence
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _native
+from ._build import build
+from ._dataset import Dataset, open
+from ._files import MEMORY
+from ._progress import memory_of, telling
+from ._types import BBox, Commit, Path, Progress, Window, commit_of
+
+
+def edit(
+    path: Path,
+    message: str | None = None,
+    *,
+    author: str | None = None,
+    time: int | None = None,
+    memory: int | str = MEMORY,
+    progress: Progress = None,
+) -> Edit:
+    """Opens an Autumnal file to change it::
+
+        with spinney.edit("map.autumn", message="A new wood") as e:
+            e.fill(3, window=(60, 60, 40, 40))
+            e.paste("survey.goblin", where_valid=True)
+
+    All changes become one commit at the end of the block, and none if it is left by an exception. One process edits a
+    file at a time, any number of others read it meanwhile. `author` is that of the environment (SPINNEY_AUTHOR) if none
+    is given, `time` (seconds since 1970) is now.
+
+    Raises OSError if another process edits the file.
+    """
+    name = os.environ.get("SPINNEY_AUTHOR", "") if author is None else author
+    return Edit(path, message, name, time, memory_of(memory), progress)
+
+
+class Edit:
+    """A file that is being edited: see `spinney.edit`."""
+
+    def __init__(
+        self, path: Path, message: str | None, author: str, time: int | None, memory: int, progress: Progress
+    ) -> None:
+        self.path = os.fspath(path)
+        self.message = message
+        self.commit: Commit | None = None
+        """The commit that was made, when all is done; `None` if nothing has changed."""
+        self._author, self._time, self._memory, self._progress = author, time, memory, progress
+        self._done: list[str] = []
+        with open(self.path) as tree:
+            self._ndim, self._dtype, self._kind, self._rule = tree.ndim, tree.dtype, tree.kind, tree.rule
+            self._nodata, self._count = tree._missing, tree.count
+        self._editor = _native.Editor(self.path, memory)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            self._editor.close()
+            return
+        message = self.message if self.message is not None else "; ".join(self._done)
+        made = self._editor.commit(message, self._author, self._time)
+        self.commit = None if made is None else commit_of(made)
+
+    def paste(
+        self,
+        source: Any,
+        *,
+        at: Sequence[int] | None = None,
+        view: str | Sequence[str] = (),
+        where_valid: bool = False,
+        mask: Any = None,
+    ) -> None:
+        """Puts a tree file, a picture or an array over a part of the tree.
+
+        It goes to where it lies in the world, or with its first cell to the cell `at`, `(column, row)` or `(x, y, z)`;
+        arrays (bands first) need that. With `where_valid` the tree stays as it is where the source is VOID.
+        """
+        steps = [view] if isinstance(view, str) else list(view)
+        place = None if at is None else [int(number) for number in at]
+        if isinstance(source, Dataset):
+            steps = [*source.view, *steps]
+            source = f"{source.path}@{source.commit}" if source.commit is not None else source.path
+        beside = os.path.dirname(os.path.abspath(self.path))
+        with telling(self._progress) as tell, tempfile.TemporaryDirectory(prefix="spinney-", dir=beside) as folder:
+            if isinstance(source, str | os.PathLike):
+                name = path = os.fspath(source)
+                if not _is_tree(path):
+                    path = os.path.join(folder, "patch.goblin")
+                    build(name, path, kind=self._kind, rule=self._rule, memory=self._memory)  # type: ignore[arg-type]
+            else:
+                if place is None:
+                    raise ValueError("at: an array needs the cell that its first one goes to")
+                name, path = "an array", os.path.join(folder, "patch.goblin")
+                self._build(source, path, mask)
+            self._editor.paste(path, steps, place, where_valid, tell)
+        self._done.append(f"Paste {name}")
+
+    def _build(self, array: Any, path: str, mask: Any) -> None:
+        """Makes a tree like that in the file of an array."""
+        if not hasattr(array, "shape"):
+            array = np.asarray(array)
+        axes = "zyx"[3 - self._ndim :]
+        dims: Any = axes if len(array.shape) == self._ndim else "b" + axes
+        if not np.can_cast(array.dtype, self._dtype, "safe") and not _holds(array, self._dtype):
+            raise TypeError(f"an array of {array.dtype} cannot be pasted into a tree of {self._dtype}")
+        if array.dtype != self._dtype:
+            array = array.astype(self._dtype)
+        kind: Any = self._kind
+        build(array, path, dims=dims, mask=mask, kind=kind, rule=self._rule, nodata=self._nodata, memory=self._memory)
+
+    def fill(
+        self,
+        value: float | Sequence[float] | None,
+        *,
+        window: Window | None = None,
+        bbox: BBox | None = None,
+        polygon: Any = None,
+        block: str | None = None,
+    ) -> None:
+        """Gives a region one value (one number, or one for each band); `None` makes it VOID.
+
+        The region is a `window` of cells, a `bbox` of the world, a `polygon` in the world (a ring of corners, a list of
+        rings, or a shapely polygon) or a `block` of the tree by its FD code, such as `"/031"`.
+        """
+        rings = None if polygon is None else _rings(polygon)
+        if value is None:
+            samples = None
+        else:
+            samples = [float(number) for number in np.atleast_1d(np.asarray(value, dtype=float))]
+        with telling(self._progress) as tell:
+            self._editor.fill(samples, window, bbox, rings, block, tell)
+        self._done.append(f"Fill with {'VOID' if value is None else value}")
+
+    def set(self, cells: npt.ArrayLike, values: npt.ArrayLike | None) -> None:
+        """Gives single cells, rows of `(column, row)` or `(x, y, z)`, values: one for all, or a row for each; `None`
+        makes them VOID. Of several values for one cell the last counts."""
+        places = np.asarray(cells)
+        if places.size == 0:
+            return
+        if places.ndim != 2 or places.shape[1] != self._ndim or places.dtype.kind not in "iu":
+            raise ValueError(f"cells: expected rows of {self._ndim} whole numbers")
+        numbers = None
+        if values is not None:
+            numbers = np.asarray(values, dtype=np.float64)
+            if numbers.ndim == 1 and len(numbers) == len(places):
+                numbers = numbers[:, None]
+            numbers = np.broadcast_to(numbers, (len(places), numbers.shape[-1] if numbers.ndim else 1))
+        with telling(self._progress) as tell:
+            self._editor.set(np.ascontiguousarray(places, dtype=np.int64), numbers, tell)
+        self._done.append(f"Set {len(places)} cells")
+
+    def apply(self, operation: str, other: Path) -> None:
+        """Makes the tree what an operation (as in `combine`) makes of it and another, which lies where it lies."""
+        with telling(self._progress) as tell:
+            self._editor.combine(operation, os.fspath(other), tell)
+        self._done.append(f"Apply {operation} of {os.fspath(other)}")
+
+    def revert(self, commit: int) -> None:
+        """Makes the tree what it was in another commit."""
+        self._editor.revert(commit)
+        self._done.append(f"Revert to commit {commit}")
+
+
+def _is_tree(path: str) -> bool:
+    try:
+        open(path).close()
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as error:
+        # (A tree that is damaged says so better than a picture reader.)
+        return path.split("@")[0].endswith((".goblin", ".autumn")) or "commit" in str(error)
+    return True
+
+
+def _holds(array: Any, dtype: np.dtype[Any]) -> bool:
+    """Whether all samples of an array in memory are samples of another type."""
+    if not isinstance(array, np.ndarray) or dtype.kind == "f" or array.dtype.kind == "f":
+        return bool(np.can_cast(array.dtype, dtype, "same_kind"))
+    limits = np.iinfo(dtype)
+    return array.size == 0 or (int(array.min()) >= limits.min and int(array.max()) <= limits.max)
+
+
+def _rings(polygon: Any) -> list[list[tuple[float, float]]]:
+    """Rings of corners."""
+    if hasattr(polygon, "exterior"):
+        given: Iterable[Any] = [polygon.exterior.coords, *(ring.coords for ring in polygon.interiors)]
+    elif hasattr(polygon, "geoms"):
+        return [ring for part in polygon.geoms for ring in _rings(part)]
+    elif len(polygon) and np.ndim(polygon[0][0]) == 0:
+        given = [polygon]
+    else:
+        given = polygon
+    return [[(float(corner[0]), float(corner[1])) for corner in ring] for ring in given]

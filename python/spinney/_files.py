@@ -1,0 +1,126 @@
+"""From files to files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Literal
+
+from . import _native
+from ._progress import memory_of, telling
+from ._types import Commit, Differences, Finding, Outcome, Path, Progress, commit_of, outcome_of
+
+MEMORY = "256M"
+
+
+def transform(
+    path: Path,
+    steps: str | Sequence[str],
+    out: Path,
+    *,
+    nearest: bool = False,
+    move: bool = False,
+    memory: int | str = MEMORY,
+    progress: Progress = None,
+) -> Outcome:
+    """Makes a tree of a part of another, moved, scaled, mirrored or turned.
+
+    Steps are those of `spinney transform` (`spinney help transform` lists them): `"rotate=30"`, `["crop", "scale=0.5"]`.
+    New cells get their values by the file's rule, or with `nearest` from their centres. The picture stays where it is in
+    the world unless `move` is set.
+    """
+    chain = [steps] if isinstance(steps, str) else list(steps)
+    with telling(progress) as tell:
+        made = _native.transform(
+            os.fspath(path), chain, os.fspath(out), nearest, move, memory_of(memory), tell
+        )
+    return outcome_of(made)
+
+
+def combine(
+    operation: str,
+    paths: Sequence[Path],
+    out: Path,
+    *,
+    values: Literal["first", "second"] = "first",
+    fill: float | None = None,
+    within: Sequence[float] | None = None,
+    margin: int | None = None,
+    memory: int | str = MEMORY,
+    progress: Progress = None,
+) -> Outcome:
+    """Makes one tree of several: `"union"`, `"and"`, `"a-b"`, `"over"`, `"min"`, `"changed"`, ...
+
+    The operations are those of `spinney combine`. `values` tells whose value stands where a set operation finds both,
+    `fill` the value of cells that it makes of nothing, `within` (a box of the world) or `margin` (cells around the
+    files) where it does that.
+    """
+    if values not in ("first", "second"):
+        raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
+    box = None if within is None else list(within)
+    names = [os.fspath(path) for path in paths]
+    with telling(progress) as tell:
+        made = _native.combine(
+            operation, names, os.fspath(out), values == "second", fill, box, margin, memory_of(memory), tell
+        )
+    return outcome_of(made)
+
+
+def cross(first: Path, second: Path) -> list[tuple[list[float] | None, list[float] | None, int]]:
+    """Which values of one tree meet which of another, and in how many cells; `None` is VOID."""
+    return _native.cross(os.fspath(first), os.fspath(second))
+
+
+def diff(first: Path, second: Path, *, ranges: bool = False) -> Differences:
+    """How two trees differ, most often two commits of one file; with `ranges` also where, as runs of FD paths."""
+    sums, runs = _native.diff(os.fspath(first), os.fspath(second), ranges)
+    added, removed, changed, blocks, count = sums
+    return Differences(added, removed, changed, blocks, count, runs)
+
+
+def verify(
+    path: Path, *, quick: bool = False, memory: int | str = MEMORY, progress: Progress = None
+) -> list[Finding]:
+    """Checks every checksum and every rule of the tree; an empty list is good. With `quick` trees of older commits are
+    left out."""
+    with telling(progress) as tell:
+        findings = _native.verify(os.fspath(path), quick, memory_of(memory), tell)
+    return [Finding(place, problem) for place, problem in findings]
+
+
+def publish(
+    path: Path, out: Path, *, share: bool = False, memory: int | str = MEMORY, progress: Progress = None
+) -> None:
+    """Writes a tree, or one of its commits, in the format that the output's name asks for: .goblin or .autumn."""
+    with telling(progress) as tell:
+        _native.publish(os.fspath(path), os.fspath(out), share, memory_of(memory), tell)
+
+
+def compact(
+    path: Path,
+    out: Path,
+    *,
+    keep: int = 1,
+    commits: Sequence[int] | None = None,
+    share: bool = False,
+    memory: int | str = MEMORY,
+    progress: Progress = None,
+) -> list[Commit]:
+    """Writes the newest commits of an Autumnal file, so many, or those with certain numbers, to a new one."""
+    numbers = None if commits is None else list(commits)
+    with telling(progress) as tell:
+        made = _native.compact(
+            os.fspath(path), os.fspath(out), keep, numbers, share, memory_of(memory), tell
+        )
+    return [commit_of(facts) for facts in made]
+
+
+def recover(path: Path, to: int, *, progress: Progress = None) -> Commit:
+    """Makes an older commit the newest, where newer ones are damaged."""
+    with telling(progress) as tell:
+        return commit_of(_native.recover(os.fspath(path), to, tell))
+
+
+def log(path: Path) -> list[Commit]:
+    """The commits of an Autumnal file, the newest first."""
+    return [commit_of(facts) for facts in _native.log(os.fspath(path))]

@@ -1,0 +1,252 @@
+"""What questions are answered with."""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[Any]
+"""An array of samples, of whatever type the file has."""
+Path = str | os.PathLike[str]
+"""Name of a file; `map.autumn@3` is commit 3 of `map.autumn`."""
+Progress = Callable[[int, int], object] | bool | Any | None
+"""A function that is called with what is done and the total, a bar of tqdm, or `True` for a new bar."""
+Window = Any
+"""Cells: `(column, row, width, height)`, of octrees `(x, y, z, width, height, depth)`, or a window of rasterio."""
+BBox = Sequence[float]
+"""A box of the world: `(left, bottom, right, top)`, of octrees least and then greatest `x, y, z`."""
+Points = npt.ArrayLike | Iterable[Sequence[float]]
+"""Points: an array with a row each, or anything that hands out coordinates."""
+
+
+class Transform(NamedTuple):
+    """From columns and rows to the world: `x = a col + b row + c`, `y = d col + e row + f`.
+
+    The order is that of rasterio: `affine.Affine(*ds.transform)`.
+    """
+
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
+
+
+class BoundingBox(NamedTuple):
+    """A box of the world, as rasterio has it."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+
+class Box(NamedTuple):
+    """A box of the world of an octree."""
+
+    min_x: float
+    min_y: float
+    min_z: float
+    max_x: float
+    max_y: float
+    max_z: float
+
+
+@dataclass(frozen=True)
+class BandStatistics:
+    """Statistics of one band; the standard deviation is that of the population."""
+
+    cells: int
+    min: float
+    max: float
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Exact statistics of the cells of a part."""
+
+    cells: int
+    """Cells that are not VOID."""
+    void_cells: int
+    """Cells of the part that are VOID."""
+    bands: tuple[BandStatistics, ...]
+    """Statistics of each band; nothing if there are no cells."""
+    classes: dict[float, int]
+    """Cells of each class, by ascending value; only of files that count classes."""
+
+    @property
+    def first(self) -> BandStatistics:
+        """Statistics of the first band."""
+        if not self.bands:
+            raise ValueError("there are no cells")
+        return self.bands[0]
+
+    @property
+    def min(self) -> float:
+        """The least sample of the first band."""
+        return self.first.min
+
+    @property
+    def max(self) -> float:
+        """The greatest sample of the first band."""
+        return self.first.max
+
+    @property
+    def mean(self) -> float:
+        """The mean of the first band."""
+        return self.first.mean
+
+    @property
+    def std(self) -> float:
+        """The standard deviation of the first band."""
+        return self.first.std
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Blocks of the tree, one per row of the arrays."""
+
+    codes: npt.NDArray[np.str_]
+    """FD codes: `/` and a digit per level."""
+    levels: npt.NDArray[np.uint8]
+    """Levels."""
+    boxes: npt.NDArray[np.int64]
+    """Cells of the deepest level: first column and row, width and height (of octrees x, y, z and three lengths). A row
+    is a `window` for `read`."""
+    world: npt.NDArray[np.float64]
+    """Boxes in the world: left, bottom, right, top, or least and then greatest x, y, z."""
+    values: npt.NDArray[np.float64]
+    """Values; NaN where a block has several."""
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+
+@dataclass(frozen=True)
+class Commit:
+    """A state of an Autumnal file that stays readable."""
+
+    number: int
+    time: datetime | None
+    """When it was made, in UTC."""
+    author: str
+    message: str
+    cells: int
+    """Cells that are not VOID."""
+    records: int
+    """INNER nodes of its tree."""
+    bytes: int
+    """Bytes that it took in the file."""
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Totals of the differences between two trees."""
+
+    added: int
+    """Cells that were VOID and are not any more."""
+    removed: int
+    """Cells that have become VOID."""
+    changed: int
+    """Cells whose value is another one."""
+    blocks: int
+    """Blocks in which the trees differ, uniform in both."""
+    runs: int
+    """Runs of cells in FD order in which they differ."""
+    ranges: npt.NDArray[np.uint64] | None = None
+    """The runs, if they were asked for: paths of the first and the last cell."""
+
+    def __bool__(self) -> bool:
+        return self.blocks > 0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong with a file."""
+
+    place: str
+    problem: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Measures of a tree that was made of others."""
+
+    shape: tuple[int, ...]
+    """Rows and columns; planes first in octrees."""
+    depth: int
+    before: tuple[int, ...]
+    """Cells of each input that are not VOID."""
+    cells: int
+    """Cells of the result that are not VOID."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Measures of a solid, in the units of its world."""
+
+    level: int
+    cells: int
+    """Cells of the level that are not empty."""
+    volume: float
+    volume_cells: float
+    """Volume in cells of the level."""
+    centre: tuple[float, float, float] | None
+    """Centre of gravity; `None` if there is nothing."""
+    bounds: Box | None
+    area: float | None
+    """Area of the smooth surface that the cells stand for, if it was asked for."""
+    block_area: float | None
+    """Area of the cells' faces, if it was asked for."""
+
+
+class Mesh(NamedTuple):
+    """A closed surface of triangles: `trimesh.Trimesh(*mesh)`."""
+
+    vertices: npt.NDArray[np.float64]
+    """Coordinates in the world, a row each."""
+    faces: npt.NDArray[np.int64]
+    """Vertices of the triangles, counterclockwise seen from outside."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What rays hit, one per row of the arrays."""
+
+    distance: npt.NDArray[np.float64]
+    """Lengths of the direction; NaN where nothing is hit."""
+    points: npt.NDArray[np.float64]
+    """Coordinates in the world; NaN where nothing is hit."""
+    cells: npt.NDArray[np.int64]
+    """The cell x, y, z of the level; -1 where nothing is hit."""
+
+    @property
+    def hit(self) -> npt.NDArray[np.bool_]:
+        """Whether each ray hits anything."""
+        return ~np.isnan(self.distance)
+
+
+def commit_of(facts: dict[str, Any]) -> Commit:
+    """The commit that the native part describes."""
+    time = facts["time"]
+    try:
+        moment = None if time is None else datetime.fromtimestamp(time, timezone.utc)
+    except (OverflowError, ValueError, OSError):
+        moment = None
+    return Commit(
+        facts["number"], moment, facts["author"], facts["message"], facts["cells"], facts["records"], facts["bytes"]
+    )
+
+
+def outcome_of(facts: dict[str, Any]) -> Outcome:
+    """The outcome that the native part describes."""
+    columns, rows, planes = facts["extent"]
+    shape = (rows, columns) if planes == 1 else (planes, rows, columns)
+    return Outcome(shape, facts["depth"], tuple(facts["before"]), facts["after"])

@@ -1,0 +1,330 @@
+//! Trees of arrays and of files.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use numpy::{PyArrayDyn, PyArrayMethods};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use spinney::import::mesh::{self, Resolution, SolidOptions};
+use spinney::import::raster::{self, ImportOptions};
+use spinney::io::Output;
+use spinney::space::{Crs, Dimension, Frame};
+use spinney::store::{BuildOptions, Metadata, Slab, Slabs, build_slabs, depth_for};
+use spinney::tree::Form;
+use spinney::value::{Kind, Palette, Rule, SampleType, ValueType};
+use spinney::{Result, dataset};
+
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs::{self, Work};
+use crate::samples::{copy_bytes, sample_of};
+
+/// What is told about an array.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct ArrayOptions {
+    /// Columns, rows and planes.
+    extent: [u64; 3],
+    octree: bool,
+    dtype: String,
+    channels: u8,
+    /// Whether it has to be read in bands of rows, from the top down.
+    in_order: bool,
+    kind: Option<String>,
+    rule: Option<String>,
+    nodata: Option<f64>,
+    transform: Option<Vec<f64>>,
+    crs: Option<String>,
+    depth: Option<u8>,
+    memory: u64,
+    share: bool,
+    categories: BTreeMap<i64, String>,
+    colormap: Option<Vec<[u8; 4]>>,
+    descriptions: Vec<String>,
+    scale_offset: Vec<(f64, f64)>,
+    units: Vec<String>,
+    tags: BTreeMap<String, String>,
+}
+
+impl ArrayOptions {
+    fn value(&self) -> PyResult<ValueType> {
+        let sample = sample_of(&self.dtype).ok_or_else(|| {
+            PyTypeError::new_err(format!(
+                "samples of {} cannot be kept; convert to uint8, uint16, int16, uint32, int32, float32 or float64",
+                self.dtype
+            ))
+        })?;
+        let value = ValueType::new(sample, self.channels);
+        if !value.is_supported() {
+            let text = "1 to 4 bands of uint8, uint16 or float32, or 1 band of another type can be kept";
+            return Err(PyTypeError::new_err(format!("{} bands of {}: {text}", self.channels, self.dtype)));
+        }
+        Ok(self.nodata.map_or(value, |nodata| value.with_missing(nodata)))
+    }
+
+    fn frame(&self) -> PyResult<Frame> {
+        let mut frame = match self.transform.as_deref() {
+            None => Frame::identity(),
+            Some(&[a, b, c, d, e, f]) => Frame::planar([a, b, c, d, e, f]),
+            Some(numbers @ &[_, _, _, _, _, _, _, _, _, _, _, _]) => {
+                let mut frame = Frame::identity();
+                for (row, numbers) in frame.matrix.iter_mut().zip(numbers.chunks_exact(4)) {
+                    row.copy_from_slice(numbers);
+                }
+                frame
+            }
+            Some(_) => {
+                return Err(invalid("transform: expected 6 numbers a, b, c, d, e, f, or a 3 x 4 matrix"));
+            }
+        };
+        if frame.matrix.iter().flatten().any(|number| !number.is_finite())
+            || frame.to_cells([0.0; 3]).is_none()
+        {
+            return Err(invalid("transform: has no inverse"));
+        }
+        frame.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
+        Ok(frame)
+    }
+
+    fn options(&self, sample: SampleType) -> PyResult<BuildOptions> {
+        let has_classes = self.channels == 1 && !(self.categories.is_empty() && self.colormap.is_none());
+        let usual = if has_classes && !sample.is_float() { Kind::Categorical } else { Kind::Continuous };
+        let kind = self.kind.as_ref().map_or(Ok(usual), |name| name.parse()).or_raise()?;
+        let rule: Rule =
+            self.rule.as_ref().map_or(Ok(kind.default_rule()), |name| name.parse()).or_raise()?;
+        let metadata = Metadata {
+            frame: self.frame()?,
+            nodata: self.nodata,
+            palette: self.colormap.clone().map(|colours| Palette { colours }),
+            class_names: self.categories.clone(),
+            band_names: self.descriptions.clone(),
+            scale_offset: self.scale_offset.clone(),
+            units: self.units.clone(),
+            tags: self.tags.clone(),
+            provenance: vec![format!("array of {} in Python", self.dtype)],
+            ..Metadata::default()
+        };
+        let depth = self.depth.unwrap_or(depth_for(self.extent));
+        let options = BuildOptions::new(kind, depth).rule(rule).metadata(metadata);
+        Ok(options.memory(self.memory / 2).share(self.share))
+    }
+}
+
+/// Cells of an array, block by block as Python has them.
+struct ArraySlabs<'w> {
+    /// A function of a block's first cell and size, that gives the samples and perhaps flags.
+    read: Py<PyAny>,
+    extent: [u64; 3],
+    sample: SampleType,
+    /// Blocks of cells that are still to be read, the next one last: each a first cell, and the length of a side.
+    blocks: Vec<([u64; 3], u64)>,
+    /// Rows of bands that are still to be read: the first, if it is read so.
+    next_row: Option<u64>,
+    side: u64,
+    axes: usize,
+    work: &'w Work,
+}
+
+/// Sides of the blocks that trees are built of.
+const BLOCKS: [u64; 2] = [256, 64];
+
+impl<'w> ArraySlabs<'w> {
+    /// `memory` is for a block.
+    fn new(
+        read: Py<PyAny>,
+        options: &ArrayOptions,
+        value: ValueType,
+        memory: u64,
+        work: &'w Work,
+    ) -> ArraySlabs<'w> {
+        let extent = options.extent;
+        let axes = if options.octree { 3 } else { 2 };
+        let least = BLOCKS[axes - 2];
+        let whole = least.max(1 << depth_for(extent).min(62));
+        let bytes = |side: u64| {
+            let cells = extent.iter().fold(1u64, |cells, length| cells.saturating_mul(side.min(*length)));
+            cells.saturating_mul(value.size() as u64 + 1)
+        };
+        let mut side = whole;
+        while side > least && bytes(side) > memory {
+            side /= 2;
+        }
+        let next_row = options.in_order.then_some(0);
+        let blocks = vec![([0; 3], whole)];
+        ArraySlabs { read, extent, sample: value.sample, blocks, next_row, side, axes, work }
+    }
+
+    /// First cell and size of the next block, in FD order or by rows.
+    fn next_block(&mut self) -> Option<([u64; 3], [u64; 3])> {
+        if let Some(row) = &mut self.next_row {
+            let along = self.axes - 1;
+            let (mut first, mut size) = ([0; 3], self.extent);
+            first[along] = *row;
+            size[along] = BLOCKS[self.axes - 2].min(self.extent[along] - *row);
+            *row += size[along];
+            return (size[along] > 0).then_some((first, size));
+        }
+        loop {
+            let (first, side) = self.blocks.pop()?;
+            if (0..3).any(|axis| first[axis] >= self.extent[axis]) {
+                continue;
+            }
+            if side <= self.side {
+                let size = std::array::from_fn(|axis| side.min(self.extent[axis] - first[axis]));
+                return Some((first, size));
+            }
+            let half = side / 2;
+            let axes = self.axes;
+            let child = |step: u64| -> [u64; 3] {
+                std::array::from_fn(|axis| {
+                    first[axis] + if axis < axes { half * (step >> axis & 1) } else { 0 }
+                })
+            };
+            // In reverse, since the last one is taken first.
+            self.blocks.extend((0..1 << self.axes).rev().map(|step| (child(step), half)));
+        }
+    }
+}
+
+impl Slabs for ArraySlabs<'_> {
+    fn extent(&self) -> [u64; 3] {
+        self.extent
+    }
+
+    fn next(&mut self, slab: &mut Slab) -> Result<bool> {
+        let Some((origin, size)) = self.next_block() else { return Ok(false) };
+        (slab.origin, slab.size) = (origin, size);
+        slab.bytes.clear();
+        let read = Python::attach(|py| -> PyResult<()> {
+            let (samples, valid): (Bound<'_, PyAny>, Option<Bound<'_, PyArrayDyn<bool>>>) =
+                self.read.bind(py).call1((origin, size))?.extract()?;
+            copy_bytes(&samples, self.sample, &mut slab.bytes)?;
+            slab.valid = match valid {
+                Some(valid) => {
+                    Some(valid.try_readonly().map_err(|e| invalid(e.to_string()))?.as_slice()?.to_vec())
+                }
+                None => None,
+            };
+            Ok(())
+        });
+        read.map(|()| true).map_err(|exception| self.work.fail(exception))
+    }
+}
+
+/// Builds a tree of an array, which `read` hands out block by block.
+#[pyfunction]
+#[pyo3(signature = (read, out, options, progress))]
+pub(crate) fn build_array(
+    py: Python<'_>,
+    read: Py<PyAny>,
+    out: PathBuf,
+    options: ArrayOptions,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<()> {
+    let value = options.value()?;
+    let build = options.options(value.sample)?;
+    let nodata = match options.nodata {
+        Some(number) if !number.is_nan() => {
+            let stored = if value.sample.is_float() { value.sample.nearest(number) } else { number };
+            let found = value.splat(stored);
+            Some(found.ok_or_else(|| invalid(format!("nodata: {number} is none of the values of {value}")))?)
+        }
+        _ => None,
+    };
+    let dimension = if options.octree { Dimension::Oct } else { Dimension::Quad };
+    let form = Form::new(dimension, value);
+    jobs::run(py, progress, |work| {
+        let mut slabs = ArraySlabs::new(read, &options, value, options.memory / 8, work);
+        build_slabs(form, &mut slabs, nodata, &build, Output::create(&out)?, work)
+    })
+}
+
+/// What is asked of an import of files.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct FileOptions {
+    kind: Option<String>,
+    rule: Option<String>,
+    bands: Option<Vec<usize>>,
+    nodata: Option<f64>,
+    transform: Option<[f64; 6]>,
+    crs: Option<String>,
+    depth: Option<u8>,
+    layer: Option<String>,
+    keep_transparent: bool,
+    memory: u64,
+    share: bool,
+    cells: Option<u64>,
+    cell: Option<f64>,
+    like: Option<PathBuf>,
+    boundary: Option<String>,
+    attribute: Option<String>,
+    surface: bool,
+    up: Option<String>,
+    unit: Option<String>,
+}
+
+impl FileOptions {
+    fn pictures(&self) -> PyResult<ImportOptions> {
+        let mut options = ImportOptions::new();
+        options.kind = self.kind.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.rule = self.rule.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
+        (options.bands, options.nodata) = (self.bands.clone(), self.nodata);
+        (options.depth, options.transform, options.layer) = (self.depth, self.transform, self.layer.clone());
+        (options.keep_transparent, options.share) = (self.keep_transparent, self.share);
+        options.memory = Some(self.memory);
+        Ok(options)
+    }
+
+    fn solids(&self) -> PyResult<SolidOptions> {
+        let mut options = SolidOptions::new();
+        options.resolution = match (self.cells, self.cell, &self.like, self.depth) {
+            (None, None, None, None) => Resolution::Cells(256),
+            (Some(cells), None, None, None) => Resolution::Cells(cells),
+            (None, Some(width), None, None) => Resolution::Cell(width),
+            (None, None, Some(path), None) => {
+                let tree = dataset::open(path, &Default::default()).or_raise()?;
+                if tree.header().form.axes() != 3 {
+                    return Err(invalid(format!("{}: is a quadtree, like needs an octree", path.display())));
+                }
+                Resolution::Like(tree.metadata().frame.clone(), tree.depth())
+            }
+            (None, None, None, Some(depth)) => Resolution::Depth(depth),
+            _ => return Err(invalid("cells, cell, like and depth: give one of them")),
+        };
+        let boundary = self.boundary.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.boundary = boundary.unwrap_or_default();
+        let attribute = self.attribute.as_ref().map(|name| name.parse()).transpose().or_raise()?;
+        options.attribute = attribute.unwrap_or_default();
+        options.up = self.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
+        options.crs = self.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
+        (options.surface, options.memory, options.share) = (self.surface, self.memory, self.share);
+        Ok(options)
+    }
+}
+
+/// Builds a tree of picture files (of several, the last lies on top), or of models of solids.
+#[pyfunction]
+#[pyo3(signature = (paths, out, options, progress))]
+pub(crate) fn build_files(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    out: PathBuf,
+    options: FileOptions,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<()> {
+    check_output(&paths, &out)?;
+    if paths.iter().any(|path| mesh::is_model(path)) {
+        let mut solid = options.solids()?;
+        return jobs::run(py, progress, |work| {
+            let models = mesh::open_all(&paths, options.memory)?;
+            let told = models.iter().find_map(|model| model.info().unit.clone());
+            solid.unit = options.unit.clone().or(told);
+            mesh::plan_models(models, &solid)?.build(Output::create(&out)?, work).map(drop)
+        });
+    }
+    let pictures = options.pictures()?;
+    jobs::run(py, progress, |work| raster::plan(&paths, &pictures)?.build(Output::create(&out)?, work))
+}

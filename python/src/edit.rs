@@ -1,0 +1,193 @@
+//! Edits of Autumnal files.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use numpy::PyReadonlyArray2;
+use pyo3::exceptions::{PyIndexError, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::dataset::Dataset;
+use spinney::ops::{Chain, Edit, FillRegion, Prefer, apply_edits};
+use spinney::space::{Code, Polygon};
+use spinney::store::autumnal::{self, Note};
+
+use crate::error::{OrRaise, invalid};
+use crate::files::{commit_facts, is_same_file, named};
+use crate::jobs;
+use crate::part::part_of;
+
+/// A file that is being edited; nothing of it is seen by others before it is committed.
+#[pyclass(frozen, module = "spinney._native")]
+pub(crate) struct Editor {
+    editor: Mutex<Option<autumnal::Editor>>,
+    path: PathBuf,
+}
+
+impl Editor {
+    /// The editor, for one thread at a time.
+    fn get(&self) -> PyResult<MutexGuard<'_, Option<autumnal::Editor>>> {
+        let in_use = |_| PyRuntimeError::new_err(format!("{}: another thread edits it", self.path.display()));
+        let editor = self.editor.try_lock().map_err(in_use)?;
+        if editor.is_none() {
+            return Err(PyValueError::new_err(format!("{}: is closed", self.path.display())));
+        }
+        Ok(editor)
+    }
+
+    fn apply(&self, py: Python<'_>, edit: Edit, progress: Option<Py<PyAny>>) -> PyResult<()> {
+        let mut editor = self.get()?;
+        let Some(editor) = editor.as_mut() else { return Ok(()) };
+        jobs::run(py, progress, |work| apply_edits(editor, &mut std::iter::once(Ok(edit)), work))
+    }
+
+    /// Fails if another file is the one that is edited. (Its commits are others.)
+    fn check_other(&self, other: &Path) -> PyResult<()> {
+        let name = self.path.display();
+        let text = || invalid(format!("{name}: is edited and pasted; name a commit, as in {name}@1"));
+        if is_same_file(other, &self.path) { Err(text()) } else { Ok(()) }
+    }
+
+    /// The tree with all edits so far.
+    fn tree(&self) -> PyResult<Dataset> {
+        let editor = self.get()?;
+        let closed = || PyValueError::new_err("is closed");
+        Dataset::of(editor.as_ref().ok_or_else(closed)?.tree().into()).or_raise()
+    }
+}
+
+#[pymethods]
+impl Editor {
+    #[new]
+    fn new(py: Python<'_>, path: PathBuf, memory: u64) -> PyResult<Editor> {
+        let editor = py.detach(|| autumnal::Editor::open(&path, memory)).or_raise()?;
+        Ok(Editor { editor: Mutex::new(Some(editor)), path })
+    }
+
+    /// Puts a file over a part of the tree.
+    fn paste(
+        &self,
+        py: Python<'_>,
+        patch: PathBuf,
+        steps: Vec<String>,
+        at: Option<Vec<i64>>,
+        where_valid: bool,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        self.check_other(&patch)?;
+        let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<_>>>()?;
+        let at = match at.as_deref() {
+            None => None,
+            Some(&[x, y]) => Some([x, y, 0]),
+            Some(&[x, y, z]) => Some([x, y, z]),
+            Some(_) => return Err(invalid("at: expected (column, row), or (x, y, z) in octrees")),
+        };
+        let chain = Chain { steps, ..Chain::of(&patch) };
+        self.apply(py, Edit::Paste { patch: chain, at, where_valid }, progress)
+    }
+
+    /// Gives a region one value, or makes it VOID.
+    #[allow(clippy::too_many_arguments)]
+    fn fill(
+        &self,
+        py: Python<'_>,
+        value: Option<Vec<f64>>,
+        window: Option<&Bound<'_, PyAny>>,
+        bbox: Option<&Bound<'_, PyAny>>,
+        polygon: Option<Vec<Vec<[f64; 2]>>>,
+        block: Option<&str>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        let tree = self.tree()?;
+        let part = part_of(&tree, window, bbox)?;
+        let region = match (part, polygon, block) {
+            (Some(bounds), None, None) => FillRegion::Box(bounds),
+            (None, Some(rings), None) => {
+                let corner =
+                    |[x, y]: [f64; 2]| tree.metadata().frame.to_cells([x, y, 0.0]).map(|[x, y, _]| [x, y]);
+                let rings: Option<Vec<Vec<_>>> =
+                    rings.into_iter().map(|ring| ring.into_iter().map(corner).collect()).collect();
+                let rings = rings.ok_or_else(|| invalid("the file's transform has no inverse"))?;
+                FillRegion::Polygon(Polygon::new(&rings).or_raise()?)
+            }
+            (None, None, Some(text)) => {
+                let code = Code::parse(tree.header().form.dimension, text).or_raise()?;
+                if code.level() > tree.depth() {
+                    return Err(PyIndexError::new_err(format!("block: {text} is no node of this tree")));
+                }
+                FillRegion::Box(code.bounds(tree.depth()))
+            }
+            _ => return Err(invalid("fill: give one of window, bbox, polygon and block")),
+        };
+        drop(tree);
+        self.apply(py, Edit::Fill(region, value), progress)
+    }
+
+    /// Gives single cells (x, y and in octrees z, a row each) new values (a row each; none: VOID).
+    fn set(
+        &self,
+        py: Python<'_>,
+        cells: PyReadonlyArray2<'_, i64>,
+        values: Option<PyReadonlyArray2<'_, f64>>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        let axes = self.tree()?.header().form.axes();
+        let (cells, values) = (cells.as_array(), values.as_ref().map(|values| values.as_array()));
+        if cells.ncols() != axes || values.is_some_and(|values| values.nrows() != cells.nrows()) {
+            return Err(invalid(format!(
+                "cells: expected rows of {axes} coordinates, and a row of values for each"
+            )));
+        }
+        let mut edits = Vec::with_capacity(cells.nrows());
+        for (index, cell) in cells.rows().into_iter().enumerate() {
+            let mut at = [0; 3];
+            for (at, number) in at.iter_mut().zip(cell) {
+                *at = u64::try_from(*number)
+                    .map_err(|_| PyIndexError::new_err(format!("cells: {cell} is outside of the tree")))?;
+            }
+            edits.push((at, values.map(|values| values.row(index).to_vec())));
+        }
+        self.apply(py, Edit::Set(edits), progress)
+    }
+
+    /// Makes the tree what an operation makes of it and another one.
+    fn combine(
+        &self,
+        py: Python<'_>,
+        operation: &str,
+        other: PathBuf,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        self.check_other(&other)?;
+        self.apply(py, Edit::Apply(named(operation, Prefer::First)?, other), progress)
+    }
+
+    /// Makes the tree what it was in another commit.
+    fn revert(&self, py: Python<'_>, commit: u64) -> PyResult<()> {
+        self.apply(py, Edit::Revert(commit), None)
+    }
+
+    /// Makes all edits one commit, and closes the file; `None` if nothing has changed.
+    fn commit<'py>(
+        &self,
+        py: Python<'py>,
+        message: String,
+        author: String,
+        time: Option<i64>,
+    ) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let now = || SystemTime::now().duration_since(UNIX_EPOCH).ok().map(|time| time.as_secs() as i64);
+        let note = Note { time: time.or_else(now), author, message };
+        let Some(mut editor) = self.get()?.take() else { return Ok(None) };
+        let commit = py.detach(|| editor.commit(note)).or_raise()?;
+        commit.map(|commit| commit_facts(py, &commit)).transpose()
+    }
+
+    /// Forgets all edits, and closes the file.
+    fn close(&self) -> PyResult<()> {
+        if let Ok(mut editor) = self.get() {
+            editor.take();
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,67 @@
+//! The library's errors as Python's.
+
+use std::io;
+
+use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use spinney::Error;
+
+/// The exception for a failure, with the library's message and of the kind that Python's own functions raise.
+pub(crate) fn raised(error: Error) -> PyErr {
+    let text = message(&error);
+    match &error {
+        Error::Io { path, doing, cause } => match cause.raw_os_error() {
+            // (Python chooses the exception by the number: FileNotFoundError, PermissionError, ... It shows number and path.)
+            Some(number) => {
+                let text = cause.to_string();
+                let text = text.split(" (os error").next().unwrap_or_default();
+                PyOSError::new_err((number, format!("cannot {doing}: {text}"), path.as_os_str().to_owned()))
+            }
+            None if cause.kind() == io::ErrorKind::NotFound => {
+                pyo3::exceptions::PyFileNotFoundError::new_err(text)
+            }
+            None => PyOSError::new_err(text),
+        },
+        Error::Corrupt { .. }
+        | Error::NoRoom { .. }
+        | Error::Locked { .. }
+        | Error::Changed { .. }
+        | Error::Moved { .. }
+        | Error::Poisoned { .. } => PyOSError::new_err(text),
+        Error::Unsupported { .. } | Error::TooLarge { .. } | Error::Invalid { .. } => {
+            PyValueError::new_err(text)
+        }
+        Error::Interrupted => PyKeyboardInterrupt::new_err(text),
+        _ => PyRuntimeError::new_err(text),
+    }
+}
+
+/// The message with its causes.
+fn message(error: &Error) -> String {
+    let mut text = error.to_string();
+    let mut cause = std::error::Error::source(error);
+    while let Some(error) = cause {
+        text.push_str(": ");
+        text.push_str(&error.to_string());
+        cause = error.source();
+    }
+    text
+}
+
+/// The library's results as Python's.
+pub(crate) trait OrRaise<T> {
+    /// The value, or the exception for the error.
+    fn or_raise(self) -> PyResult<T>;
+}
+
+impl<T> OrRaise<T> for spinney::Result<T> {
+    #[inline]
+    fn or_raise(self) -> PyResult<T> {
+        self.map_err(raised)
+    }
+}
+
+/// A wrong argument.
+pub(crate) fn invalid(text: impl Into<String>) -> PyErr {
+    PyValueError::new_err(text.into())
+}

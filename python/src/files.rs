@@ -1,0 +1,232 @@
+//! Operations from files to files.
+
+use std::path::{Path, PathBuf};
+
+use numpy::PyArray2;
+use numpy::ndarray::Array2;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::dataset;
+use spinney::io::Output;
+use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe};
+use spinney::store::autumnal::{self, Commit, History, Keep};
+use spinney::store::{OpenOptions, split_commit};
+
+use crate::error::{OrRaise, invalid};
+use crate::jobs;
+
+/// Fails if one of the inputs is the output.
+pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
+    match inputs.iter().find(|input| is_same_file(&split_commit(input).0, output)) {
+        Some(input) => {
+            Err(invalid(format!("{}: is an input and the output; choose another output", input.display())))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Whether two names are names of one file.
+pub(crate) fn is_same_file(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// Measures of a tree that was made, by name.
+fn outcome<'py>(py: Python<'py>, outcome: &Outcome) -> PyResult<Bound<'py, PyDict>> {
+    let facts = PyDict::new(py);
+    facts.set_item("extent", outcome.extent)?;
+    facts.set_item("depth", outcome.depth)?;
+    facts.set_item("before", outcome.before.clone())?;
+    facts.set_item("after", outcome.after)?;
+    Ok(facts)
+}
+
+/// A commit, by name.
+pub(crate) fn commit_facts<'py>(py: Python<'py>, commit: &Commit) -> PyResult<Bound<'py, PyDict>> {
+    let facts = PyDict::new(py);
+    facts.set_item("number", commit.number)?;
+    facts.set_item("time", commit.note.time)?;
+    facts.set_item("author", &commit.note.author)?;
+    facts.set_item("message", &commit.note.message)?;
+    facts.set_item("cells", commit.cells)?;
+    facts.set_item("records", commit.records)?;
+    facts.set_item("bytes", commit.written.bytes)?;
+    Ok(facts)
+}
+
+/// Makes a tree of a file and the steps done to it.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn transform<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    steps: Vec<String>,
+    out: PathBuf,
+    nearest: bool,
+    moves: bool,
+    memory: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let steps = steps.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
+    let like = steps.iter().filter_map(|step| match step {
+        Step::Like(path) => Some(path.clone()),
+        _ => None,
+    });
+    let inputs: Vec<PathBuf> = like.chain([path.clone()]).collect();
+    check_output(&inputs, &out)?;
+    let chain = Chain { path, steps, nearest, moves };
+    let made = jobs::run(py, progress, |work| ops::transform(&chain, Output::create(&out)?, memory, work))?;
+    outcome(py, &made)
+}
+
+/// Makes one tree of several.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn combine<'py>(
+    py: Python<'py>,
+    operation: &str,
+    paths: Vec<PathBuf>,
+    out: PathBuf,
+    prefer_second: bool,
+    fill: Option<f64>,
+    within: Option<Vec<f64>>,
+    margin: Option<u32>,
+    memory: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let prefer = if prefer_second { Prefer::Second } else { Prefer::First };
+    let operation = named(operation, prefer)?;
+    let universe = match (within.as_deref(), margin) {
+        (None, None) => None,
+        (None, Some(cells)) => Some(Universe::Margin(cells)),
+        (Some(&[a, b, c, d]), None) => Some(Universe::Within([a, b, 0.0], [c, d, 0.0])),
+        (Some(&[a, b, c, d, e, f]), None) => Some(Universe::Within([a, b, c], [d, e, f])),
+        (Some(_), Some(_)) => return Err(invalid("within and margin: give one of them")),
+        (Some(_), None) => return Err(invalid("within: expected 4 numbers, or 6 for octrees")),
+    };
+    if universe.is_some() && !operation.needs_universe() {
+        return Err(invalid("within and margin are for operations that fill what neither file has"));
+    }
+    check_output(&paths, &out)?;
+    let made = jobs::run(py, progress, |work| {
+        let universe = universe.unwrap_or_default();
+        ops::combine(operation, fill, universe, &paths, Output::create(&out)?, memory, work)
+    })?;
+    outcome(py, &made)
+}
+
+/// The operation of a name.
+pub(crate) fn named(name: &str, prefer: Prefer) -> PyResult<Operation> {
+    let operation = Operation::named(name, prefer);
+    operation.ok_or_else(|| invalid(format!("operation: `{name}` is none; see `spinney help combine`")))
+}
+
+/// Samples of two values that meet, and cells.
+type Pairs = Vec<(Option<Vec<f64>>, Option<Vec<f64>>, u64)>;
+
+/// Counts which values of one file meet which of another.
+#[pyfunction]
+pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Pairs> {
+    py.detach(|| ops::cross_files(&first, &second)).or_raise()
+}
+
+/// Sums of differences, and the runs of paths in which they are.
+type Compared<'py> = ([u64; 5], Option<Bound<'py, PyArray2<u64>>>);
+
+/// Compares two trees: cells that have come, gone and changed, blocks and runs; the runs if they are asked for.
+#[pyfunction]
+pub(crate) fn diff<'py>(
+    py: Python<'py>,
+    first: PathBuf,
+    second: PathBuf,
+    ranges: bool,
+) -> PyResult<Compared<'py>> {
+    let mut runs: Vec<FdRange> = Vec::new();
+    let found = py.detach(|| {
+        if !ranges {
+            return ops::differences(&first, &second);
+        }
+        ops::diff_files(&first, &second, &mut |range| {
+            runs.push(range);
+            Ok(())
+        })
+    });
+    let found = found.or_raise()?;
+    let sums = [found.added, found.removed, found.changed, found.blocks, found.runs];
+    let list = Array2::from_shape_fn((runs.len(), 2), |(run, end)| [runs[run].first, runs[run].last][end]);
+    Ok((sums, ranges.then(|| PyArray2::from_owned_array(py, list))))
+}
+
+/// Everything that is wrong with a file: places and problems.
+#[pyfunction]
+pub(crate) fn verify(
+    py: Python<'_>,
+    path: PathBuf,
+    quick: bool,
+    memory: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Vec<(String, String)>> {
+    let findings = jobs::run(py, progress, |work| {
+        let tree = dataset::open(&path, &OpenOptions::new())?;
+        if quick { tree.verify_quickly(memory, work) } else { tree.verify(memory, work) }
+    })?;
+    Ok(findings.into_iter().map(|finding| (finding.place, finding.problem)).collect())
+}
+
+/// Writes a tree as it is, in the format that the output's name asks for.
+#[pyfunction]
+pub(crate) fn publish(
+    py: Python<'_>,
+    path: PathBuf,
+    out: PathBuf,
+    share: bool,
+    memory: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<()> {
+    check_output(std::slice::from_ref(&path), &out)?;
+    jobs::run(py, progress, |work| ops::convert(&path, share, Output::create(&out)?, memory, work))
+}
+
+/// Writes some commits of a file to a new one: the newest, or those with these numbers.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub(crate) fn compact<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    out: PathBuf,
+    keep: u64,
+    commits: Option<Vec<u64>>,
+    share: bool,
+    memory: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    check_output(std::slice::from_ref(&path), &out)?;
+    let keep = commits.map_or(Keep::Last(keep), Keep::Numbers);
+    let made = jobs::run(py, progress, |work| {
+        autumnal::compact(&path, &keep, share, Output::create(&out)?, memory, work)
+    })?;
+    made.iter().map(|commit| commit_facts(py, commit)).collect()
+}
+
+/// Makes an older commit the newest, where newer ones are damaged.
+#[pyfunction]
+pub(crate) fn recover<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    to: u64,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let commit = jobs::run(py, progress, |work| autumnal::recover(&path, to, work))?;
+    commit_facts(py, &commit)
+}
+
+/// The commits of a file, the newest first.
+#[pyfunction]
+pub(crate) fn log<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let commits = py.detach(|| -> spinney::Result<Vec<Commit>> {
+        let history = History::open(&path, &OpenOptions::new())?;
+        let commits = history.commits().collect::<spinney::Result<_>>()?;
+        history.check_unchanged()?;
+        Ok(commits)
+    });
+    commits.or_raise()?.iter().map(|commit| commit_facts(py, commit)).collect()
+}

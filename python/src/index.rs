@@ -1,0 +1,80 @@
+//! Indexes of arrays: whole numbers, slices and `...`, as NumPy's basic ones.
+
+use pyo3::exceptions::{PyIndexError, PyTypeError};
+use pyo3::prelude::*;
+use pyo3::types::{PyEllipsis, PySlice, PyTuple};
+
+/// Cells along an axis that are asked for.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Along {
+    /// The first and one past the last in the order of the axis.
+    pub(crate) first: u64,
+    pub(crate) end: u64,
+    /// Steps between cells, backwards if negative.
+    pub(crate) step: i64,
+    /// A single cell, whose axis the result does not have.
+    pub(crate) is_single: bool,
+}
+
+impl Along {
+    fn all(length: u64) -> Along {
+        Along { first: 0, end: length, step: 1, is_single: false }
+    }
+
+    fn of(key: &Bound<'_, PyAny>, axis: usize, length: u64) -> PyResult<Along> {
+        if let Ok(slice) = key.cast::<PySlice>() {
+            let length = isize::try_from(length).map_err(|_| PyIndexError::new_err("too many cells"))?;
+            let found = slice.indices(length)?;
+            let (start, step, count) = (found.start as i64, found.step as i64, found.slicelength as i64);
+            let last = start + (count - 1) * step;
+            let (first, end) = match count {
+                0 => (0, 0),
+                _ => (start.min(last) as u64, start.max(last) as u64 + 1),
+            };
+            return Ok(Along { first, end, step, is_single: false });
+        }
+        let index: i64 = key.extract().map_err(|_| {
+            let name = key.get_type().name().map_or_else(|_| "object".into(), |name| name.to_string());
+            PyTypeError::new_err(format!(
+                "indexes are whole numbers, slices and `...`, not {name}; for lists of places there is `sample`"
+            ))
+        })?;
+        let from_start = if index < 0 { index.checked_add_unsigned(length) } else { Some(index) };
+        let cell = from_start.and_then(|index| u64::try_from(index).ok()).filter(|cell| *cell < length);
+        let cell = cell.ok_or_else(|| {
+            PyIndexError::new_err(format!(
+                "index {index} is out of bounds for axis {axis} with size {length}"
+            ))
+        })?;
+        Ok(Along { first: cell, end: cell + 1, step: 1, is_single: true })
+    }
+}
+
+/// What an index asks for along each axis of an array of such a shape.
+pub(crate) fn parse(key: &Bound<'_, PyAny>, shape: &[u64]) -> PyResult<Vec<Along>> {
+    let keys: Vec<Bound<'_, PyAny>> = match key.cast::<PyTuple>() {
+        Ok(tuple) => tuple.iter().collect(),
+        Err(_) => vec![key.clone()],
+    };
+    let is_dots = |key: &Bound<'_, PyAny>| key.is_instance_of::<PyEllipsis>();
+    let dots = keys.iter().filter(|key| is_dots(key)).count();
+    if dots > 1 {
+        return Err(PyIndexError::new_err("an index has at most one `...`"));
+    }
+    let given = keys.len() - dots;
+    let left = shape.len().checked_sub(given).ok_or_else(|| {
+        let axes = shape.len();
+        PyIndexError::new_err(format!("too many indexes: the array has {axes} axes, {given} were given"))
+    })?;
+    let mut parts = Vec::with_capacity(shape.len());
+    for key in &keys {
+        if is_dots(key) {
+            parts.extend((0..left).map(|more| Along::all(shape[parts.len() + more])).collect::<Vec<_>>());
+        } else {
+            let axis = parts.len();
+            parts.push(Along::of(key, axis, shape[axis])?);
+        }
+    }
+    parts.extend(shape[parts.len()..].iter().map(|length| Along::all(*length)));
+    Ok(parts)
+}

@@ -1,0 +1,136 @@
+//! Long work: on a thread of its own, while the calling one heeds Ctrl-C and tells how far it is.
+
+use std::path::Path;
+use std::process;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+
+use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
+use pyo3::prelude::*;
+use rayon::ThreadPoolBuilder;
+use spinney::{Error, Progress};
+
+use crate::error::raised;
+
+/// The process that has the usual pool of threads.
+static HOME: AtomicU32 = AtomicU32::new(0);
+
+/// Notes the process that imports the module.
+pub(crate) fn remember_process() {
+    HOME.store(process::id(), Ordering::Relaxed);
+}
+
+/// Runs something that may use many threads. A forked process has a copy of its parent's pool but none of its threads,
+/// and would wait for them for ever: it gets a pool of its own.
+fn on_own_threads<R: Send>(job: impl FnOnce() -> spinney::Result<R> + Send) -> spinney::Result<R> {
+    if process::id() == HOME.load(Ordering::Relaxed) {
+        return job();
+    }
+    let pool = ThreadPoolBuilder::new().build().map_err(|cause| {
+        let cause = std::io::Error::other(cause);
+        Error::Io { path: "threads".into(), doing: "start", cause }
+    })?;
+    pool.install(job)
+}
+
+/// How far the work is, and whether it should stop.
+#[derive(Default)]
+pub(crate) struct Work {
+    done: AtomicU64,
+    total: AtomicU64,
+    stop: AtomicBool,
+    warnings: Mutex<Vec<String>>,
+    /// An exception of what Python had to do for the work.
+    failure: Mutex<Option<PyErr>>,
+}
+
+impl Work {
+    /// Notes an exception, and gives the error that ends the work.
+    pub(crate) fn fail(&self, exception: PyErr) -> Error {
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(exception);
+        Error::Interrupted
+    }
+
+    /// Raises Python's signals, and calls the callback if there is more to tell than the last time.
+    fn attend(&self, py: Python<'_>, callback: Option<&Py<PyAny>>, told: &mut u64) -> PyResult<()> {
+        py.check_signals()?;
+        let (done, total) = (self.done.load(Ordering::Relaxed), self.total.load(Ordering::Relaxed));
+        if let Some(callback) = callback
+            && done != *told
+        {
+            *told = done;
+            callback.call1(py, (done, total))?;
+        }
+        Ok(())
+    }
+}
+
+impl Progress for Work {
+    fn advance(&self, done: u64, total: u64) {
+        self.done.fetch_add(done, Ordering::Relaxed);
+        self.total.store(total, Ordering::Relaxed);
+    }
+
+    fn warn(&self, file: &Path, text: &str) {
+        let line = format!("{}: {text}", file.display());
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+    }
+
+    fn interrupted(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Warns as Python does.
+pub(crate) fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
+    let text = std::ffi::CString::new(text.replace('\0', ""))?;
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
+}
+
+/// Does long work without the interpreter's lock, and stops it when Python has a signal or the callback raises. The
+/// callback gets what is done and the total.
+pub(crate) fn run<R: Send>(
+    py: Python<'_>,
+    callback: Option<Py<PyAny>>,
+    job: impl FnOnce(&Work) -> spinney::Result<R> + Send,
+) -> PyResult<R> {
+    /// Time between looks at signals.
+    const TICK: Duration = Duration::from_millis(50);
+    let work = Work::default();
+    let (mut told, mut failure) = (0, None);
+    let outcome = py.detach(|| {
+        thread::scope(|scope| {
+            let (done, is_done) = channel::<()>();
+            let work = &work;
+            let worker = scope.spawn(move || {
+                let _done = done;
+                on_own_threads(|| job(work))
+            });
+            while let Err(RecvTimeoutError::Timeout) = is_done.recv_timeout(TICK) {
+                if failure.is_none() {
+                    failure = Python::attach(|py| work.attend(py, callback.as_ref(), &mut told).err());
+                    work.stop.store(failure.is_some(), Ordering::Relaxed);
+                }
+            }
+            worker.join()
+        })
+    });
+    let failure = failure.or(work.failure.lock().unwrap_or_else(PoisonError::into_inner).take());
+    for text in work.warnings.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        warn(py, &text)?;
+    }
+    let outcome = outcome.map_err(|_| PyRuntimeError::new_err("a thread has panicked; this is a bug"))?;
+    match (outcome, failure) {
+        (Err(_), Some(exception)) => Err(exception),
+        (Err(error), None) => Err(raised(error)),
+        (Ok(result), failure) => {
+            // (A signal that came when all was done already still is one.)
+            failure.map_or(Ok(()), Err)?;
+            work.attend(py, callback.as_ref(), &mut told)?;
+            Ok(result)
+        }
+    }
+}

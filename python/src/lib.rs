@@ -1,0 +1,41 @@
+//! The native part of the Python package `spinney`: as thin as the program's subcommands. What is only convenience is
+//! written in Python (`python/spinney/`).
+
+#[cfg(target_endian = "big")]
+compile_error!("samples are handed to NumPy as the library has them, which is little-endian");
+
+mod build;
+mod edit;
+mod error;
+mod files;
+mod index;
+mod jobs;
+mod part;
+mod questions;
+mod read;
+mod samples;
+mod save;
+mod solids;
+mod tree;
+
+use pyo3::prelude::*;
+
+/// Native part of the package `spinney`.
+#[pymodule]
+mod _native {
+    #[pymodule_export]
+    use super::build::{build_array, build_files};
+    #[pymodule_export]
+    use super::edit::Editor;
+    #[pymodule_export]
+    use super::files::{combine, compact, cross, diff, log, publish, recover, transform, verify};
+    #[pymodule_export]
+    use super::tree::Tree;
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        super::jobs::remember_process();
+        module.add("version", env!("CARGO_PKG_VERSION"))
+    }
+}

@@ -1,0 +1,432 @@
+//! Windows as NumPy arrays.
+
+use numpy::{PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyIndexError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyInt, PyList, PySlice, PyTuple};
+use spinney::dataset::Dataset;
+use spinney::export::{Detail, WindowRequest, window_rows};
+use spinney::space::Bounds;
+use spinney::value::Rule;
+
+use crate::error::{OrRaise, invalid};
+use crate::index;
+use crate::jobs;
+use crate::part::{at_level, level_of, part_of};
+use crate::samples::{dtype, empty, flags, with_bytes};
+use crate::tree::{Opened, Tree};
+
+/// Bands that are asked for.
+pub(crate) enum Bands {
+    All,
+    /// One, whose axis the result does not have.
+    One(usize),
+    Some(Vec<usize>),
+}
+
+impl Bands {
+    fn of(asked: Option<&Bound<'_, PyAny>>, count: usize) -> PyResult<Bands> {
+        let Some(asked) = asked else { return Ok(Bands::All) };
+        let check = |band: i64| {
+            usize::try_from(band - 1).ok().filter(|index| *index < count).ok_or_else(|| {
+                PyIndexError::new_err(format!("bands: {band}, the file's bands are 1 to {count}"))
+            })
+        };
+        if let Ok(band) = asked.extract::<i64>() {
+            return check(band).map(Bands::One);
+        }
+        let bands: Vec<i64> = asked.extract().map_err(|_| {
+            PyTypeError::new_err("bands: expected a number, counted from 1, or a list of numbers")
+        })?;
+        bands.into_iter().map(check).collect::<PyResult<_>>().map(Bands::Some)
+    }
+}
+
+/// Pixels of a window before bands are chosen: bands last, without an axis for them if there is only one.
+pub(crate) struct Pixels<'py> {
+    pub(crate) array: Bound<'py, PyAny>,
+    /// `true` where a cell is VOID.
+    pub(crate) void: Option<Bound<'py, PyAny>>,
+}
+
+/// Cells to read at a time before signals are looked at.
+const PIECE: u64 = 1 << 24;
+/// Pixels that are resampled in a fraction of a second.
+const SHORT: u64 = 1 << 18;
+
+/// Reads a box of cells of a level into an array (of `out`, if that fits).
+pub(crate) fn cells<'py>(
+    py: Python<'py>,
+    opened: &Opened,
+    level: u8,
+    bounds: &Bounds,
+    fill: f64,
+    masked: bool,
+    out: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Pixels<'py>> {
+    let tree = &opened.tree;
+    let value = tree.header().form.value;
+    let count = opened.count();
+    // (Columns last, and bands behind them.)
+    let [width, height, depth] = bounds.size().map(|size| size as usize);
+    let sizes = [depth, height, width, count];
+    let shape = &sizes[3 - opened.axes()..if count > 1 { 4 } else { 3 }];
+    let array = match out {
+        Some(out) => out.clone(),
+        None => empty(py, value.sample, shape)?,
+    };
+    let void = masked.then(|| flags(py, &shape[..opened.axes()])).transpose()?;
+    with_bytes(&array, value.sample, |bytes| {
+        let mut lent = void.as_ref().map(|void| void.readwrite());
+        let mut valid = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
+        for part in pieces(bounds, opened.axes()) {
+            let first = (part.min[0] - bounds.min[0])
+                + width as u64
+                    * (part.min[1] - bounds.min[1] + height as u64 * (part.min[2] - bounds.min[2]));
+            let range = first as usize..first as usize + part.volume() as usize;
+            let bytes = bytes.get_mut(range.start * value.size()..range.end * value.size());
+            let bytes = bytes.ok_or_else(|| invalid("out: has too few cells"))?;
+            let valid = valid.as_mut().and_then(|valid| valid.get_mut(range));
+            py.detach(|| read(tree, level, &part, fill, bytes, valid)).or_raise()?;
+            if part.volume() < bounds.volume() {
+                py.check_signals()?;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(Pixels { array, void: void.map(|void| void.into_any()) })
+}
+
+/// Reads cells, and the flags of those that are VOID.
+fn read(
+    tree: &Dataset,
+    level: u8,
+    part: &Bounds,
+    fill: f64,
+    bytes: &mut [u8],
+    flags: Option<&mut [bool]>,
+) -> spinney::Result<()> {
+    let Some(flags) = flags else { return tree.window(level, part, fill, bytes, None) };
+    tree.window(level, part, fill, bytes, Some(flags))?;
+    // In trees of occupancy VOID is a number, too: an empty cell.
+    let is_occupancy = tree.header().rule == Rule::Occupancy;
+    flags.iter_mut().for_each(|flag| *flag = !*flag && !is_occupancy);
+    Ok(())
+}
+
+/// A box in pieces that lie one behind the other in memory.
+fn pieces(bounds: &Bounds, axes: usize) -> Vec<Bounds> {
+    if bounds.volume() <= PIECE {
+        return vec![*bounds];
+    }
+    let [width, height, _] = bounds.size();
+    let mut pieces = Vec::new();
+    if axes == 3 && width * height <= PIECE {
+        let planes = PIECE / (width * height);
+        for z in (bounds.min[2]..bounds.max[2]).step_by(planes as usize) {
+            let (mut piece, end) = (*bounds, bounds.max[2].min(z + planes));
+            (piece.min[2], piece.max[2]) = (z, end);
+            pieces.push(piece);
+        }
+        return pieces;
+    }
+    let rows = (PIECE / width).max(1);
+    for z in bounds.min[2]..bounds.max[2] {
+        for y in (bounds.min[1]..bounds.max[1]).step_by(rows as usize) {
+            let max = [bounds.max[0], bounds.max[1].min(y + rows), z + 1];
+            pieces.push(Bounds { min: [bounds.min[0], y, z], max });
+        }
+    }
+    pieces
+}
+
+/// Pixels of a picture of any size, averaged or taken at centres.
+pub(crate) fn resampled<'py>(
+    py: Python<'py>,
+    opened: &Opened,
+    request: &WindowRequest,
+    [rows, columns]: [u64; 2],
+    masked: bool,
+) -> PyResult<Pixels<'py>> {
+    let value = opened.tree.header().form.value;
+    let too_large = || invalid(format!("out_shape: {rows} x {columns} pixels are too many"));
+    let bytes = rows.checked_mul(columns).and_then(|pixels| pixels.checked_mul(value.size() as u64 + 1));
+    bytes.filter(|bytes| *bytes < 1 << 40).ok_or_else(too_large)?;
+    let sizes = [rows as usize, columns as usize, opened.count()];
+    let array = empty(py, value.sample, &sizes[..if opened.count() > 1 { 3 } else { 2 }])?;
+    let void = masked.then(|| flags(py, &sizes[..2])).transpose()?;
+    // (So little that nobody will interrupt it does without a thread of its own.)
+    let is_short = rows * columns <= SHORT && !matches!(request.detail, Detail::Exact(..));
+    with_bytes(&array, value.sample, |bytes| {
+        let mut lent = void.as_ref().map(|void| void.readwrite());
+        let mut void = lent.as_mut().map(|lent| lent.as_slice_mut()).transpose()?;
+        let (mut at, mut flag) = (0, 0);
+        let mut take = |pixels: &[u8], valid: &[bool]| {
+            bytes[at..at + pixels.len()].copy_from_slice(pixels);
+            at += pixels.len();
+            if let Some(void) = &mut void {
+                let flags = &mut void[flag..flag + valid.len()];
+                flags.iter_mut().zip(valid).for_each(|(flag, valid)| *flag = !*valid);
+            }
+            flag += valid.len();
+            Ok(())
+        };
+        match is_short {
+            true => py.detach(|| window_rows(&opened.tree, request, &(), &mut take)).or_raise(),
+            false => jobs::run(py, None, |work| window_rows(&opened.tree, request, work, &mut take)),
+        }
+    })?;
+    Ok(Pixels { array, void: void.map(|void| void.into_any()) })
+}
+
+/// A slice of an octree at a level, bands first if there are several.
+pub(crate) fn resampled_slice<'py>(
+    py: Python<'py>,
+    opened: &Opened,
+    request: &WindowRequest,
+    level: u8,
+    masked: bool,
+) -> PyResult<Bound<'py, PyAny>> {
+    let extent = opened.tree.extent_at(level).max;
+    let shape = match request.across {
+        0 => [extent[2], extent[1]],
+        1 => [extent[2], extent[0]],
+        _ => [extent[1], extent[0]],
+    };
+    let Pixels { array, void } = resampled(py, opened, request, shape, masked)?;
+    let bands = if opened.count() == 1 { Bands::One(0) } else { Bands::All };
+    let array = arranged(py, array, opened.count(), 2, &bands)?;
+    match void {
+        None => Ok(array),
+        Some(void) => masked_array(py, opened, array, void),
+    }
+}
+
+/// The array with its bands first, and only those that are asked for.
+fn arranged<'py>(
+    py: Python<'py>,
+    array: Bound<'py, PyAny>,
+    count: usize,
+    axes: usize,
+    bands: &Bands,
+) -> PyResult<Bound<'py, PyAny>> {
+    if count == 1 {
+        return match bands {
+            Bands::One(_) => Ok(array),
+            Bands::All => array.get_item(py.None()),
+            Bands::Some(bands) => array.get_item(py.None())?.get_item(PyList::new(py, bands)?),
+        };
+    }
+    let order = PyTuple::new(py, [&[axes][..], &[0, 1, 2][..axes]].concat())?;
+    let array = array.call_method1("transpose", order)?;
+    match bands {
+        Bands::All => Ok(array),
+        Bands::One(band) => array.get_item(*band),
+        Bands::Some(bands) => array.get_item(PyList::new(py, bands)?),
+    }
+}
+
+impl<'py> Pixels<'py> {
+    /// The array as it is handed out.
+    fn finish(self, py: Python<'py>, opened: &Opened, bands: &Bands) -> PyResult<Bound<'py, PyAny>> {
+        let array = arranged(py, self.array, opened.count(), opened.axes(), bands)?;
+        match self.void {
+            None => Ok(array),
+            Some(void) => masked_array(py, opened, array, void),
+        }
+    }
+}
+
+/// A masked array, from one without bands that is `true` where cells are VOID.
+fn masked_array<'py>(
+    py: Python<'py>,
+    opened: &Opened,
+    array: Bound<'py, PyAny>,
+    void: Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyAny>> {
+    static MASKED: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let value = opened.tree.header().form.value;
+    let missing = opened.tree.metadata().nodata.filter(|_| value.missing.is_some());
+    let masked = MASKED.import(py, "spinney._arrays", "masked")?;
+    masked.call1((array, void, missing, opened.void()?))
+}
+
+/// Copies a result to the array that it was asked for in, or gives it as it is.
+fn delivered<'py>(array: Bound<'py, PyAny>, out: Option<&Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
+    let Some(out) = out else { return Ok(array) };
+    let shape =
+        |array: &Bound<'_, PyAny>| array.getattr("shape").and_then(|shape| shape.extract::<Vec<usize>>());
+    let (wanted, given) = (shape(&array)?, shape(out)?);
+    if wanted != given {
+        return Err(invalid(format!("out: has the shape {given:?}, expected {wanted:?}")));
+    }
+    array.py().import("numpy")?.call_method1("copyto", (out, array))?;
+    Ok(out.clone())
+}
+
+/// Whether cells can be written straight to an array.
+fn takes_cells(out: &Bound<'_, PyAny>, opened: &Opened, shape: &[usize]) -> bool {
+    let Ok(array) = out.cast::<PyUntypedArray>() else { return false };
+    opened.count() == 1
+        && array.is_c_contiguous()
+        && array.shape() == shape
+        && array.dtype().as_any().eq(dtype(out.py(), opened.tree.header().form.value.sample)).unwrap_or(false)
+        && out.getattr("flags").and_then(|flags| flags.getattr("writeable")?.extract()).unwrap_or(false)
+}
+
+#[pymethods]
+impl Tree {
+    /// Cells as a NumPy array: bands first, then planes (of octrees), rows and columns.
+    ///
+    /// `bands` are numbers counted from 1: an int gives an array without a band axis, a list those bands, nothing all
+    /// of them. The part is a `window` of cells of the deepest level, `(column, row, width, height)` (rasterio's windows
+    /// and pairs of ranges will do, too; octrees take `(x, y, z, width, height, depth)`), or a `bbox` in the world,
+    /// `(left, bottom, right, top)`; all of the picture if neither is given.
+    ///
+    /// `level` chooses coarser cells, down to 0; or `out_shape`, `(rows, columns)`, the size of the result: amounts are
+    /// averaged over each pixel (with `exact` from the deepest cells on), classes are those at pixels' centres.
+    ///
+    /// VOID cells have the number `fill` (by default `fill_value`); with `masked` the result is a masked array. With
+    /// `boundless` a window may stick out of the picture, where all is VOID. The result is written to `out` if that is
+    /// given. Bands of pixels lie together in memory: `numpy.ascontiguousarray` makes planes of them.
+    ///
+    /// Raises ValueError or IndexError for a part that there is not, OSError if the file is damaged there.
+    #[pyo3(signature = (bands=None, *, window=None, bbox=None, level=None, out_shape=None, exact=false, masked=false, fill=None, boundless=false, out=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn read<'py>(
+        slf: &Bound<'py, Tree>,
+        py: Python<'py>,
+        bands: Option<&Bound<'py, PyAny>>,
+        window: Option<&Bound<'py, PyAny>>,
+        bbox: Option<&Bound<'py, PyAny>>,
+        level: Option<i64>,
+        out_shape: Option<&Bound<'py, PyAny>>,
+        exact: bool,
+        masked: bool,
+        fill: Option<f64>,
+        boundless: bool,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let opened = slf.get().get()?;
+        let opened = &*opened;
+        let fill_value = opened.fill(fill)?;
+        if masked && out.is_some() {
+            return Err(invalid("masked and out: a masked array is a new one"));
+        }
+        if let (true, Some(window)) = (boundless, window) {
+            let helper = py.import("spinney._arrays")?.getattr("boundless")?;
+            let array = helper.call1((slf, bands, window, level, out_shape, exact, masked, fill))?;
+            return delivered(array, out);
+        }
+        let tree = &opened.tree;
+        let bands = Bands::of(bands, opened.count())?;
+        let part = part_of(tree, window, bbox)?;
+        let pixels = match out_shape {
+            Some(shape) => {
+                if level.is_some() {
+                    return Err(invalid("out_shape and level: give one of them"));
+                }
+                if opened.axes() == 3 {
+                    return Err(invalid("out_shape: octrees are read by level; see `slice`"));
+                }
+                let shape = out_size(shape, &bands, opened.count())?;
+                let bounds = part.unwrap_or(tree.header().picture());
+                let [height, width] = shape;
+                let detail = if exact { Detail::Exact(width, height) } else { Detail::Size(width, height) };
+                let mut request = WindowRequest::new(bounds, detail);
+                request.nodata = Some(fill_value);
+                resampled(py, opened, &request, shape, masked)?
+            }
+            None => {
+                let level = level_of(tree, level)?;
+                let bounds = part.map_or_else(|| tree.extent_at(level), |part| at_level(tree, part, level));
+                let straight = out.filter(|out| {
+                    let [width, height, depth] = bounds.size().map(|size| size as usize);
+                    let sizes = [1, depth, height, width];
+                    let shape = &sizes[4 - opened.axes()..];
+                    match bands {
+                        Bands::One(_) => takes_cells(out, opened, shape),
+                        Bands::All => {
+                            let shape: Vec<_> = std::iter::once(1).chain(shape.iter().copied()).collect();
+                            takes_cells(out, opened, &shape)
+                        }
+                        Bands::Some(_) => false,
+                    }
+                });
+                let pixels = cells(py, opened, level, &bounds, fill_value, masked, straight)?;
+                if straight.is_some() {
+                    return Ok(pixels.array);
+                }
+                pixels
+            }
+        };
+        delivered(pixels.finish(py, opened, &bands)?, out)
+    }
+
+    fn __getitem__<'py>(&self, py: Python<'py>, key: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+        self.at_index(py, None, key)
+    }
+
+    /// The cells of a level that an index means.
+    #[pyo3(name = "_at_index")]
+    fn at_index<'py>(
+        &self,
+        py: Python<'py>,
+        level: Option<i64>,
+        key: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let opened = self.get()?;
+        let level = level_of(&opened.tree, level)?;
+        let axes = opened.axes();
+        let extent = opened.tree.extent_at(level).max;
+        let shape: Vec<u64> = extent[..axes].iter().rev().copied().collect();
+        let along = index::parse(key, &shape)?;
+        let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
+        for (axis, along) in along.iter().rev().enumerate() {
+            (bounds.min[axis], bounds.max[axis]) = (along.first, along.end);
+        }
+        let mut array = if bounds.is_empty() {
+            let sizes: Vec<usize> = along.iter().map(|along| (along.end - along.first) as usize).collect();
+            let bands = (opened.count() > 1).then_some(opened.count());
+            let shape: Vec<usize> = sizes.into_iter().chain(bands).collect();
+            empty(py, opened.tree.header().form.value.sample, &shape)?
+        } else {
+            cells(py, &opened, level, &bounds, opened.void()?, false, None)?.array
+        };
+        if along.iter().any(|along| along.is_single || along.step != 1) {
+            let keys = along.iter().map(|along| {
+                if along.is_single {
+                    return Ok(PyInt::new(py, 0).into_any());
+                }
+                // (Backwards from the last, which then is the first.)
+                py.get_type::<PySlice>().call1((py.None(), py.None(), along.step))
+            });
+            array = array.get_item(PyTuple::new(py, keys.collect::<PyResult<Vec<_>>>()?)?)?;
+        }
+        if opened.count() > 1 {
+            let last: isize = -1;
+            array = py.import("numpy")?.call_method1("moveaxis", (array, last, 0))?;
+        }
+        Ok(array)
+    }
+}
+
+/// Rows and columns that are asked for: `(rows, columns)`, or `(bands, rows, columns)` as rasterio has it.
+fn out_size(shape: &Bound<'_, PyAny>, bands: &Bands, count: usize) -> PyResult<[u64; 2]> {
+    if let Ok(shape) = shape.extract::<[u64; 2]>() {
+        return Ok(shape);
+    }
+    let wanted = match bands {
+        Bands::All => count,
+        Bands::One(_) => 1,
+        Bands::Some(bands) => bands.len(),
+    };
+    match shape.extract::<[u64; 3]>() {
+        Ok([bands, rows, columns]) if bands == wanted as u64 => Ok([rows, columns]),
+        _ => Err(PyValueError::new_err(format!(
+            "out_shape: expected (rows, columns) or ({wanted}, rows, columns), got {}",
+            shape.repr()?
+        ))),
+    }
+}

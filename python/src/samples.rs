@@ -1,0 +1,104 @@
+//! Samples as NumPy has them.
+
+use numpy::{Element, PyArrayDyn, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::sync::PyOnceLock;
+use spinney::value::SampleType;
+use zerocopy::{FromBytes, IntoBytes};
+
+use crate::error::invalid;
+
+/// Evaluates an expression with the Rust type of a sample bound to a name.
+macro_rules! with_sample {
+    ($sample:expr, $S:ident => $body:expr) => {
+        match $sample {
+            spinney::value::SampleType::U8 => {
+                type $S = u8;
+                $body
+            }
+            spinney::value::SampleType::U16 => {
+                type $S = u16;
+                $body
+            }
+            spinney::value::SampleType::I16 => {
+                type $S = i16;
+                $body
+            }
+            spinney::value::SampleType::U32 => {
+                type $S = u32;
+                $body
+            }
+            spinney::value::SampleType::I32 => {
+                type $S = i32;
+                $body
+            }
+            spinney::value::SampleType::F32 => {
+                type $S = f32;
+                $body
+            }
+            spinney::value::SampleType::F64 => {
+                type $S = f64;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use with_sample;
+
+/// A sample that is both NumPy's and bytes.
+pub(crate) trait Plain: Element + FromBytes + IntoBytes + Copy {}
+impl<T: Element + FromBytes + IntoBytes + Copy> Plain for T {}
+
+/// NumPy's type of samples.
+pub(crate) fn dtype(py: Python<'_>, sample: SampleType) -> Bound<'_, PyAny> {
+    with_sample!(sample, S => numpy::dtype::<S>(py)).into_any()
+}
+
+/// The type of samples that NumPy names so; `None` if the library has no such samples.
+pub(crate) fn sample_of(name: &str) -> Option<SampleType> {
+    let names = ["uint8", "uint16", "int16", "uint32", "int32", "float32", "float64"];
+    names.iter().position(|known| *known == name).map(|index| SampleType::ALL[index])
+}
+
+/// A new array whose samples are still to be written.
+pub(crate) fn empty<'py>(
+    py: Python<'py>,
+    sample: SampleType,
+    shape: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
+    static EMPTY: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let shape = pyo3::types::PyTuple::new(py, shape)?;
+    EMPTY.import(py, "numpy", "empty")?.call1((shape, dtype(py, sample)))
+}
+
+/// A new array of flags, all `false`.
+pub(crate) fn flags<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+    static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
+    let shape = pyo3::types::PyTuple::new(py, shape)?;
+    let made = ZEROS.import(py, "numpy", "zeros")?.call1((shape, numpy::dtype::<bool>(py)))?;
+    Ok(made.cast_into::<PyArrayDyn<bool>>()?)
+}
+
+/// Shows a function the bytes of a contiguous array of samples.
+pub(crate) fn with_bytes<R>(
+    array: &Bound<'_, PyAny>,
+    sample: SampleType,
+    visit: impl FnOnce(&mut [u8]) -> PyResult<R>,
+) -> PyResult<R> {
+    with_sample!(sample, S => {
+        let array = array.cast::<PyArrayDyn<S>>()?;
+        let mut lent = array.try_readwrite().map_err(|error| invalid(format!("out: {error}")))?;
+        let slice = lent.as_slice_mut().map_err(|error| invalid(format!("out: {error}")))?;
+        visit(slice.as_mut_bytes())
+    })
+}
+
+/// Appends the bytes of a contiguous array of samples.
+pub(crate) fn copy_bytes(array: &Bound<'_, PyAny>, sample: SampleType, bytes: &mut Vec<u8>) -> PyResult<()> {
+    with_sample!(sample, S => {
+        let lent = array.cast::<PyArrayDyn<S>>()?.try_readonly().map_err(|error| invalid(error.to_string()))?;
+        let slice = lent.as_slice().map_err(|error| invalid(error.to_string()))?;
+        bytes.extend_from_slice(slice.as_bytes());
+    });
+    Ok(())
+}

@@ -1,0 +1,67 @@
+//! Windows as picture files.
+
+use std::path::PathBuf;
+
+use pyo3::prelude::*;
+use spinney::export::image::{Format, format_of};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window, window_range};
+use spinney::io::Output;
+use spinney::value::SampleType;
+
+use crate::error::invalid;
+use crate::files::check_output;
+use crate::jobs;
+use crate::part::{at_level, level_of, part_of};
+use crate::tree::Tree;
+
+#[pymethods]
+impl Tree {
+    /// Writes a part as a picture or array file. PNG of samples other than of 8 and 16 bits is stretched between
+    /// `range`, or the least and the greatest number.
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(name = "_write_window")]
+    fn write_window(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        window: Option<&Bound<'_, PyAny>>,
+        bbox: Option<&Bound<'_, PyAny>>,
+        level: Option<i64>,
+        shape: Option<[u64; 2]>,
+        exact: bool,
+        nodata: Option<f64>,
+        range: Option<[f64; 2]>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<()> {
+        let opened = self.get()?;
+        let tree = &opened.tree;
+        check_output(&[tree.path().to_path_buf()], &path)?;
+        let format = format_of(&path);
+        let known = "use .png, .tif, .exr, .npy or .raw";
+        let format = format.ok_or_else(|| invalid(format!("{}: unknown format; {known}", path.display())))?;
+        let part = part_of(tree, window, bbox)?.unwrap_or(tree.header().picture());
+        if opened.axes() == 3 && matches!(format, Format::Npy | Format::Raw) && shape.is_none() {
+            let level = level_of(tree, level)?;
+            let mut request = ArrayRequest::new(at_level(tree, part, level), level);
+            request.nodata = nodata;
+            return jobs::run(py, progress, |work| {
+                export_array(tree, &request, Output::create(&path)?, format, work)
+            });
+        }
+        let detail = match shape {
+            Some(_) if level.is_some() => return Err(invalid("shape and level: give one of them")),
+            Some([rows, columns]) if exact => Detail::Exact(columns, rows),
+            Some([rows, columns]) => Detail::Size(columns, rows),
+            None => Detail::Level(level_of(tree, level)?),
+        };
+        let mut request = WindowRequest::new(part, detail);
+        (request.nodata, request.range) = (nodata, range);
+        let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
+        jobs::run(py, progress, |work| {
+            if format == Format::Png && request.range.is_none() && !fits {
+                request.range = Some(window_range(tree, &request, work)?.unwrap_or([0.0, 1.0]));
+            }
+            export_window(tree, &request, Output::create(&path)?, format, work)
+        })
+    }
+}

@@ -1,0 +1,258 @@
+//! Octrees as solids: measures, rays, slices, surfaces, pictures.
+
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::exceptions::PyIndexError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::export::image::{Format, format_of};
+use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh, surface_mesh};
+use spinney::export::{Detail, Projection, RenderRequest, WindowRequest, render};
+use spinney::io::Output;
+use spinney::ops::Map;
+use spinney::query::Ray;
+use spinney::space::Bounds;
+
+use crate::error::{OrRaise, invalid};
+use crate::jobs;
+use crate::part::level_of;
+use crate::read::resampled_slice;
+use crate::tree::{Opened, Tree};
+
+impl Opened {
+    /// Fails if it is no octree.
+    fn check_octree(&self) -> PyResult<()> {
+        let name = || format!("{}: is a quadtree; this is for octrees", self.tree.path().display());
+        if self.axes() == 3 { Ok(()) } else { Err(invalid(name())) }
+    }
+}
+
+/// Vertices and triangles.
+type Surface<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
+
+/// Distances along rays (NaN where nothing is hit), points, cells.
+type Hits<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
+
+#[pymethods]
+impl Tree {
+    /// Volume, centre, bounds, and, if asked for, the surface of a solid, by name.
+    #[pyo3(name = "_measure")]
+    fn measure<'py>(
+        &self,
+        py: Python<'py>,
+        level: Option<i64>,
+        surface: bool,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let opened = self.get()?;
+        opened.check_octree()?;
+        let level = level_of(&opened.tree, level)?;
+        let (solid, surface) = jobs::run(py, progress, |work| {
+            let solid = opened.tree.solid(level, work)?;
+            let surface = surface.then(|| opened.tree.solid_surface(level, work)).transpose()?;
+            opened.tree.check_unchanged()?;
+            Ok((solid, surface))
+        })?;
+        let facts = PyDict::new(py);
+        facts.set_item("level", solid.level)?;
+        facts.set_item("cells", solid.cells)?;
+        facts.set_item("volume", solid.world_volume())?;
+        facts.set_item("volume_cells", solid.volume)?;
+        facts.set_item("centre", solid.world_centre())?;
+        facts.set_item("bounds", solid.world_bounds())?;
+        facts.set_item("area", surface.as_ref().map(|surface| surface.smooth_area()))?;
+        facts.set_item("block_area", surface.as_ref().map(|surface| surface.block_area()))?;
+        Ok(facts)
+    }
+
+    /// Casts rays, in the world, at full cells or at the smooth surface.
+    #[pyo3(name = "_cast_rays")]
+    fn cast_rays<'py>(
+        &self,
+        py: Python<'py>,
+        origins: PyReadonlyArray2<'py, f64>,
+        directions: PyReadonlyArray2<'py, f64>,
+        level: Option<i64>,
+        smooth: bool,
+    ) -> PyResult<Hits<'py>> {
+        /// Rays that are cast before signals are looked at.
+        const BATCH: usize = 1 << 14;
+        let opened = self.get()?;
+        opened.check_octree()?;
+        let level = level_of(&opened.tree, level)?;
+        let frame = opened.tree.metadata().frame.coarser(opened.tree.depth() - level);
+        let inverse = Map::from_rows(frame.matrix).inverse().or_raise()?.to_rows();
+        let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
+        let is_direction = |d: &[f64]| d.iter().all(|x| x.is_finite()) && d.iter().any(|x| *x != 0.0);
+        if !directions.chunks_exact(3).all(is_direction) || !origins.iter().all(|x| x.is_finite()) {
+            return Err(invalid("rays: expected finite origins, and directions other than 0"));
+        }
+        let total = origins.len() / 3;
+        let mut rays = py.detach(|| opened.tree.rays(level)).or_raise()?;
+        let (mut distances, mut points) = (vec![f64::NAN; total], vec![f64::NAN; 3 * total]);
+        let mut hit_cells = vec![-1i64; 3 * total];
+        for first in (0..total).step_by(BATCH) {
+            py.detach(|| -> spinney::Result<()> {
+                for index in first..total.min(first + BATCH) {
+                    let of = |numbers: &[f64]| -> [f64; 3] {
+                        std::array::from_fn(|axis| numbers[3 * index + axis])
+                    };
+                    let (origin, direction) = (of(origins), of(directions));
+                    let linear = |m: &[f64; 4], p: [f64; 3]| m[0] * p[0] + m[1] * p[1] + m[2] * p[2];
+                    let ray = Ray {
+                        origin: std::array::from_fn(|axis| linear(&inverse[axis], origin) + inverse[axis][3]),
+                        direction: std::array::from_fn(|axis| linear(&inverse[axis], direction)),
+                    };
+                    // The map is affine: distances in lengths of the direction are the same on both sides.
+                    let hit = if smooth {
+                        rays.surface(&ray)?.map(|hit| (hit.t, hit.point.map(|number| number.floor() as i64)))
+                    } else {
+                        rays.cell(&ray)?.map(|hit| (hit.t, hit.cell.map(i64::from)))
+                    };
+                    if let Some((t, cell)) = hit {
+                        distances[index] = t;
+                        for axis in 0..3 {
+                            points[3 * index + axis] = origin[axis] + t * direction[axis];
+                            hit_cells[3 * index + axis] = cell[axis];
+                        }
+                    }
+                }
+                Ok(())
+            })
+            .or_raise()?;
+            py.check_signals()?;
+        }
+        drop(rays);
+        opened.tree.check_unchanged().or_raise()?;
+        Ok((
+            PyArray1::from_vec(py, distances),
+            PyArray1::from_vec(py, points).reshape([total, 3])?,
+            PyArray1::from_vec(py, hit_cells).reshape([total, 3])?,
+        ))
+    }
+
+    /// A slice across an axis (0 is x) at a cell of the deepest level, or at a coordinate of the world.
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(name = "_slice_across")]
+    fn slice_across<'py>(
+        &self,
+        py: Python<'py>,
+        across: usize,
+        at: f64,
+        world: bool,
+        level: Option<i64>,
+        masked: bool,
+        fill: Option<f64>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let opened = self.get()?;
+        opened.check_octree()?;
+        let tree = &opened.tree;
+        let level = level_of(tree, level)?;
+        let extent = tree.header().extent;
+        let cell = if world {
+            let [low, high] = tree.metadata().frame.world_box(&tree.header().picture());
+            let mut middle: [f64; 3] = std::array::from_fn(|axis| low[axis].midpoint(high[axis]));
+            middle[across] = at;
+            let cell = tree.metadata().frame.to_cells(middle);
+            cell.ok_or_else(|| invalid("the file's transform has no inverse"))?[across].floor()
+        } else {
+            at
+        };
+        if cell.fract() != 0.0 || !(0.0..extent[across] as f64).contains(&cell) {
+            let most = extent[across] - 1;
+            return Err(PyIndexError::new_err(format!(
+                "slice: cell {cell}, expected a whole number, 0 to {most}"
+            )));
+        }
+        let mut bounds = Bounds::picture(extent);
+        (bounds.min[across], bounds.max[across]) = (cell as u64, cell as u64 + 1);
+        let mut request = WindowRequest::new(bounds, Detail::Level(level));
+        request.across = across;
+        request.nodata = Some(opened.fill(fill)?);
+        resampled_slice(py, &opened, &request, level, masked)
+    }
+
+    /// The surface as vertices and triangles.
+    #[pyo3(name = "_surface_arrays")]
+    fn surface_arrays<'py>(
+        &self,
+        py: Python<'py>,
+        level: Option<i64>,
+        smooth: bool,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Surface<'py>> {
+        let opened = self.get()?;
+        opened.check_octree()?;
+        let mut request = MeshRequest::new();
+        request.level = Some(level_of(&opened.tree, level)?);
+        request.smooth = smooth;
+        let mesh = jobs::run(py, progress, |work| surface_mesh(&opened.tree, &request, work))?;
+        let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
+        let coordinates = mesh.vertices.into_iter().flatten();
+        let corners = mesh.triangles.into_iter().flatten().map(i64::from);
+        Ok((
+            PyArray1::from_iter(py, coordinates).reshape([vertices, 3])?,
+            PyArray1::from_iter(py, corners).reshape([triangles, 3])?,
+        ))
+    }
+
+    /// Writes the surface as a mesh; returns vertices and faces.
+    #[pyo3(name = "_write_mesh")]
+    fn write_mesh(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        level: Option<i64>,
+        smooth: bool,
+        triangles: bool,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<(u64, u64)> {
+        let opened = self.get()?;
+        opened.check_octree()?;
+        let format = MeshFormat::of(&path);
+        let format = format.ok_or_else(|| invalid(format!("{}: use .ply, .obj or .stl", path.display())))?;
+        let mut request = MeshRequest::new();
+        request.level = Some(level_of(&opened.tree, level)?);
+        (request.smooth, request.triangles) = (smooth, triangles);
+        let made = jobs::run(py, progress, |work| {
+            export_mesh(&opened.tree, &request, Output::create(&path)?, format, work)
+        })?;
+        Ok((made.vertices, made.faces))
+    }
+
+    /// Writes a shaded picture; returns the level that was drawn.
+    #[allow(clippy::too_many_arguments)]
+    #[pyo3(name = "_write_render")]
+    fn write_render(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        size: [u64; 2],
+        direction: [f64; 2],
+        level: Option<i64>,
+        zoom: f64,
+        orthographic: bool,
+        up: &str,
+        background: Option<[u8; 3]>,
+        samples: u32,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<u8> {
+        let opened = self.get()?;
+        opened.check_octree()?;
+        let format: Option<Format> = format_of(&path);
+        let format =
+            format.ok_or_else(|| invalid(format!("{}: use .png, .tif, .npy or .raw", path.display())))?;
+        let mut request = RenderRequest::new(size[0], size[1]);
+        [request.azimuth, request.elevation] = direction;
+        request.zoom = zoom;
+        if orthographic {
+            request.projection = Projection::Orthographic;
+        }
+        request.up = up.parse().map_err(|error: spinney::Error| crate::error::raised(error))?;
+        request.level = level.map(|level| level_of(&opened.tree, Some(level))).transpose()?;
+        request.background = background;
+        request.samples = samples;
+        jobs::run(py, progress, |work| render(&opened.tree, &request, Output::create(&path)?, format, work))
+    }
+}

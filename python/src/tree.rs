@@ -1,0 +1,263 @@
+//! Open trees, and what they tell about themselves.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock, PoisonError, RwLock};
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use spinney::dataset::{self, Dataset};
+use spinney::export::void_number;
+use spinney::ops::Step;
+use spinney::space::Crs;
+use spinney::store::{OpenOptions, split_commit};
+
+use crate::error::{OrRaise, invalid};
+use crate::{jobs, samples};
+
+/// A file or a view of one, open for questions from any number of threads.
+#[pyclass(subclass, frozen, weakref, module = "spinney._native")]
+pub(crate) struct Tree {
+    /// `None` when it is closed.
+    opened: RwLock<Option<Arc<Opened>>>,
+    /// What it was opened with.
+    path: PathBuf,
+    steps: Vec<Step>,
+    commit: Option<u64>,
+    positioned: bool,
+}
+
+/// A state of a file.
+pub(crate) struct Opened {
+    pub(crate) tree: Dataset,
+    void: OnceLock<f64>,
+}
+
+impl Opened {
+    /// The number for VOID cells where nobody asks for another one.
+    pub(crate) fn void(&self) -> PyResult<f64> {
+        if let Some(number) = self.void.get() {
+            return Ok(*number);
+        }
+        let number = void_number(&self.tree).or_raise()?.unwrap_or(0.0);
+        Ok(*self.void.get_or_init(|| number))
+    }
+
+    /// The number for VOID cells, which somebody may have asked for.
+    pub(crate) fn fill(&self, asked: Option<f64>) -> PyResult<f64> {
+        let sample = self.tree.header().form.value.sample;
+        match asked {
+            None => self.void(),
+            Some(number) if sample.is_float() || sample.can_hold(number) => Ok(number),
+            Some(number) => Err(invalid(format!("fill: {} cannot hold {number}", sample.name()))),
+        }
+    }
+
+    /// Number of axes.
+    pub(crate) fn axes(&self) -> usize {
+        self.tree.header().form.axes()
+    }
+
+    /// Samples of a value.
+    pub(crate) fn count(&self) -> usize {
+        self.tree.header().form.value.channels.into()
+    }
+}
+
+impl Tree {
+    /// The open file.
+    pub(crate) fn get(&self) -> PyResult<Arc<Opened>> {
+        let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
+        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+    }
+
+    fn set(&self, opened: Option<Arc<Opened>>) {
+        *self.opened.write().unwrap_or_else(PoisonError::into_inner) = opened;
+    }
+
+    fn open(&self) -> spinney::Result<Arc<Opened>> {
+        let mut options = OpenOptions::new();
+        if self.positioned {
+            let cache = options.cache;
+            options = options.positioned(cache);
+        }
+        let path = match self.commit {
+            Some(number) => {
+                let mut name = self.path.clone().into_os_string();
+                name.push(format!("@{number}"));
+                name.into()
+            }
+            None => self.path.clone(),
+        };
+        let mut tree = dataset::open(&path, &options)?;
+        if !self.steps.is_empty() {
+            tree = tree.view(&self.steps)?;
+        }
+        Ok(Arc::new(Opened { tree, void: OnceLock::new() }))
+    }
+}
+
+#[pymethods]
+impl Tree {
+    #[new]
+    #[pyo3(signature = (path, view, commit, positioned))]
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        view: Vec<String>,
+        commit: Option<u64>,
+        positioned: bool,
+    ) -> PyResult<Tree> {
+        let (file, named) = split_commit(&path);
+        if named.is_some() && commit.is_some() && named != commit {
+            return Err(invalid("commit: the path names another one"));
+        }
+        let (path, commit) = (file.into_owned(), commit.or(named));
+        let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<Step>>>()?;
+        let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned };
+        let opened = py.detach(|| tree.open()).or_raise()?;
+        if let Some(remark) = opened.tree.remark() {
+            jobs::warn(py, &format!("{}: {remark}", tree.path.display()))?;
+        }
+        tree.set(Some(opened));
+        Ok(tree)
+    }
+
+    /// Forgets the file; whoever is reading it at the moment can finish.
+    fn close(&self) {
+        self.set(None);
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        self.opened.read().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
+    /// Moves on to the newest commit; returns whether there was a newer one.
+    fn refresh(&self, py: Python<'_>) -> PyResult<bool> {
+        let before = self.get()?.tree.commit().map(|commit| commit.number);
+        if before.is_none() || self.commit.is_some() {
+            return Ok(false);
+        }
+        let now = py.detach(|| self.open()).or_raise()?;
+        let is_newer = now.tree.commit().map(|commit| commit.number) != before;
+        if is_newer {
+            self.set(Some(now));
+        }
+        Ok(is_newer)
+    }
+
+    /// Fails if the file was overwritten since it was opened.
+    fn check_unchanged(&self, py: Python<'_>) -> PyResult<()> {
+        let opened = self.get()?;
+        py.detach(|| opened.tree.check_unchanged()).or_raise()
+    }
+
+    #[getter]
+    fn path(&self) -> PathBuf {
+        self.path.clone()
+    }
+
+    #[getter]
+    fn view(&self) -> Vec<String> {
+        self.steps.iter().map(Step::to_string).collect()
+    }
+
+    #[getter]
+    fn positioned(&self) -> bool {
+        self.positioned
+    }
+
+    /// Number of the commit that is read; `None` if the file has no commits.
+    #[getter]
+    fn commit(&self) -> PyResult<Option<u64>> {
+        Ok(self.get()?.tree.commit().map(|commit| commit.number))
+    }
+
+    #[getter]
+    fn dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        Ok(samples::dtype(py, self.get()?.tree.header().form.value.sample))
+    }
+
+    #[getter]
+    fn count(&self) -> PyResult<usize> {
+        Ok(self.get()?.count())
+    }
+
+    #[getter]
+    fn depth(&self) -> PyResult<u8> {
+        Ok(self.get()?.tree.depth())
+    }
+
+    /// Rows and columns of a level; planes first in octrees.
+    #[pyo3(name = "_shape_at")]
+    fn shape_at(&self, level: Option<i64>) -> PyResult<Vec<u64>> {
+        let opened = self.get()?;
+        let size = opened.tree.extent_at(crate::part::level_of(&opened.tree, level)?).max;
+        Ok(size[..opened.axes()].iter().rev().copied().collect())
+    }
+
+    /// Rows of the map from cells (x, y, z, 1) to the world.
+    #[getter(_frame)]
+    fn frame(&self) -> PyResult<[[f64; 4]; 3]> {
+        Ok(self.get()?.tree.metadata().frame.matrix)
+    }
+
+    /// Least and greatest coordinates in the world.
+    #[getter(_world_box)]
+    fn world_box(&self) -> PyResult<[[f64; 3]; 2]> {
+        let opened = self.get()?;
+        Ok(opened.tree.metadata().frame.world_box(&opened.tree.header().picture()))
+    }
+
+    #[getter]
+    fn crs(&self) -> PyResult<Option<String>> {
+        let opened = self.get()?;
+        let text = |crs: &Crs| crs.numbers().map_or_else(|| crs.definition(), |epsg| epsg.to_string());
+        Ok(opened.tree.metadata().frame.crs.as_ref().map(text))
+    }
+
+    #[getter]
+    fn nodata(&self) -> PyResult<Option<f64>> {
+        Ok(self.get()?.tree.metadata().nodata)
+    }
+
+    /// The number that VOID cells have in arrays.
+    #[getter]
+    fn fill_value(&self) -> PyResult<f64> {
+        self.get()?.void()
+    }
+
+    /// The sample that means that a cell has none in a channel, if there is one.
+    #[getter(_missing)]
+    fn missing(&self) -> PyResult<Option<f64>> {
+        let opened = self.get()?;
+        Ok(opened.tree.metadata().nodata.filter(|_| opened.tree.header().form.value.missing.is_some()))
+    }
+
+    /// All else that is told, by name.
+    #[pyo3(name = "_facts")]
+    fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let opened = self.get()?;
+        let (header, metadata) = (opened.tree.header(), opened.tree.metadata());
+        let facts = PyDict::new(py);
+        facts.set_item("kind", header.kind.name())?;
+        facts.set_item("rule", header.rule.name())?;
+        facts.set_item("format", opened.tree.format().name())?;
+        facts.set_item("file_size", opened.tree.file_size())?;
+        facts.set_item("tags", metadata.tags.clone())?;
+        let colours = metadata.palette.as_ref().map(|palette| {
+            let colours = palette.colours.iter().map(|[r, g, b, a]| (*r, *g, *b, *a));
+            colours.enumerate().collect::<BTreeMap<_, _>>()
+        });
+        facts.set_item("colormap", colours)?;
+        facts.set_item("categories", metadata.class_names.clone())?;
+        facts.set_item("descriptions", metadata.band_names.clone())?;
+        facts.set_item("scale_offset", metadata.scale_offset.clone())?;
+        facts.set_item("units", metadata.units.clone())?;
+        facts.set_item("alpha", metadata.alpha)?;
+        facts.set_item("provenance", metadata.provenance.clone())?;
+        Ok(facts)
+    }
+}

@@ -1,0 +1,75 @@
+"""What tests share: fixtures' paths, the program, random trees."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+
+import spinney
+
+ROOT = Path(__file__).parents[2]
+FIXTURES = ROOT / "fixtures"
+TREES = sorted((FIXTURES / "v1").glob("*.*"))
+QUADTREES = [path for path in TREES if path.stem not in ("ball", "segments")]
+
+settings.register_profile(
+    "spinney", derandomize=True, deadline=None, suppress_health_check=list(HealthCheck), max_examples=60, database=None
+)
+settings.load_profile("spinney")
+
+
+@pytest.fixture(scope="session")
+def island(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A tree of the island's classes."""
+    path = str(tmp_path_factory.mktemp("island") / "island.goblin")
+    spinney.build(FIXTURES / "island_classes.tif", path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def relief(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A tree of the island's heights."""
+    path = str(tmp_path_factory.mktemp("relief") / "relief.goblin")
+    spinney.build(FIXTURES / "island_elevation.tif", path)
+    return path
+
+
+@pytest.fixture
+def history(tmp_path: Path) -> str:
+    """A copy of an Autumnal file."""
+    path = tmp_path / "history.autumn"
+    path.write_bytes((FIXTURES / "v1" / "history.autumn").read_bytes())
+    return str(path)
+
+
+@pytest.fixture(scope="session")
+def program() -> str:
+    """The program, where it has been built."""
+    path = os.environ.get("SPINNEY_PROGRAM", str(ROOT / "target" / "debug" / "spinney"))
+    if not os.path.exists(path):
+        pytest.skip(f"there is no program at {path}; set SPINNEY_PROGRAM")
+    return path
+
+
+def run(program: str, *words: object) -> str:
+    """What the program prints."""
+    done = subprocess.run([program, *map(str, words)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def noise(shape: tuple[int, ...], dtype: str, seed: int = 1) -> np.ndarray:
+    """Samples with uniform blocks and noise in them."""
+    random = np.random.default_rng(seed)
+    small = random.integers(0, 200, tuple(-(-length // 16) for length in shape))
+    array = small
+    for axis, length in enumerate(shape):
+        array = np.repeat(array, 16, axis=axis).take(range(length), axis=axis)
+    specks = random.random(shape) < 0.05
+    array = np.where(specks, random.integers(0, 250, shape), array)
+    return array.astype(dtype)

@@ -1,0 +1,113 @@
+"""Points, statistics, histograms, searches: against NumPy."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import TREES, noise, run
+from hypothesis import given
+from hypothesis import strategies as st
+
+import spinney
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, spinney.Dataset]:
+    """A masked array in the world, and a tree of it."""
+    array = np.ma.masked_equal(noise((170, 230), "int16", 5), 33)
+    path = tmp_path_factory.mktemp("tree") / "t.goblin"
+    spinney.build(array, path, transform=(2, 0, 1000, 0, -3, 5000), crs="EPSG:32628")
+    return array, spinney.open(path)
+
+
+@given(data=st.data())
+def test_statistics_of_any_window(tree: tuple, data: st.DataObject) -> None:
+    array, ds = tree
+    x, y = data.draw(st.integers(0, 229)), data.draw(st.integers(0, 169))
+    w, h = data.draw(st.integers(1, 230 - x)), data.draw(st.integers(1, 170 - y))
+    part = array[y : y + h, x : x + w]
+    found = ds.stats(window=(x, y, w, h))
+    assert (found.cells, found.void_cells) == (part.count(), part.size - part.count())
+    box = (1000 + 2 * x, 5000 - 3 * (y + h), 1000 + 2 * (x + w), 5000 - 3 * y)
+    assert ds.stats(box) == found
+    if part.count():
+        assert (found.min, found.max) == (part.min(), part.max())
+        assert np.isclose(found.mean, part.mean()) and np.isclose(found.std, part.std())
+        counts, edges = ds.histogram(10, (0, 250), window=(x, y, w, h))
+        assert np.array_equal(counts, np.histogram(part.compressed(), edges)[0])
+        counts, edges = ds.histogram(window=(x, y, w, h))
+        assert counts.sum() == part.count() and len(edges) == len(counts) + 1
+    else:
+        with pytest.raises(ValueError):
+            found.mean
+
+
+@given(seed=st.integers(0, 1 << 30))
+def test_samples_of_any_points(tree: tuple, seed: int) -> None:
+    array, ds = tree
+    points = np.random.default_rng(seed).uniform((990, 4400), (1500, 5020), (300, 2))
+    rows, columns = (np.floor((5000 - points[:, 1]) / 3).astype(int), np.floor((points[:, 0] - 1000) / 2).astype(int))
+    inside = (rows >= 0) & (rows < 170) & (columns >= 0) & (columns < 230)
+    wanted = array[rows.clip(0, 169), columns.clip(0, 229)]
+    wanted[~inside] = np.ma.masked
+    found = ds.sample(points, masked=True)
+    assert found.shape == (300, 1) and found.dtype == np.int16
+    assert np.array_equal(found.mask[:, 0], np.ma.getmaskarray(wanted)) and np.array_equal(found[:, 0].compressed(), wanted.compressed())
+    assert (ds.sample(points, fill=-7)[found.mask[:, 0]] == -7).all()
+    cells = np.stack([columns, rows], 1) + 0.25
+    assert np.array_equal(ds.sample(iter(cells.tolist()), in_cells=True), ds.sample(points))
+    level = ds.depth - 2
+    coarse = ds.sample(points[inside], level=level, fill=-1)[:, 0]
+    assert np.array_equal(coarse, ds.read(1, level=level, fill=-1)[rows[inside] >> 2, columns[inside] >> 2])
+
+
+@pytest.mark.parametrize("count", [1, 20, 100, 1000, 30_000])
+def test_samples_of_noise(tmp_path: Path, count: int) -> None:
+    array = np.random.default_rng(1).integers(0, 255, (900, 1024), "u1")
+    spinney.build(array, tmp_path / "t.goblin")
+    cells = np.random.default_rng(2).integers(0, (1024, 900), (count, 2))
+    with spinney.open(tmp_path / "t.goblin") as ds:
+        assert np.array_equal(ds.sample(cells + 0.5)[:, 0], array[cells[:, 1], cells[:, 0]])
+
+
+def test_odd_points(tree: tuple) -> None:
+    _, ds = tree
+    assert ds.sample([]).shape == (0, 1)
+    assert ds.sample([(np.nan, 1), (np.inf, 1), (-1e300, 1e300)], masked=True).mask.all()
+
+
+@pytest.mark.parametrize("path", TREES, ids=lambda path: path.name)
+def test_statistics_are_those_of_the_program(path: Path, program: str) -> None:
+    wanted = json.loads(run(program, "stats", path, "--json"))
+    with spinney.open(path) as ds:
+        found = ds.stats()
+        assert (found.cells, found.void_cells) == (wanted["cells"], wanted["void_cells"])
+        assert {entry["value"]: entry["cells"] for entry in wanted["classes"]} == found.classes
+        for band, channel in zip(found.bands, wanted["channels"], strict=True):
+            assert (band.cells, band.min, band.max) == (channel["cells"], channel["min"], channel["max"])
+            assert np.isclose(band.mean, channel["mean"]) and np.isclose(band.std, channel["standard_deviation"])
+        if "solid" in wanted:
+            solid = ds.solid()
+            assert np.isclose(solid.volume, wanted["solid"]["volume"]) and solid.cells == wanted["solid"]["occupied_cells"]
+            assert solid.centre == pytest.approx(wanted["solid"]["centre"])
+
+
+@pytest.mark.parametrize("words", [("--class", 6), ("--above", 4), ("--below", 3)], ids=str)
+def test_blocks_are_those_of_the_program(island: str, program: str, words: tuple) -> None:
+    name = {"--class": "value", "--above": "above", "--below": "below"}[words[0]]
+    for more, options in [((), {}), (("--limit", 5), {"limit": 5}), (("--largest", 4), {"largest": 4})]:
+        lines = [json.loads(line) for line in run(program, "find", island, "--json", *words, *more).splitlines()]
+        with spinney.open(island) as ds:
+            found = ds.find(**{name: words[1]}, **options)
+            assert found.codes.tolist() == [line["code"] for line in lines] and len(found) == len(lines)
+            assert found.levels.tolist() == [line["level"] for line in lines]
+            assert found.boxes.tolist() == [line["min"] + line["size"] for line in lines]
+            assert np.allclose(found.world, [line["world"][0] + line["world"][1] for line in lines])
+            assert [None if np.isnan(value) else value for value in found.values] == [line["value"] for line in lines]
+            if words[0] == "--class":
+                assert all((ds.read(window=box) == 6).all() for box in found.boxes[:5])
+    with spinney.open(island) as ds:
+        assert len(ds.find(200)) == 0 and ds.find(200).boxes.shape == (0, 4)
