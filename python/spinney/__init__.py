@@ -41,6 +41,7 @@ from ._types import (
     Solid,
     Statistics,
     Transform,
+    ZoneStatistics,
 )
 
 __all__ = [
@@ -60,6 +61,7 @@ __all__ = [
     "Solid",
     "Statistics",
     "Transform",
+    "ZoneStatistics",
     "__version__",
     "build",
     "combine",

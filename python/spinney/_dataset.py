@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path as FilePath
 from typing import Any, Literal, Self, overload
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from . import _native
 from ._arrays import points_of
 from ._files import log
+from ._geometries import documents_of
 from ._progress import telling
 from ._types import (
     Array,
@@ -33,6 +34,7 @@ from ._types import (
     Statistics,
     Transform,
     Window,
+    ZoneStatistics,
 )
 
 
@@ -342,6 +344,69 @@ class Dataset(_native.Tree):
         facts = self._statistics(window, bbox)
         bands = tuple(BandStatistics(*band) for band in facts["channels"])
         return Statistics(facts["cells"], facts["void_cells"], bands, dict(facts["classes"]))
+
+    @overload
+    def zonal(
+        self,
+        geometries: Any,
+        stats: None = None,
+        *,
+        border: Literal["centre", "area"] = "centre",
+        progress: Progress = None,
+    ) -> list[ZoneStatistics]: ...
+
+    @overload
+    def zonal(
+        self,
+        geometries: Any,
+        stats: Sequence[str],
+        *,
+        border: Literal["centre", "area"] = "centre",
+        progress: Progress = None,
+    ) -> list[dict[str, Any]]: ...
+
+    def zonal(
+        self,
+        geometries: Any,
+        stats: Sequence[str] | None = None,
+        *,
+        border: Literal["centre", "area"] = "centre",
+        progress: Progress = None,
+    ) -> list[ZoneStatistics] | list[dict[str, Any]]:
+        """Statistics of the cells in each of many polygons, of which the tree is read only where a border cuts it.
+
+        Geometries are polygons (with holes, or of several parts) in the tree's coordinate system: anything with a
+        `__geo_interface__` (of shapely, a GeoDataFrame, ...), GeoJSON as dictionaries, or a list of such. On borders,
+        cells count whole if their `"centre"` is inside, or by the part of their `"area"` that is, exactly. With the
+        names of some `stats` ("count", "void", "sum", "min", "max", "mean", "std", "classes") there is a dictionary of these
+        for each polygon, of the first band.
+        """
+        if border not in ("centre", "area"):
+            raise ValueError(f'border: {border!r}, expected "centre" or "area"')
+        with telling(progress) as callback:
+            found = self._zones(documents_of(geometries), border == "area", callback)
+        zones = [
+            ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]
+            for cells, void, bands, classes in found
+        ]
+        if stats is None:
+            return zones
+        nothing = BandStatistics(0, np.nan, np.nan, np.nan, np.nan)
+        of: dict[str, Callable[[ZoneStatistics, BandStatistics], Any]] = {
+            "count": lambda zone, band: zone.cells,
+            "void": lambda zone, band: zone.void_cells,
+            "sum": lambda zone, band: band.mean * band.cells if band.cells else 0.0,
+            "min": lambda zone, band: band.min,
+            "max": lambda zone, band: band.max,
+            "mean": lambda zone, band: band.mean,
+            "std": lambda zone, band: band.std,
+            "classes": lambda zone, band: zone.classes,
+        }
+        unknown = [name for name in stats if name not in of]
+        if isinstance(stats, str) or unknown:
+            raise ValueError(f"stats: {unknown or stats!r}, expected a list of {', '.join(of)}")
+        first = [zone.bands[0] if zone.bands else nothing for zone in zones]
+        return [{name: of[name](zone, band) for name in stats} for zone, band in zip(zones, first)]
 
     def histogram(
         self,

@@ -68,18 +68,10 @@ class BandStatistics:
     std: float
 
 
-@dataclass(frozen=True)
-class Statistics:
-    """Exact statistics of the cells of a part."""
+class _OfBands:
+    """Statistics of several bands."""
 
-    cells: int
-    """Cells that are not VOID."""
-    void_cells: int
-    """Cells of the part that are VOID."""
     bands: tuple[BandStatistics, ...]
-    """Statistics of each band; nothing if there are no cells."""
-    classes: dict[float, int]
-    """Cells of each class, by ascending value; only of files that count classes."""
 
     @property
     def first(self) -> BandStatistics:
@@ -107,6 +99,34 @@ class Statistics:
     def std(self) -> float:
         """The standard deviation of the first band."""
         return self.first.std
+
+
+@dataclass(frozen=True)
+class Statistics(_OfBands):
+    """Exact statistics of the cells of a part."""
+
+    cells: int
+    """Cells that are not VOID."""
+    void_cells: int
+    """Cells of the part that are VOID."""
+    bands: tuple[BandStatistics, ...]
+    """Statistics of each band; nothing if there are no cells."""
+    classes: dict[float, int]
+    """Cells of each class, by ascending value; only of files that count classes."""
+
+
+@dataclass(frozen=True)
+class ZoneStatistics(_OfBands):
+    """Exact statistics of the cells in a polygon. Where cells count by their area, numbers of cells need not be whole."""
+
+    cells: float
+    """Cells that are not VOID."""
+    void_cells: float
+    """Cells of the polygon, within the tree's picture, that are VOID."""
+    bands: tuple[BandStatistics, ...]
+    """Statistics of each band; nothing if there are no cells."""
+    classes: dict[float, float]
+    """Cells of each class, by ascending value; only of files that count classes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ mod samples;
 mod save;
 mod solids;
 mod tree;
+mod zonal;
 
 use pyo3::prelude::*;
 

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
+import rasterio.features
+import shapely
 from conftest import TREES, noise, run
 from hypothesis import given
 from hypothesis import strategies as st
@@ -43,6 +46,57 @@ def test_statistics_of_any_window(tree: tuple, data: st.DataObject) -> None:
     else:
         with pytest.raises(ValueError):
             found.mean
+
+
+@given(seed=st.integers(0, 1 << 30))
+def test_zones_are_as_rasterio_and_shapely_have_them(tree: tuple, seed: int) -> None:
+    array, ds = tree
+    random = np.random.default_rng(seed)
+    polygons = []
+    for _ in range(4):
+        middle = random.uniform((1000, 4490), (1460, 5000))
+        angles = np.sort(random.uniform(0, 2 * np.pi, 12))
+        ring = middle + np.stack([np.cos(angles), np.sin(angles)], 1) * random.uniform(30, 150, (12, 1))
+        polygons.append(shapely.Polygon(ring))
+    transform = rasterio.Affine(2, 0, 1000, 0, -3, 5000)
+    zones = ds.zonal(polygons)
+    for polygon, zone in zip(polygons, zones):
+        inside = rasterio.features.geometry_mask([polygon], (170, 230), transform, invert=True)
+        cells = array[inside]
+        assert (zone.cells, zone.void_cells) == (cells.count(), inside.sum() - cells.count())
+        if cells.count():
+            assert (zone.min, zone.max) == (cells.min(), cells.max())
+            assert np.isclose(zone.mean, cells.mean()) and np.isclose(zone.std, cells.std())
+    picture = shapely.box(1000, 4490, 1460, 5000)
+    for polygon, zone in zip(polygons, ds.zonal(polygons, border="area")):
+        if polygon.is_valid:
+            area = polygon.intersection(picture).area / 6
+            assert np.isclose(zone.cells + zone.void_cells, area, atol=1e-6)
+
+
+def test_zones_of_all_kinds_of_geometries(tree: tuple) -> None:
+    _, ds = tree
+    square, hole = shapely.box(1100, 4700, 1200, 4850), shapely.box(1120, 4730, 1150, 4760)
+    parts = shapely.MultiPolygon([square - hole, hole])
+    whole = ds.zonal(square)[0]
+    assert whole == ds.zonal([square])[0] == ds.zonal(square.__geo_interface__)[0]
+    box = ds.stats((1100, 4700, 1200, 4850))
+    assert (whole.cells, whole.mean) == (box.cells, box.mean)
+    feature = {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(square)}
+    assert ds.zonal({"type": "FeatureCollection", "features": [feature, feature]}) == [whole, whole]
+    assert np.isclose(ds.zonal(parts, border="area")[0].cells, ds.zonal(square, border="area")[0].cells)
+    assert ds.zonal(parts)[0].cells == whole.cells
+    found = ds.zonal([square, shapely.box(0, 0, 1, 1)], ["count", "mean", "sum", "void"])
+    assert found[0] == {"count": whole.cells, "mean": whole.mean, "sum": whole.mean * whole.first.cells, "void": whole.void_cells}
+    assert found[1]["count"] == 0 and np.isnan(found[1]["mean"])
+    assert ds.zonal([]) == []
+    for wrong, error in [(shapely.Point(1, 2), ValueError), (7, TypeError), ("text", TypeError), ([None], TypeError)]:
+        with pytest.raises(error):
+            ds.zonal(wrong)
+    with pytest.raises(ValueError):
+        ds.zonal(square, ["median"])
+    with pytest.raises(ValueError):
+        ds.zonal(square, border="half")
 
 
 @given(seed=st.integers(0, 1 << 30))

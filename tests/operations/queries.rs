@@ -66,7 +66,7 @@ fn windows_without_a_copy() {
         assert!(found > 5, "{value}: {found}");
         stored(Form::new(Dimension::Quad, value), 2, [200, 90, 1], false);
     }
-    assert!(stored(oct(SampleType::I16, 1), 3, [32, 32, 32], true) > 5);
+    assert!(stored(oct(SampleType::I16, 1), 3, [16, 16, 16], true) > 5);
     stored(OCT, 4, [30, 20, 9], false);
 }
 
