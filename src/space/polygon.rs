@@ -71,8 +71,8 @@ impl Polygon {
         let least = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::INFINITY, f64::min);
         let most = |axis: usize| corners().map(|corner| corner[axis]).fold(f64::NEG_INFINITY, f64::max);
         let (low, high, sides) = (least(1), most(1), [least(0), most(0)]);
-        // (A band for each row, where there are not so many.)
-        let bands = (high - low).ceil().clamp(1.0, BANDS as f64) as usize;
+        // (No more than rows, and than edges.)
+        let bands = (high - low).ceil().clamp(1.0, BANDS.min(corners().count()) as f64) as usize;
         let mut polygon = Polygon { bands: vec![Vec::new(); bands], low, high, sides };
         for (ring, is_turned) in rings.iter().zip(is_turned) {
             for (i, corner) in ring.iter().enumerate() {
@@ -150,8 +150,12 @@ impl Polygon {
         }
         crossings.extend(self.bands[self.bands(y, y).start].iter().filter_map(|edge| crossing(edge, y)));
         crossings.sort_unstable_by(f64::total_cmp);
-        // (A centre is left of a crossing that it does not lie on. What is negative, or too large, becomes the nearest number.)
-        let column = |at: f64| ((at - 0.5).ceil() as u64).clamp(columns.start, columns.end);
+        // The first column whose centre is not left of a crossing. (What is negative, or too large, becomes the nearest number.)
+        let column = |at: f64| {
+            let next = (at + 0.5) as u64;
+            let is_on = next as f64 - 0.5 >= at;
+            next.saturating_sub(u64::from(is_on)).clamp(columns.start, columns.end)
+        };
         for pair in crossings.chunks_exact(2) {
             let span = column(pair[0])..column(pair[1]);
             if !span.is_empty() {
