@@ -130,6 +130,12 @@ raw -outsize $size $fixtures/elevation.goblin "$work/ours.img"
 raw "$work/level.tif" "$work/theirs.img"
 cmp "$work/ours.img" "$work/theirs.img" || fail 'a level is not the overview of GDAL'
 [[ $(gdalinfo "$fixtures/history.autumn@1") == *SPINNEY_COMMIT=1* ]] || fail 'no commit through GDAL'
+# What is VOID is masked where there is no number for it.
+"$spinney" transform -q $fixtures/rgb.goblin rotate=30 -o "$work/turned.goblin"
+[[ $(gdalinfo "$work/turned.goblin") == *PER_DATASET* ]] || fail 'no mask through GDAL'
+raw -b mask "$work/turned.goblin" "$work/mask.img"
+cells=$("$spinney" stats --json "$work/turned.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["cells"])')
+[ "$(tr -dc '\377' < "$work/mask.img" | wc -c)" = "$cells" ] || fail 'another mask through GDAL'
 for file in $fixtures/ball.goblin "$fixtures/history.autumn@77"; do
     if gdalinfo "$file" > /dev/null 2>&1; then fail "$file: opened by GDAL"; fi
 done

@@ -14,8 +14,8 @@ Any part at any level of detail is read straight from the file::
 Trees are made of picture files, models of solids and arrays (`build`), of other trees (`transform`, `combine`), and
 changed in place (`edit`). With xarray installed, `xarray.open_dataset(path, engine="spinney")` opens them lazily.
 
-Arrays are new ones: cells are unpacked from the tree, so that there are no views of the file itself. `out=` reads into an array
-that is there; `numpy.from_dlpack(ds)` and `numpy.asarray(ds)` read everything.
+Arrays are new ones: cells are unpacked from the tree. `out=` reads into an array that is there; `numpy.from_dlpack(ds)` and
+`numpy.asarray(ds)` read everything; `ds.mapped(...)` shows dense cells where they stand in the file, without a copy.
 
 Errors are those of Python: ValueError for arguments that make no sense, IndexError for cells that there are not, OSError
 (FileNotFoundError, ...) for what files do, each with the library's message. Ctrl-C stops long work within a second, and

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path as FilePath
 from typing import Any, Literal, Self, overload
@@ -15,7 +15,6 @@ import numpy.typing as npt
 from . import _native
 from ._arrays import points_of
 from ._files import log
-from ._geometries import documents_of
 from ._progress import telling
 from ._types import (
     Array,
@@ -36,6 +35,7 @@ from ._types import (
     Window,
     ZoneStatistics,
 )
+from ._zonal import documents_of, named
 
 
 def open(
@@ -249,6 +249,17 @@ class Dataset(_native.Tree):
         """The cells of a level, as something to be indexed: `ds.level(9)[0:256, 0:256]`."""
         return Level(self, level)
 
+    def mapped(
+        self, window: Window | None = None, bbox: BBox | None = None, *, level: int | None = None
+    ) -> Array | None:
+        """Cells where they stand in the mapped file, as a read-only array without a copy; `None` where that cannot be.
+
+        It can be where a part lies in one dense block of a Goblin file: where no two cells are alike, within aligned
+        windows of up to 256 x 256 cells (16 x 16 x 16 in octrees). `read` reads all parts. The mapping is there for as long as
+        an array of it is, also when the dataset is closed.
+        """
+        return self._mapped(window, bbox, level)
+
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Array:
         return _as_array(self[...], dtype, copy)
 
@@ -389,24 +400,7 @@ class Dataset(_native.Tree):
             ZoneStatistics(cells, void, tuple(BandStatistics(*band) for band in bands), dict(classes))  # type: ignore[arg-type]
             for cells, void, bands, classes in found
         ]
-        if stats is None:
-            return zones
-        nothing = BandStatistics(0, np.nan, np.nan, np.nan, np.nan)
-        of: dict[str, Callable[[ZoneStatistics, BandStatistics], Any]] = {
-            "count": lambda zone, band: zone.cells,
-            "void": lambda zone, band: zone.void_cells,
-            "sum": lambda zone, band: band.mean * band.cells if band.cells else 0.0,
-            "min": lambda zone, band: band.min,
-            "max": lambda zone, band: band.max,
-            "mean": lambda zone, band: band.mean,
-            "std": lambda zone, band: band.std,
-            "classes": lambda zone, band: zone.classes,
-        }
-        unknown = [name for name in stats if name not in of]
-        if isinstance(stats, str) or unknown:
-            raise ValueError(f"stats: {unknown or stats!r}, expected a list of {', '.join(of)}")
-        first = [zone.bands[0] if zone.bands else nothing for zone in zones]
-        return [{name: of[name](zone, band) for name in stats} for zone, band in zip(zones, first)]
+        return zones if stats is None else named(zones, stats)
 
     def histogram(
         self,

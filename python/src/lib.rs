@@ -16,6 +16,7 @@ mod read;
 mod samples;
 mod save;
 mod solids;
+mod stored;
 mod tree;
 mod zonal;
 

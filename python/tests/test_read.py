@@ -215,3 +215,27 @@ def test_pictures_are_saved(island: str, tmp_path: Path) -> None:
         spinney.build(tmp_path / "part.tif", tmp_path / "part.goblin")
         with spinney.open(tmp_path / "part.goblin") as part:
             assert np.array_equal(part[...], ds[64:128, 96:160]) and part.crs == ds.crs
+
+
+def test_dense_cells_are_shown_where_they_are(tmp_path: Path) -> None:
+    for dtype, bands in [("uint8", 1), ("int16", 1), ("float64", 1), ("uint8", 3), ("float32", 2)]:
+        array = np.random.default_rng(1).integers(0, 250, (bands, 256, 256)).astype(dtype)
+        path = tmp_path / f"{dtype}{bands}.goblin"
+        spinney.build(array if bands > 1 else array[0], path)
+        ds = spinney.open(path)
+        found = ds.mapped((10, 20, 90, 50))
+        assert found is not None and found.dtype == dtype and not found.flags.writeable
+        assert np.array_equal(found, ds[..., 20:70, 10:100])
+        coarse = ds.mapped(level=5)
+        assert coarse is not None and np.array_equal(coarse, ds.level(5)[...])
+        # The mapping is kept.
+        ds.close()
+        assert np.array_equal(found, array[:, 20:70, 10:100] if bands > 1 else array[0, 20:70, 10:100])
+        with pytest.raises(ValueError):
+            ds.mapped()
+        assert spinney.open(path, positioned=True).mapped() is None
+    same = tmp_path / "same.goblin"
+    spinney.build(np.ones((50, 50), "uint8"), same)
+    assert spinney.open(same).mapped() is None
+    with pytest.raises(IndexError):
+        spinney.open(same).mapped((40, 40, 20, 20))

@@ -1,0 +1,44 @@
+"""Zonal statistics: polygons that other packages have, and answers by name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from ._types import BandStatistics, ZoneStatistics
+
+STATISTICS: dict[str, Callable[[ZoneStatistics, BandStatistics], Any]] = {
+    "count": lambda zone, band: zone.cells,
+    "void": lambda zone, band: zone.void_cells,
+    "sum": lambda zone, band: band.mean * band.cells if band.cells else 0.0,
+    "min": lambda zone, band: band.min,
+    "max": lambda zone, band: band.max,
+    "mean": lambda zone, band: band.mean,
+    "std": lambda zone, band: band.std,
+    "classes": lambda zone, band: zone.classes,
+}
+"""What can be asked for by name: of a polygon, and of its first band."""
+
+NOTHING = BandStatistics(0, float("nan"), float("nan"), float("nan"), float("nan"))
+
+
+def documents_of(geometries: Any) -> list[str]:
+    """GeoJSON documents of whatever has geometries: one or several polygons each."""
+    document = getattr(geometries, "__geo_interface__", geometries)
+    if isinstance(document, Mapping):
+        # (shapely and others have tuples where GeoJSON has arrays, which JSON does not tell apart.)
+        return [json.dumps(document)]
+    if isinstance(document, (str, bytes)) or not isinstance(document, Iterable):
+        kind = type(geometries).__name__
+        raise TypeError(f"geometries: got {kind}, expected polygons with a __geo_interface__, GeoJSON, or a list of these")
+    return [part for geometry in document for part in documents_of(geometry)]
+
+
+def named(zones: Sequence[ZoneStatistics], stats: Sequence[str]) -> list[dict[str, Any]]:
+    """The statistics of these names, of each zone."""
+    unknown = [name for name in stats if name not in STATISTICS]
+    if isinstance(stats, str) or unknown:
+        raise ValueError(f"stats: {unknown or stats!r}, expected a list of {', '.join(STATISTICS)}")
+    first = [zone.bands[0] if zone.bands else NOTHING for zone in zones]
+    return [{name: STATISTICS[name](zone, band) for name in stats} for zone, band in zip(zones, first)]
