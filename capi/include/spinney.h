@@ -21,7 +21,7 @@
 // For spinney_open(): read at positions, instead of mapping the file.
 #define SPINNEY_POSITIONED 1
 
-// What has become of a call.
+// The outcome of a call.
 typedef enum {
   // It is done.
   SPINNEY_OK = 0,

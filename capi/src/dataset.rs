@@ -14,7 +14,7 @@ use crate::status::{Failure, guarded, spinney_status};
 /// A file, or a view of one.
 pub struct spinney_dataset {
     pub(crate) dataset: Dataset,
-    /// What is told of it, as text.
+    /// The document of spinney_metadata().
     metadata: CString,
 }
 

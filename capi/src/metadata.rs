@@ -1,4 +1,4 @@
-//! What a file says of its values, as JSON.
+//! Metadata of a file as JSON.
 
 use std::ffi::CString;
 

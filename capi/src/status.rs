@@ -9,7 +9,7 @@ use std::sync::Once;
 
 use engine::Error;
 
-/// What has become of a call.
+/// The outcome of a call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum spinney_status {

@@ -20,7 +20,7 @@ use crate::files::check_output;
 use crate::jobs::{self, Work};
 use crate::samples::{copy_bytes, sample_of};
 
-/// What is told about an array.
+/// Facts that are told about an array.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ArrayOptions {
@@ -240,7 +240,7 @@ pub(crate) fn build_array(
     })
 }
 
-/// What is asked of an import of files.
+/// Options of an import of files.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct FileOptions {

@@ -88,7 +88,7 @@ impl Editor {
     }
 
     /// Gives a region one value, or makes it VOID.
-    #[allow(clippy::too_many_arguments)]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     fn fill(
         &self,
         py: Python<'_>,

@@ -55,7 +55,7 @@ pub(crate) fn commit_facts<'py>(py: Python<'py>, commit: &Commit) -> PyResult<Bo
 
 /// Makes a tree of a file and the steps done to it.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments)] // those of the Python function
 pub(crate) fn transform<'py>(
     py: Python<'py>,
     path: PathBuf,
@@ -80,7 +80,7 @@ pub(crate) fn transform<'py>(
 
 /// Makes one tree of several.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments)] // those of the Python function
 pub(crate) fn combine<'py>(
     py: Python<'py>,
     operation: &str,
@@ -188,7 +188,7 @@ pub(crate) fn publish(
 
 /// Writes some commits of a file to a new one: the newest, or those with these numbers.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments)] // those of the Python function
 pub(crate) fn compact<'py>(
     py: Python<'py>,
     path: PathBuf,

@@ -50,7 +50,7 @@ impl Along {
     }
 }
 
-/// What an index asks for along each axis of an array of such a shape.
+/// The cells along each axis, of an array of such a shape, that an index asks for.
 pub(crate) fn parse(key: &Bound<'_, PyAny>, shape: &[u64]) -> PyResult<Vec<Along>> {
     let keys: Vec<Bound<'_, PyAny>> = match key.cast::<PyTuple>() {
         Ok(tuple) => tuple.iter().collect(),

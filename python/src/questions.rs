@@ -122,7 +122,7 @@ impl Tree {
     /// The largest blocks whose cells all meet a condition: codes, levels, first cells and sizes, and values (NaN where
     /// a block has several).
     #[pyo3(signature = (condition, number, window=None, bbox=None, limit=None, largest=None))]
-    #[allow(clippy::too_many_arguments)]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_find_blocks")]
     fn find_blocks<'py>(
         &self,

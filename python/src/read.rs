@@ -293,7 +293,7 @@ impl Tree {
     ///
     /// Raises ValueError or IndexError for a part that there is not, OSError if the file is damaged there.
     #[pyo3(signature = (bands=None, *, window=None, bbox=None, level=None, out_shape=None, exact=false, masked=false, fill=None, boundless=false, out=None))]
-    #[allow(clippy::too_many_arguments)]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     fn read<'py>(
         slf: &Bound<'py, Tree>,
         py: Python<'py>,

@@ -18,7 +18,7 @@ use crate::tree::Tree;
 impl Tree {
     /// Writes a part as a picture or array file. PNG of samples other than of 8 and 16 bits is stretched between
     /// `range`, or the least and the greatest number.
-    #[allow(clippy::too_many_arguments)]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_write_window")]
     fn write_window(
         &self,

@@ -133,7 +133,7 @@ impl Tree {
     }
 
     /// A slice across an axis (0 is x) at a cell of the deepest level, or at a coordinate of the world.
-    #[allow(clippy::too_many_arguments)]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_slice_across")]
     fn slice_across<'py>(
         &self,
@@ -222,7 +222,7 @@ impl Tree {
     }
 
     /// Writes a shaded picture; returns the level that was drawn.
-    #[allow(clippy::too_many_arguments)]
+    #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_write_render")]
     fn write_render(
         &self,

@@ -18,7 +18,7 @@ pub(crate) struct StoredCells {
     strides: Vec<usize>,
     /// The type of samples, as NumPy's array interface has it.
     type_name: String,
-    /// What has the mapping.
+    /// The open file, which has the mapping.
     _opened: Arc<Opened>,
 }
 

@@ -21,7 +21,7 @@ use crate::{jobs, samples};
 pub(crate) struct Tree {
     /// `None` when it is closed.
     opened: RwLock<Option<Arc<Opened>>>,
-    /// What it was opened with.
+    /// The path and options that it was opened with.
     path: PathBuf,
     steps: Vec<Step>,
     commit: Option<u64>,

@@ -155,7 +155,7 @@ impl Selection for ZoneCells<'_> {
     }
 }
 
-/// What is found of a zone.
+/// Statistics of a zone in the making.
 struct Gather<'a> {
     zone: ZoneCells<'a>,
     depth: u8,

@@ -138,7 +138,7 @@ fn claiming(depth: u8, records: &[u8], root: u64) -> Vec<u8> {
 
 /// A root of 64 x 64 cells with detail in the north-west, whose record stands behind that of this child.
 struct Small {
-    /// What is behind the first record's place: the child's record, for example.
+    /// The bytes from the first record's place on: the child's record, for example.
     child: Vec<u8>,
     root: Pointered,
 }

@@ -9,6 +9,7 @@ mod operations;
 mod pixels;
 mod queries;
 mod set_operations;
+mod solid_measures;
 mod solids;
 mod symmetries;
 mod zonal;

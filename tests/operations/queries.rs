@@ -28,7 +28,7 @@ fn cells_of(bounds: &Bounds) -> impl Iterator<Item = [u64; 3]> {
         .flat_map(move |z| (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| [x, y, z])))
 }
 
-/// What stands in the file as it is asked for is what a window reads.
+/// Compares rows that stand in the file with what a window reads; tells how many boxes do.
 fn stored(form: Form, seed: u64, size: [u64; 3], is_noise: bool) -> usize {
     // (Noise without VOID.)
     let noise =

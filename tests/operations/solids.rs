@@ -10,23 +10,20 @@ use spinney::export::{
 use spinney::import::raster::{self, Pixels};
 use spinney::io::Output;
 use spinney::query::{PointSamples, Ray};
-use spinney::space::{Bounds, Code, Dimension, Frame, Region};
+use spinney::space::{Bounds, Code, Dimension, Region};
 use spinney::tree::{Form, MemTree};
 use spinney::value::{Kind, Rule, SampleType, Value};
 
-use crate::common::{
-    Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, opened, value_types, with,
-    write_goblin,
-};
+use crate::common::{Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, value_types, with};
 
 /// Blocks and dust, full where there is something.
-fn blocks(seed: u64, size: [u64; 3]) -> Cells {
+pub(super) fn blocks(seed: u64, size: [u64; 3]) -> Cells {
     let random = Cells::random(OCT, seed, size, 6, true);
     made(OCT, size, |cell| random.get(cell).filter(|number| as_byte(*number) < 4).map(|_| byte(255)))
 }
 
 /// Balls of this many cells across, in a cube of `2^depth`.
-fn ball(depth: u8, radius: f64) -> Cells {
+pub(super) fn ball(depth: u8, radius: f64) -> Cells {
     let side = 1u64 << depth;
     let middle = side as f64 / 2.0;
     made(OCT, [side; 3], |cell| {
@@ -36,9 +33,9 @@ fn ball(depth: u8, radius: f64) -> Cells {
 }
 
 /// How solids are averaged.
-const SOLID: (Rule, Kind) = (Rule::Occupancy, Kind::Continuous);
+pub(super) const SOLID: (Rule, Kind) = (Rule::Occupancy, Kind::Continuous);
 
-fn solid(cells: &Cells) -> Dataset {
+pub(super) fn solid(cells: &Cells) -> Dataset {
     dataset(cells, SOLID.0, SOLID.1)
 }
 
@@ -47,11 +44,11 @@ fn at(model: &MemTree, level: u8, cell: [u64; 3]) -> Option<Value> {
 }
 
 /// The byte at a cell, 0 where there is none.
-fn byte_at(model: &MemTree, level: u8, cell: [u64; 3]) -> u8 {
+pub(super) fn byte_at(model: &MemTree, level: u8, cell: [u64; 3]) -> u8 {
     at(model, level, cell).map_or(0, as_byte)
 }
 
-fn every_cell(size: [u64; 3]) -> impl Iterator<Item = [u64; 3]> {
+pub(super) fn every_cell(size: [u64; 3]) -> impl Iterator<Item = [u64; 3]> {
     let [width, height, depth] = size;
     (0..depth).flat_map(move |z| (0..height).flat_map(move |y| (0..width).map(move |x| [x, y, z])))
 }
@@ -243,205 +240,6 @@ fn slices_across_every_axis_at_every_level() {
     let half = made(OCT, [8, 8, 8], |[x, _, _]| (x < 3).then(|| byte(255)));
     let row = &slice(&solid(&half), 1, 4, Detail::Size(4, 2), "a.png")[..4];
     assert_eq!(row, [255, 128, 0, 0]);
-}
-
-/// The area of a solid's smooth surface by its definition: of each face between a cell that is half full and one that
-/// is not, the projection along the first moment of the occupancy within 4 cells, with weights that fall to 0 at
-/// the sphere.
-fn naive_area(fill: &dyn Fn([i64; 3]) -> u8, side: i64) -> f64 {
-    let mut area = 0.0;
-    for cell in every_cell([side as u64 + 1; 3]) {
-        let cell = cell.map(|cell| cell as i64);
-        for axis in 0..3 {
-            let mut before = cell;
-            before[axis] -= 1;
-            if (fill(cell) >= 128) == (fill(before) >= 128) {
-                continue;
-            }
-            let middle: [f64; 3] =
-                std::array::from_fn(|a| cell[a] as f64 + if a == axis { 0.0 } else { 0.5 });
-            let mut sum = [0.0; 3];
-            for around in every_cell([9; 3]) {
-                let other: [i64; 3] = std::array::from_fn(|a| cell[a] + around[a] as i64 - 4);
-                let away: [f64; 3] = std::array::from_fn(|a| other[a] as f64 + 0.5 - middle[a]);
-                let weight =
-                    (16.0 - away.iter().map(|x| x * x).sum::<f64>()).max(0.0) * f64::from(fill(other));
-                (0..3).for_each(|a| sum[a] += weight * away[a]);
-            }
-            let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
-            area += if length > 0.0 { sum[axis].abs() / length } else { 1.0 };
-        }
-    }
-    area
-}
-
-#[test]
-fn surfaces_of_half_full_cells_and_of_large_blocks() {
-    // Cells of any fullness, so that some in the middle of the solid do not count.
-    let graded = made(OCT, [40, 23, 37], |[x, y, z]| {
-        let fill = (x * 7919 + y * 104_729 + z * 1_299_709) >> 3 & 255;
-        // (250 stands for VOID where cells are written.)
-        (fill > 99 && fill != 250).then(|| byte(fill as u8))
-    });
-    // Blocks of 64 cells beside each other and at the border, with a hole that reaches over several.
-    let large = made(OCT, [128, 100, 64], |[x, y, z]| {
-        let is_hole = (30..80).contains(&x) && (20..50).contains(&y) && (31..33).contains(&z);
-        (x < 64 || z < 32).then(|| byte(255)).filter(|_| !is_hole)
-    });
-    for cells in [graded, large] {
-        let file = solid(&cells);
-        let side = 1i64 << cells.depth();
-        let size = cells.size.map(|size| size as i64);
-        let fill = |cell: [i64; 3]| {
-            let is_inside = (0..3).all(|axis| (0..size[axis]).contains(&cell[axis]));
-            if is_inside { cells.get(cell.map(|cell| cell as u64)).map_or(0, as_byte) } else { 0 }
-        };
-        let mut faces = [0; 3];
-        for cell in every_cell([side as u64 + 1; 3]) {
-            let cell = cell.map(|cell| cell as i64);
-            for axis in 0..3 {
-                let mut before = cell;
-                before[axis] -= 1;
-                faces[axis] += u64::from((fill(cell) >= 128) != (fill(before) >= 128));
-            }
-        }
-        let found = file.solid_surface(cells.depth(), &()).unwrap();
-        assert_eq!(found.faces, faces);
-        let area = naive_area(&fill, side);
-        assert!((found.smooth_area() / area - 1.0).abs() < 1e-9, "{} {area}", found.smooth_area());
-        // Blocks away from the surface are not read.
-        assert!(found.blocks <= (side as u64 / 32 + 1).pow(3), "{}", found.blocks);
-    }
-    let cube = made(OCT, [256; 3], |cell| cell.iter().all(|cell| *cell < 128).then(|| byte(255)));
-    let found = solid(&cube).solid_surface(8, &()).unwrap();
-    assert_eq!(found.faces, [2 * 128 * 128; 3]);
-    // Of 4 x 4 blocks on each of six sides those at its border.
-    assert_eq!(found.blocks, 6 * 12);
-}
-
-#[test]
-fn solids_are_measured_node_by_node() {
-    let cells = blocks(3, [60, 33, 22]);
-    let file = solid(&cells);
-    // Each INNER node once, at the deepest level all of them; a uniform tree has none.
-    assert_eq!(file.solid(6, &()).unwrap().nodes, file.metadata().counts.records());
-    let above: Vec<u64> = (0..=6).map(|level| file.solid(level, &()).unwrap().nodes).collect();
-    assert!(above.is_sorted() && above[0] == 0 && above[1] == 1, "{above:?}");
-    // Threads change nothing, not even the last digits.
-    let [one, three] = [1, 3].map(|threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| (file.solid(6, &()).unwrap(), file.solid_surface(6, &()).unwrap()))
-    });
-    assert_eq!(one, three);
-}
-
-#[test]
-fn solids_are_measured_as_they_are_counted() {
-    for (seed, size) in
-        [(1, [16, 16, 16]), (2, [9, 14, 5]), (3, [30, 17, 22]), (4, [1, 1, 1]), (5, [40, 33, 64])]
-    {
-        let cells = blocks(seed, size);
-        let (file, model) = (solid(&cells), cells.tree(Rule::Occupancy));
-        for level in 0..=cells.depth() {
-            let side = 1u64 << level;
-            let fill = |cell: [i64; 3]| {
-                let inside = cell.iter().all(|cell| (0..side as i64).contains(cell));
-                if inside { byte_at(&model, level, cell.map(|cell| cell as u64)) } else { 0 }
-            };
-            let (mut sum, mut count, mut moment, mut faces) = (0u64, 0, [0.0; 3], [0u64; 3]);
-            let mut bounds: Option<Bounds> = None;
-            for cell in every_cell([side; 3]) {
-                let signed = cell.map(|cell| cell as i64);
-                let full = fill(signed);
-                sum += u64::from(full);
-                for axis in 0..3 {
-                    moment[axis] += f64::from(full) * (cell[axis] as f64 + 0.5);
-                    for shift in [-1, 1] {
-                        let mut other = signed;
-                        other[axis] += shift;
-                        faces[axis] += u64::from(full >= 128 && fill(other) < 128);
-                    }
-                }
-                if full > 0 {
-                    count += 1;
-                    let all = bounds.get_or_insert(Bounds { min: cell, max: cell.map(|cell| cell + 1) });
-                    for (axis, number) in cell.iter().enumerate() {
-                        all.min[axis] = all.min[axis].min(*number);
-                        all.max[axis] = all.max[axis].max(number + 1);
-                    }
-                }
-            }
-            let found = file.solid(level, &()).unwrap();
-            let what = format!("seed {seed} level {level}");
-            assert_eq!((found.cells, found.bounds), (count, bounds), "{what}");
-            let surface = file.solid_surface(level, &()).unwrap();
-            assert_eq!((surface.level, surface.faces), (level, faces), "{what}");
-            // (The world is in cells of the deepest level.)
-            let area = naive_area(&fill, side as i64) * 4f64.powi(i32::from(cells.depth() - level));
-            let found_area = surface.smooth_area();
-            assert!((found_area - area).abs() < 1e-9 * area.max(1.0), "{what}: {found_area} {area}");
-            assert_eq!(found.volume, sum as f64 / 255.0, "{what}");
-            assert_eq!(found.centre.is_some(), sum > 0);
-            for (axis, centre) in found.centre.into_iter().flatten().enumerate() {
-                assert!((centre - moment[axis] / sum as f64).abs() < 1e-9, "{what}");
-            }
-        }
-    }
-}
-
-#[test]
-fn surfaces_are_near_the_true_ones() {
-    let sphere = |radius: f64| 4.0 * std::f64::consts::PI * radius * radius;
-    let file = solid(&ball(6, 25.0));
-    let found = file.solid_surface(6, &()).unwrap();
-    assert!(
-        (found.smooth_area() / sphere(25.0) - 1.0).abs() < 0.01,
-        "{}",
-        found.smooth_area() / sphere(25.0)
-    );
-    assert!((found.block_area() / sphere(25.0) - 1.5).abs() < 0.02);
-    // A coarser level keeps the volume but for rounding each cell, and nearly the surface.
-    let volume = |level: u8| file.solid(level, &()).unwrap().world_volume();
-    assert!((volume(4) / volume(6) - 1.0).abs() < 0.005);
-    let coarse = file.solid_surface(4, &()).unwrap();
-    assert!(
-        (coarse.smooth_area() / sphere(25.0) - 1.0).abs() < 0.08,
-        "{}",
-        coarse.smooth_area() / sphere(25.0)
-    );
-    // Of a cube only the edges are rounded.
-    let cube = made(OCT, [64; 3], |cell| cell.iter().all(|cell| (8..56).contains(cell)).then(|| byte(255)));
-    let found = solid(&cube).solid_surface(6, &()).unwrap();
-    let area = 6.0 * 48.0 * 48.0;
-    assert_eq!(found.block_area(), area);
-    assert!((found.smooth_area() / area - 1.0).abs() < 0.08, "{}", found.smooth_area() / area);
-}
-
-/// A file in a frame.
-fn framed(cells: &Cells, matrix: [[f64; 4]; 3]) -> Dataset {
-    opened(|path| write_goblin(path, cells, SOLID, Frame { matrix, ..Frame::identity() }))
-}
-
-#[test]
-fn measures_go_through_the_frame() {
-    // Cells of 1 by 2 by 4, mirrored along y and turned about z: the ball becomes an ellipsoid.
-    let (s, c) = (0.6, 0.8);
-    let matrix = [[c, 2.0 * s, 0.0, 100.0], [s, -2.0 * c, 0.0, -50.0], [0.0, 0.0, 4.0, 7.0]];
-    let file = framed(&ball(6, 25.0), matrix);
-    let found = file.solid(6, &()).unwrap();
-    assert!((found.world_volume() - 8.0 * found.volume).abs() < 1e-6);
-    let centre = found.world_centre().unwrap();
-    let expected = [c * 32.0 + 2.0 * s * 32.0 + 100.0, s * 32.0 - 2.0 * c * 32.0 - 50.0, 4.0 * 32.0 + 7.0];
-    assert!(centre.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{centre:?}");
-    // By Thomsen's formula, good to one percent.
-    let [a, b, d] = [25.0f64, 50.0, 100.0];
-    let p = 1.6075;
-    let surface = file.solid_surface(6, &()).unwrap();
-    let mean = ((a * b).powf(p) + (a * d).powf(p) + (b * d).powf(p)) / 3.0;
-    let area = 4.0 * std::f64::consts::PI * mean.powf(1.0 / p);
-    assert!((surface.smooth_area() / area - 1.0).abs() < 0.04, "{}", surface.smooth_area() / area);
-    let [low, high] = found.world_bounds().unwrap();
-    assert_eq!([low[2], high[2]], [7.0 + 4.0 * 7.0, 7.0 + 4.0 * 57.0]);
 }
 
 #[test]

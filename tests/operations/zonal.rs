@@ -52,7 +52,7 @@ fn has(parts: &[Vec<Vec<[f64; 2]>>], [x, y]: [f64; 2]) -> bool {
     crosses.count() % 2 == 1
 }
 
-/// What every cell says.
+/// Statistics by going through every cell.
 fn expected(
     cells: &Cells,
     size: [u64; 3],

@@ -151,7 +151,7 @@ pub fn export_mesh(
 /// [`MeshRequest::triangles`] does not matter.
 ///
 /// # Errors
-/// As [`export_mesh`]; also if there are more than 2^32 vertices.
+/// Those of [`export_mesh`]; also if there are more than 2^32 vertices.
 pub fn surface_mesh(tree: &Dataset, request: &MeshRequest, progress: &dyn Progress) -> Result<SurfaceMesh> {
     let level = request.level.unwrap_or(tree.depth());
     let is_occupancy = tree.header().rule == Rule::Occupancy;

@@ -1,6 +1,6 @@
 //! The winding field at many points of a cube.
 //!
-//! What is far from the cube is interpolated in it, and handed down to the cubes in it: Fong and Darve, "The black-box
+//! The field of what is far from the cube is interpolated in it, and handed down to the cubes in it: Fong and Darve, "The black-box
 //! fast multipole method" (2009). What is near is found for some points together: triangles, and groups as dipoles.
 //!
 //! Fields are in error by less than a hundredth, by what dipoles leave out, by interpolation and by rounding: tests hold
@@ -84,7 +84,7 @@ pub(super) struct LocalField<'a> {
     half: f64,
     /// Far field at Chebyshev's nodes.
     far: Option<[f32; ALL]>,
-    /// What is near.
+    /// The near part of the field.
     open: Vec<Group>,
 }
 

@@ -25,20 +25,20 @@ const MANY: usize = 1 << 15;
 pub(super) struct Rims {
     edges: Vec<[[i32; 3]; 2]>,
     /// A ball around each [`CHUNK`] of the edges, and their length.
-    chunks: Vec<(Piece, f64)>,
+    chunks: Vec<(EdgePart, f64)>,
 }
 
 /// A piece of an edge, or what is in a ball: from its middle to one end.
 #[derive(Clone, Copy, Debug)]
-struct Piece {
+struct EdgePart {
     middle: DVec3,
     half: DVec3,
 }
 
-impl Piece {
-    fn of(edge: &[[i32; 3]; 2]) -> Piece {
+impl EdgePart {
+    fn of(edge: &[[i32; 3]; 2]) -> EdgePart {
         let [from, to] = edge.map(|end| DVec3::from_array(end.map(f64::from)));
-        Piece { middle: from.midpoint(to), half: (to - from) / 2.0 }
+        EdgePart { middle: from.midpoint(to), half: (to - from) / 2.0 }
     }
 
     /// Distance from which on it lies from a cube.
@@ -78,11 +78,11 @@ impl Rims {
             (place_key(std::array::from_fn(|axis| from[axis].midpoint(to[axis]))), *from, *to)
         });
         let ball = |edges: &[[[i32; 3]; 2]]| {
-            let middle = Piece::of(&edges[0]).middle;
-            let pieces = || edges.iter().map(Piece::of);
+            let middle = EdgePart::of(&edges[0]).middle;
+            let pieces = || edges.iter().map(EdgePart::of);
             let radius = pieces().map(|piece| piece.middle.distance(middle) + piece.half.length());
             let half = DVec3::new(radius.fold(0.0, f64::max), 0.0, 0.0);
-            (Piece { middle, half }, pieces().map(|piece| 2.0 * piece.half.length()).sum())
+            (EdgePart { middle, half }, pieces().map(|piece| 2.0 * piece.half.length()).sum())
         };
         Rims { chunks: edges.chunks(CHUNK).map(ball).collect(), edges }
     }
@@ -95,7 +95,7 @@ impl Rims {
             if gap > FAR * half {
                 rim.far += length / gap.powi(5);
             } else {
-                edges.iter().for_each(|edge| rim.add(Piece::of(edge), middle, half));
+                edges.iter().for_each(|edge| rim.add(EdgePart::of(edge), middle, half));
             }
             if rim.pieces.len() > MANY {
                 return Rim { has_too_many: true, ..Rim::default() };
@@ -115,7 +115,7 @@ fn edge(triangle: &Triangle, side: u32) -> [[i32; 3]; 2] {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rim {
     /// Those that may go through the cube first: they tell that there is no bound.
-    pieces: Vec<Piece>,
+    pieces: Vec<EdgePart>,
     within: usize,
     /// Sum over the pieces further away of their length by the fifth power of their distance.
     far: f64,
@@ -139,15 +139,15 @@ impl Rim {
         self.within > 0 || self.has_too_many
     }
 
-    fn add(&mut self, piece: Piece, middle: DVec3, half: f64) {
+    fn add(&mut self, piece: EdgePart, middle: DVec3, half: f64) {
         let gap = piece.gap(middle, half);
         let length = 2.0 * piece.half.length();
         if gap > FAR * half {
             self.far += length / gap.powi(5);
         } else if length > LENGTH * (gap.max(0.0) + half / 2.0) {
             let part = piece.half / 2.0;
-            self.add(Piece { middle: piece.middle - part, half: part }, middle, half);
-            self.add(Piece { middle: piece.middle + part, half: part }, middle, half);
+            self.add(EdgePart { middle: piece.middle - part, half: part }, middle, half);
+            self.add(EdgePart { middle: piece.middle + part, half: part }, middle, half);
         } else {
             self.pieces.push(piece);
             if gap <= 0.0 {

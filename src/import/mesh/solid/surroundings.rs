@@ -43,7 +43,7 @@ pub(super) struct Surroundings {
     reach: f32,
 }
 
-/// What the parts of a tangent's quotient have to be greater than, by the product of lengths that they are made of: solid
+/// Bound that the parts of a tangent's quotient must be above, by the product of lengths that they are made of: solid
 /// angles are in doubt by less than a hundredth then.
 const ROUNDING: f64 = 1.2e-5;
 
