@@ -89,9 +89,13 @@
 //! `raster` has the readers and writers of picture files, `mesh` those of meshes, `cli` the program `spinney`. Without them
 //! the library is the trees and their formats alone.
 
+#[cfg(feature = "mesh")]
+pub mod brep;
 pub mod dataset;
 mod error;
 pub mod export;
+#[cfg(feature = "mesh")]
+pub mod geometry;
 pub mod import;
 pub mod io;
 pub mod ops;

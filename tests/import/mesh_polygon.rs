@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use spinney::import::mesh::{Box3, Flaw, Intersection, Polygon, Stage, Stages, Triangulator};
+use spinney::geometry::{Box3, Flaw, Intersection, Polygon, Stage, Stages, Triangulator};
 
 use crate::common;
 

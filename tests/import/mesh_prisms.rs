@@ -1,6 +1,7 @@
 //! Solids made of polygons: boxes and concave prisms with holes, against brute force in the plane.
 
-use spinney::import::mesh::{Face, InsideTest, Model, SolidReport, Triangulator};
+use spinney::geometry::Triangulator;
+use spinney::import::mesh::{Face, InsideTest, Model, SolidReport};
 
 use crate::common::Random;
 use crate::common::solid::{Point, Polygon, Polygons, build, cells, unit_cells};

@@ -1,11 +1,9 @@
 //! Importers of solids: boundary representations, read face by face, become octrees.
 
-mod face;
 mod model;
 mod read;
 mod solid;
 
-pub use face::{Box3, Flaw, Intersection, Polygon, Stage, Stages, Triangulator};
 pub use model::{Face, Model, ModelInfo};
 pub use read::{is_model, open, open_all};
 pub use solid::{

@@ -9,7 +9,7 @@ use super::coverage::{Cube, Test};
 use super::crossing::{Lattice, Projected, others};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
-use crate::import::mesh::face::triangle;
+use crate::geometry::triangle;
 use crate::{Progress, Result};
 
 /// Crossing of a line with a triangle.

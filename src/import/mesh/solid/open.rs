@@ -21,7 +21,7 @@ use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use super::local::{LocalField, Range};
 use super::rim::Rim;
 use crate::Result;
-use crate::import::mesh::face::triangle;
+use crate::geometry::triangle;
 
 /// Bound of the error of interpolation up to which a cube is not divided.
 const TOLERANCE: f64 = 0.01;

@@ -31,7 +31,7 @@ const SMALL_FOR_PLANE: i64 = 1 << 19;
 /// area counts as the segment or the point that it is. Coordinates are at most 2^31 in magnitude, and `min`
 /// is less than `max` on each axis.
 #[inline]
-pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> bool {
+pub(crate) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     intersect(triangle, min, max).cuts
 }
 
@@ -39,11 +39,7 @@ pub(in crate::import::mesh) fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max
 /// [`Polygon::cuts`](super::Polygon::cuts). Bounds, vertices and plane are tested alike; separating axes
 /// across the edges replace the section.
 #[inline]
-pub(in crate::import::mesh) fn intersect(
-    triangle: &[[i64; 3]; 3],
-    min: [i64; 3],
-    max: [i64; 3],
-) -> Intersection {
+pub(crate) fn intersect(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Intersection {
     let decided = |stage, cuts| Intersection { cuts, stage };
     let Some(size) = size_if_boxes_meet(triangle, min, max) else { return decided(Stage::Boxes, false) };
     // Relative to the box, coordinates are at most 2^32: sums of a few products of three stay within 128
@@ -75,7 +71,7 @@ pub(in crate::import::mesh) fn intersect(
 /// Whether the segment between two points has a point in common with the inside of the box from `min` to
 /// `max`, as in [`cuts`].
 #[inline]
-pub(in crate::import::mesh) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3]) -> bool {
+pub(crate) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     let Some(size) = size_if_boxes_meet(&[a, b], min, max) else { return false };
     let (a, b) = (minus(a, min), minus(b, min));
     if reach(&[a, b], size) < SMALL_FOR_EDGES {

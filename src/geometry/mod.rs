@@ -1,11 +1,11 @@
-//! Faces against octants, and faces into triangles: exact, in integers.
+//! Polygons with holes on an integer grid: against octants, and into triangles. Exact, in integers.
 
 mod box3;
 mod ears;
 mod intersection;
 mod plane;
 mod polygon;
-pub(super) mod triangle;
+pub(crate) mod triangle;
 mod triangulate;
 
 pub use box3::Box3;
