@@ -1,10 +1,12 @@
 //! Polygons with holes on an integer grid: against octants, and into triangles. Exact, in integers.
 
 mod box3;
+pub(crate) mod crossing;
 mod ears;
 mod intersection;
 mod plane;
 mod polygon;
+pub(crate) mod rank;
 pub(crate) mod triangle;
 mod triangulate;
 
