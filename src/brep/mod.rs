@@ -7,7 +7,7 @@ mod grid;
 mod hash;
 mod store;
 
-pub use build::{BuildReport, Defect, DefectKind, ModelBuilder};
+pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
 pub use contains::Location;
 pub use face::{Face, FaceList, Faces};
 pub use grid::{Grid, MOST_BITS};
