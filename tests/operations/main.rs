@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod brep_topology;
 mod coverage;
 mod crops;
 mod operations;
