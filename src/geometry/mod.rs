@@ -1,6 +1,8 @@
-//! Polygons with holes on an integer grid: against octants, and into triangles. Exact, in integers.
+//! Polygons with holes on an integer grid: against octants, into triangles, and
+//! as single rings. Exact, in integers.
 
 mod box3;
+mod bridges;
 mod ears;
 mod intersection;
 mod plane;
@@ -9,6 +11,7 @@ pub(crate) mod triangle;
 mod triangulate;
 
 pub use box3::Box3;
+pub use bridges::{join_rings, split_bridges};
 pub use intersection::{Intersection, Stage, Stages};
 pub use polygon::{Flaw, Polygon};
 pub use triangulate::Triangulator;
