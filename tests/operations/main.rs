@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+#[cfg(feature = "mesh")]
 mod brep_topology;
 mod coverage;
 mod crops;
