@@ -6,6 +6,7 @@ mod face;
 mod grid;
 mod hash;
 mod store;
+pub mod topology;
 
 pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
 pub use contains::Location;

@@ -1,7 +1,12 @@
-//! Polygons with holes on an integer grid: against octants, and into triangles. Exact, in integers.
+//! Polygons with holes on an integer grid: against octants, into triangles, and
+//! as single rings. Exact, in integers.
 
 mod box3;
+<<<<<<< HEAD
 pub(crate) mod crossing;
+=======
+mod bridges;
+>>>>>>> brep-topo
 mod ears;
 mod intersection;
 mod plane;
@@ -11,6 +16,7 @@ pub(crate) mod triangle;
 mod triangulate;
 
 pub use box3::Box3;
+pub use bridges::{join_rings, split_bridges};
 pub use intersection::{Intersection, Stage, Stages};
 pub use polygon::{Flaw, Polygon};
 pub use triangulate::Triangulator;

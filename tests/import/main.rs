@@ -5,6 +5,8 @@ mod common;
 
 mod descriptions;
 mod import;
+#[cfg(feature = "mesh")]
+mod mesh_exact;
 mod mesh_export;
 mod mesh_interrupts;
 #[cfg(feature = "mesh")]

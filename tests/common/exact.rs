@@ -1,0 +1,94 @@
+//! Exact models made in tests.
+
+use spinney::brep::{Face, FaceList, Faces, Grid};
+use spinney::import::mesh::open;
+
+use super::shared_data;
+
+pub type Ring = Vec<[i32; 3]>;
+
+/// A grid of whole numbers.
+pub fn whole_grid() -> Grid {
+    Grid::over([[0.0; 3], [1000.0; 3]], Some(1.0)).unwrap()
+}
+
+/// A model of faces without colours, each of which is a list of rings.
+pub fn model(faces: &[Vec<Ring>]) -> FaceList {
+    let mut list = FaceList::new(whole_grid(), vec!["solid".into()]);
+    for rings in faces {
+        push(&mut list, rings, 0, None);
+    }
+    list
+}
+
+pub fn push(list: &mut FaceList, rings: &[Ring], part: u32, colour: Option<[u8; 3]>) {
+    let points = rings.concat();
+    let mut ring_ends = Vec::new();
+    rings.iter().for_each(|ring| ring_ends.push(ring_ends.last().unwrap_or(&0) + ring.len()));
+    let colours = vec![colour.unwrap_or_default(); if colour.is_some() { points.len() } else { 0 }];
+    let number = list.len();
+    list.push(&Face {
+        number,
+        points: &points,
+        ring_ends: &ring_ends,
+        colours: &colours,
+        part,
+        source: number,
+    });
+}
+
+/// The walls of a prism over a ring that is counterclockwise seen from above; it may have a hole.
+pub fn prism(rings: &[Vec<[i32; 2]>], bottom: i32, top: i32) -> Vec<Vec<Ring>> {
+    let at = |z: i32| move |[x, y]: &[i32; 2]| [*x, *y, z];
+    let mut faces = vec![rings.iter().map(|ring| ring.iter().map(at(top)).collect()).collect::<Vec<Ring>>()];
+    faces.push(rings.iter().map(|ring| ring.iter().rev().map(at(bottom)).collect()).collect());
+    for ring in rings {
+        for (i, &[x, y]) in ring.iter().enumerate() {
+            let [u, v] = ring[(i + 1) % ring.len()];
+            faces.push(vec![vec![[x, y, bottom], [u, v, bottom], [u, v, top], [x, y, top]]]);
+        }
+    }
+    faces
+}
+
+/// The faces of a box.
+pub fn cuboid(min: [i32; 3], max: [i32; 3]) -> Vec<Vec<Ring>> {
+    let ring = vec![[min[0], min[1]], [max[0], min[1]], [max[0], max[1]], [min[0], max[1]]];
+    prism(&[ring], min[2], max[2])
+}
+
+/// The same faces seen from the other side: of a solid, a cavity.
+pub fn turned(mut faces: Vec<Vec<Ring>>) -> Vec<Vec<Ring>> {
+    faces.iter_mut().flatten().for_each(|ring| ring.reverse());
+    faces
+}
+
+/// A model of the test data, if there, snapped to a grid; only the faces for which `is_wanted` says so by their part.
+pub fn snapped(name: &str, is_wanted: &dyn Fn(u32) -> bool) -> Option<FaceList> {
+    let path = shared_data()?.join("mesh").join(name);
+    if !path.exists() {
+        println!("skipped: no {}", path.display());
+        return None;
+    }
+    let mut file = open(&path, 1 << 30).unwrap();
+    let info = file.info().clone();
+    let grid = Grid::over(info.bounds, None).unwrap();
+    let mut list = FaceList::new(grid.clone(), info.parts);
+    file.faces(&mut |face| {
+        if is_wanted(face.part) {
+            let points: Ring = face.points.iter().map(|point| grid.snap(*point).unwrap()).collect();
+            let (ring_ends, part) = (face.ring_ends, face.part);
+            list.push(&Face {
+                number: 0,
+                points: &points,
+                ring_ends,
+                colours: face.colours,
+                part,
+                source: 0,
+            });
+        }
+        Ok(())
+    })
+    .unwrap();
+    Some(list)
+}
