@@ -2,6 +2,7 @@
 
 mod face;
 mod grid;
+pub mod questions;
 
 pub use face::{Face, FaceList, Faces};
 pub use grid::{Grid, MOST_BITS};

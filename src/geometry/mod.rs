@@ -1,6 +1,7 @@
 //! Polygons with holes on an integer grid: against octants, and into triangles. Exact, in integers.
 
 mod box3;
+pub(crate) mod clipped;
 mod ears;
 mod intersection;
 mod plane;

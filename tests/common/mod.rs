@@ -2,6 +2,8 @@
 #![allow(dead_code, unreachable_pub)] // each test program uses some of them
 
 pub mod command;
+#[cfg(feature = "mesh")]
+pub mod exact;
 pub mod octree;
 pub mod reference;
 pub mod solid;

@@ -4,6 +4,8 @@
 mod common;
 
 mod descriptions;
+#[cfg(feature = "mesh")]
+mod exact_questions;
 mod import;
 mod mesh_export;
 mod mesh_interrupts;
