@@ -28,9 +28,9 @@ struct Rational {
     second: [[I512; 3]; 3],
 }
 
-fn wide(number: i64) -> I512 {
+fn wide(number: impl Into<i128>) -> I512 {
     use bnum::cast::As;
-    number.as_()
+    number.into().as_()
 }
 
 impl Rational {
@@ -41,7 +41,7 @@ impl Rational {
             let corners: [[i32; 3]; 3] = face.points.try_into().unwrap();
             let normal = area(&corners).map(wide);
             let at = |corner: usize, axis: usize| i64::from(corners[corner][axis]);
-            sums.volume += normal[0] * wide((0..3).map(|corner| at(corner, 0)).sum());
+            sums.volume += normal[0] * wide((0..3).map(|corner| at(corner, 0)).sum::<i64>());
             for axis in 0..3 {
                 // Twelve times the mean of the square, so 24 times that of half of it.
                 let mut square = 0;
@@ -53,16 +53,16 @@ impl Rational {
             for axis in 0..3 {
                 for other in 0..3 {
                     // 60 times the mean of the coordinate's square times the other coordinate.
-                    let mut cube = wide(0);
+                    let mut cube = 0i128;
                     for (i, j, k) in (0..27).map(|n| (n % 3, n / 3 % 3, n / 9)) {
                         let times = match (i == j, j == k, i == k) {
                             (true, true, true) => 6,
                             (false, false, false) => 1,
                             _ => 2,
                         };
-                        cube += wide(times * at(i, axis) * at(j, axis)) * wide(at(k, other));
+                        cube += i128::from(times * at(i, axis) * at(j, axis)) * i128::from(at(k, other));
                     }
-                    sums.second[axis][other] += normal[axis] * cube;
+                    sums.second[axis][other] += normal[axis] * wide(cube);
                 }
             }
             Ok(())
@@ -140,7 +140,7 @@ fn cells_of_a_real_mesh_add_up() {
     let list = snapped(&data.join("mesh/spot.ply"), None);
     let grid = list.grid();
     let mass = MassProperties::of(&list, &()).unwrap();
-    let level = 4;
+    let level = 3;
     let side = 1u32 << (grid.bits - level);
     let bounds: Vec<[[i32; 3]; 2]> = (0..list.len() as usize)
         .map(|number| {

@@ -6,6 +6,8 @@ mod common;
 mod descriptions;
 #[cfg(feature = "mesh")]
 mod exact_questions;
+#[cfg(feature = "mesh")]
+mod exact_searches;
 mod import;
 mod mesh_export;
 mod mesh_interrupts;

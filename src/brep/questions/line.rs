@@ -61,9 +61,14 @@ impl Line {
     /// The line between the least corners of two cells, each given by its least grid point: half a step below these,
     /// exactly. `None` if they are one.
     pub fn between_corners(grid: &Grid, from: [i32; 3], to: [i32; 3]) -> Option<Line> {
+        let [from, to] = [from, to].map(|point| point.map(|at| 2 * i64::from(at) - 1));
+        Line::between_fine(grid, 1, from, to)
+    }
+
+    /// The line between two points in `2^-bits` grid steps, exactly.
+    pub(super) fn between_fine(grid: &Grid, bits: u8, from: [i64; 3], to: [i64; 3]) -> Option<Line> {
         let fraction = BITS - grid.bits;
-        let half = 1i64 << (fraction - 1);
-        let [from, to] = [from, to].map(|point| point.map(|at| (i64::from(at) << fraction) - half));
+        let [from, to] = [from, to].map(|point| point.map(|at| at << (fraction - bits)));
         Line::new(from, to, fraction, [0.0, 1.0])
     }
 
@@ -201,6 +206,11 @@ impl Line {
         }
         let [start, end] = self.shares;
         (first <= last).then(|| [first, last].map(|share| start + (end - start) * share))
+    }
+
+    /// The child of a cell in which a line through all of them begins: a bit for each axis, set where the line goes down.
+    pub(super) fn turned(&self) -> usize {
+        (0..3).map(|axis| usize::from(self.along[axis] < 0) << axis).sum()
     }
 
     /// The point at a share, in steps of the grid.
