@@ -43,6 +43,20 @@ pub enum Error {
         /// Advice to the user: what to do instead.
         advice: String,
     },
+    /// The surface of a model does not bound a body.
+    #[error("{}: {what}; {advice}{}", path.display(), listed(places, *count))]
+    NoBody {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with the surface.
+        what: String,
+        /// The places where it is, in words: at most 100.
+        places: Vec<String>,
+        /// Number of all such places.
+        count: u64,
+        /// Advice to the user: what to do instead.
+        advice: String,
+    },
     /// Reading the file would need more memory than was allowed.
     #[error("{}: {what} needs {needed} bytes of memory, the limit is {limit}; {advice}", path.display())]
     TooLarge {
@@ -122,6 +136,16 @@ pub enum Error {
 /// For messages: where a file is now.
 fn now_at(file: &Option<PathBuf>) -> String {
     file.as_ref().map_or(String::new(), |file| format!(", but in {}", file.display()))
+}
+
+/// For messages: places, one per line.
+fn listed(places: &[String], count: u64) -> String {
+    let mut text: String = places.iter().map(|place| format!("\n  {place}")).collect();
+    let more = count.saturating_sub(places.len() as u64);
+    if more > 0 {
+        text.push_str(&format!("\n  and {more} more"));
+    }
+    text
 }
 
 impl Error {

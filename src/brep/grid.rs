@@ -1,5 +1,6 @@
 //! The integer grid of a model: where its points lie in the world.
 
+use crate::space::Dimension;
 use crate::{Error, Result};
 
 /// Most bits of a grid coordinate. Whatever is decided about faces with such coordinates fits into 256 bits.
@@ -26,11 +27,21 @@ impl Grid {
         self.step / self.divisor
     }
 
+    /// Levels of the octree over the grid: its smallest cells have one point, or as few as FD codes allow.
+    pub fn depth(&self) -> u8 {
+        self.bits.min(Dimension::Oct.max_depth())
+    }
+
     /// A grid point in the world: the double nearest to it where the step is a power of two or a decimal
     /// fraction.
     #[inline]
     pub fn to_world(&self, point: [i32; 3]) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.coordinate(self.origin[axis] + i64::from(point[axis])))
+    }
+
+    /// A point between those of the grid, in the world.
+    pub(crate) fn to_world_between(&self, point: [f64; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|axis| (self.origin[axis] as f64 + point[axis]) * self.step / self.divisor)
     }
 
     /// The world coordinate of a number of steps.

@@ -2,10 +2,12 @@
 
 mod box3;
 pub(crate) mod clipped;
+pub(crate) mod crossing;
 mod ears;
 mod intersection;
 mod plane;
 mod polygon;
+pub(crate) mod rank;
 pub(crate) mod triangle;
 mod triangulate;
 

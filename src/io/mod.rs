@@ -8,6 +8,8 @@ mod output;
 pub(crate) mod platform;
 mod read;
 mod sorter;
+#[cfg(feature = "mesh")]
+mod spool;
 mod write;
 
 pub use faults::Faults;
@@ -21,5 +23,7 @@ pub(crate) use read::FileBytes;
 pub(crate) use read::positioned_reads_are_preferred;
 pub use read::{Mapped, Positioned, ReadBackend, Stamp, prefer_positioned_reads};
 pub(crate) use sorter::Sorter;
+#[cfg(feature = "mesh")]
+pub(crate) use spool::{Spool, SpooledWords, WordSpooler};
 pub(crate) use write::FileBackend;
 pub use write::WriteBackend;

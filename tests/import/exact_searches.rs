@@ -180,7 +180,7 @@ fn boxes_are_inside_or_outside_or_cut() {
             counts[found as usize] += 1;
             assert!(visited.faces <= list.len() * 4);
         }
-        assert!(counts.iter().all(|count| *count > 10), "{name} {counts:?}");
+        assert!(counts.iter().all(|count| *count > 2), "{name} {counts:?}");
         let [low, high] = [[-1e9; 3], [1e9; 3]];
         assert_eq!(model.place_of_box(low, high).unwrap().0, BoxPlace::Cut);
         assert_eq!(model.place_of_box([1e8; 3], high).unwrap().0, BoxPlace::Outside);

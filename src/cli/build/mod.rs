@@ -1,5 +1,6 @@
 //! `spinney build`: trees of pictures and of solids.
 
+mod exact;
 mod pictures;
 mod solids;
 
@@ -14,6 +15,7 @@ use spinney::io::Output;
 use spinney::space::Crs;
 use spinney::store::file_is_tree;
 
+use self::exact::ExactImport;
 use self::pictures::PictureArgs;
 use self::solids::SolidArgs;
 use super::Global;
@@ -29,7 +31,8 @@ use super::report::{Work, report_built};
 ///
 /// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses
 /// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
-/// its winding field, to 0.01, where it is not. Several models become one solid.
+/// its winding field, to 0.01, where it is not. Several models become one solid. With --exact the faces themselves are
+/// kept, which must bound a body.
 ///
 /// Data that do not fit into --memory go to a temporary file beside the output.
 #[derive(clap::Args)]
@@ -78,6 +81,7 @@ Examples:
   spinney build scan.png -o scan.goblin --crs EPSG:3857 --transform 0.5,0,1000,0,-0.5,2000
   spinney build bunny.ply -o bunny.goblin --cells 1024
   spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --boundary coverage
+  spinney build part.stl -o exact.goblin --exact
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build landcover.tif -o landcover.autumn --share
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
@@ -89,6 +93,7 @@ stays.";
 enum Import {
     Pictures(Box<raster::Import>),
     Solid(Box<SolidImport>),
+    Exact(Box<ExactImport>),
 }
 
 /// Lines about what was built, each with its heading.
@@ -99,6 +104,7 @@ impl Import {
         match self {
             Import::Pictures(import) => import.description(),
             Import::Solid(import) => import.description(),
+            Import::Exact(import) => import.description(),
         }
     }
 
@@ -106,7 +112,7 @@ impl Import {
     fn raw_bytes(&self) -> Option<u64> {
         match self {
             Import::Pictures(import) => Some(import.raw_bytes()),
-            Import::Solid(_) => None,
+            Import::Solid(_) | Import::Exact(_) => None,
         }
     }
 
@@ -118,6 +124,7 @@ impl Import {
                 Ok(Lines::new())
             }
             Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
+            Import::Exact(import) => import.build(output, solids.stats, progress),
         }
     }
 }
@@ -136,6 +143,9 @@ impl Args {
                 bail!(
                     "--kind, --rule, --band, --nodata, --transform, --layer and --keep-transparent are for pictures, not for models"
                 );
+            }
+            if solids.exact {
+                return Ok(Import::Exact(Box::new(ExactImport::plan(inputs, solids, common)?)));
             }
             return Ok(Import::Solid(Box::new(solids.plan(inputs, output, common)?)));
         }

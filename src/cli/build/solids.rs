@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail, ensure};
+use spinney::geometry::Stages;
 use spinney::import::mesh::{
     self, Attribute, Boundary, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
 };
@@ -40,13 +41,23 @@ pub(super) struct SolidArgs {
     attribute: Option<Attribute>,
     /// The axis of the model that points up; y is turned to z [default: z]
     #[arg(long, value_name = "AXIS")]
-    up: Option<Up>,
+    pub(super) up: Option<Up>,
     /// Unit of the model's coordinates, where the file does not say: mm, cm, m, km, in or ft
     #[arg(long, value_parser = ["mm", "cm", "m", "km", "in", "ft"])]
-    unit: Option<String>,
+    pub(super) unit: Option<String>,
     /// Print how the surface was read and what is inside
     #[arg(long)]
-    stats: bool,
+    pub(super) stats: bool,
+    /// Keep the faces as they are, on a fine grid, instead of making cells: an exact model
+    #[arg(long, conflicts_with_all = ["cells", "cell", "like", "depth", "surface", "boundary", "attribute", "share"])]
+    pub(super) exact: bool,
+    /// Width of the grid's steps that corners are moved to, such as 0.001 [default: the least power of two that
+    /// leaves about 2^26 steps along the longest side]
+    #[arg(long, value_name = "WIDTH", requires = "exact")]
+    pub(super) grid: Option<f64>,
+    /// Close an open surface with triangles over its boundaries
+    #[arg(long, requires = "exact")]
+    pub(super) close: bool,
 }
 
 /// A width, with its unit if one was given.
@@ -73,7 +84,21 @@ fn metres(unit: &str) -> Option<f64> {
 impl SolidArgs {
     /// Whether any of them was given, which makes no sense for pictures.
     pub(super) fn are_given(&self) -> bool {
-        let SolidArgs { cells, cell, like, solid, surface, boundary, attribute, up, unit, stats } = self;
+        let SolidArgs {
+            cells,
+            cell,
+            like,
+            solid,
+            surface,
+            boundary,
+            attribute,
+            up,
+            unit,
+            stats,
+            exact,
+            grid: _,
+            close: _,
+        } = self;
         cells.is_some()
             || cell.is_some()
             || like.is_some()
@@ -84,6 +109,7 @@ impl SolidArgs {
             || up.is_some()
             || unit.is_some()
             || *stats
+            || *exact
     }
 
     /// Opens models, and plans how they become one solid.
@@ -167,14 +193,18 @@ impl SolidArgs {
             lines.push(("faces", text));
             let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
             lines.push(("moved", format!("vertices by at most {:e}{unit}", report.displacement)));
-            for (name, apart, cutting) in report.stages.named() {
-                let text =
-                    format!("decided {apart} times that an octant is not cut, {cutting} times that it is");
-                lines.push((name, text));
-            }
+            lines.extend(stage_lines(&report.stages));
         }
         lines
     }
+}
+
+/// Lines about which tests decided whether faces cut octants.
+pub(super) fn stage_lines(stages: &Stages) -> Lines {
+    let line = |(name, apart, cutting)| {
+        (name, format!("decided {apart} times that an octant is not cut, {cutting} times that it is"))
+    };
+    stages.named().map(line).collect()
 }
 
 #[cfg(test)]

@@ -1,9 +1,11 @@
-//! Importers of solids: boundary representations, read face by face, become octrees.
+//! Importers of solids: boundary representations, read face by face, become octrees of cells, or exact models.
 
+mod exact;
 mod model;
 mod read;
 mod solid;
 
+pub use exact::{ExactOptions, ExactReport, import_exact};
 pub use model::{Face, Model, ModelInfo};
 pub use read::{is_model, open, open_all};
 pub use solid::{

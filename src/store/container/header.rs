@@ -6,7 +6,7 @@ use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::format::TreeFormat;
-use super::record::RecordLayout;
+use super::record::{HEAVY_THRESHOLD, RecordLayout, STRIDE, reach};
 use super::shape::Shape;
 use crate::io::ReadBackend;
 use crate::space::{Bounds, Dimension};
@@ -17,6 +17,9 @@ use crate::{Error, Result};
 /// Readers refuse files of a newer major version.
 pub(in crate::store) const MAJOR: u16 = 1;
 pub(in crate::store) const MINOR: u16 = 0;
+
+/// Kind of a file that has an exact model instead of cells.
+const MODEL: u8 = 2;
 
 /// Packing of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,7 +77,7 @@ struct RawHeader {
 }
 
 /// Bytes of the header.
-pub(in crate::store) const HEADER_SIZE: usize = size_of::<RawHeader>();
+pub(crate) const HEADER_SIZE: usize = size_of::<RawHeader>();
 const _: () = assert!(HEADER_SIZE == 60);
 
 impl Header {
@@ -113,7 +116,35 @@ impl Header {
         Header::from_bytes(path, &file.read(0, length)?)
     }
 
+    /// The header of an exact model, whose octree has this many levels.
+    pub(crate) fn model_to_bytes(depth: u8) -> Vec<u8> {
+        let form = Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
+        // (These have nothing to say about where such files are cut.)
+        let (reach, stride) = (reach(Dimension::Oct), STRIDE);
+        let shape = Shape { depth, reach, stride, heavy_threshold: HEAVY_THRESHOLD };
+        let (rule, kind, codec) = (Rule::Occupancy, Kind::Continuous, Codec::Plain);
+        let header = Header { form, rule, kind, codec, shape, extent: [1 << depth; 3] };
+        header.with_content(TreeFormat::Goblin, MODEL)
+    }
+
+    /// Reads and checks the header of an exact model; returns the levels of its octree.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is no such header.
+    pub(crate) fn read_model(path: &Path, file: &dyn ReadBackend) -> Result<u8> {
+        let length = file.len().min(HEADER_SIZE as u64) as usize;
+        let (format, content, header) = Header::with_content_from(path, &file.read(0, length)?)?;
+        if (format, content) != (TreeFormat::Goblin, MODEL) || header.form.dimension != Dimension::Oct {
+            return Err(Error::corrupt(path, "header", "a tree of cells", "an exact model"));
+        }
+        Ok(header.depth())
+    }
+
     pub(in crate::store) fn to_bytes(&self, format: TreeFormat) -> Vec<u8> {
+        self.with_content(format, self.kind as u8)
+    }
+
+    fn with_content(&self, format: TreeFormat, content: u8) -> Vec<u8> {
         let mut raw = RawHeader {
             magic: format.magic(),
             major: MAJOR.into(),
@@ -122,7 +153,7 @@ impl Header {
             sample: self.form.value.sample as u8,
             channels: self.form.value.channels,
             rule: self.rule as u8,
-            kind: self.kind as u8,
+            kind: content,
             codec: self.codec as u8,
             depth: self.shape.depth,
             reach: self.shape.reach,
@@ -138,8 +169,19 @@ impl Header {
         raw.as_bytes().to_vec()
     }
 
-    /// Checks and understands the first bytes of a file of either format.
+    /// Checks and understands the first bytes of a tree file of either format.
     pub(in crate::store) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<(TreeFormat, Header)> {
+        let (format, content, header) = Header::with_content_from(path, bytes)?;
+        if content == MODEL {
+            let advice = "make cells of it first (`spinney build MODEL.goblin --cells N -o CELLS.goblin`)";
+            return Err(Error::unsupported(path, "an exact model, where cells are expected,", advice));
+        }
+        Ok((format, header))
+    }
+
+    /// Checks and understands the first bytes of a file: its format, what it contains (the number of a kind of
+    /// values, or [`MODEL`]), and the rest.
+    fn with_content_from(path: &Path, bytes: &[u8]) -> Result<(TreeFormat, u8, Header)> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "header", found, expected);
         let Ok((raw, _)) = RawHeader::ref_from_prefix(bytes) else {
             return Err(corrupt(format!("{} bytes", bytes.len()), "a tree file of at least 60 bytes"));
@@ -217,7 +259,8 @@ impl Header {
             kind: match raw.kind {
                 0 => Kind::Categorical,
                 1 => Kind::Continuous,
-                other => return Err(number("kind", other, "0 or 1")),
+                MODEL if format == TreeFormat::Goblin => Kind::Continuous,
+                other => return Err(number("kind", other, "0, 1, or 2 for an exact model")),
             },
             codec: match raw.codec {
                 0 => Codec::Plain,
@@ -229,6 +272,6 @@ impl Header {
             shape,
             extent,
         };
-        Ok((format, header))
+        Ok((format, raw.kind, header))
     }
 }

@@ -84,7 +84,7 @@ fn config() -> impl bincode::config::Config {
 }
 
 impl Metadata {
-    pub(in crate::store) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+    pub(crate) fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         bincode::serde::encode_to_vec((VERSION, self), config())
             .ok()
             .filter(|bytes| bytes.len() <= LIMIT)
@@ -98,13 +98,13 @@ impl Metadata {
     }
 
     /// Checks the section's length, which must be done before anybody makes room for its bytes.
-    pub(in crate::store) fn check_length(path: &Path, length: u64) -> Result<()> {
+    pub(crate) fn check_length(path: &Path, length: u64) -> Result<()> {
         let fits = length <= LIMIT as u64;
         let found = || format!("{length} bytes");
         fits.then_some(()).ok_or_else(|| Error::corrupt(path, "metadata", found(), "at most 16 MiB"))
     }
 
-    pub(in crate::store) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
+    pub(crate) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "metadata", found, expected);
         Metadata::check_length(path, bytes.len() as u64)?;
         let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())

@@ -3,14 +3,13 @@
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, MutexGuard, PoisonError};
 
-use super::cache::SegmentCache;
 use super::directory::{NOT_COUNTED, SegmentLocation};
 use super::reader::Goblin;
 use super::segment::{COUNT_SIZE, Segment};
 use crate::Result;
 use crate::io::FileBytes;
 use crate::space::Code;
-use crate::store::container::HEADER_SIZE;
+use crate::store::container::{HEADER_SIZE, SegmentCache};
 
 impl Goblin {
     /// One segment.

@@ -4,7 +4,6 @@
 //! a directory sorted by FD code. Building is bottom-up and streaming: blocks of cells become parts of the
 //! tree, parts are merged and sealed into segments, segments are appended to the file.
 
-mod cache;
 mod directory;
 mod load;
 mod locate;
@@ -14,7 +13,6 @@ mod segment;
 mod segment_builder;
 mod segment_copy;
 mod source;
-mod trailer;
 mod verify;
 mod writer;
 

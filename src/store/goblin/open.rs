@@ -1,16 +1,15 @@
 //! Opening a file: header, trailer, metadata, and where the directory is.
 
-use std::borrow::Cow;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
-use super::cache::SegmentCache;
 use super::directory::entry_size;
 use super::reader::Goblin;
-use super::trailer::{Section, TAIL, Trailer};
 use crate::io::ReadBackend;
-use crate::store::container::{HEADER_SIZE, Header, Metadata, OpenOptions, TreeFormat, descend_in};
+use crate::store::container::{
+    HEADER_SIZE, Header, Metadata, OpenOptions, Section, SegmentCache, TAIL, Trailer, TreeFormat, descend_in,
+};
 use crate::{Error, Result};
 
 impl Goblin {
@@ -53,13 +52,12 @@ impl Goblin {
             return Err(Error::corrupt(path, "directory", found, format!("{entry_size} bytes per segment")));
         }
         Metadata::check_length(path, trailer.metadata.length)?;
-        let metadata =
-            Metadata::from_bytes(path, &read_section(path, &*backend, trailer.metadata, "metadata")?)?;
+        let metadata = Metadata::from_bytes(path, &trailer.metadata.read(path, &*backend, "metadata")?)?;
         // Where the directory is mapped, each entry's own checksum is looked at when the entry is used: a
         // checksum of all of it would read it all to open a file.
         let directory = match backend.bytes() {
             Some(_) => None,
-            None => Some(read_section(path, &*backend, trailer.directory, "directory")?.into_owned()),
+            None => Some(trailer.directory.read(path, &*backend, "directory")?.into_owned()),
         };
         let checked = (0..trailer.segments.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         let layout = header.record_layout();
@@ -81,21 +79,4 @@ impl Goblin {
             cache: Mutex::new(SegmentCache::new(options.cache)),
         })
     }
-}
-
-/// The bytes of a section, which the trailer's checks have found to lie inside the file, with the right
-/// checksum.
-fn read_section<'f>(
-    path: &Path,
-    backend: &'f dyn ReadBackend,
-    section: Section,
-    name: &str,
-) -> Result<Cow<'f, [u8]>> {
-    let bytes = backend.read(section.offset, section.length as usize)?;
-    let checksum = crc32c::crc32c(&bytes);
-    if checksum != section.checksum {
-        let found = format!("checksum {checksum:08x}");
-        return Err(Error::corrupt(path, name, found, format!("{:08x}", section.checksum)));
-    }
-    Ok(bytes)
 }

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 
-use super::cache::SegmentCache;
 use super::directory::{Entry, show_sums};
-use super::trailer::{Section, Trailer};
 use crate::io::{ReadBackend, Stamp};
-use crate::store::container::{Descend, HEADER_SIZE, Header, Metadata, RecordLayout};
+use crate::store::container::{
+    Descend, HEADER_SIZE, Header, Metadata, RecordLayout, Section, SegmentCache, Trailer,
+};
 use crate::tree::Child;
 use crate::value::Tally;
 use crate::{Error, Result};

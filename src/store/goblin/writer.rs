@@ -1,15 +1,14 @@
 //! Writes a Goblin file: header, segments as they come, directory, metadata, trailer.
 
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::PathBuf;
 
 use super::directory::{Entry, NOT_COUNTED, entry_size};
 use super::segment::{COUNT_SIZE, Segment};
 use super::segment_builder::{SegmentBuilder, SegmentSink};
-use super::trailer::{Section, Trailer};
 use crate::io::{Output, Sorter, folder};
 use crate::store::builder::{BuildOptions, Fill, SealedSegment};
-use crate::store::container::{Header, Metadata, RecordLayout, TreeFormat};
+use crate::store::container::{Header, Metadata, RecordLayout, SectionWriter, Trailer, TreeFormat};
 use crate::tree::Child;
 use crate::value::{Tally, Value};
 use crate::{Error, Result};
@@ -81,7 +80,8 @@ impl Writer {
         let value = root.value().unwrap_or_default().to_bytes();
         root_value[..value.len()].copy_from_slice(&value);
         let root_state = root.state() as u8;
-        let trailer = Trailer { root_state, root_value, segments, stored_records, directory, metadata };
+        let more = Vec::new();
+        let trailer = Trailer { root_state, root_value, segments, stored_records, directory, metadata, more };
         let before = metadata.offset + metadata.length;
         out.write_all(&trailer.to_bytes(before)).map_err(Error::io(&path, "write the trailer"))?;
         out.commit()
@@ -128,30 +128,4 @@ fn class_bytes(width: usize, classes: &[(Value, u64)]) -> Vec<u8> {
         bytes.extend_from_slice(&cells.to_le_bytes());
     }
     bytes
-}
-
-/// Passes the bytes of a section on to the output, counts them and makes their checksum.
-struct SectionWriter<'a> {
-    out: &'a mut Output,
-    written: Section,
-}
-
-impl SectionWriter<'_> {
-    /// A writer of a section that starts so many bytes behind the file's beginning.
-    fn new(out: &mut Output, offset: u64) -> SectionWriter<'_> {
-        SectionWriter { out, written: Section { offset, length: 0, checksum: 0 } }
-    }
-}
-
-impl Write for SectionWriter<'_> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let count = self.out.write(bytes)?;
-        self.written.length += count as u64;
-        self.written.checksum = crc32c::crc32c_append(self.written.checksum, &bytes[..count]);
-        Ok(count)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.out.flush()
-    }
 }

@@ -353,7 +353,7 @@ fn values(attribute: Attribute, parts: usize) -> (ValueType, fn(u32) -> Value) {
     }
 }
 
-fn provenance(info: &ModelInfo) -> String {
+pub(in crate::import::mesh) fn provenance(info: &ModelInfo) -> String {
     format!("mesh {} ({})", info.path.display(), info.format)
 }
 

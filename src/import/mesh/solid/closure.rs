@@ -8,7 +8,7 @@
 
 /// The boundary of the triangles that were added.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Closure {
+pub(in crate::import::mesh) struct Closure {
     directed: u64,
     undirected: u64,
 }
@@ -16,19 +16,24 @@ pub(super) struct Closure {
 impl Closure {
     /// Adds a triangle.
     pub(super) fn add(&mut self, [a, b, c]: [[i32; 3]; 3]) {
-        for (from, to) in [(a, b), (b, c), (c, a)] {
-            if from == to {
-                continue;
-            }
-            let (number, is_forward) = edge_number(from, to);
-            self.directed =
-                self.directed.wrapping_add(if is_forward { number } else { number.wrapping_neg() });
-            self.undirected ^= number;
+        self.add_edge(a, b);
+        self.add_edge(b, c);
+        self.add_edge(c, a);
+    }
+
+    /// Adds an edge of a face.
+    #[inline]
+    pub(in crate::import::mesh) fn add_edge(&mut self, from: [i32; 3], to: [i32; 3]) {
+        if from == to {
+            return;
         }
+        let (number, is_forward) = edge_number(from, to);
+        self.directed = self.directed.wrapping_add(if is_forward { number } else { number.wrapping_neg() });
+        self.undirected ^= number;
     }
 
     /// Whether every edge has its opposite: winding numbers are then whole and exact.
-    pub(super) fn is_closed(&self) -> bool {
+    pub(in crate::import::mesh) fn is_closed(&self) -> bool {
         self.directed == 0
     }
 
@@ -40,7 +45,7 @@ impl Closure {
 }
 
 /// The number of an edge, whatever its direction, and whether it goes from the lesser end to the greater.
-pub(super) fn edge_number(from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
+pub(in crate::import::mesh) fn edge_number(from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
     let is_forward = from < to;
     (if is_forward { number(from, to) } else { number(to, from) }, is_forward)
 }

@@ -3,7 +3,7 @@
 mod bits;
 mod boundary;
 mod build;
-mod closure;
+pub(super) mod closure;
 mod coverage;
 mod crossing;
 mod cubic;
@@ -21,6 +21,8 @@ mod surroundings;
 mod triangles;
 mod units;
 
+pub(super) use build::provenance;
 pub use build::{InsideTest, SolidReport};
 pub use inside::{Attribute, Boundary};
 pub use plan::{DEFAULT_MEMORY, Resolution, SolidImport, SolidOptions, plan_models};
+pub(super) use plan::{bounds, common_crs};

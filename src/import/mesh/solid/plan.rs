@@ -144,7 +144,10 @@ pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> R
 }
 
 /// The coordinate system of all models, or that of the tree that they are to be like.
-fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>) -> Result<Option<Crs>> {
+pub(in crate::import::mesh) fn common_crs(
+    models: &[Box<dyn Model>],
+    like: Option<Crs>,
+) -> Result<Option<Crs>> {
     let mut known = like.map(|crs| ("the tree to be like".to_string(), crs));
     for info in models.iter().map(|model| model.info()) {
         let name = info.path.display().to_string();
@@ -159,7 +162,7 @@ fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>) -> Result<Option<Crs
 }
 
 /// The box around the faces of all models: a vertex far away that no face uses would make all cells large.
-fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
+pub(in crate::import::mesh) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
     let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
     for model in models.iter_mut() {
         model.faces(&mut |face| {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Bytes of segments, up to a limit; those not used for longest give way.
-pub(super) struct SegmentCache {
+pub(crate) struct SegmentCache {
     /// Bytes that may be held.
     limit: u64,
     /// Bytes that are held.
@@ -24,12 +24,12 @@ struct Cached {
 
 impl SegmentCache {
     /// Holds at most so many bytes, but always the segment that was put last.
-    pub(super) fn new(limit: u64) -> SegmentCache {
+    pub(crate) fn new(limit: u64) -> SegmentCache {
         SegmentCache { limit, held: 0, time: 0, segments: HashMap::new(), by_time: BTreeMap::new() }
     }
 
     /// The bytes of a segment, if they are held.
-    pub(super) fn get(&mut self, index: usize) -> Option<Arc<Vec<u8>>> {
+    pub(crate) fn get(&mut self, index: usize) -> Option<Arc<Vec<u8>>> {
         let cached = self.segments.get_mut(&index)?;
         self.by_time.remove(&cached.last_use);
         self.by_time.insert(self.time, index);
@@ -39,7 +39,7 @@ impl SegmentCache {
     }
 
     /// Holds a segment, which may be there already if two threads have read it at the same time.
-    pub(super) fn put(&mut self, index: usize, bytes: Arc<Vec<u8>>) {
+    pub(crate) fn put(&mut self, index: usize, bytes: Arc<Vec<u8>>) {
         self.remove(index);
         self.held += bytes.len() as u64;
         self.segments.insert(index, Cached { last_use: self.time, bytes });

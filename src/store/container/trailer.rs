@@ -1,11 +1,14 @@
 //! The trailer at the end of a Goblin file: the root, totals, and where the sections are.
 
+use std::borrow::Cow;
+use std::io::{self, Write};
 use std::path::Path;
 
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use crate::store::container::{INNER, LEAF, VOID};
+use super::record::{INNER, LEAF, VOID};
+use crate::io::{Output, ReadBackend};
 use crate::tree::Child;
 use crate::value::Value;
 use crate::{Error, Result};
@@ -15,25 +18,46 @@ const END_MAGIC: [u8; 8] = *b"\nnilboG\x93";
 
 /// A section at the end of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Section {
-    pub(super) offset: u64,
-    pub(super) length: u64,
-    pub(super) checksum: u32,
+pub(crate) struct Section {
+    pub(crate) offset: u64,
+    pub(crate) length: u64,
+    pub(crate) checksum: u32,
+}
+
+impl Section {
+    /// The section's bytes, which the trailer's checks have found to lie inside the file, with the right
+    /// checksum.
+    pub(crate) fn read<'f>(
+        &self,
+        path: &Path,
+        backend: &'f dyn ReadBackend,
+        name: &str,
+    ) -> Result<Cow<'f, [u8]>> {
+        let bytes = backend.read(self.offset, self.length as usize)?;
+        let checksum = crc32c::crc32c(&bytes);
+        if checksum != self.checksum {
+            let found = format!("checksum {checksum:08x}");
+            return Err(Error::corrupt(path, name, found, format!("{:08x}", self.checksum)));
+        }
+        Ok(bytes)
+    }
 }
 
 /// The decoded trailer.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Trailer {
+pub(crate) struct Trailer {
     /// State of the root: VOID, LEAF or INNER.
-    pub(super) root_state: u8,
+    pub(crate) root_state: u8,
     /// Value or representative of the root, as on disk, padded with zeros.
-    pub(super) root_value: [u8; 32],
+    pub(crate) root_value: [u8; 32],
     /// Segments, which is the number of directory entries.
-    pub(super) segments: u64,
+    pub(crate) segments: u64,
     /// Records in all segments, those stored more than once included.
-    pub(super) stored_records: u64,
-    pub(super) directory: Section,
-    pub(super) metadata: Section,
+    pub(crate) stored_records: u64,
+    pub(crate) directory: Section,
+    pub(crate) metadata: Section,
+    /// Sections of one kind of files, by their tags.
+    pub(crate) more: Vec<([u8; 4], Section)>,
 }
 
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned, Clone, Copy)]
@@ -70,12 +94,19 @@ const METADATA: [u8; 4] = *b"META";
 /// Bytes of the longest trailer; a longer one is refused.
 const MAX_TRAILER: usize = 4096;
 /// Bytes from the end of a file that are sure to hold the trailer.
-pub(super) const TAIL: usize = MAX_TRAILER + size_of::<RawEnd>();
+pub(crate) const TAIL: usize = MAX_TRAILER + size_of::<RawEnd>();
 
 impl Trailer {
+    /// The section with a tag; one of no bytes where there is none.
+    pub(crate) fn section(&self, tag: [u8; 4]) -> Section {
+        let found = self.more.iter().find(|(name, _)| *name == tag);
+        found.map_or(Section::default(), |(_, section)| *section)
+    }
+
     /// The trailer of a file that has `before` bytes so far.
-    pub(super) fn to_bytes(&self, before: u64) -> Vec<u8> {
-        let sections = [(DIRECTORY, self.directory), (METADATA, self.metadata)];
+    pub(crate) fn to_bytes(&self, before: u64) -> Vec<u8> {
+        let usual = [(DIRECTORY, self.directory), (METADATA, self.metadata)];
+        let sections: Vec<_> = usual.into_iter().chain(self.more.iter().copied()).collect();
         let length = size_of::<RawTrailer>() + sections.len() * size_of::<RawSection>();
         let raw = RawTrailer {
             root_state: self.root_state,
@@ -103,7 +134,7 @@ impl Trailer {
     }
 
     /// The root, with a value of so many bytes.
-    pub(super) fn root(&self, width: usize) -> Child<()> {
+    pub(crate) fn root(&self, width: usize) -> Child<()> {
         let value = Value::from_bytes(&self.root_value[..width]);
         match self.root_state {
             VOID => Child::Void,
@@ -113,7 +144,7 @@ impl Trailer {
     }
 
     /// Checks and understands the last bytes of a file of `file_length` bytes.
-    pub(super) fn from_bytes(path: &Path, tail: &[u8], file_length: u64) -> Result<Trailer> {
+    pub(crate) fn from_bytes(path: &Path, tail: &[u8], file_length: u64) -> Result<Trailer> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "trailer", found, expected);
         let Ok((rest, end)) = RawEnd::ref_from_suffix(tail) else {
             return Err(corrupt(format!("{} bytes", tail.len()), "at least 16 bytes"));
@@ -147,6 +178,7 @@ impl Trailer {
             stored_records: raw.stored_records.get(),
             directory: Section::default(),
             metadata: Section::default(),
+            more: Vec::new(),
         };
         let count = raw.sections.get() as usize;
         let Ok(list) = <[RawSection]>::ref_from_bytes_with_elems(sections, count) else {
@@ -165,10 +197,36 @@ impl Trailer {
             match raw.tag {
                 DIRECTORY => trailer.directory = section,
                 METADATA => trailer.metadata = section,
-                // Sections of later minor versions.
-                _ => {}
+                // (Those of later minor versions, too, which nobody asks for.)
+                tag => trailer.more.push((tag, section)),
             }
         }
         Ok(trailer)
+    }
+}
+
+/// Passes the bytes of a section on to the output, counts them and makes their checksum.
+pub(crate) struct SectionWriter<'a> {
+    out: &'a mut Output,
+    pub(crate) written: Section,
+}
+
+impl SectionWriter<'_> {
+    /// A writer of a section that starts so many bytes behind the file's beginning.
+    pub(crate) fn new(out: &mut Output, offset: u64) -> SectionWriter<'_> {
+        SectionWriter { out, written: Section { offset, length: 0, checksum: 0 } }
+    }
+}
+
+impl Write for SectionWriter<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.out.write(bytes)?;
+        self.written.length += count as u64;
+        self.written.checksum = crc32c::crc32c_append(self.written.checksum, &bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
     }
 }

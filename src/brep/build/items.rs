@@ -1,0 +1,149 @@
+//! Faces of a part of space, in memory, with what the tests against octants and each other need.
+
+use super::run::{FaceWords, Run};
+use crate::Result;
+use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
+use crate::geometry::rank::HomogeneousPlane;
+use crate::geometry::{Box3, Flaw, Intersection, Polygon, Triangulator, triangle};
+
+/// Faces, by their place in the lists.
+#[derive(Default)]
+pub(super) struct Items {
+    pub(super) faces: Vec<u32>,
+    /// Corners of triangles; of other faces the corners of the first triangle that is cut from them.
+    pub(super) corners: Vec<[[i32; 3]; 3]>,
+    pub(super) planes: Vec<HomogeneousPlane>,
+    /// Least and greatest coordinates.
+    pub(super) bounds: Vec<[[i32; 3]; 2]>,
+    /// Faces that are no triangles.
+    polygons: Vec<Option<Box<PolygonItem>>>,
+}
+
+/// A face that is no triangle.
+struct PolygonItem {
+    points: Vec<[i32; 3]>,
+    ring_ends: Vec<usize>,
+    /// In half units of the grid.
+    polygon: Polygon,
+    triangles: Vec<[[i32; 3]; 3]>,
+}
+
+/// Bytes of an item that is a triangle.
+pub(super) const ITEM: usize = 4 + 36 + 48 + 24 + 8;
+
+/// End of the only ring of triangles.
+const ONE_RING: [usize; 1] = [3];
+
+impl Items {
+    /// Takes faces to memory. They are planar and have an area.
+    pub(super) fn of(run: &Run) -> Result<Items> {
+        let mut items = Items::default();
+        let mut triangulator = Triangulator::new();
+        run.each(|face| {
+            items.push(face, &mut triangulator);
+            Ok(())
+        })?;
+        Ok(items)
+    }
+
+    fn push(&mut self, face: FaceWords<'_>, triangulator: &mut Triangulator) {
+        self.faces.push(face.number());
+        let (corners, normal, bounds, polygon) = match face.triangle() {
+            Some(corners) => (corners, ring_normal(&corners), bounds_of(&corners), None),
+            None => {
+                let item = PolygonItem::of(face, triangulator);
+                let normal = ring_normal(&item.points[..item.ring_ends[0]]);
+                let corners = item.triangles.first().copied().unwrap_or([item.points[0]; 3]);
+                (corners, normal, bounds_of(&item.points), Some(Box::new(item)))
+            }
+        };
+        self.corners.push(corners);
+        self.planes.push(HomogeneousPlane::through(normal, corners[0]));
+        self.bounds.push(bounds);
+        self.polygons.push(polygon);
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.faces.len()
+    }
+
+    /// Whether a face cuts an octant, given in half units of the grid: the five-stage test.
+    #[inline]
+    pub(super) fn cuts(&self, item: u32, min: [i64; 3], max: [i64; 3]) -> Intersection {
+        match &self.polygons[item as usize] {
+            None => {
+                let corners = self.corners[item as usize].map(|corner| corner.map(|at| 2 * i64::from(at)));
+                triangle::intersect(&corners, min, max)
+            }
+            Some(polygon) => polygon.polygon.cuts(&Box3 { min, max }),
+        }
+    }
+
+    #[inline]
+    pub(super) fn outline(&self, item: u32) -> Outline<'_> {
+        let item = item as usize;
+        let normal = self.planes[item].normal;
+        match &self.polygons[item] {
+            None => Outline { points: &self.corners[item], ring_ends: &ONE_RING, normal },
+            Some(polygon) => Outline { points: &polygon.points, ring_ends: &polygon.ring_ends, normal },
+        }
+    }
+
+    /// The face as triangles.
+    #[inline]
+    pub(super) fn triangles(&self, item: u32) -> &[[[i32; 3]; 3]] {
+        match &self.polygons[item as usize] {
+            None => std::slice::from_ref(&self.corners[item as usize]),
+            Some(polygon) => &polygon.triangles,
+        }
+    }
+
+    /// Corners of a face.
+    pub(super) fn points(&self, item: u32) -> &[[i32; 3]] {
+        match &self.polygons[item as usize] {
+            None => &self.corners[item as usize],
+            Some(polygon) => &polygon.points,
+        }
+    }
+
+    /// A point inside a face that lies on no wall between cells, if there is one among some.
+    #[inline]
+    pub(super) fn sample(&self, item: u32) -> Option<FinePoint> {
+        const BITS: u32 = 3;
+        let [a, b, c] = self.corners[item as usize];
+        let weights =
+            [[3, 3, 2], [3, 2, 3], [2, 3, 3], [4, 3, 1], [1, 4, 3], [3, 1, 4], [5, 2, 1], [1, 1, 6]];
+        let points = weights.into_iter().map(|[u, v, w]: [i64; 3]| {
+            [0, 1, 2].map(|axis| u * i64::from(a[axis]) + v * i64::from(b[axis]) + w * i64::from(c[axis]))
+        });
+        // Walls lie in the middle between points of the grid.
+        let half = (1i64 << BITS) / 2;
+        let is_off = |at: &[i64; 3]| at.iter().all(|at| at & ((1 << BITS) - 1) != half);
+        points.into_iter().find(is_off).map(|at| FinePoint { at, bits: BITS })
+    }
+}
+
+fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
+    points.iter().fold([points[0]; 2], |[min, max], point| {
+        [[0, 1, 2].map(|axis| min[axis].min(point[axis])), [0, 1, 2].map(|axis| max[axis].max(point[axis]))]
+    })
+}
+
+impl PolygonItem {
+    fn of(face: FaceWords<'_>, triangulator: &mut Triangulator) -> PolygonItem {
+        let (points, ring_ends) = face.rings();
+        let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
+        let mut cut = Vec::new();
+        triangulator.triangulate(&wide, &ring_ends, &mut cut);
+        let corners = |triangle: &[u32; 3]| triangle.map(|corner| points[corner as usize]);
+        let triangles: Vec<_> =
+            cut.iter().map(corners).filter(|corners| ring_normal(corners) != [0; 3]).collect();
+        let polygon = match Polygon::new(&wide, &ring_ends, triangulator) {
+            Ok(polygon) => polygon,
+            Err(Flaw::NoArea | Flaw::NotSimple) => {
+                unreachable!("faces that are no polygons are refused before: {points:?}")
+            }
+        };
+        PolygonItem { points, ring_ends, polygon, triangles }
+    }
+}

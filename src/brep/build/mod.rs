@@ -1,0 +1,277 @@
+//! Building of files: faces come one by one, become blocks of the file, and are divided among the cells of an octree,
+//! in bounded memory.
+
+mod arena;
+mod cells;
+mod defects;
+mod items;
+mod pairs;
+mod run;
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use self::arena::Arena;
+use self::cells::{Cell, Division, Walk, children_of, uniform};
+use self::items::{ITEM, Items};
+use self::run::{FaceWords, Place, Run, RunBuilder};
+use super::store::segment::CUT;
+use super::store::summary::{NodeCounts, Summary};
+use super::store::writer::ModelWriter;
+use super::{Face, Grid};
+use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
+use crate::geometry::{Box3, Polygon, Stages, Triangulator, triangle};
+use crate::io::{Output, folder};
+use crate::space::{Code, Dimension};
+use crate::store::Metadata;
+use crate::{Error, Progress, Result};
+
+pub use self::defects::{Defect, DefectKind};
+
+/// Counts of a model that was built, and its defects: with any, no file was made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BuildReport {
+    /// Nodes of the octree.
+    pub nodes: NodeCounts,
+    /// By which tests faces were found to cut octants, or not.
+    pub stages: Stages,
+    /// Places where the surface bounds no body: at most 100.
+    pub defects: Vec<Defect>,
+    /// Number of all of these.
+    pub defect_count: u64,
+}
+
+/// A file of an exact model that is being built.
+pub struct ModelBuilder {
+    writer: ModelWriter,
+    grid: Grid,
+    memory: u64,
+    run: RunBuilder,
+    words: Vec<u32>,
+    faces: u64,
+}
+
+impl ModelBuilder {
+    /// Starts a file; about `memory` bytes are used.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn new(output: Output, grid: Grid, memory: u64) -> Result<ModelBuilder> {
+        let place: PathBuf = folder(output.path()).to_path_buf();
+        let writer = ModelWriter::new(output, &grid, memory / 16)?;
+        let run = RunBuilder::new((memory / 4 / 4) as usize, Place::Folder(place));
+        Ok(ModelBuilder { writer, grid, memory, run, words: Vec::new(), faces: 0 })
+    }
+
+    /// Adds a face, whose number counts those before it. All corners lie in one plane; without an area it is
+    /// kept, but bounds nothing.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or there are 2^32 faces.
+    pub fn push(&mut self, face: &Face<'_>) -> Result<()> {
+        let Ok(number) = u32::try_from(self.faces) else {
+            return Err(Error::TooLarge {
+                path: self.writer.path().to_path_buf(),
+                what: "numbers of 2^32 faces or more".into(),
+                needed: self.faces,
+                limit: u64::from(u32::MAX),
+                advice: "divide the model".into(),
+            });
+        };
+        self.faces += 1;
+        self.writer.face(&Face { number: number.into(), ..*face })?;
+        let outer = face.ring_ends.first().map_or(face.points, |end| &face.points[..*end]);
+        if ring_normal(outer) == [0; 3] {
+            return Ok(());
+        }
+        self.words.clear();
+        FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
+        self.run.push(FaceWords(&self.words))
+    }
+
+    /// Builds the octree and puts the file in its place, on the threads of the current rayon pool; with defects
+    /// there is no file. `complete` adds to the metadata what is known only now.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or on interruption.
+    pub fn finish(
+        self,
+        metadata: &mut Metadata,
+        progress: &dyn Progress,
+        complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
+    ) -> Result<BuildReport> {
+        let ModelBuilder { mut writer, grid, memory, run, words: _, faces } = self;
+        let (run, place) = run.finish()?;
+        let stages = Mutex::new(Stages::default());
+        let total = run.len() as u64;
+        let mut upper = Upper {
+            bits: grid.bits,
+            depth: grid.depth(),
+            memory,
+            place,
+            stages: &stages,
+            progress,
+            writer: &mut writer,
+            done: 0,
+            total,
+        };
+        let mut arena = Arena::default();
+        let mark = arena.mark();
+        let root = Cell { level: 0, position: [0; 3], winding: 0 };
+        let word = upper.cell(&root, run, &mut arena)?;
+        // The root owns a segment in any case.
+        if word != CUT {
+            arena.cut(Code::root(Dimension::Oct), mark, word);
+        }
+        upper.store(&mut arena)?;
+        let mut report = BuildReport {
+            nodes: arena.counts,
+            stages: *stages.lock().expect("nobody panics with this lock"),
+            defects: Vec::new(),
+            defect_count: arena.defects.count,
+        };
+        let defects = std::mem::take(&mut arena.defects);
+        report.defects = defects
+            .list
+            .into_iter()
+            .map(|found| Defect {
+                kind: found.kind,
+                place: grid.to_world_between(found.at),
+                faces: found.faces.into_iter().map(u64::from).collect(),
+            })
+            .collect();
+        if report.defect_count > 0 {
+            return Ok(report);
+        }
+        complete(metadata, &report);
+        writer.finish(&Summary { grid, faces, nodes: report.nodes }, metadata)?;
+        Ok(report)
+    }
+}
+
+/// The upper cells, whose faces are too many for memory: they are divided face by face.
+struct Upper<'a> {
+    bits: u8,
+    depth: u8,
+    memory: u64,
+    place: Place,
+    stages: &'a Mutex<Stages>,
+    progress: &'a dyn Progress,
+    writer: &'a mut ModelWriter,
+    done: u64,
+    total: u64,
+}
+
+impl Upper<'_> {
+    /// Writes the segments that are complete.
+    fn store(&mut self, arena: &mut Arena) -> Result<()> {
+        arena.segments.drain(..).try_for_each(|(code, bytes)| self.writer.segment(code, &bytes))
+    }
+
+    /// Builds a cell; returns the word of its node.
+    fn cell(&mut self, cell: &Cell, run: Run, out: &mut Arena) -> Result<u32> {
+        if run.len() == 0 {
+            return Ok(uniform(cell, self.bits, out));
+        }
+        // (A face of a polygon is several times as large as its words.)
+        let needed = run.len() as u64 * (ITEM as u64 / 11 + 1);
+        if needed <= self.memory / 4 || cell.level == self.depth {
+            let length = run.len() as u64;
+            let items = Items::of(&run)?;
+            drop(run);
+            let (bits, depth) = (self.bits, self.depth);
+            let walk = Walk { items: &items, bits, depth, stages: self.stages, progress: self.progress };
+            let list: Vec<u32> = (0..items.len() as u32).collect();
+            let word = walk.cell(cell, &list, out)?;
+            self.store(out)?;
+            self.done += length;
+            self.progress.advance(length.min(self.total - self.done.min(self.total) + length), self.total);
+            return Ok(word);
+        }
+        let mark = out.mark();
+        let record = out.record();
+        let (runs, cells) = self.divide(cell, run)?;
+        for (child, run) in runs.into_iter().enumerate() {
+            let word = self.cell(&cells[child], run, out)?;
+            out.set(record, child, word);
+        }
+        let word = out.complete(cell.code(), mark, record);
+        self.store(out)?;
+        Ok(word)
+    }
+
+    /// The faces of a cell's children, and the children.
+    fn divide(&mut self, cell: &Cell, run: Run) -> Result<(Vec<Run>, [Cell; 8])> {
+        let division = Division::of(cell, self.bits);
+        let limit = (self.memory / 4 / 4 / 16) as usize;
+        let mut builders: Vec<RunBuilder> =
+            (0..8).map(|_| RunBuilder::new(limit, self.place.clone())).collect();
+        let mut stages = Stages::default();
+        let mut triangulator = Triangulator::new();
+        let mut changes = [0; 7];
+        let mut count = 0u64;
+        run.each(|face| {
+            count += 1;
+            if count.is_multiple_of(1 << 12) {
+                self.progress.check()?;
+            }
+            let (points, ring_ends);
+            let corners;
+            let (outline, bounds, children);
+            match face.triangle() {
+                Some(triangle) => {
+                    corners = triangle;
+                    bounds = bounds_of(&corners);
+                    let wide = corners.map(|corner| corner.map(|at| 2 * i64::from(at)));
+                    let cuts = |min, max| triangle::intersect(&wide, min, max);
+                    children = division.children(&bounds, &mut stages, cuts);
+                    outline = Outline { points: &corners, ring_ends: &[3], normal: ring_normal(&corners) };
+                }
+                None => {
+                    (points, ring_ends) = face.rings();
+                    bounds = bounds_of(&points);
+                    let wide: Vec<[i64; 3]> =
+                        points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
+                    let Ok(polygon) = Polygon::new(&wide, &ring_ends, &mut triangulator) else {
+                        unreachable!("faces that are no polygons are refused before: {points:?}")
+                    };
+                    let cuts = |min, max| polygon.cuts(&Box3 { min, max });
+                    children = division.children(&bounds, &mut stages, cuts);
+                    let normal = ring_normal(&points[..ring_ends[0]]);
+                    outline = Outline { points: &points, ring_ends: &ring_ends, normal };
+                }
+            }
+            for (child, builder) in builders.iter_mut().enumerate() {
+                if children >> child & 1 == 1 {
+                    builder.push(face)?;
+                }
+            }
+            let ways = division.ways(&bounds);
+            for (way, change) in changes.iter_mut().enumerate() {
+                if ways >> way & 1 == 1 {
+                    let (from, to, axis) = cells::WAYS[way];
+                    let start = FinePoint { at: division.corner(from), bits: 1 };
+                    *change += outline.change_along(axis, &start, division.corner(to)[axis]);
+                }
+            }
+            Ok(())
+        })?;
+        self.stages.lock().expect("nobody panics with this lock").add(&stages);
+        let mut runs = Vec::with_capacity(8);
+        for builder in builders {
+            let (run, place) = builder.finish()?;
+            // One temporary file serves all.
+            if matches!(place, Place::Spool(_)) {
+                self.place = place;
+            }
+            runs.push(run);
+        }
+        Ok((runs, children_of(cell, changes)))
+    }
+}
+
+fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
+    points.iter().fold([points[0]; 2], |[min, max], point| {
+        [[0, 1, 2].map(|axis| min[axis].min(point[axis])), [0, 1, 2].map(|axis| max[axis].max(point[axis]))]
+    })
+}

@@ -1,0 +1,186 @@
+//! Whether two triangles are in each other's way: exact, in integers.
+//!
+//! Faces of a body may touch: along edges, in corners, and where two bodies have a wall in common, turned to
+//! opposite sides. They may not pass through each other, nor lie on each other turned to the same side.
+
+use super::defects::DefectKind;
+use crate::geometry::crossing::ring_normal;
+
+type Triangle = [[i32; 3]; 3];
+
+/// The sign of the volume of the tetrahedron of four points: 1 where the last one is on the side from which the
+/// first three are counterclockwise.
+#[inline]
+fn orientation(a: [i32; 3], b: [i32; 3], c: [i32; 3], d: [i32; 3]) -> i32 {
+    let from_a = |p: [i32; 3]| [0, 1, 2].map(|axis| i64::from(p[axis]) - i64::from(a[axis]));
+    let (b, c, d) = (from_a(b), from_a(c), from_a(d));
+    // Products of two differences of 27 bits are exact; their sums times a difference are rounded.
+    let minors = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+    let parts = [0, 1, 2].map(|axis| minors[axis] as f64 * d[axis] as f64);
+    let sum = parts[0] + parts[1] + parts[2];
+    if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * 1e-15 {
+        return if sum > 0.0 { 1 } else { -1 };
+    }
+    let exact: i128 = (0..3).map(|axis| i128::from(minors[axis]) * i128::from(d[axis])).sum();
+    exact.signum() as i32
+}
+
+/// What is wrong between two triangles that have an area, if anything.
+pub(super) fn conflict(a: &Triangle, b: &Triangle) -> Option<DefectKind> {
+    let of_b = b.map(|point| orientation(a[0], a[1], a[2], point));
+    if all_on_one_side(of_b) {
+        return None;
+    }
+    if of_b == [0; 3] {
+        return overlap(a, b).then_some(DefectKind::Overlap);
+    }
+    let of_a = a.map(|point| orientation(b[0], b[1], b[2], point));
+    if all_on_one_side(of_a) {
+        return None;
+    }
+    let shared: Vec<(usize, usize)> =
+        (0..9).map(|pair| (pair / 3, pair % 3)).filter(|&(i, j)| a[i] == b[j]).collect();
+    let crosses = match shared[..] {
+        // Planes that are not the same meet in the line of the edge, and nowhere else.
+        [_, _, ..] => false,
+        [(i, j)] => wedges_cross(a, of_a, i, b, of_b, j),
+        [] => edges_cross(a, b, of_b) || edges_cross(b, a, of_a),
+    };
+    crosses.then_some(DefectKind::Crossing)
+}
+
+fn all_on_one_side(sides: [i32; 3]) -> bool {
+    let [x, y, z] = sides;
+    x == y && y == z && x != 0
+}
+
+/// Whether an edge of `b` passes through the inside of `a`; `sides` are those of `b`'s corners.
+fn edges_cross(a: &Triangle, b: &Triangle, sides: [i32; 3]) -> bool {
+    (0..3).any(|i| {
+        let j = (i + 1) % 3;
+        if sides[i] * sides[j] >= 0 {
+            return false;
+        }
+        let around = [0, 1, 2].map(|k| orientation(b[i], b[j], a[k], a[(k + 1) % 3]));
+        all_on_one_side(around)
+    })
+}
+
+/// Whether two triangles that share a corner, and nothing else, pass through each other from there.
+fn wedges_cross(a: &Triangle, of_a: [i32; 3], i: usize, b: &Triangle, of_b: [i32; 3], j: usize) -> bool {
+    // Each has to have corners on both sides of the other.
+    let (i1, i2, j1, j2) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
+    if of_a[i1] * of_a[i2] >= 0 || of_b[j1] * of_b[j2] >= 0 {
+        return false;
+    }
+    // The planes' common line leaves the corner into each of them, in one direction or in opposite ones. Where it
+    // meets the opposite edge is a mean of the edge's ends, weighted with the distances of the other one from the
+    // other triangle's plane.
+    let direction = |t: &Triangle, at: usize, first: usize, second: usize, other: &Triangle| {
+        let height = |point: [i32; 3]| -> i128 {
+            let normal = ring_normal(other);
+            (0..3).map(|k| i128::from(normal[k]) * (i128::from(point[k]) - i128::from(other[0][k]))).sum()
+        };
+        let (one, two) = (height(t[first]).abs(), height(t[second]).abs());
+        [0, 1, 2].map(|k| {
+            let along = |corner: usize| i128::from(t[corner][k]) - i128::from(t[at][k]);
+            two * along(first) + one * along(second)
+        })
+    };
+    let (along_a, along_b) = (direction(a, i, i1, i2, b), direction(b, j, j1, j2, a));
+    (0..3).any(|k| along_a[k].signum() * along_b[k].signum() > 0)
+}
+
+/// Whether two triangles of one plane that are turned the same way have an area in common.
+fn overlap(a: &Triangle, b: &Triangle) -> bool {
+    let (normal_a, normal_b) = (ring_normal(a), ring_normal(b));
+    let axis = (0..3).max_by_key(|axis| normal_a[*axis].unsigned_abs()).unwrap_or(2);
+    if (normal_a[axis] > 0) != (normal_b[axis] > 0) {
+        return false;
+    }
+    let (mut u, mut v) = ((axis + 1) % 3, (axis + 2) % 3);
+    if normal_a[axis] < 0 {
+        (u, v) = (v, u);
+    }
+    // Convex and counterclockwise now: they have no area in common if one lies beyond an edge of the other.
+    let beyond_an_edge = |a: &Triangle, b: &Triangle| {
+        (0..3).any(|i| {
+            let (p, q) = (a[i], a[(i + 1) % 3]);
+            let along = [u, v].map(|axis| i64::from(q[axis]) - i64::from(p[axis]));
+            b.iter().all(|point| {
+                let to = [u, v].map(|axis| i64::from(point[axis]) - i64::from(p[axis]));
+                along[0] * to[1] <= along[1] * to[0]
+            })
+        })
+    };
+    !beyond_an_edge(a, b) && !beyond_an_edge(b, a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: Triangle = [[0, 0, 0], [8, 0, 0], [0, 8, 0]];
+
+    fn both(a: &Triangle, b: &Triangle) -> Option<DefectKind> {
+        let found = conflict(a, b);
+        // The order, and where a triangle begins, do not matter.
+        assert_eq!(conflict(b, a), found);
+        assert_eq!(conflict(&[a[1], a[2], a[0]], &[b[2], b[0], b[1]]), found);
+        assert_eq!(conflict(&[a[1], a[0], a[2]], &[b[1], b[0], b[2]]), found);
+        found
+    }
+
+    #[test]
+    fn touching_is_fine() {
+        let neighbour = [[8, 0, 0], [0, 0, 0], [0, -8, 3]];
+        let in_one_plane = [[8, 0, 0], [0, 0, 0], [0, -8, 0]];
+        let turned_round = [[0, 0, 0], [0, 8, 0], [8, 0, 0]];
+        let at_a_corner = [[0, 0, 0], [-8, 0, 1], [0, -8, 1]];
+        let standing_on_it = [[1, 1, 0], [3, 1, 0], [1, 1, 5]];
+        let point_on_it = [[2, 2, 0], [3, 1, 5], [1, 1, 5]];
+        let beside_a_corner = [[0, 0, 0], [-8, -1, 2], [-1, -8, -2]];
+        let apart = [[20, 0, 1], [28, 0, -1], [20, 8, 1]];
+        let cases = [
+            neighbour,
+            in_one_plane,
+            turned_round,
+            at_a_corner,
+            standing_on_it,
+            point_on_it,
+            beside_a_corner,
+            apart,
+        ];
+        for b in cases {
+            assert_eq!(both(&A, &b), None, "{b:?}");
+        }
+    }
+
+    #[test]
+    fn passing_through_and_lying_on_is_not() {
+        let through = [[1, 1, -3], [3, 1, -3], [2, 2, 5]];
+        let across_an_edge = [[4, -2, -2], [4, 2, -2], [4, 0, 9]];
+        let from_a_corner = [[0, 0, 0], [5, 4, 3], [4, 5, -3]];
+        for b in [through, across_an_edge, from_a_corner] {
+            assert_eq!(both(&A, &b), Some(DefectKind::Crossing), "{b:?}");
+        }
+        let shifted = [[1, 1, 0], [9, 1, 0], [1, 9, 0]];
+        let folded = [[0, 0, 0], [8, 0, 0], [8, 8, 0]];
+        let inside = [[1, 1, 0], [2, 1, 0], [1, 2, 0]];
+        for b in [A, shifted, folded, inside] {
+            assert_eq!(both(&A, &b), Some(DefectKind::Overlap), "{b:?}");
+        }
+    }
+
+    /// Large coordinates, and one unit that decides.
+    #[test]
+    fn one_unit_decides() {
+        let far = (1 << 26) - 1;
+        let a = [[0, 0, 0], [far, 0, far], [0, far, far]];
+        // A point of its plane x + y = z, and those one unit above and below.
+        let through = |low: i32| [[7, 9, 16 + low], [7, 10, 17 + low], [8, 10, 40]];
+        assert_eq!(both(&a, &through(0)), None);
+        assert_eq!(both(&a, &through(-1)), Some(DefectKind::Crossing));
+        assert_eq!(both(&a, &through(1)), None);
+    }
+}

@@ -1,0 +1,16 @@
+//! Files of exact models: see `formats.md`.
+
+pub(super) mod block;
+mod open;
+mod pieces;
+mod reader;
+pub(crate) mod segment;
+pub(crate) mod summary;
+mod verify;
+pub(crate) mod writer;
+
+pub use block::FaceBuffer;
+pub use open::is_model_file;
+pub use reader::{ExactModel, Node, NodeState};
+pub use segment::{NodeKind, Rule};
+pub use summary::NodeCounts;

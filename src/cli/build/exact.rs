@@ -1,0 +1,89 @@
+//! `spinney build --exact`: exact models.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use spinney::Progress;
+use spinney::import::mesh::{self, ExactOptions, ExactReport, Model};
+use spinney::io::Output;
+
+use super::solids::SolidArgs;
+use super::{Common, Lines};
+
+/// Models that are open, and what is to be made of them.
+pub(super) struct ExactImport {
+    models: Vec<Box<dyn Model>>,
+    options: ExactOptions,
+    description: Vec<(&'static str, String)>,
+}
+
+impl ExactImport {
+    /// Opens models.
+    pub(super) fn plan(inputs: &[PathBuf], solids: &SolidArgs, common: &Common) -> Result<ExactImport> {
+        let models = mesh::open_all(inputs, common.memory.bytes)?;
+        let mut options = ExactOptions::new();
+        options.grid = solids.grid;
+        options.close = solids.close;
+        options.up = solids.up.unwrap_or_default();
+        options.unit = solids.unit.clone();
+        options.crs = common.crs.clone();
+        options.memory = common.memory.bytes;
+        let of = |model: &Box<dyn Model>| {
+            let info = model.info();
+            let faces = info.faces.map_or(String::new(), |faces| format!(", {faces} faces"));
+            ("input", format!("{}: {}{faces}", info.path.display(), info.format))
+        };
+        let description = models.iter().map(of).collect();
+        Ok(ExactImport { models, options, description })
+    }
+
+    pub(super) fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// Builds the file; returns lines about it.
+    pub(super) fn build(self, output: Output, stats: bool, progress: &dyn Progress) -> Result<Lines> {
+        Ok(lines(&mesh::import_exact(self.models, &self.options, output, progress)?, stats))
+    }
+}
+
+fn lines(report: &ExactReport, stats: bool) -> Lines {
+    let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
+    let grid = &report.grid;
+    let mut lines = vec![
+        (
+            "grid",
+            format!(
+                "steps of {}{unit}, {} bits; corners moved by at most {:e}{unit}",
+                grid.width(),
+                grid.bits,
+                report.displacement
+            ),
+        ),
+        ("faces", format!("{} of {} read", report.faces, report.read)),
+    ];
+    let counts = [
+        ("cut", report.cut, "faces that the grid has bent, into triangles"),
+        ("fanned", report.fanned, "faces that cross themselves, into triangles"),
+        ("slivers", report.slivers, "faces have no area on the grid; they stay, and bound nothing"),
+        ("collapsed", report.collapsed, "faces are points or lines on the grid, and are left out"),
+    ];
+    lines.extend(
+        counts
+            .into_iter()
+            .filter(|(_, count, _)| *count > 0)
+            .map(|(name, count, text)| (name, format!("{count} {text}"))),
+    );
+    let (boundaries, triangles) = report.closed;
+    if boundaries > 0 {
+        lines.push(("closed", format!("{boundaries} boundaries, with {triangles} triangles")));
+    }
+    let nodes = report.built.nodes.named();
+    let nodes: Vec<String> =
+        nodes.iter().filter(|(_, count)| *count > 0).map(|(name, count)| format!("{count} {name}")).collect();
+    lines.push(("nodes", format!("{}: {}", report.built.nodes.total(), nodes.join(", "))));
+    if stats {
+        lines.extend(super::solids::stage_lines(&report.built.stages));
+    }
+    lines
+}

@@ -1,0 +1,190 @@
+//! Ranks of planes: whether many of them have a point, a line or everything in common.
+
+/// A plane by its homogeneous coordinates: normal and offset.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct HomogeneousPlane {
+    pub(crate) normal: [i64; 3],
+    pub(crate) offset: i128,
+}
+
+impl HomogeneousPlane {
+    /// The plane through a point.
+    pub(crate) fn through(normal: [i64; 3], point: [i32; 3]) -> HomogeneousPlane {
+        let offset = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(point[axis])).sum();
+        HomogeneousPlane { normal, offset }
+    }
+}
+
+/// Primes whose product is more than any determinant of four planes (2^254): one that is zero by all of them
+/// is zero. The first is a Mersenne prime, for which remainders are cheap.
+const PRIMES: [u64; 5] = [
+    MERSENNE,
+    2_305_843_009_213_693_921,
+    2_305_843_009_213_693_907,
+    2_305_843_009_213_693_723,
+    2_305_843_009_213_693_693,
+];
+const MERSENNE: u64 = (1 << 61) - 1;
+
+#[inline]
+fn multiply(a: u64, b: u64, prime: u64) -> u64 {
+    let product = u128::from(a) * u128::from(b);
+    if prime == MERSENNE {
+        let sum = (product as u64 & MERSENNE) + (product >> 61) as u64;
+        if sum >= MERSENNE { sum - MERSENNE } else { sum }
+    } else {
+        (product % u128::from(prime)) as u64
+    }
+}
+
+#[inline]
+fn remainder(number: i128, prime: u64) -> u64 {
+    let rest = if prime == MERSENNE {
+        let size = number.unsigned_abs();
+        let once = (size & u128::from(MERSENNE)) + (size >> 61);
+        let twice = (once & u128::from(MERSENNE)) + (once >> 61);
+        let rest = twice as u64;
+        if rest >= MERSENNE { rest - MERSENNE } else { rest }
+    } else {
+        (number.unsigned_abs() % u128::from(prime)) as u64
+    };
+    if number < 0 && rest != 0 { prime - rest } else { rest }
+}
+
+/// Rows of a matrix in echelon form, by the remainders of a prime.
+struct Rows {
+    prime: u64,
+    rows: [([u64; 4], usize); 4],
+    count: usize,
+}
+
+impl Rows {
+    fn new(prime: u64) -> Rows {
+        Rows { prime, rows: [([0; 4], 0); 4], count: 0 }
+    }
+
+    /// Adds a row; returns the rank.
+    #[inline]
+    fn add(&mut self, plane: &HomogeneousPlane) -> usize {
+        let prime = self.prime;
+        let [x, y, z] = plane.normal.map(|n| remainder(i128::from(n), prime));
+        let mut row = [x, y, z, remainder(plane.offset, prime)];
+        for (known, pivot) in &self.rows[..self.count] {
+            let (by, from) = (known[*pivot], row[*pivot]);
+            if from == 0 {
+                continue;
+            }
+            for column in 0..4 {
+                let kept = multiply(row[column], by, prime);
+                let taken = multiply(known[column], from, prime);
+                row[column] = if kept >= taken { kept - taken } else { kept + prime - taken };
+            }
+        }
+        if let Some(pivot) = (0..4).find(|column| row[*column] != 0) {
+            self.rows[self.count] = (row, pivot);
+            self.count += 1;
+        }
+        self.count
+    }
+}
+
+/// The rank of some planes' homogeneous coordinates, exactly: 1 if all are one plane, 2 if they have a line in
+/// common, 3 if they have a point in common, 4 if they have none. Common lines and points may be infinitely
+/// far away. Zeros have the rank 0.
+///
+/// Coordinates of normals have at most 57 bits, offsets at most 85.
+pub(crate) fn rank<'a>(planes: impl Iterator<Item = &'a HomogeneousPlane> + Clone) -> usize {
+    let by = |prime: u64| {
+        let mut rows = Rows::new(prime);
+        // (Almost always the first five have the rank 4.)
+        planes.clone().map(|plane| rows.add(plane)).find(|rank| *rank == 4).unwrap_or(rows.count)
+    };
+    // A remainder can make a determinant zero that is not, but not by all primes.
+    let mut most = 0;
+    for prime in PRIMES {
+        most = most.max(by(prime));
+        if most == 4 {
+            break;
+        }
+    }
+    most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn planes(list: &[([i64; 3], i128)]) -> Vec<HomogeneousPlane> {
+        list.iter().map(|&(normal, offset)| HomogeneousPlane { normal, offset }).collect()
+    }
+
+    fn rank_of(list: &[([i64; 3], i128)]) -> usize {
+        rank(planes(list).iter())
+    }
+
+    #[test]
+    fn the_modules_are_primes_whose_product_is_large_enough() {
+        let mut bits = 0.0;
+        for prime in PRIMES {
+            bits += (prime as f64).log2();
+            // Miller and Rabin, with bases that are enough for 64 bits.
+            let power = |mut base: u64, mut exponent: u64| {
+                let mut result = 1;
+                while exponent > 0 {
+                    if exponent & 1 == 1 {
+                        result = multiply(result, base, prime);
+                    }
+                    base = multiply(base, base, prime);
+                    exponent >>= 1;
+                }
+                result
+            };
+            let twos = (prime - 1).trailing_zeros();
+            for base in [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37] {
+                let mut x = power(base, (prime - 1) >> twos);
+                let mut good = x == 1 || x == prime - 1;
+                for _ in 1..twos {
+                    x = multiply(x, x, prime);
+                    good |= x == prime - 1;
+                }
+                assert!(good, "{prime} {base}");
+            }
+        }
+        assert!(bits > 255.0);
+    }
+
+    #[test]
+    fn what_planes_have_in_common() {
+        assert_eq!(rank_of(&[([1, 2, 3], 4), ([2, 4, 6], 8), ([-1, -2, -3], -4)]), 1);
+        assert_eq!(rank_of(&[([1, 2, 3], 4), ([1, 2, 3], 5)]), 2, "parallel");
+        assert_eq!(rank_of(&[([1, 0, 0], 7), ([0, 1, 0], 8), ([1, 1, 0], 15), ([3, -1, 0], 13)]), 2);
+        assert_eq!(
+            rank_of(&[([1, 0, 0], 7), ([0, 1, 0], 8), ([1, 1, 0], 16), ([3, -1, 0], 13)]),
+            3,
+            "a prism"
+        );
+        assert_eq!(rank_of(&[([1, 0, 0], 1), ([0, 1, 0], 2), ([0, 0, 1], 3), ([1, 1, 1], 6)]), 3);
+        assert_eq!(rank_of(&[([1, 0, 0], 1), ([0, 1, 0], 2), ([0, 0, 1], 3), ([1, 1, 1], 7)]), 4);
+        assert_eq!(rank_of(&[]), 0);
+    }
+
+    /// Planes through one point have at most the rank 3, and with one that misses it by a unit the rank 4, also
+    /// with the largest coordinates.
+    #[test]
+    fn one_unit_decides_at_any_size() {
+        let mut state = 7u64;
+        let mut random = |bits: u32| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> (64 - bits)) as i64
+        };
+        for _ in 0..500 {
+            let point = [0; 3].map(|_: i32| random(26) as i32);
+            let mut planes: Vec<HomogeneousPlane> = (0..6)
+                .map(|_| HomogeneousPlane::through([0; 3].map(|_: i64| random(55) - (1 << 54)), point))
+                .collect();
+            assert_eq!(rank(planes.iter()), 3);
+            planes[4].offset += 1;
+            assert_eq!(rank(planes.iter()), 4);
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
+
+mod boundary;
+mod snap;
+
+use std::path::Path;
+
+use self::boundary::{Boundary, Loop};
+use self::snap::{Snapped, Snapper};
+use super::Model;
+use super::solid::closure::Closure;
+use super::solid::{bounds, common_crs, provenance};
+use crate::brep::{BuildReport, Defect, DefectKind, Face, Grid, ModelBuilder};
+use crate::io::{Output, folder};
+use crate::space::{Crs, Frame, Up};
+use crate::store::Metadata;
+use crate::{Error, Progress, Result};
+
+/// Options for building an exact model.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct ExactOptions {
+    /// Width of the grid's steps, in units of the models; otherwise the least power of two with which the longest
+    /// side has at most about 2^26 steps.
+    pub grid: Option<f64>,
+    /// Whether open surfaces are closed by triangles over their boundaries.
+    pub close: bool,
+    /// Axis of the models that points up; y is turned to z.
+    pub up: Up,
+    /// Unit of length of the models' coordinates, to be kept in the file.
+    pub unit: Option<String>,
+    /// The coordinate system; otherwise the models'.
+    pub crs: Option<Crs>,
+    /// Bytes of memory for everything.
+    pub memory: u64,
+}
+
+impl Default for ExactOptions {
+    fn default() -> Self {
+        let (grid, close, up, unit, crs) = (None, false, Up::default(), None, None);
+        ExactOptions { grid, close, up, unit, crs, memory: super::DEFAULT_MEMORY }
+    }
+}
+
+impl ExactOptions {
+    /// Faces as they are, on the finest grid.
+    pub fn new() -> ExactOptions {
+        ExactOptions::default()
+    }
+}
+
+/// Counts of an exact model that was built.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ExactReport {
+    /// Faces that were read.
+    pub read: u64,
+    /// Faces of the model.
+    pub faces: u64,
+    /// Faces that were left out: on the grid they are points or lines whose edges cancel.
+    pub collapsed: u64,
+    /// Faces of the model that have no area on the grid; they keep their neighbours together.
+    pub slivers: u64,
+    /// Faces whose corners do not lie in one plane on the grid, which were cut into triangles.
+    pub cut: u64,
+    /// Faces whose rings cross, which were cut into fans of triangles.
+    pub fanned: u64,
+    /// Boundaries that were closed, and the triangles that close them.
+    pub closed: (u64, u64),
+    /// The furthest that a corner was moved to the grid, in the models' unit.
+    pub displacement: f64,
+    /// The grid.
+    pub grid: Grid,
+    /// The models' unit of length, where it is known: "mm".
+    pub unit: Option<String>,
+    /// Counts of the octree.
+    pub built: BuildReport,
+}
+
+/// Builds a file of an exact model from models, which become one. Progress counts faces; what does not fit into the
+/// memory goes to a temporary file in the output's folder.
+///
+/// ```
+/// use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+/// let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// std::fs::write(&mesh, text).unwrap();
+/// let models = open_all(&[mesh], 64 << 20)?;
+/// let report = import_exact(models, &ExactOptions::new(), Output::create(&path)?, &())?;
+/// assert_eq!((report.faces, report.displacement), (4, 0.0));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::NoBody`] if the surface is open, passes through itself or is inside out; and if the models cannot be
+/// read, the file cannot be written, or on interruption. There is no file then.
+pub fn import_exact(
+    mut models: Vec<Box<dyn Model>>,
+    options: &ExactOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<ExactReport> {
+    let Some(first) = models.first() else {
+        return Err(Error::invalid("models", "none", "one or more"));
+    };
+    let path = first.info().path.clone();
+    let crs = match &options.crs {
+        Some(crs) => Some(crs.clone()),
+        None => common_crs(&models, None)?,
+    };
+    let grid = Grid::over(bounds(&mut models, options.up)?, options.grid)?;
+    let place = folder(output.path()).to_path_buf();
+    let mut builder = ModelBuilder::new(output, grid.clone(), options.memory)?;
+    let mut snapper = Snapper::new(grid.clone(), options.up);
+    let mut closure = Closure::default();
+    let mut parts = Vec::new();
+    read(&mut models, &mut snapper, progress, &mut |face| {
+        each_edge(face, |from, to| closure.add_edge(from, to));
+        builder.push(face)
+    })?;
+    for model in &models {
+        parts.extend(model.info().parts.iter().cloned());
+    }
+    let Snapped { read: faces_read, mut faces, .. } = snapper.counts;
+    let mut closed = (0, 0);
+    if !closure.is_closed() {
+        let mut boundary = Boundary::new(&place, options.memory / 4);
+        let mut again = Snapper::new(grid.clone(), options.up);
+        read(&mut models, &mut again, progress, &mut |face| {
+            let part = face.part;
+            let mut added = Ok(());
+            each_edge(face, |from, to| {
+                if added.is_ok() {
+                    added = boundary.add(from, to, part);
+                }
+            });
+            added
+        })?;
+        let loops = boundary.loops(&path, options.memory / 4)?;
+        if !options.close {
+            return Err(open_surface(&path, &grid, &loops));
+        }
+        for hole in &loops {
+            closed.0 += 1;
+            for corners in hole.triangles() {
+                let source = faces_read;
+                let ring_ends = &[3];
+                let colours = vec![[255; 3]; if snapper.is_coloured { 3 } else { 0 }];
+                let part = hole.part;
+                builder.push(&Face {
+                    number: faces,
+                    points: &corners,
+                    ring_ends,
+                    colours: &colours,
+                    part,
+                    source,
+                })?;
+                faces += 1;
+                closed.1 += 1;
+            }
+        }
+    }
+    let counts = snapper.counts;
+    let mut metadata = Metadata { frame: frame(&grid, crs), ..Metadata::default() };
+    metadata.class_names = (0..).zip(parts).collect();
+    metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
+    let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
+    let mut tags = vec![
+        ("model.displacement", counts.displacement.to_string()),
+        ("model.cut_faces", counts.cut.to_string()),
+        ("model.slivers", counts.slivers.to_string()),
+        ("model.closing_triangles", closed.1.to_string()),
+    ];
+    tags.extend(unit.iter().map(|unit| ("unit", unit.clone())));
+    metadata.tags = tags.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
+    let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
+    if built.defect_count > 0 {
+        return Err(crossing_surface(&path, &built));
+    }
+    Ok(ExactReport {
+        read: counts.read,
+        faces,
+        collapsed: counts.collapsed,
+        slivers: counts.slivers,
+        cut: counts.cut,
+        fanned: counts.fanned,
+        closed,
+        displacement: counts.displacement,
+        grid,
+        unit,
+        built,
+    })
+}
+
+/// Reads all faces of all models, and hands them out as they are on the grid.
+fn read(
+    models: &mut [Box<dyn Model>],
+    snapper: &mut Snapper,
+    progress: &dyn Progress,
+    each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+) -> Result<()> {
+    let mut first_part = 0;
+    snapper.is_coloured = models.iter().any(|model| model.info().is_coloured);
+    for model in models.iter_mut() {
+        let path = model.info().path.clone();
+        let parts = model.info().parts.len() as u32;
+        model.faces(&mut |face| {
+            if snapper.counts.read.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            snapper.face(&path, face, first_part, each)
+        })?;
+        first_part += parts;
+    }
+    if snapper.counts.faces == 0 {
+        let path = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
+        return Err(Error::corrupt(path, "faces", "none that have an area on the grid", "a surface"));
+    }
+    Ok(())
+}
+
+/// The directed edges of a face.
+fn each_edge(face: &Face<'_>, mut each: impl FnMut([i32; 3], [i32; 3])) {
+    for ring in face.rings() {
+        let Some(mut from) = ring.last() else { continue };
+        for to in ring {
+            each(*from, *to);
+            from = to;
+        }
+    }
+}
+
+/// The frame of the octree's smallest cells.
+fn frame(grid: &Grid, crs: Option<Crs>) -> Frame {
+    let mut frame = Frame { crs, ..Frame::identity() };
+    let steps = (1u64 << (grid.bits - grid.depth())) as f64;
+    // Walls of cells lie in the middle between points of the grid.
+    let corner = grid.to_world_between([-0.5; 3]);
+    for (axis, row) in frame.matrix.iter_mut().enumerate() {
+        row[axis] = steps * grid.width();
+        row[3] = corner[axis];
+    }
+    frame
+}
+
+/// The error of an open surface.
+fn open_surface(path: &Path, grid: &Grid, loops: &[Loop]) -> Error {
+    let place = |hole: &Loop| {
+        let first = grid.to_world(hole.points[0]);
+        format!("a boundary of {} edges from {}", hole.points.len(), show(first))
+    };
+    Error::NoBody {
+        path: path.to_path_buf(),
+        what: "the surface is open: it bounds no body".into(),
+        places: loops.iter().take(100).map(place).collect(),
+        count: loops.len() as u64,
+        advice: "close it with --close, or build cells of it (without --exact)".into(),
+    }
+}
+
+/// The error of a surface that passes through itself.
+fn crossing_surface(path: &Path, built: &BuildReport) -> Error {
+    let place = |defect: &Defect| {
+        let what = match defect.kind {
+            DefectKind::Crossing => "faces that pass through each other".into(),
+            DefectKind::Overlap => "faces that lie on each other".into(),
+            DefectKind::Winding(times) => {
+                format!("a place that the surface goes around {times} times, where 0 or 1 is right,")
+            }
+            DefectKind::Boundary(edges) => format!("a boundary of {edges} edges"),
+        };
+        let faces: Vec<String> = defect.faces.iter().map(u64::to_string).collect();
+        let faces = if faces.is_empty() { String::new() } else { format!(" (face {})", faces.join(", ")) };
+        format!("{what} at {}{faces}", show(defect.place))
+    };
+    Error::NoBody {
+        path: path.to_path_buf(),
+        what: "the surface passes through itself, or is inside out: it bounds no body".into(),
+        places: built.defects.iter().map(place).collect(),
+        count: built.defect_count,
+        advice: "mend it, or build cells of it (without --exact), which take what is inside any of its parts"
+            .into(),
+    }
+}
+
+/// Coordinates for people.
+fn show(point: [f64; 3]) -> String {
+    let [x, y, z] = point.map(|at| (at as f32).to_string());
+    format!("{x}, {y}, {z}")
+}

@@ -1,0 +1,115 @@
+//! Lists of words that may be longer than memory: many lists in one temporary file, whose room is used again.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::platform::{read_exact_at, write_all_at};
+use crate::{Error, Result};
+
+/// Words that are written at a time.
+const CHUNK: usize = 1 << 14;
+
+/// A temporary file without a name, in chunks that are used again when their list is dropped.
+#[derive(Debug)]
+pub(crate) struct Spool {
+    file: File,
+    /// Folder of the file, for messages.
+    folder: PathBuf,
+    chunks: Mutex<Chunks>,
+}
+
+#[derive(Debug, Default)]
+struct Chunks {
+    free: Vec<u64>,
+    used: u64,
+}
+
+impl Spool {
+    pub(crate) fn create(folder: &Path) -> Result<Arc<Spool>> {
+        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
+        Ok(Arc::new(Spool { file, folder: folder.to_path_buf(), chunks: Mutex::default() }))
+    }
+
+    fn take(&self) -> u64 {
+        let mut chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
+        chunks.free.pop().unwrap_or_else(|| {
+            chunks.used += 1;
+            chunks.used - 1
+        })
+    }
+}
+
+/// A list in a spool.
+#[derive(Debug)]
+pub(crate) struct SpooledWords {
+    spool: Arc<Spool>,
+    chunks: Vec<u64>,
+    len: usize,
+}
+
+impl SpooledWords {
+    /// Hands out the words, a chunk at a time.
+    pub(crate) fn each(&self, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
+        let mut bytes = vec![0; 4 * CHUNK];
+        let mut words = Vec::with_capacity(CHUNK);
+        for (index, chunk) in self.chunks.iter().enumerate() {
+            let here = 4 * (self.len - index * CHUNK).min(CHUNK);
+            let read = read_exact_at(&self.spool.file, &mut bytes[..here], chunk * 4 * CHUNK as u64);
+            read.map_err(Error::io(&self.spool.folder, "read a temporary file"))?;
+            words.clear();
+            let word = |four: &[u8]| u32::from_le_bytes(four.try_into().expect("four bytes"));
+            words.extend(bytes[..here].chunks_exact(4).map(word));
+            each(&words)?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for SpooledWords {
+    fn drop(&mut self) {
+        let mut chunks = self.spool.chunks.lock().unwrap_or_else(PoisonError::into_inner);
+        chunks.free.append(&mut self.chunks);
+    }
+}
+
+/// Writes one list to a spool.
+pub(crate) struct WordSpooler {
+    list: SpooledWords,
+    buffer: Vec<u8>,
+}
+
+impl WordSpooler {
+    pub(crate) fn new(spool: &Arc<Spool>) -> WordSpooler {
+        let list = SpooledWords { spool: spool.clone(), chunks: Vec::new(), len: 0 };
+        WordSpooler { list, buffer: Vec::new() }
+    }
+
+    pub(crate) fn push(&mut self, words: &[u32]) -> Result<()> {
+        for word in words {
+            self.buffer.extend_from_slice(&word.to_le_bytes());
+            self.list.len += 1;
+            if self.buffer.len() == 4 * CHUNK {
+                self.flush()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let spool = &self.list.spool;
+        let chunk = spool.take();
+        self.list.chunks.push(chunk);
+        let written = write_all_at(&spool.file, &self.buffer, chunk * 4 * CHUNK as u64);
+        written.map_err(Error::io(&spool.folder, "write a temporary file"))?;
+        self.buffer.clear();
+        Ok(())
+    }
+
+    pub(crate) fn finish(mut self) -> Result<SpooledWords> {
+        if !self.buffer.is_empty() {
+            self.flush()?;
+        }
+        Ok(self.list)
+    }
+}
