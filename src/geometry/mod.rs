@@ -1,12 +1,10 @@
-//! Polygons with holes on an integer grid: against octants, into triangles, and
-//! as single rings. Exact, in integers.
+//! Polygons with holes on an integer grid: against octants, into triangles, and as
+//! single rings. Exact, in integers.
 
 mod box3;
-<<<<<<< HEAD
-pub(crate) mod crossing;
-=======
 mod bridges;
->>>>>>> brep-topo
+pub(crate) mod clipped;
+pub(crate) mod crossing;
 mod ears;
 mod intersection;
 mod plane;

@@ -4,6 +4,10 @@
 mod common;
 
 mod descriptions;
+#[cfg(feature = "mesh")]
+mod exact_questions;
+#[cfg(feature = "mesh")]
+mod exact_searches;
 mod import;
 #[cfg(feature = "mesh")]
 mod mesh_exact;

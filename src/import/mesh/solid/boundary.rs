@@ -9,7 +9,7 @@ use super::crossing::Projected;
 use super::fill::change;
 use super::grid::Triangle;
 use super::inside::Inside;
-use super::polygon::{ClippedPolygon, Point, clip, range};
+use crate::geometry::clipped::{ClippedPolygon, Point, clip, range};
 
 /// Triangles that are compared with each other at most.
 const MOST_TRIANGLES: usize = 48;
@@ -124,7 +124,7 @@ impl Neighbourhood<'_> {
         }
         let mut parts = Vec::with_capacity(self.triangles.len());
         for (triangle, it) in self.triangles.iter().enumerate() {
-            clip(ClippedPolygon::of(it, self.min, self.cell), 1, &mut |polygon, _, _| {
+            clip(ClippedPolygon::of_triangle(&it.corners, self.min, self.cell), 1, &mut |polygon, _, _| {
                 let plane = Plane::new(it.normal().map(|n| n as f64), polygon.points()[0]);
                 let ranges = [0, 1, 2].map(|axis| polygon.range(axis));
                 parts.push(Part { triangle, polygon: *polygon, ranges, plane });

@@ -19,7 +19,7 @@ use super::crossing::Lattice;
 use super::fill::windings_at_centres;
 use super::grid::Triangle;
 use super::inside::{Inside, State};
-use super::polygon::{ClippedPolygon, Point, clip};
+use crate::geometry::clipped::{ClippedPolygon, Point, clip};
 use crate::{Progress, Result};
 
 /// Sums over the faces in a cell that bound the inside.
@@ -231,7 +231,7 @@ impl Coverage {
         let mut coverage = Coverage { height, numbers, faces, pieces, starts };
         for (number, triangle) in (0..).zip(cube.triangles) {
             progress.check()?;
-            let polygon = ClippedPolygon::of(triangle, cube.min, cube.cell);
+            let polygon = ClippedPolygon::of_triangle(&triangle.corners, cube.min, cube.cell);
             clip(polygon, 1 << height, &mut |polygon, cell, is_cut| {
                 coverage.add(polygon, number, cell, is_cut);
             });

@@ -15,7 +15,6 @@ mod local;
 mod nearest;
 mod open;
 mod plan;
-mod polygon;
 mod rim;
 mod source;
 mod surroundings;

@@ -1,15 +1,13 @@
 //! Convex polygons: triangles clipped to cells and cut by planes.
 
-use super::grid::Triangle;
-
 /// A point, in cells of a cube.
-pub(super) type Point = [f64; 3];
+pub(crate) type Point = [f64; 3];
 
 /// A convex polygon: a triangle cut by up to six planes has up to 9 corners. (There is room for a few more,
 /// since rounding may make a polygon that is parallel to a plane cross it more than twice; what does not fit
 /// then has no area to speak of.)
 #[derive(Clone, Copy)]
-pub(super) struct ClippedPolygon {
+pub(crate) struct ClippedPolygon {
     points: [Point; 12],
     len: usize,
 }
@@ -17,22 +15,22 @@ pub(super) struct ClippedPolygon {
 impl ClippedPolygon {
     const NONE: ClippedPolygon = ClippedPolygon { points: [[0.0; 3]; 12], len: 0 };
 
-    /// A triangle, in cells of so many grid steps from a grid point.
-    pub(super) fn of(triangle: &Triangle, min: [i32; 3], cell: i32) -> ClippedPolygon {
+    /// A triangle of grid points, in cells of so many grid steps from a grid point.
+    pub(crate) fn of_triangle(corners: &[[i32; 3]; 3], min: [i32; 3], cell: i32) -> ClippedPolygon {
         let scale = 1.0 / f64::from(cell);
         let point = |corner: [i32; 3]| -> Point {
             std::array::from_fn(|axis| (corner[axis] as i64 - min[axis] as i64) as f64 * scale)
         };
-        ClippedPolygon::of_points(&triangle.corners.map(point))
+        ClippedPolygon::of_points(&corners.map(point))
     }
 
-    fn of_points(points: &[Point]) -> ClippedPolygon {
+    pub(crate) fn of_points(points: &[Point]) -> ClippedPolygon {
         let mut polygon = ClippedPolygon::NONE;
         points.iter().for_each(|point| polygon.push(*point));
         polygon
     }
 
-    pub(super) fn points(&self) -> &[Point] {
+    pub(crate) fn points(&self) -> &[Point] {
         &self.points[..self.len]
     }
 
@@ -44,18 +42,18 @@ impl ClippedPolygon {
     }
 
     /// Least and greatest coordinate along an axis.
-    pub(super) fn range(&self, axis: usize) -> (f64, f64) {
+    pub(crate) fn range(&self, axis: usize) -> (f64, f64) {
         range(self.points().iter().map(|point| point[axis]))
     }
 
     /// The mean of the corners, a point of the polygon.
-    pub(super) fn middle(&self) -> Point {
+    pub(crate) fn middle(&self) -> Point {
         let points = self.points();
         std::array::from_fn(|axis| points.iter().map(|point| point[axis]).sum::<f64>() / points.len() as f64)
     }
 
     /// The polygon in parts that have room for more corners.
-    pub(super) fn halves(&self) -> impl Iterator<Item = ClippedPolygon> {
+    pub(crate) fn halves(&self) -> impl Iterator<Item = ClippedPolygon> {
         let points = self.points();
         let middle = if points.len() > 8 { points.len() / 2 } else { points.len() - 1 };
         let rest = (middle + 1 < points.len()).then(|| {
@@ -67,14 +65,14 @@ impl ClippedPolygon {
     }
 
     /// Clips the polygon at a plane across an axis: the parts below and above it.
-    fn split(&self, axis: usize, plane: f64) -> (ClippedPolygon, ClippedPolygon) {
+    pub(crate) fn split(&self, axis: usize, plane: f64) -> (ClippedPolygon, ClippedPolygon) {
         self.split_by(|point| point[axis] - plane, |cut| cut[axis] = plane)
     }
 
     /// Clips the polygon where a linear function is zero: the parts where it is below and above (Sutherland and
     /// Hodgman, 1974). `onto` moves a point that was found to where it is zero exactly.
     #[inline]
-    pub(super) fn split_by(
+    pub(crate) fn split_by(
         &self,
         distance: impl Fn(&Point) -> f64,
         onto: impl Fn(&mut Point),
@@ -103,13 +101,13 @@ impl ClippedPolygon {
 }
 
 /// Least and greatest of some numbers.
-pub(super) fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
+pub(crate) fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
     numbers.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
 }
 
 /// Cuts a polygon into what lies in each cell of a cube with so many along each axis: hands out the part, its cell, and
 /// whether it cuts the cell and does not only lie in the wall at which the cell begins.
-pub(super) fn clip(
+pub(crate) fn clip(
     polygon: ClippedPolygon,
     side: usize,
     each: &mut impl FnMut(&ClippedPolygon, [usize; 3], bool),

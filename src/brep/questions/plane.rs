@@ -1,0 +1,47 @@
+//! Planes of faces and the sides of points, exact.
+
+use crate::brep::Face;
+
+/// The plane of a face: exact, since faces are planar on the grid.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Plane {
+    /// Twice the vector of the area that the outer ring encloses (Newell): outward, below 2^54.
+    pub(super) normal: [i64; 3],
+    /// A point of it.
+    pub(super) through: [i32; 3],
+}
+
+impl Plane {
+    pub(super) fn of(face: &Face<'_>) -> Plane {
+        let outer = face.rings().next().unwrap_or_default();
+        let Some((&through, others)) = outer.split_first() else {
+            return Plane { normal: [0; 3], through: [0; 3] };
+        };
+        let from = |p: &[i32; 3]| [0, 1, 2].map(|axis| i64::from(p[axis]) - i64::from(through[axis]));
+        let mut normal = [0i64; 3];
+        for edge in others.windows(2) {
+            let across = cross(from(&edge[0]), from(&edge[1]));
+            // (Single triangles of the fan may overlap: what is too much on the way goes off again.)
+            normal = [0, 1, 2].map(|axis| normal[axis].wrapping_add(across[axis]));
+        }
+        Plane { normal, through }
+    }
+}
+
+#[inline]
+pub(super) fn cross(u: [i64; 3], v: [i64; 3]) -> [i64; 3] {
+    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+}
+
+/// The sign of a number, and that of the first component of a vector that is not zero where it is zero: the number's
+/// sign after a step along the vector's axes that is by far longest along x and by far shortest along z.
+#[inline]
+pub(super) fn sign_or_first<T: Copy + PartialOrd + Default>(number: T, vector: [T; 3]) -> i32 {
+    let zero = T::default();
+    for number in [number, vector[0], vector[1], vector[2]] {
+        if number != zero {
+            return if number > zero { 1 } else { -1 };
+        }
+    }
+    0
+}

@@ -1,0 +1,121 @@
+//! Sums and quotients of whole numbers wider than those of the language.
+
+use bnum::cast::As;
+use bnum::types::{I1024, U1024};
+
+/// A whole number wide enough for whatever is put together of sums over faces and of a grid's step.
+pub(super) type Whole = I1024;
+
+/// A sum of products, in 192 bits: what does not fit comes in again on the other side, so that a sum is right if its
+/// end fits, whatever there was on the way.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct WideSum {
+    high: i128,
+    low: u64,
+}
+
+impl WideSum {
+    /// Adds the product of two numbers, the second one below 2^62 in magnitude.
+    #[inline]
+    pub(super) fn add_product(&mut self, a: i128, b: i64) {
+        // In halves of the first number: the lower one's product is below 2^126.
+        let low = i128::from(self.low) + i128::from(a as u64) * i128::from(b);
+        self.low = low as u64;
+        self.high = self.high.wrapping_add((low >> 64) + (a >> 64) * i128::from(b));
+    }
+
+    pub(super) fn add(&mut self, other: &WideSum) {
+        let low = u128::from(self.low) + u128::from(other.low);
+        self.low = low as u64;
+        self.high = self.high.wrapping_add(other.high).wrapping_add((low >> 64) as i128);
+    }
+
+    pub(super) fn value(&self) -> Whole {
+        (whole(self.high) << 64) + whole(i128::from(self.low))
+    }
+}
+
+pub(super) fn whole(number: i128) -> Whole {
+    number.as_()
+}
+
+/// A positive normal number as an odd whole number and the power of two by which that is to be multiplied.
+pub(super) fn odd_part(number: f64) -> (i128, i32) {
+    let bits = number.to_bits();
+    let digits = (bits & ((1 << 52) - 1)) | 1 << 52;
+    let exponent = (bits >> 52 & 0x7ff) as i32 - 1075;
+    let zeros = digits.trailing_zeros();
+    (i128::from(digits >> zeros), exponent + zeros as i32)
+}
+
+/// The double nearest to a quotient times a power of two, of two the even one; denormals are rounded twice. The
+/// divisor is not zero, and both are below 2^900 in magnitude.
+pub(super) fn rounded(number: Whole, divisor: Whole, exponent: i32) -> f64 {
+    let is_negative = (number < whole(0)) != (divisor < whole(0));
+    let (number, divisor) = (number.unsigned_abs(), divisor.unsigned_abs());
+    // A quotient of 64 or 65 bits, whose last bit also stands for all that follow it.
+    let shift = 64 - (number.bit_width() as i32 - divisor.bit_width() as i32);
+    let (number, divisor) = if shift >= 0 { (number << shift, divisor) } else { (number, divisor << -shift) };
+    let quotient = number / divisor;
+    let is_exact: bool = quotient * divisor == number;
+    let digits: u128 = (quotient | U1024::from(!is_exact)).as_();
+    // In two steps, since one power of two may be out of range where the number itself is not.
+    let scale = exponent - shift;
+    let (half, rest) = (scale / 2, scale - scale / 2);
+    let magnitude = digits as f64 * power_of_two(half) * power_of_two(rest);
+    if is_negative { -magnitude } else { magnitude }
+}
+
+fn power_of_two(exponent: i32) -> f64 {
+    2f64.powi(exponent.clamp(-2000, 2000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quotients_are_rounded_as_division_rounds() {
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as i128 - (1 << 52)
+        };
+        for _ in 0..10_000 {
+            let (a, b) = (random(), random());
+            assert_eq!(rounded(whole(a), whole(b), 0), a as f64 / b as f64, "{a} / {b}");
+            assert_eq!(rounded(whole(a), whole(b), -300), a as f64 / b as f64 * 2f64.powi(-300));
+            let (odd, exponent) = odd_part(b.unsigned_abs() as f64 * 0.125);
+            assert!(odd % 2 == 1 && odd as f64 * 2f64.powi(exponent) == b.unsigned_abs() as f64 * 0.125);
+        }
+        assert_eq!(rounded(whole(0), whole(5), 0), 0.0);
+        // Half way between two doubles, and a little more and less.
+        let half = (1i128 << 60) + (1 << 7);
+        for (number, expected) in [(half, 1i128 << 60), (half + 1, (1 << 60) + (1 << 8)), (half - 1, 1 << 60)]
+        {
+            assert_eq!(rounded(whole(number), whole(1), 0), expected as f64);
+        }
+        let third = whole(half) * whole(3) + whole(1);
+        assert_eq!(rounded(third, whole(3), 0), ((1i128 << 60) + (1 << 8)) as f64);
+    }
+
+    #[test]
+    fn sums_of_products_are_those_of_wider_numbers() {
+        let mut state = 7u64;
+        let mut random = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            state as i64
+        };
+        let (mut sum, mut parts, mut expected) = (WideSum::default(), [WideSum::default(); 2], whole(0));
+        for i in 0..1000 {
+            let (a, b) = ((i128::from(random()) << 18) + i128::from(random()), random() >> 2);
+            sum.add_product(a, b);
+            parts[i % 2].add_product(a, b);
+            expected += whole(a) * whole(i128::from(b));
+            assert_eq!(sum.value(), expected);
+        }
+        let [mut first, second] = parts;
+        first.add(&second);
+        assert_eq!(first.value(), expected);
+    }
+}
