@@ -211,7 +211,8 @@ impl Tree {
         let opened = self.get()?;
         opened.check_octree()?;
         let format = MeshFormat::of(&path);
-        let format = format.ok_or_else(|| invalid(format!("{}: use .ply, .obj or .stl", path.display())))?;
+        let format =
+            format.ok_or_else(|| invalid(format!("{}: use .ply, .obj, .stl or .off", path.display())))?;
         let mut request = MeshRequest::new();
         request.level = Some(level_of(&opened.tree, level)?);
         (request.smooth, request.triangles) = (smooth, triangles);

@@ -7,8 +7,9 @@ mod grid;
 mod hash;
 pub mod questions;
 mod store;
+pub mod topology;
 
-pub use build::{BuildReport, Defect, DefectKind, ModelBuilder};
+pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
 pub use contains::Location;
 pub use face::{Face, FaceList, Faces};
 pub use grid::{Grid, MOST_BITS};

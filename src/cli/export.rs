@@ -18,14 +18,14 @@ use super::report::{Work, report_output};
 /// sizes meet, a face has the corners of its neighbours as points of its own. Memory does not grow with the
 /// mesh.
 ///
-/// PLY is binary and has colours and classes as properties of faces; OBJ is text; STL is binary, in single
-/// precision.
+/// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and has colours of
+/// faces; STL is binary, in single precision.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .ply, .obj or .stl; `-` is standard output
+    /// Output: .ply, .obj, .stl or .off; `-` is standard output
     output: PathBuf,
     /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if
     /// it is at least half full (rule occupancy), or if anything is in it (other rules)
@@ -34,10 +34,10 @@ pub(crate) struct Args {
     /// The smooth surface where cells are half full (surface nets), instead of the cells' faces
     #[arg(long)]
     smooth: bool,
-    /// Triangles only, in PLY and OBJ too
+    /// Triangles only, in PLY, OBJ and OFF too
     #[arg(long)]
     triangles: bool,
-    /// Format where the output's name does not say: ply, obj or stl
+    /// Format where the output's name does not say: ply, obj, stl or off
     #[arg(long)]
     format: Option<MeshFormat>,
 }
@@ -52,8 +52,9 @@ const EXAMPLES: &str = "Examples:
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Some(format) = args.format.or_else(|| MeshFormat::of(&args.output)) else {
-        bail!("{}: unknown format; use .ply, .obj or .stl, or --format", args.output.display());
+        bail!("{}: unknown format; use .ply, .obj, .stl or .off, or --format", args.output.display());
     };
+    // (An exact model goes another way from here on: `export_exact` writes its faces as they are, in `.city.json`, too.)
     let tree = args.tree.open()?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let mut request = MeshRequest::new();

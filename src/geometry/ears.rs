@@ -141,7 +141,7 @@ impl<'a> Ears<'a> {
     }
 
     /// Whether a ring has a corner between two points, or an edge that crosses their segment.
-    fn is_blocked(&self, from: u32, to: u32, ring: &[u32]) -> bool {
+    pub(super) fn is_blocked(&self, from: u32, to: u32, ring: &[u32]) -> bool {
         (0..ring.len()).any(|i| {
             let (a, b) = (ring[i], ring[(i + 1) % ring.len()]);
             self.is_between(a, from, to)
@@ -151,7 +151,7 @@ impl<'a> Ears<'a> {
     }
 
     /// Whether the way from a ring's corner towards another one starts on the left of the ring.
-    fn opens_to(&self, ring: &[u32], index: usize, towards: u32) -> bool {
+    pub(super) fn opens_to(&self, ring: &[u32], index: usize, towards: u32) -> bool {
         let corner = ring[index];
         let before = ring[(index + ring.len() - 1) % ring.len()];
         let after = ring[(index + 1) % ring.len()];

@@ -1,6 +1,8 @@
-//! Polygons with holes on an integer grid: against octants, and into triangles. Exact, in integers.
+//! Polygons with holes on an integer grid: against octants, into triangles, and
+//! as single rings. Exact, in integers.
 
 mod box3;
+mod bridges;
 pub(crate) mod clipped;
 pub(crate) mod crossing;
 mod ears;
@@ -12,6 +14,7 @@ pub(crate) mod triangle;
 mod triangulate;
 
 pub use box3::Box3;
+pub use bridges::{join_rings, split_bridges};
 pub use intersection::{Intersection, Stage, Stages};
 pub use polygon::{Flaw, Polygon};
 pub use triangulate::Triangulator;

@@ -1,83 +1,113 @@
-//! Faces of mesh files on a grid, without a file between.
-
-use std::path::Path;
+//! Exact models made in tests.
 
 use spinney::brep::{ExactModel, Face, FaceList, Faces, Grid, ModelBuilder};
-use spinney::geometry::Triangulator;
-use spinney::import::mesh;
+use spinney::import::mesh::open;
 use spinney::io::Output;
 use spinney::store::{Metadata, OpenOptions};
 
-/// A file of faces, open.
-pub fn model_of(list: &FaceList) -> ExactModel {
+use super::shared_data;
+
+pub type Ring = Vec<[i32; 3]>;
+
+/// A grid of whole numbers.
+pub fn whole_grid() -> Grid {
+    Grid::over([[0.0; 3], [1000.0; 3]], Some(1.0)).unwrap()
+}
+
+/// A model of faces without colours, each of which is a list of rings.
+pub fn model(faces: &[Vec<Ring>]) -> FaceList {
+    model_on(whole_grid(), faces)
+}
+
+/// A model on a grid, as [`model`].
+pub fn model_on(grid: Grid, faces: &[Vec<Ring>]) -> FaceList {
+    let mut list = FaceList::new(grid, vec!["solid".into()]);
+    for rings in faces {
+        push(&mut list, rings, 0, None);
+    }
+    list
+}
+
+/// The faces in a file, open.
+pub fn file_of(list: &FaceList) -> ExactModel {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.goblin");
-    let mut builder =
-        ModelBuilder::new(Output::create(&path).unwrap(), list.grid().clone(), 64 << 20).unwrap();
+    let output = Output::create(&path).unwrap();
+    let mut builder = ModelBuilder::new(output, list.grid().clone(), 64 << 20).unwrap();
     list.each(&mut |face| builder.push(face)).unwrap();
     let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
     assert_eq!(report.defects, []);
     ExactModel::open(&path, &OpenOptions::new()).unwrap()
 }
 
-/// A box of six rectangles, turned inside out for a cavity.
-pub fn cuboid(min: [i32; 3], max: [i32; 3], is_cavity: bool) -> Vec<Vec<Vec<[i32; 3]>>> {
-    let p = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 0 { min[axis] } else { max[axis] });
-    let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-    let face = |mut quad: [usize; 4]| {
-        if is_cavity {
-            quad.reverse();
+pub fn push(list: &mut FaceList, rings: &[Ring], part: u32, colour: Option<[u8; 3]>) {
+    let points = rings.concat();
+    let mut ring_ends = Vec::new();
+    rings.iter().for_each(|ring| ring_ends.push(ring_ends.last().unwrap_or(&0) + ring.len()));
+    let colours = vec![colour.unwrap_or_default(); if colour.is_some() { points.len() } else { 0 }];
+    let number = list.len();
+    list.push(&Face {
+        number,
+        points: &points,
+        ring_ends: &ring_ends,
+        colours: &colours,
+        part,
+        source: number,
+    });
+}
+
+/// The walls of a prism over a ring that is counterclockwise seen from above; it may have a hole.
+pub fn prism(rings: &[Vec<[i32; 2]>], bottom: i32, top: i32) -> Vec<Vec<Ring>> {
+    let at = |z: i32| move |[x, y]: &[i32; 2]| [*x, *y, z];
+    let mut faces = vec![rings.iter().map(|ring| ring.iter().map(at(top)).collect()).collect::<Vec<Ring>>()];
+    faces.push(rings.iter().map(|ring| ring.iter().rev().map(at(bottom)).collect()).collect());
+    for ring in rings {
+        for (i, &[x, y]) in ring.iter().enumerate() {
+            let [u, v] = ring[(i + 1) % ring.len()];
+            faces.push(vec![vec![[x, y, bottom], [u, v, bottom], [u, v, top], [x, y, top]]]);
         }
-        vec![quad.map(p).to_vec()]
-    };
-    quads.map(face).to_vec()
-}
-
-/// Faces given by their rings.
-pub fn list_of(grid: Grid, faces: &[Vec<Vec<[i32; 3]>>]) -> FaceList {
-    let mut list = FaceList::new(grid, vec![String::new()]);
-    for (number, rings) in (0..).zip(faces) {
-        let ends = rings.iter().scan(0, |end, ring| {
-            *end += ring.len();
-            Some(*end)
-        });
-        let (points, ring_ends) = (rings.concat(), ends.collect::<Vec<_>>());
-        let (points, ring_ends) = (&points, &ring_ends);
-        list.push(&Face { number, points, ring_ends, colours: &[], part: 0, source: number });
     }
-    list
+    faces
 }
 
-/// The faces of a mesh, each corner at the nearest grid point and cut into triangles; those without area are left out.
-pub fn snapped(path: &Path, width: Option<f64>) -> FaceList {
-    let mut model = mesh::open(path, 1 << 30).unwrap();
-    let grid = Grid::over(model.info().bounds, width).unwrap();
-    let mut list = FaceList::new(grid.clone(), vec![String::new()]);
-    let mut triangulator = Triangulator::new();
-    let mut source = 0;
-    model
-        .faces(&mut |face| {
-            let points: Vec<[i32; 3]> = face.points.iter().map(|point| grid.snap(*point).unwrap()).collect();
-            let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(i64::from)).collect();
-            let mut triangles = Vec::new();
-            triangulator.triangulate(&wide, face.ring_ends, &mut triangles);
-            for corners in triangles {
-                let points = corners.map(|corner| points[corner as usize]);
-                if area(&points) != [0; 3] {
-                    let (points, ring_ends) = (&points, &[3]);
-                    list.push(&Face { number: 0, points, ring_ends, colours: &[], part: 0, source });
-                }
-            }
-            source += 1;
-            Ok(())
-        })
-        .unwrap();
-    list
+/// The faces of a box.
+pub fn cuboid(min: [i32; 3], max: [i32; 3]) -> Vec<Vec<Ring>> {
+    let ring = vec![[min[0], min[1]], [max[0], min[1]], [max[0], max[1]], [min[0], max[1]]];
+    prism(&[ring], min[2], max[2])
 }
 
-/// Twice the vector of a triangle's area.
-pub fn area(corners: &[[i32; 3]; 3]) -> [i64; 3] {
-    let [a, b, c] = corners.map(|corner| corner.map(i64::from));
-    let (u, v) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
-    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+/// The same faces seen from the other side: of a solid, a cavity.
+pub fn turned(mut faces: Vec<Vec<Ring>>) -> Vec<Vec<Ring>> {
+    faces.iter_mut().flatten().for_each(|ring| ring.reverse());
+    faces
+}
+
+/// A model of the test data, if there, snapped to a grid; only the faces for which `is_wanted` says so by their part.
+pub fn snapped(name: &str, is_wanted: &dyn Fn(u32) -> bool) -> Option<FaceList> {
+    let path = shared_data()?.join("mesh").join(name);
+    if !path.exists() {
+        println!("skipped: no {}", path.display());
+        return None;
+    }
+    let mut file = open(&path, 1 << 30).unwrap();
+    let info = file.info().clone();
+    let grid = Grid::over(info.bounds, None).unwrap();
+    let mut list = FaceList::new(grid.clone(), info.parts);
+    file.faces(&mut |face| {
+        if is_wanted(face.part) {
+            let points: Ring = face.points.iter().map(|point| grid.snap(*point).unwrap()).collect();
+            let (ring_ends, part) = (face.ring_ends, face.part);
+            list.push(&Face {
+                number: 0,
+                points: &points,
+                ring_ends,
+                colours: face.colours,
+                part,
+                source: 0,
+            });
+        }
+        Ok(())
+    })
+    .unwrap();
+    Some(list)
 }

@@ -187,7 +187,7 @@ fn meshes() {
     let cells = Cells::random(OCT, 5, [30, 20, 25], 9, true);
     write_cells(&path, &cells, &options(Rule::Mean, Kind::Continuous, 5));
     let tree = open(&path, &OpenOptions::new()).unwrap();
-    for name in ["t.obj", "t.ply", "t.stl"] {
+    for name in ["t.obj", "t.ply", "t.stl", "t.off"] {
         let format = MeshFormat::of(name.as_ref()).unwrap();
         fails_well(name, &|output| export_mesh(&tree, &MeshRequest::new(), output, format, &()).map(|_| ()));
     }

@@ -9,6 +9,8 @@ mod exact_questions;
 #[cfg(feature = "mesh")]
 mod exact_searches;
 mod import;
+#[cfg(feature = "mesh")]
+mod mesh_exact;
 mod mesh_export;
 mod mesh_interrupts;
 #[cfg(feature = "mesh")]

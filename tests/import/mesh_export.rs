@@ -86,6 +86,24 @@ fn read_obj(bytes: &[u8]) -> Read {
     read
 }
 
+fn read_off(bytes: &[u8]) -> Read {
+    let mut read = Read::default();
+    let mut lines = std::str::from_utf8(bytes).unwrap().lines();
+    assert_eq!([lines.next(), lines.next()], [Some("OFF"), Some("# made by spinney")]);
+    let counts: Vec<usize> = lines.next().unwrap().split(' ').map(|word| word.parse().unwrap()).collect();
+    for _ in 0..counts[0] {
+        let point: Vec<f64> = lines.next().unwrap().split(' ').map(|word| word.parse().unwrap()).collect();
+        read.points.push(point.try_into().unwrap());
+    }
+    for _ in 0..counts[1] {
+        let face: Vec<usize> = lines.next().unwrap().split(' ').map(|word| word.parse().unwrap()).collect();
+        read.faces.push(face[1..=face[0]].to_vec());
+        read.told.push(face[face[0] + 1..].iter().map(|channel| *channel as u16).collect());
+    }
+    assert_eq!(lines.next(), None);
+    read
+}
+
 fn read_stl(bytes: &[u8]) -> Read {
     assert!(!bytes.starts_with(b"solid"));
     let count = u32::from_le_bytes(bytes[80..84].try_into().unwrap());
@@ -218,6 +236,8 @@ impl Job {
             MeshFormat::Ply => read_ply(&bytes),
             MeshFormat::Obj => read_obj(&bytes),
             MeshFormat::Stl => read_stl(&bytes),
+            MeshFormat::Off => read_off(&bytes),
+            MeshFormat::CityJson => unreachable!("trees are not written as CityJSON"),
         };
         let found = MeshSummary { vertices: read.points.len() as u64, faces: read.faces.len() as u64 };
         assert_eq!(found, summary);
@@ -259,7 +279,7 @@ fn expected(size: [u64; 3], solid: impl Fn([u64; 3]) -> bool) -> (f64, [f64; 6])
     (volume, areas)
 }
 
-const FORMATS: [MeshFormat; 3] = [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl];
+const FORMATS: [MeshFormat; 4] = [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl, MeshFormat::Off];
 
 /// Checks all formats of the faces of full cells.
 fn check_faces(depth: u8, size: [u64; 3], solid: impl Fn([u64; 3]) -> bool, what: &str) -> Read {

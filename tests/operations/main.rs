@@ -3,6 +3,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+#[cfg(feature = "mesh")]
+mod brep_topology;
 mod coverage;
 mod crops;
 mod operations;

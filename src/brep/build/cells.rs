@@ -127,6 +127,8 @@ pub(super) struct Walk<'a> {
     pub(super) items: &'a Items,
     pub(super) bits: u8,
     pub(super) depth: u8,
+    /// Cells with at most so many faces are not divided.
+    pub(super) boolean_faces: usize,
     pub(super) stages: &'a Mutex<Stages>,
     pub(super) progress: &'a dyn Progress,
 }
@@ -177,7 +179,7 @@ impl Walk<'_> {
         let mut lists: [Vec<u32>; 8] = Default::default();
         let mut changes = [0; 7];
         for &item in list {
-            let bounds = &self.items.bounds[item as usize];
+            let bounds = self.items.bounds(item);
             let children = division.children(bounds, stages, |min, max| self.items.cuts(item, min, max));
             for (child, list) in lists.iter_mut().enumerate() {
                 if children >> child & 1 == 1 {
@@ -208,7 +210,7 @@ impl Walk<'_> {
             3 => NodeKind::Vertex,
             _ => NodeKind::Boolean,
         };
-        (rank < 4 || cell.level == self.depth).then_some(kind)
+        (rank < 4 || list.len() <= self.boolean_faces || cell.level == self.depth).then_some(kind)
     }
 
     fn rank(&self, list: &[u32]) -> usize {
@@ -216,10 +218,10 @@ impl Walk<'_> {
             return usize::from(*one != u32::MAX);
         }
         if let [one, other] = list {
-            let (a, b) = (&self.items.planes[*one as usize], &self.items.planes[*other as usize]);
+            let (a, b) = (self.items.plane(*one), self.items.plane(*other));
             return if are_one(a, b) { 1 } else { 2 };
         }
-        rank(list.iter().map(|item| &self.items.planes[*item as usize]))
+        rank(list.iter().map(|item| self.items.plane(*item)))
     }
 
     fn leaf(&self, cell: &Cell, list: &[u32], kind: NodeKind, out: &mut Arena) -> Result<u32> {
@@ -237,14 +239,16 @@ impl Walk<'_> {
                 Rule::Crossings => false,
             };
             if i32::from(expected) != cell.winding {
+                // What is behind is one more than what is in front.
+                let more = cell.winding - i32::from(expected);
                 out.defects.push(Found {
-                    kind: DefectKind::Winding(if cell.winding == 1 { 2 } else { cell.winding - 1 }),
+                    kind: DefectKind::Winding(if more > 0 { more + 1 } else { more }),
                     at: min.map(|at| at as f64 / 2.0),
-                    faces: list.iter().take(2).map(|item| self.items.faces[*item as usize]).collect(),
+                    faces: list.iter().take(2).map(|item| self.items.face(*item)).collect(),
                 });
             }
         }
-        let faces = list.iter().map(|item| self.items.faces[*item as usize]);
+        let faces = list.iter().map(|item| self.items.face(*item));
         Ok(out.leaf(LeafHead { kind, rule, inside }, faces))
     }
 
@@ -258,9 +262,9 @@ impl Walk<'_> {
             if index & 0xff == 0xff {
                 self.progress.check()?;
             }
-            let [low, high] = self.items.bounds[one as usize];
+            let [low, high] = *self.items.bounds(one);
             for &other in &list[index + 1..] {
-                let [other_low, other_high] = self.items.bounds[other as usize];
+                let [other_low, other_high] = *self.items.bounds(other);
                 if (0..3).any(|axis| other_low[axis] > high[axis] || low[axis] > other_high[axis]) {
                     continue;
                 }
@@ -276,8 +280,7 @@ impl Walk<'_> {
                                     (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
                                 (f64::from(low) + f64::from(high)) / 2.0
                             });
-                            let mut faces =
-                                vec![self.items.faces[one as usize], self.items.faces[other as usize]];
+                            let mut faces = vec![self.items.face(one), self.items.face(other)];
                             faces.sort_unstable();
                             out.defects.push(Found { kind, at, faces });
                         }
@@ -314,7 +317,7 @@ impl Walk<'_> {
                 out.defects.push(Found {
                     kind: DefectKind::Winding(wrong),
                     at: sample.at.map(|at| at as f64 / (1 << sample.bits) as f64),
-                    faces: vec![self.items.faces[item as usize]],
+                    faces: vec![self.items.face(item)],
                 });
             }
         }
@@ -341,8 +344,7 @@ impl Walk<'_> {
                     in_plane &= side == 0;
                 }
                 let turned = || {
-                    let (a, b) =
-                        (self.items.planes[plane as usize].normal, self.items.planes[other as usize].normal);
+                    let (a, b) = (self.items.plane(plane).normal, self.items.plane(other).normal);
                     (0..3).any(|axis| a[axis].signum() * b[axis].signum() < 0)
                 };
                 if !(all || any) || (in_plane && turned()) {

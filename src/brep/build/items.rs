@@ -2,22 +2,31 @@
 
 use super::run::{FaceWords, Run};
 use crate::Result;
+use crate::brep::MOST_BITS;
 use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
 use crate::geometry::rank::HomogeneousPlane;
 use crate::geometry::{Box3, Flaw, Intersection, Polygon, Triangulator, triangle};
+use crate::space::{Dimension, morton_encode};
 
-/// Faces, by their place in the lists.
+/// Faces, in the order of the cells in which their middles lie: neighbours in space are neighbours in memory.
 #[derive(Default)]
 pub(super) struct Items {
-    pub(super) faces: Vec<u32>,
-    /// Corners of triangles; of other faces the corners of the first triangle that is cut from them.
-    pub(super) corners: Vec<[[i32; 3]; 3]>,
-    pub(super) planes: Vec<HomogeneousPlane>,
-    /// Least and greatest coordinates.
-    pub(super) bounds: Vec<[[i32; 3]; 2]>,
-    /// Faces that are no triangles.
-    polygons: Vec<Option<Box<PolygonItem>>>,
+    list: Vec<Item>,
+    polygons: Vec<PolygonItem>,
 }
+
+/// A face.
+struct Item {
+    bounds: [[i32; 3]; 2],
+    /// Corners of a triangle; of other faces those of the first triangle that is cut from it.
+    corners: [[i32; 3]; 3],
+    plane: HomogeneousPlane,
+    face: u32,
+    /// Place among the polygons; [`TRIANGLE`] for triangles.
+    polygon: u32,
+}
+
+const TRIANGLE: u32 = u32::MAX;
 
 /// A face that is no triangle.
 struct PolygonItem {
@@ -29,7 +38,7 @@ struct PolygonItem {
 }
 
 /// Bytes of an item that is a triangle.
-pub(super) const ITEM: usize = 4 + 36 + 48 + 24 + 8;
+pub(super) const ITEM: usize = size_of::<Item>() + 16;
 
 /// End of the only ring of triangles.
 const ONE_RING: [usize; 1] = [3];
@@ -43,36 +52,66 @@ impl Items {
             items.push(face, &mut triangulator);
             Ok(())
         })?;
+        // Spreading has room for 21 bits of each coordinate; the lowest ones do not matter for being near.
+        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
+        let code = |item: &Item| {
+            let [low, high] = item.bounds;
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
+            x | y << 1 | z << 2
+        };
+        items.list.sort_by_cached_key(|item| (code(item), item.face));
         Ok(items)
     }
 
     fn push(&mut self, face: FaceWords<'_>, triangulator: &mut Triangulator) {
-        self.faces.push(face.number());
         let (corners, normal, bounds, polygon) = match face.triangle() {
-            Some(corners) => (corners, ring_normal(&corners), bounds_of(&corners), None),
+            Some(corners) => (corners, ring_normal(&corners), bounds_of(&corners), TRIANGLE),
             None => {
                 let item = PolygonItem::of(face, triangulator);
                 let normal = ring_normal(&item.points[..item.ring_ends[0]]);
                 let corners = item.triangles.first().copied().unwrap_or([item.points[0]; 3]);
-                (corners, normal, bounds_of(&item.points), Some(Box::new(item)))
+                let bounds = bounds_of(&item.points);
+                self.polygons.push(item);
+                (corners, normal, bounds, self.polygons.len() as u32 - 1)
             }
         };
-        self.corners.push(corners);
-        self.planes.push(HomogeneousPlane::through(normal, corners[0]));
-        self.bounds.push(bounds);
-        self.polygons.push(polygon);
+        let plane = HomogeneousPlane::through(normal, corners[0]);
+        self.list.push(Item { bounds, corners, plane, face: face.number(), polygon });
     }
 
     pub(super) fn len(&self) -> usize {
-        self.faces.len()
+        self.list.len()
+    }
+
+    /// The number of a face.
+    #[inline]
+    pub(super) fn face(&self, item: u32) -> u32 {
+        self.list[item as usize].face
+    }
+
+    #[inline]
+    pub(super) fn plane(&self, item: u32) -> &HomogeneousPlane {
+        &self.list[item as usize].plane
+    }
+
+    /// Least and greatest coordinates of a face.
+    #[inline]
+    pub(super) fn bounds(&self, item: u32) -> &[[i32; 3]; 2] {
+        &self.list[item as usize].bounds
+    }
+
+    #[inline]
+    fn polygon(&self, item: &Item) -> Option<&PolygonItem> {
+        if item.polygon == TRIANGLE { None } else { self.polygons.get(item.polygon as usize) }
     }
 
     /// Whether a face cuts an octant, given in half units of the grid: the five-stage test.
     #[inline]
     pub(super) fn cuts(&self, item: u32, min: [i64; 3], max: [i64; 3]) -> Intersection {
-        match &self.polygons[item as usize] {
+        let item = &self.list[item as usize];
+        match self.polygon(item) {
             None => {
-                let corners = self.corners[item as usize].map(|corner| corner.map(|at| 2 * i64::from(at)));
+                let corners = item.corners.map(|corner| corner.map(|at| 2 * i64::from(at)));
                 triangle::intersect(&corners, min, max)
             }
             Some(polygon) => polygon.polygon.cuts(&Box3 { min, max }),
@@ -81,10 +120,10 @@ impl Items {
 
     #[inline]
     pub(super) fn outline(&self, item: u32) -> Outline<'_> {
-        let item = item as usize;
-        let normal = self.planes[item].normal;
-        match &self.polygons[item] {
-            None => Outline { points: &self.corners[item], ring_ends: &ONE_RING, normal },
+        let item = &self.list[item as usize];
+        let normal = item.plane.normal;
+        match self.polygon(item) {
+            None => Outline { points: &item.corners, ring_ends: &ONE_RING, normal },
             Some(polygon) => Outline { points: &polygon.points, ring_ends: &polygon.ring_ends, normal },
         }
     }
@@ -92,16 +131,18 @@ impl Items {
     /// The face as triangles.
     #[inline]
     pub(super) fn triangles(&self, item: u32) -> &[[[i32; 3]; 3]] {
-        match &self.polygons[item as usize] {
-            None => std::slice::from_ref(&self.corners[item as usize]),
+        let item = &self.list[item as usize];
+        match self.polygon(item) {
+            None => std::slice::from_ref(&item.corners),
             Some(polygon) => &polygon.triangles,
         }
     }
 
     /// Corners of a face.
     pub(super) fn points(&self, item: u32) -> &[[i32; 3]] {
-        match &self.polygons[item as usize] {
-            None => &self.corners[item as usize],
+        let item = &self.list[item as usize];
+        match self.polygon(item) {
+            None => &item.corners,
             Some(polygon) => &polygon.points,
         }
     }
@@ -110,7 +151,7 @@ impl Items {
     #[inline]
     pub(super) fn sample(&self, item: u32) -> Option<FinePoint> {
         const BITS: u32 = 3;
-        let [a, b, c] = self.corners[item as usize];
+        let [a, b, c] = self.list[item as usize].corners;
         let weights =
             [[3, 3, 2], [3, 2, 3], [2, 3, 3], [4, 3, 1], [1, 4, 3], [3, 1, 4], [5, 2, 1], [1, 1, 6]];
         let points = weights.into_iter().map(|[u, v, w]: [i64; 3]| {

@@ -24,6 +24,7 @@ impl ExactImport {
         let mut options = ExactOptions::new();
         options.grid = solids.grid;
         options.close = solids.close;
+        options.boolean_faces = solids.boolean.unwrap_or(options.boolean_faces);
         options.up = solids.up.unwrap_or_default();
         options.unit = solids.unit.clone();
         options.crs = common.crs.clone();

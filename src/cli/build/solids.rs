@@ -55,6 +55,10 @@ pub(super) struct SolidArgs {
     /// leaves about 2^26 steps along the longest side]
     #[arg(long, value_name = "WIDTH", requires = "exact")]
     pub(super) grid: Option<f64>,
+    /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
+    /// point in common, as in the literature [default: 12]
+    #[arg(long, value_name = "N", requires = "exact")]
+    pub(super) boolean: Option<usize>,
     /// Close an open surface with triangles over its boundaries
     #[arg(long, requires = "exact")]
     pub(super) close: bool,
@@ -98,6 +102,7 @@ impl SolidArgs {
             exact,
             grid: _,
             close: _,
+            boolean: _,
         } = self;
         cells.is_some()
             || cell.is_some()

@@ -1,4 +1,4 @@
-//! The surface of an octree as a mesh: PLY, OBJ or STL.
+//! The surface of an octree as a mesh: PLY, OBJ, STL or OFF; and exact models, as CityJSON too (`exact/`).
 //!
 //! Two surfaces can be had. The *faces* of the cells, merged to rectangles, enclose exactly the solid cells.
 //! The *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
@@ -9,7 +9,7 @@
 //! of 32 x 32 x 32 cells only, so that a block's rectangles follow from the block and the cells that touch
 //! it; then each rectangle gets the corners of all rectangles around it as points of its own ring, those of
 //! the 26 blocks around its block included. That is exact wherever blocks meet, merges whatever is flat, and
-//! needs a few blocks at a time; the price is that some rectangles have more than four points (PLY and OBJ
+//! needs a few blocks at a time; the price is that some rectangles have more than four points (all but STL
 //! can hold these; for STL, or if asked for, they are cut into triangles).
 //!
 //! Blocks are visited in Z order, and whatever is uniformly solid or empty with its surroundings is passed
@@ -17,10 +17,12 @@
 //! these blocks is done: memory goes with the edge of what is done, never with the mesh.
 
 mod arrays;
+mod exact;
 mod faces;
 mod nets;
 mod numbers;
 mod obj;
+mod off;
 mod ply;
 mod rings;
 mod sink;
@@ -38,6 +40,7 @@ use crate::value::{Kind, Rule, SampleType};
 use crate::{Error, Progress, Result};
 
 pub use arrays::SurfaceMesh;
+pub use exact::{ExactSummary, export_exact};
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 
@@ -70,6 +73,10 @@ pub enum MeshFormat {
     Obj,
     /// STL, binary: triangles in single precision.
     Stl,
+    /// OFF, text.
+    Off,
+    /// CityJSON 2.0: for exact models only, which have polygons with holes, and parts.
+    CityJson,
 }
 
 impl FromStr for MeshFormat {
@@ -80,7 +87,9 @@ impl FromStr for MeshFormat {
             "ply" => Ok(MeshFormat::Ply),
             "obj" => Ok(MeshFormat::Obj),
             "stl" => Ok(MeshFormat::Stl),
-            _ => Err(Error::invalid("mesh format", format!("`{name}`"), "ply, obj or stl")),
+            "off" => Ok(MeshFormat::Off),
+            "city.json" | "cityjson" | "json" => Ok(MeshFormat::CityJson),
+            _ => Err(Error::invalid("mesh format", format!("`{name}`"), "ply, obj, stl, off or city.json")),
         }
     }
 }
@@ -104,8 +113,8 @@ pub struct MeshSummary {
 /// Writes the surface of an octree, or of a view of one, in the coordinates of its world. A tree without
 /// solid cells gives a mesh without faces.
 ///
-/// PLY files have the cells' values: three or four channels of u8 as colours of faces, classes of u8 or u16
-/// as a property `value`. Faces of different values are not merged then.
+/// PLY files have the cells' values: three or four channels of u8 as colours of faces, as OFF files too, classes of
+/// u8 or u16 as a property `value`. Faces of different values are not merged then.
 ///
 /// ```
 /// use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
@@ -131,8 +140,11 @@ pub fn export_mesh(
     let level = request.level.unwrap_or(tree.depth());
     let header = tree.header();
     let attribute = match (header.form.value.sample, header.form.value.channels) {
-        _ if format != MeshFormat::Ply || header.rule == Rule::Occupancy => FaceAttribute::None,
-        (SampleType::U8, 3 | 4) => FaceAttribute::Colour,
+        _ if header.rule == Rule::Occupancy => FaceAttribute::None,
+        (SampleType::U8, 3 | 4) if matches!(format, MeshFormat::Ply | MeshFormat::Off) => {
+            FaceAttribute::Colour
+        }
+        _ if format != MeshFormat::Ply => FaceAttribute::None,
         _ if header.kind != Kind::Categorical || !can_carry_value(header.form.value) => FaceAttribute::None,
         (SampleType::U8, _) => FaceAttribute::Byte,
         _ => FaceAttribute::Short,
@@ -180,11 +192,9 @@ pub fn export_blocks(
 ) -> Result<MeshSummary> {
     let precision = Precision::of(frame, blocks.level())?;
     let carry = blocks.carry();
+    let attribute = if carry == Carry::Value { attribute } else { FaceAttribute::None };
     let sink: Box<dyn Sink> = match format {
-        MeshFormat::Ply => {
-            let attribute = if carry == Carry::Value { attribute } else { FaceAttribute::None };
-            Box::new(ply::Ply::new(output, attribute, precision != Precision::Single)?)
-        }
+        MeshFormat::Ply => Box::new(ply::Ply::new(output, attribute, precision != Precision::Single)?),
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
         MeshFormat::Stl if precision == Precision::Double => {
             let found =
@@ -192,6 +202,11 @@ pub fn export_blocks(
             return Err(Error::unsupported(output.path(), found, "write PLY or OBJ"));
         }
         MeshFormat::Stl => Box::new(stl::Stl::new(output)?),
+        MeshFormat::Off => Box::new(off::Off::new(output, attribute, false)?),
+        MeshFormat::CityJson => {
+            let found = "a tree of cells as CityJSON";
+            return Err(Error::unsupported(output.path(), found, "write PLY, OBJ, STL or OFF"));
+        }
     };
     let triangles = request.triangles || format == MeshFormat::Stl;
     write_surface(blocks, Mesh::new(sink, frame, triangles), request.smooth, progress)

@@ -29,6 +29,21 @@ impl Sink for Obj {
         self.line(format!("v {x} {y} {z}"))
     }
 
+    fn coloured_vertex(&mut self, [x, y, z]: [f64; 3], colour: [u8; 3]) -> Result<()> {
+        let [red, green, blue] = colour.map(|channel| f64::from(channel) / 255.0);
+        self.line(format!("v {x} {y} {z} {red} {green} {blue}"))
+    }
+
+    fn part(&mut self, name: &str) -> Result<()> {
+        // A line ends with the line, and goes on behind a backslash.
+        let mut name = name.replace(|letter: char| letter.is_control(), "_");
+        if name.ends_with('\\') {
+            name.pop();
+            name.push('_');
+        }
+        self.line(format!("o {name}"))
+    }
+
     fn face(&mut self, corners: &[Vertex], _: u32) -> Result<()> {
         let mut line = String::from("f");
         for corner in corners {

@@ -24,6 +24,9 @@ pub(super) struct Ply {
     output: Output,
     attribute: FaceAttribute,
     double: bool,
+    has_vertex_colours: bool,
+    /// Whether faces may have more than 255 corners.
+    is_wide: bool,
     vertices: u64,
     faces: u64,
     vertex_spill: Spill,
@@ -35,24 +38,48 @@ impl Ply {
     /// Starts a file, with coordinates of double precision, or of single.
     pub(super) fn new(output: Output, attribute: FaceAttribute, double: bool) -> Result<Ply> {
         let (vertex_spill, face_spill) = (Spill::new(&output)?, Spill::new(&output)?);
-        let bytes = Vec::new();
-        Ok(Ply { output, attribute, double, vertices: 0, faces: 0, vertex_spill, face_spill, bytes })
+        Ok(Ply {
+            output,
+            attribute,
+            double,
+            has_vertex_colours: false,
+            is_wide: false,
+            vertices: 0,
+            faces: 0,
+            vertex_spill,
+            face_spill,
+            bytes: Vec::new(),
+        })
+    }
+
+    /// Starts a file with coordinates of double precision, for faces of at most so many corners.
+    pub(super) fn of_polygons(
+        output: Output,
+        attribute: FaceAttribute,
+        has_vertex_colours: bool,
+        most_corners: usize,
+    ) -> Result<Ply> {
+        let is_wide = most_corners > usize::from(u8::MAX);
+        Ok(Ply { has_vertex_colours, is_wide, ..Ply::new(output, attribute, true)? })
     }
 
     fn header(&self) -> String {
         let number = if self.double { "double" } else { "float" };
         // Some readers know signed indices only: indices are declared as such as long as they fit.
         let index = if self.vertices > i32::MAX as u64 { "uint" } else { "int" };
+        let length = if self.is_wide { "uint" } else { "uchar" };
+        let colour = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        let of_vertices = if self.has_vertex_colours { colour } else { "" };
         let attribute = match self.attribute {
             FaceAttribute::None => "",
-            FaceAttribute::Colour => "property uchar red\nproperty uchar green\nproperty uchar blue\n",
+            FaceAttribute::Colour => colour,
             FaceAttribute::Byte => "property uchar value\n",
             FaceAttribute::Short => "property ushort value\n",
         };
         format!(
             "ply\nformat binary_little_endian 1.0\ncomment made by spinney\nelement vertex {}\n\
-             property {number} x\nproperty {number} y\nproperty {number} z\nelement face {}\n\
-             property list uchar {index} vertex_indices\n{attribute}end_header\n",
+             property {number} x\nproperty {number} y\nproperty {number} z\n{of_vertices}element face {}\n\
+             property list {length} {index} vertex_indices\n{attribute}end_header\n",
             self.vertices, self.faces
         )
     }
@@ -80,10 +107,19 @@ impl Sink for Ply {
         self.vertex_spill.write(&self.bytes)
     }
 
+    fn coloured_vertex(&mut self, at: [f64; 3], colour: [u8; 3]) -> Result<()> {
+        self.vertex(at)?;
+        self.vertex_spill.write(&colour)
+    }
+
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         self.faces += 1;
         self.bytes.clear();
-        self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has 128 points at most
+        if self.is_wide {
+            self.bytes.extend((corners.len() as u32).to_le_bytes());
+        } else {
+            self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has 128 points at most
+        }
         for corner in corners {
             self.bytes.extend((corner.index as u32).to_le_bytes());
         }

@@ -22,6 +22,14 @@ pub(super) struct Vertex {
 pub(super) trait Sink {
     /// The next vertex.
     fn vertex(&mut self, at: [f64; 3]) -> Result<()>;
+    /// The next vertex, with a colour for formats that have colours of vertices.
+    fn coloured_vertex(&mut self, at: [f64; 3], _colour: [u8; 3]) -> Result<()> {
+        self.vertex(at)
+    }
+    /// The name of the part that the following faces belong to, for formats that have parts.
+    fn part(&mut self, _name: &str) -> Result<()> {
+        Ok(())
+    }
     /// A face, counterclockwise when viewed from outside, and the attribute of the cell behind it.
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()>;
     /// Completes the file and publishes it under its name: see [`Output::commit`].

@@ -10,7 +10,7 @@ use self::snap::{Snapped, Snapper};
 use super::Model;
 use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, provenance};
-use crate::brep::{BuildReport, Defect, DefectKind, Face, Grid, ModelBuilder};
+use crate::brep::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, Face, Grid, ModelBuilder};
 use crate::io::{Output, folder};
 use crate::space::{Crs, Frame, Up};
 use crate::store::Metadata;
@@ -25,6 +25,9 @@ pub struct ExactOptions {
     pub grid: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
+    /// Faces that a cell may have and end, whatever their planes have in common: see
+    /// [`ModelBuilder::boolean_faces`].
+    pub boolean_faces: usize,
     /// Axis of the models that points up; y is turned to z.
     pub up: Up,
     /// Unit of length of the models' coordinates, to be kept in the file.
@@ -38,7 +41,8 @@ pub struct ExactOptions {
 impl Default for ExactOptions {
     fn default() -> Self {
         let (grid, close, up, unit, crs) = (None, false, Up::default(), None, None);
-        ExactOptions { grid, close, up, unit, crs, memory: super::DEFAULT_MEMORY }
+        let (boolean_faces, memory) = (BOOLEAN_FACES, super::DEFAULT_MEMORY);
+        ExactOptions { grid, close, boolean_faces, up, unit, crs, memory }
     }
 }
 
@@ -113,7 +117,8 @@ pub fn import_exact(
     };
     let grid = Grid::over(bounds(&mut models, options.up)?, options.grid)?;
     let place = folder(output.path()).to_path_buf();
-    let mut builder = ModelBuilder::new(output, grid.clone(), options.memory)?;
+    let mut builder =
+        ModelBuilder::new(output, grid.clone(), options.memory)?.boolean_faces(options.boolean_faces);
     let mut snapper = Snapper::new(grid.clone(), options.up);
     let mut closure = Closure::default();
     let mut parts = Vec::new();

@@ -1,0 +1,138 @@
+//! Order around a point of a plane or around an edge, exact.
+
+use std::cmp::Ordering;
+
+/// Something that leaves a point of a plane, or an edge seen along itself, in a direction.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Direction {
+    /// The direction, of any length but zero; below 2^62 in magnitude, so that products fit.
+    pub(super) at: [i128; 2],
+    /// Whether what is solid ends here, going counterclockwise; else it begins here.
+    pub(super) closes: bool,
+    /// Number of what has this direction.
+    pub(super) number: u32,
+}
+
+/// Pairs directions between which lies what is solid: each pair is one where it begins and the next one, going
+/// counterclockwise, where it ends. Directions in which nothing else begins or ends are left alone.
+///
+/// In one and the same direction, what ends there comes before what begins: solids that only touch stay apart.
+pub(super) fn pair_around(directions: &mut [Direction]) -> Vec<[u32; 2]> {
+    directions.sort_unstable_by(|a, b| {
+        let by_angle = compare_angles(a.at, b.at);
+        by_angle.then(b.closes.cmp(&a.closes)).then(a.number.cmp(&b.number))
+    });
+    let mut pairs = Vec::with_capacity(directions.len() / 2);
+    let mut is_paired = vec![false; directions.len()];
+    let mut begun = Vec::new();
+    // Twice around, as it may begin before the first direction.
+    for round in 0..2 {
+        for (index, direction) in directions.iter().enumerate().filter(|(_, at)| at.closes || round == 0) {
+            if !direction.closes {
+                begun.push(direction.number);
+            } else if !is_paired[index]
+                && let Some(begins) = begun.pop()
+            {
+                is_paired[index] = true;
+                pairs.push([begins, direction.number]);
+            }
+        }
+    }
+    pairs
+}
+
+/// Compares the angles of two directions, counterclockwise from the first axis.
+fn compare_angles(a: [i128; 2], b: [i128; 2]) -> Ordering {
+    let is_lower = |[x, y]: [i128; 2]| y < 0 || y == 0 && x < 0;
+    let cross = a[0] * b[1] - a[1] * b[0];
+    is_lower(a).cmp(&is_lower(b)).then(0.cmp(&cross))
+}
+
+/// The normal of rings after Newell, as the shortest vector of whole numbers; zero if they enclose nothing.
+///
+/// For a planar face with coordinates of 26 bits, its numbers are below 2^54. For what is not planar they may be
+/// larger, and then lose their last bits.
+pub(super) fn normal<'a>(rings: impl Iterator<Item = &'a [[i32; 3]]>) -> [i128; 3] {
+    let mut sum = [0i128; 3];
+    for ring in rings {
+        let Some(&origin) = ring.first() else { continue };
+        let from_origin =
+            |point: [i32; 3]| [0, 1, 2].map(|axis| i64::from(point[axis]) - i64::from(origin[axis]));
+        for corners in ring.windows(2) {
+            let (a, b) = (from_origin(corners[0]), from_origin(corners[1]));
+            for (axis, part) in sum.iter_mut().enumerate() {
+                let [j, k] = others(axis);
+                *part += i128::from(a[j]) * i128::from(b[k]) - i128::from(a[k]) * i128::from(b[j]);
+            }
+        }
+    }
+    let divisor = sum.iter().fold(0, |divisor, part| greatest_divisor(divisor, part.unsigned_abs()));
+    if divisor > 1 {
+        sum = sum.map(|part| part / divisor as i128);
+    }
+    while sum.iter().any(|part| part.unsigned_abs() >> 62 > 0) {
+        sum = sum.map(|part| part >> 1);
+    }
+    sum
+}
+
+fn greatest_divisor(mut a: u128, mut b: u128) -> u128 {
+    while b > 0 {
+        (a, b) = (b, a % b);
+    }
+    a
+}
+
+/// The axis along which a direction is longest.
+pub(super) fn main_axis(direction: [i128; 3]) -> usize {
+    (0..3).max_by_key(|&axis| direction[axis].unsigned_abs()).unwrap_or(2)
+}
+
+/// A vector as seen against the direction of an axis, or along it if `is_turned`.
+pub(super) fn flat(vector: [i128; 3], axis: usize, is_turned: bool) -> [i128; 2] {
+    let [j, k] = others(axis);
+    if is_turned { [vector[k], vector[j]] } else { [vector[j], vector[k]] }
+}
+
+/// The two other axes, in the order that makes a right-handed system with the first.
+fn others(axis: usize) -> [usize; 2] {
+    [(axis + 1) % 3, (axis + 2) % 3]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_are_in_order() {
+        let around = [[1, 0], [3, 1], [1, 1], [0, 2], [-1, 1], [-1, 0], [-1, -1], [0, -1], [5, -1]];
+        for (i, a) in around.iter().enumerate() {
+            for (j, b) in around.iter().enumerate() {
+                assert_eq!(compare_angles(*a, b.map(|x| 7 * x)), i.cmp(&j), "{a:?} {b:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_solid_lies_between_pairs() {
+        let at = |x, y, closes, number| Direction { at: [x, y], closes, number };
+        // Two quarters that touch along one direction, the second across the first axis.
+        let mut quarters = [
+            at(1, 0, false, 0),
+            at(0, 1, true, 1),
+            at(0, -1, false, 2),
+            at(1, 0, true, 3),
+            at(-1, 1, true, 4),
+        ];
+        let mut pairs = pair_around(&mut quarters);
+        pairs.sort_unstable();
+        assert_eq!(pairs, [[0, 1], [2, 3]]);
+    }
+
+    #[test]
+    fn normals_are_short() {
+        let ring = [[0, 0, 5], [6, 0, 5], [6, 6, 5], [0, 6, 5]];
+        assert_eq!(normal([&ring[..]].into_iter()), [0, 0, 1]);
+        assert_eq!(normal([&ring[..2]].into_iter()), [0; 3]);
+    }
+}

@@ -1,0 +1,382 @@
+//! Exact models written as meshes, read back, and compared face by face.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{Face, FaceList, Faces, Grid};
+use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
+use spinney::geometry::split_bridges;
+use spinney::import::mesh::open;
+use spinney::io::Output;
+use spinney::{Error, Progress, Result};
+
+use crate::common::Random;
+use crate::common::exact::{Ring, cuboid, prism, push, snapped, whole_grid};
+
+/// A face in a form that does not depend on where its rings begin, or in which order holes are.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Canonical {
+    /// Corners with their colours.
+    rings: Vec<Vec<([i32; 3], Option<[u8; 3]>)>>,
+    part: String,
+}
+
+fn canonical(face: &Face<'_>, parts: &[String], with_colours: bool, part: bool) -> Canonical {
+    let mut start = 0;
+    let mut rings = Vec::new();
+    for &end in face.ring_ends {
+        let colour = |i: usize| face.colours.get(i).copied().filter(|_| with_colours);
+        let mut ring: Vec<_> = (start..end).map(|i| (face.points[i], colour(i))).collect();
+        let least = (0..ring.len()).min_by_key(|&i| ring[i]).unwrap();
+        ring.rotate_left(least);
+        rings.push(ring);
+        start = end;
+    }
+    rings[1..].sort();
+    Canonical { rings, part: if part { parts[face.part as usize].clone() } else { String::new() } }
+}
+
+fn all(faces: &dyn Faces, with_colours: bool, with_parts: bool) -> Vec<Canonical> {
+    let mut all = Vec::new();
+    faces
+        .each(&mut |face| {
+            all.push(canonical(face, faces.parts(), with_colours, with_parts));
+            Ok(())
+        })
+        .unwrap();
+    all
+}
+
+/// Reads a file onto a grid; rings with bridges become rings again.
+fn read(path: &Path, grid: &Grid) -> FaceList {
+    let mut model = open(path, 64 << 20).unwrap();
+    let mut list = FaceList::new(grid.clone(), model.info().parts.clone());
+    let mut number = 0;
+    model
+        .faces(&mut |face| {
+            let snapped: Ring = face.points.iter().map(|point| grid.snap(*point).unwrap()).collect();
+            let (mut points, mut colours, mut ring_ends) = (Vec::new(), Vec::new(), Vec::new());
+            let mut start = 0;
+            for &end in face.ring_ends {
+                let wide: Vec<[i64; 3]> =
+                    snapped[start..end].iter().map(|point| point.map(i64::from)).collect();
+                for ring in split_bridges(&wide) {
+                    for corner in ring {
+                        points.push(snapped[start + corner as usize]);
+                        colours.extend(face.colours.get(start + corner as usize));
+                    }
+                    ring_ends.push(points.len());
+                }
+                start = end;
+            }
+            let (part, source) = (face.part, number);
+            list.push(&Face {
+                number,
+                points: &points,
+                ring_ends: &ring_ends,
+                colours: &colours,
+                part,
+                source,
+            });
+            number += 1;
+            Ok(())
+        })
+        .unwrap();
+    list
+}
+
+const NAMES: [&str; 4] = ["a.ply", "a.obj", "a.off", "a.city.json"];
+
+fn write(faces: &dyn Faces, path: &Path) -> ExactSummary {
+    let format = MeshFormat::of(path).unwrap();
+    export_exact(faces, format, Output::create(path).unwrap(), &()).unwrap()
+}
+
+/// Writes to every format and reads again.
+fn round_trip(faces: &dyn Faces) {
+    let folder = tempfile::tempdir().unwrap();
+    let mut has_colours = false;
+    faces.each(&mut |face| Ok(has_colours |= !face.colours.is_empty())).unwrap();
+    for name in NAMES {
+        let path = folder.path().join(name);
+        let summary = write(faces, &path);
+        let found = read(&path, faces.grid());
+        let (is_json, is_obj) = (name.ends_with("json"), name.ends_with("obj"));
+        let (with_colours, with_parts) = (!is_json, is_obj || is_json);
+        let (mut got, mut expected) =
+            (all(&found, with_colours, with_parts), all(faces, with_colours, with_parts));
+        if is_json {
+            // Parts are together.
+            got.sort();
+            expected.sort();
+            assert_eq!(found.parts().len(), faces.parts().len());
+        }
+        assert_eq!(got, expected, "{name}");
+        assert_eq!(summary.faces, faces.len());
+        assert_eq!(summary.lost_colours, has_colours && is_json, "{name}");
+        assert_eq!(summary.lost_parts, faces.parts().len() > 1 && !with_parts, "{name}");
+        // Once more gives the same bytes.
+        let again = folder.path().join(format!("again-{name}"));
+        write(&found, &again);
+        if !is_json || faces.parts().len() == 1 {
+            let same = std::fs::read(&again).unwrap().len() == std::fs::read(&path).unwrap().len();
+            assert!(same, "{name}");
+        }
+    }
+}
+
+fn square(x: i32, y: i32, side: i32) -> Vec<[i32; 2]> {
+    vec![[x, y], [x + side, y], [x + side, y + side], [x, y + side]]
+}
+
+fn hole(x: i32, y: i32, side: i32) -> Vec<[i32; 2]> {
+    let mut ring = square(x, y, side);
+    ring.reverse();
+    ring
+}
+
+#[test]
+fn faces_come_back() {
+    let mut list = FaceList::new(whole_grid(), vec!["mesh".into()]);
+    for rings in prism(&[square(0, 0, 90), hole(10, 10, 9), hole(50, 5, 30), hole(7, 60, 20)], 0, 33) {
+        push(&mut list, &rings, 0, None);
+    }
+    round_trip(&list);
+    round_trip(&FaceList::new(whole_grid(), vec!["mesh".into()]).with(&[vec![vec![
+        [0, 0, 0],
+        [5, 5, 5],
+        [9, 0, 1],
+    ]]]));
+}
+
+trait With {
+    fn with(self, faces: &[Vec<Ring>]) -> Self;
+}
+
+impl With for FaceList {
+    fn with(mut self, faces: &[Vec<Ring>]) -> FaceList {
+        faces.iter().for_each(|rings| push(&mut self, rings, 0, None));
+        self
+    }
+}
+
+#[test]
+fn colours_and_parts_come_back() {
+    let names = ["roof", "wall \"south\"", "Dach \u{e4}\u{4e2d}", "empty", "last one"];
+    let mut list = FaceList::new(whole_grid(), names.iter().map(|name| name.to_string()).collect());
+    let part = [0, 1, 2, 4];
+    for (i, rings) in prism(&[square(0, 0, 90), hole(10, 10, 9)], 0, 33).iter().enumerate() {
+        push(&mut list, rings, part[i % 4], Some([i as u8, 255 - i as u8, 7]));
+    }
+    round_trip(&list);
+    // Corners of a face in different colours, of which bridges have those of their ends.
+    let mut shaded = FaceList::new(whole_grid(), vec!["mesh".into()]);
+    let mut random = Random(1);
+    list.each(&mut |face| {
+        let colours: Vec<[u8; 3]> = face.points.iter().map(|_| [0; 3].map(|_| random.next() as u8)).collect();
+        shaded.push(&Face { colours: &colours, part: 0, ..*face });
+        Ok(())
+    })
+    .unwrap();
+    round_trip(&shaded);
+}
+
+#[test]
+fn names_that_make_trouble() {
+    let names = ["", "a", "a", "back\\", "two\nlines", "a (2)"];
+    let mut list = FaceList::new(whole_grid(), names.iter().map(|name| name.to_string()).collect());
+    for part in 0..6 {
+        let at = 10 * part as i32;
+        push(&mut list, &[vec![[at, 0, 0], [at + 5, 0, 0], [at, 5, 0]]], part, None);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.city.json");
+    write(&list, &path);
+    let found = read(&path, list.grid());
+    assert_eq!(found.parts(), ["", "a", "a (2)", "back\\", "two\nlines", "a (2) (2)"]);
+    assert_eq!(all(&found, false, false), all(&list, false, false));
+    let path = folder.path().join("a.obj");
+    write(&list, &path);
+    let found = read(&path, list.grid());
+    assert_eq!(found.parts(), ["", "a", "back_", "two_lines", "a (2)"]);
+    assert_eq!(all(&found, false, false), all(&list, false, false));
+}
+
+/// Grids of decimals, of powers of two, and far away.
+#[test]
+fn coordinates_come_back() {
+    for (bounds, width) in [
+        ([[84_000.001, 446_000.123, -3.7], [84_900.5, 446_999.25, 120.0]], Some(0.001)),
+        ([[-0.435, -0.57, -0.38], [0.4, 0.42, 0.38]], None),
+        ([[1e9, -1e9, 0.0], [1e9 + 5.0, 5.0 - 1e9, 1.0]], None),
+    ] {
+        let grid = Grid::over(bounds, width).unwrap();
+        let mut random = Random(9);
+        let mut list = FaceList::new(grid.clone(), vec!["mesh".into()]);
+        let folder = tempfile::tempdir().unwrap();
+        for _ in 0..500 {
+            let mut point = || {
+                [0, 1, 2].map(|axis| {
+                    let (low, high) = (bounds[0][axis], bounds[1][axis]);
+                    low + (high - low) * random.below(1 << 30) as f64 / (1u64 << 30) as f64
+                })
+            };
+            let ring: Ring = (0..3).map(|_| grid.snap(point()).unwrap()).collect();
+            if ring[0] != ring[1] && ring[1] != ring[2] && ring[2] != ring[0] {
+                push(&mut list, &[ring], 0, None);
+            }
+        }
+        for name in NAMES {
+            let path = folder.path().join(name);
+            write(&list, &path);
+            assert_eq!(all(&read(&path, &grid), false, false), all(&list, false, false), "{name}");
+            // To the last bit, but for CityJSON.
+            if !name.ends_with("json") {
+                let mut model = open(&path, 1 << 20).unwrap();
+                model
+                    .faces(&mut |face| {
+                        for point in face.points {
+                            assert_eq!(grid.to_world(grid.snap(*point).unwrap()), *point);
+                        }
+                        Ok(())
+                    })
+                    .unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn faces_with_very_many_corners() {
+    let mut outline = Vec::new();
+    for i in 0..400 {
+        outline.push([i, 0]);
+    }
+    for i in (0..400).rev() {
+        outline.push([i, 300 + i % 2]);
+    }
+    let list =
+        FaceList::new(whole_grid(), vec!["mesh".into()]).with(&prism(&[outline, hole(9, 9, 100)], 0, 9));
+    round_trip(&list);
+}
+
+/// Vertices of a file are those of the model, each once.
+#[test]
+fn vertices_are_shared() {
+    let mut list = FaceList::new(whole_grid(), vec!["mesh".into()]);
+    for (i, rings) in cuboid([0; 3], [9; 3]).iter().enumerate() {
+        push(&mut list, rings, 0, Some([i as u8, 0, 0]));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let vertices: BTreeMap<&str, u64> =
+        NAMES.iter().map(|name| (*name, write(&list, &folder.path().join(name)).vertices)).collect();
+    // Faces have colours in PLY and OFF, vertices in OBJ.
+    assert_eq!(vertices, BTreeMap::from([("a.ply", 8), ("a.obj", 24), ("a.off", 8), ("a.city.json", 8)]));
+    let text = std::fs::read_to_string(folder.path().join("a.city.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(json["CityObjects"]["mesh"]["geometry"][0]["type"], "Solid");
+    let mut open = FaceList::new(whole_grid(), vec!["mesh".into()]);
+    cuboid([0; 3], [9; 3])[1..].iter().for_each(|rings| push(&mut open, rings, 0, None));
+    write(&open, &folder.path().join("b.json"));
+    let text = std::fs::read_to_string(folder.path().join("b.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(json["CityObjects"]["mesh"]["geometry"][0]["type"], "MultiSurface");
+}
+
+/// Triangles of an STL file close as the faces do, where single precision holds all coordinates.
+#[test]
+fn stl_is_closed() {
+    let mut faces = prism(&[square(0, 0, 90), hole(10, 10, 9), hole(50, 5, 30)], 0, 33);
+    // A sliver of five corners that fills a gap.
+    let side = faces[2][0].clone();
+    let [a, b] = [side[0], side[1]];
+    let middle = [1, 2, 3].map(|i| [0, 1, 2].map(|axis| a[axis] + (b[axis] - a[axis]) / 90 * 10 * i));
+    faces[2][0].splice(1..1, middle);
+    faces.push(vec![vec![a, b, middle[2], middle[1], middle[0]]]);
+    let list = FaceList::new(whole_grid(), vec!["mesh".into()]).with(&faces);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.stl");
+    let summary = write(&list, &path);
+    assert_eq!((summary.moved, summary.farthest, summary.collapsed), (0, 0.0, 0));
+    let found = read(&path, list.grid());
+    assert_eq!(found.len(), summary.faces);
+    let (before, after) = [&list, &found]
+        .map(|faces| {
+            let made = Topology::of(faces, &TopologyOptions::default(), &()).unwrap();
+            assert!(made.is_closed());
+            (made.shells(), made.euler().genus)
+        })
+        .into();
+    assert_eq!(before, after);
+}
+
+#[test]
+fn stl_tells_what_it_moves() {
+    let grid = Grid::over([[1e6, 0.0, 0.0], [1e6 + 1.0, 1.0, 1.0]], Some(0.001)).unwrap();
+    let mut list = FaceList::new(grid, vec!["a".into(), "b".into()]);
+    // In single precision, coordinates there are sixteenths.
+    push(&mut list, &[vec![[0, 0, 0], [501, 0, 0], [0, 1000, 0]]], 0, Some([1; 3]));
+    push(&mut list, &[vec![[0, 0, 0], [1, 0, 0], [0, 1000, 0]]], 1, Some([1; 3]));
+    let folder = tempfile::tempdir().unwrap();
+    let summary = write(&list, &folder.path().join("a.stl"));
+    assert_eq!((summary.faces, summary.collapsed, summary.moved), (1, 1, 1));
+    assert!((summary.farthest - 0.001).abs() < 1e-9, "{}", summary.farthest);
+    assert!(summary.lost_colours && summary.lost_parts);
+}
+
+#[test]
+fn real_models_come_back() {
+    for name in ["fandisk.ply", "spot.obj", "cityjson/DH_01_subs.city.json", "cityjson/rotterdam_subset.json"]
+    {
+        let Some(faces) = snapped(name, &|_| true) else { continue };
+        let folder = tempfile::tempdir().unwrap();
+        for to in NAMES {
+            let path = folder.path().join(to);
+            let summary = write(&faces, &path);
+            println!("{name} to {to}: {summary:?}");
+            let found = read(&path, faces.grid());
+            let count = |faces: &FaceList| {
+                let mut count = HashMap::new();
+                all(faces, false, false)
+                    .into_iter()
+                    .for_each(|face| *count.entry(format!("{face:?}")).or_insert(0) += 1);
+                count
+            };
+            assert!(count(&found) == count(&faces), "{name} to {to}");
+        }
+    }
+}
+
+/// Interrupted after some questions.
+struct Stop(std::sync::atomic::AtomicI64);
+
+impl Progress for Stop {
+    fn interrupted(&self) -> bool {
+        self.0.fetch_sub(1, std::sync::atomic::Ordering::Relaxed) <= 0
+    }
+}
+
+#[test]
+fn interruption_leaves_nothing() {
+    let list = FaceList::new(whole_grid(), vec!["mesh".into()]).with(&cuboid([0; 3], [9; 3]));
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["a.ply", "a.obj", "a.off", "a.city.json", "a.stl"] {
+        let path = folder.path().join(name);
+        let mut questions = 0;
+        loop {
+            let output = Output::create(&path).unwrap();
+            let format = MeshFormat::of(&path).unwrap();
+            let result: Result<_> = export_exact(&list, format, output, &Stop(questions.into()));
+            match result {
+                Ok(_) => break,
+                Err(Error::Interrupted) => assert!(!path.exists()),
+                Err(error) => panic!("{error}"),
+            }
+            questions += 1;
+        }
+        assert!(questions > 0 && path.exists());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        std::fs::remove_file(&path).unwrap();
+    }
+}
