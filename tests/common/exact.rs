@@ -1,7 +1,9 @@
 //! Exact models made in tests.
 
-use spinney::brep::{Face, FaceList, Faces, Grid};
+use spinney::brep::{ExactModel, Face, FaceList, Faces, Grid, ModelBuilder};
 use spinney::import::mesh::open;
+use spinney::io::Output;
+use spinney::store::{Metadata, OpenOptions};
 
 use super::shared_data;
 
@@ -14,11 +16,28 @@ pub fn whole_grid() -> Grid {
 
 /// A model of faces without colours, each of which is a list of rings.
 pub fn model(faces: &[Vec<Ring>]) -> FaceList {
-    let mut list = FaceList::new(whole_grid(), vec!["solid".into()]);
+    model_on(whole_grid(), faces)
+}
+
+/// A model on a grid, as [`model`].
+pub fn model_on(grid: Grid, faces: &[Vec<Ring>]) -> FaceList {
+    let mut list = FaceList::new(grid, vec!["solid".into()]);
     for rings in faces {
         push(&mut list, rings, 0, None);
     }
     list
+}
+
+/// The faces in a file, open.
+pub fn file_of(list: &FaceList) -> ExactModel {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.goblin");
+    let output = Output::create(&path).unwrap();
+    let mut builder = ModelBuilder::new(output, list.grid().clone(), 64 << 20).unwrap();
+    list.each(&mut |face| builder.push(face)).unwrap();
+    let report = builder.finish(&mut Metadata::default(), &(), &mut |_, _| ()).unwrap();
+    assert_eq!(report.defects, []);
+    ExactModel::open(&path, &OpenOptions::new()).unwrap()
 }
 
 pub fn push(list: &mut FaceList, rings: &[Ring], part: u32, colour: Option<[u8; 3]>) {

@@ -4,8 +4,6 @@
 pub mod command;
 #[cfg(feature = "mesh")]
 pub mod exact;
-#[cfg(feature = "mesh")]
-pub mod exact_files;
 pub mod octree;
 pub mod reference;
 pub mod solid;

@@ -4,19 +4,19 @@ use spinney::brep::questions::{BoxPlace, CoverageSums, Cube, Line, MassPropertie
 use spinney::brep::{ExactModel, FaceList, Faces, Grid};
 use spinney::geometry::{Box3, Polygon, Triangulator};
 
-use crate::common::exact_files::{cuboid, list_of, model_of, snapped};
-use crate::common::{Random, shared_data};
+use crate::common::Random;
+use crate::common::exact::{cuboid, file_of, model_on, snapped, turned};
 
 /// Models with and without holes, small and large cells, and one of a real mesh.
 fn models() -> Vec<(&'static str, FaceList, ExactModel)> {
     let grid = |bits, step, origin| Grid { bits, origin, step, divisor: 1.0 };
     // A box with a tunnel along z, and a cavity.
-    let mut tunnel = cuboid([3, 5, 7], [120, 90, 100], false);
-    let walls = cuboid([40, 40, 7], [60, 70, 100], true);
+    let mut tunnel = cuboid([3, 5, 7], [120, 90, 100]);
+    let walls = turned(cuboid([40, 40, 7], [60, 70, 100]));
     tunnel[0].extend(walls[0].iter().cloned());
     tunnel[1].extend(walls[1].iter().cloned());
     tunnel.extend(walls[2..].iter().cloned());
-    tunnel.extend(cuboid([10, 10, 20], [30, 30, 31], true));
+    tunnel.extend(turned(cuboid([10, 10, 20], [30, 30, 31])));
     // Many small boxes on a large grid, in the world at eighths.
     let mut random = Random(11);
     let mut boxes = Vec::new();
@@ -25,16 +25,14 @@ fn models() -> Vec<(&'static str, FaceList, ExactModel)> {
         // Every other one fills its place.
         let least = if place % 2 == 0 { 3_000_000 } else { 1 };
         let size = [0; 3].map(|_| least + random.below(1 << (10 + place % 14)) as i32);
-        boxes.extend(cuboid(min, [0, 1, 2].map(|axis| min[axis] + size[axis]), false));
+        boxes.extend(cuboid(min, [0, 1, 2].map(|axis| min[axis] + size[axis])));
     }
     let mut lists = vec![
-        ("tunnel", list_of(grid(7, 1.0, [0; 3]), &tunnel)),
-        ("boxes", list_of(grid(26, 0.125, [-1000, 5, 77]), &boxes)),
+        ("tunnel", model_on(grid(7, 1.0, [0; 3]), &tunnel)),
+        ("boxes", model_on(grid(26, 0.125, [-1000, 5, 77]), &boxes)),
     ];
-    if let Some(data) = shared_data() {
-        lists.push(("spot", snapped(&data.join("mesh/spot.ply"), None)));
-    }
-    lists.into_iter().map(|(name, list)| (name, list.clone(), model_of(&list))).collect()
+    lists.extend(snapped("spot.ply", &|_| true).map(|list| ("spot", list)));
+    lists.into_iter().map(|(name, list)| (name, list.clone(), file_of(&list))).collect()
 }
 
 /// A point of the world somewhere in the grid or a little outside.

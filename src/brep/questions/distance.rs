@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use super::nearest::{Nearest, nearest_on_face};
-use super::visited::{Recent, Visited};
+use super::visited::{Recent, Visited, half_of};
 use crate::Result;
 use crate::brep::{ExactModel, FaceBuffer, Faces, Node, NodeState};
 
@@ -51,20 +51,24 @@ impl ExactModel {
         let mut best: Option<Nearest> = None;
         let mut open = BinaryHeap::new();
         let root = self.root()?;
-        open.push(Open { distance: self.distance_squared(&root, from), node: root });
+        open.push(Open { distance: distance_squared(root.bounds(grid), from), node: root });
         while let Some(Open { distance, node }) = open.pop() {
             if distance > best.map_or(limit, |best| best.distance_squared) {
                 break;
             }
             visited.nodes += 1;
-            if let Some(children) = self.children(&node)? {
+            if node.state() == NodeState::Inner {
                 let most = best.map_or(limit, |best| best.distance_squared);
-                for node in children {
+                let bounds = node.bounds(grid);
+                for child in 0..8 {
+                    // (Before the child is looked up, which takes longer.)
+                    let distance = distance_squared(half_of(&bounds, child), from);
+                    if distance > most {
+                        continue;
+                    }
+                    let node = self.child(&node, child)?;
                     if matches!(node.state(), NodeState::Inner | NodeState::Leaf { .. }) {
-                        let distance = self.distance_squared(&node, from);
-                        if distance <= most {
-                            open.push(Open { distance, node });
-                        }
+                        open.push(Open { distance, node });
                     }
                 }
                 continue;
@@ -75,6 +79,10 @@ impl ExactModel {
                 }
                 visited.faces += 1;
                 self.face(number, &mut buffer)?;
+                let most = best.map_or(limit, |best| best.distance_squared);
+                if distance_of_bounds(&buffer.points, from) > most {
+                    continue;
+                }
                 let found = nearest_on_face(&buffer.face(), from);
                 let is_nearer = best.is_none_or(|best| {
                     let order = found.distance_squared.total_cmp(&best.distance_squared);
@@ -92,17 +100,29 @@ impl ExactModel {
             visited,
         }))
     }
+}
 
-    /// Square of the distance of a node's cell, in grid steps.
-    fn distance_squared(&self, node: &Node<'_>, from: [f64; 3]) -> f64 {
-        let [min, max] = node.bounds(self.grid());
-        let along = |axis: usize| {
-            let (low, high) = (min[axis] as f64 / 2.0, max[axis] as f64 / 2.0);
-            (low - from[axis]).max(from[axis] - high).max(0.0)
-        };
-        let [x, y, z] = [0, 1, 2].map(along);
-        x * x + y * y + z * z
+/// Square of the distance of a box in half steps, in grid steps.
+fn distance_squared([min, max]: [[i64; 3]; 2], from: [f64; 3]) -> f64 {
+    let along = |axis: usize| {
+        let (low, high) = (min[axis] as f64 / 2.0, max[axis] as f64 / 2.0);
+        (low - from[axis]).max(from[axis] - high).max(0.0)
+    };
+    let [x, y, z] = [0, 1, 2].map(along);
+    x * x + y * y + z * z
+}
+
+/// Square of the distance of the least box around corners, less what is rounded of a face's.
+fn distance_of_bounds(points: &[[i32; 3]], from: [f64; 3]) -> f64 {
+    let (mut min, mut max) = ([i32::MAX; 3], [i32::MIN; 3]);
+    for point in points {
+        for axis in 0..3 {
+            min[axis] = min[axis].min(point[axis]);
+            max[axis] = max[axis].max(point[axis]);
+        }
     }
+    let [min, max] = [min, max].map(|corner| corner.map(|at| 2 * i64::from(at)));
+    distance_squared([min, max], from) * (1.0 - 1e-12)
 }
 
 /// A node that is still to be visited.

@@ -1,11 +1,12 @@
 //! Planes of faces and the sides of points, exact.
 
 use crate::brep::Face;
+use crate::geometry::crossing::ring_normal;
 
 /// The plane of a face: exact, since faces are planar on the grid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plane {
-    /// Twice the vector of the area that the outer ring encloses (Newell): outward, below 2^54.
+    /// Outward.
     pub(super) normal: [i64; 3],
     /// A point of it.
     pub(super) through: [i32; 3],
@@ -14,17 +15,7 @@ pub(super) struct Plane {
 impl Plane {
     pub(super) fn of(face: &Face<'_>) -> Plane {
         let outer = face.rings().next().unwrap_or_default();
-        let Some((&through, others)) = outer.split_first() else {
-            return Plane { normal: [0; 3], through: [0; 3] };
-        };
-        let from = |p: &[i32; 3]| [0, 1, 2].map(|axis| i64::from(p[axis]) - i64::from(through[axis]));
-        let mut normal = [0i64; 3];
-        for edge in others.windows(2) {
-            let across = cross(from(&edge[0]), from(&edge[1]));
-            // (Single triangles of the fan may overlap: what is too much on the way goes off again.)
-            normal = [0, 1, 2].map(|axis| normal[axis].wrapping_add(across[axis]));
-        }
-        Plane { normal, through }
+        Plane { normal: ring_normal(outer), through: outer.first().copied().unwrap_or_default() }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Rays and lines through a model: cells from front to back.
 
 use super::line::{Crossing, Line};
-use super::visited::{Recent, Visited};
+use super::visited::{Recent, Visited, half_of};
 use crate::Result;
 use crate::brep::{ExactModel, FaceBuffer, Faces, Node, NodeState};
 
@@ -52,7 +52,7 @@ impl ExactModel {
             return Ok(Vec::new());
         };
         let mut walk = Walk::new(self, line, false);
-        walk.node(&self.root()?)?;
+        walk.root()?;
         let mut all = walk.found;
         all.sort_by_key(|(number, _)| *number);
         all.dedup_by_key(|(number, _)| *number);
@@ -64,7 +64,7 @@ impl ExactModel {
     fn first_hit(&self, line: Option<Line>) -> Result<(Option<Hit>, Visited)> {
         let Some(line) = line else { return Ok((None, Visited::default())) };
         let mut walk = Walk::new(self, line, true);
-        walk.node(&self.root()?)?;
+        walk.root()?;
         let hit = walk.found.first().map(|(number, crossing)| self.hit(&line, *number, *crossing));
         Ok((hit, walk.visited))
     }
@@ -93,22 +93,34 @@ impl Walk<'_> {
         Walk { model, line, is_first, found: Vec::new(), recent, buffer, visited: Visited::default() }
     }
 
+    fn root(&mut self) -> Result<()> {
+        let root = self.model.root()?;
+        if self.is_wanted(root.bounds(self.model.grid())) { self.node(&root) } else { Ok(()) }
+    }
+
+    /// Goes through a node, from front to back.
     fn node(&mut self, node: &Node<'_>) -> Result<()> {
-        let bounds = node.bounds(self.model.grid()).map(|corner| corner.map(|at| at as f64 / 2.0));
-        let Some([first, _]) = self.line.within(bounds[0], bounds[1]) else { return Ok(()) };
-        if self.is_first && self.found.first().is_some_and(|(_, found)| found.share < first) {
-            return Ok(());
-        }
         self.visited.nodes += 1;
-        match node.state() {
-            NodeState::Void | NodeState::Full => Ok(()),
-            NodeState::Leaf { .. } => self.leaf(node),
-            NodeState::Inner => {
-                // From front to back: along each axis that half first in which the line begins.
-                let turned = self.line.turned();
-                (0..8).try_for_each(|child| self.node(&self.model.child(node, child ^ turned)?))
+        if node.state() != NodeState::Inner {
+            return self.leaf(node);
+        }
+        let bounds = node.bounds(self.model.grid());
+        // Along each axis that half first in which the line begins.
+        let turned = self.line.turned();
+        for child in (0..8).map(|child| child ^ turned) {
+            // (Before the child is looked up, which takes longer.)
+            if self.is_wanted(half_of(&bounds, child)) {
+                self.node(&self.model.child(node, child)?)?;
             }
         }
+        Ok(())
+    }
+
+    /// Whether the line passes through a cell before what was found.
+    fn is_wanted(&self, bounds: [[i64; 3]; 2]) -> bool {
+        let [min, max] = bounds.map(|corner| corner.map(|at| at as f64 / 2.0));
+        let Some([first, _]) = self.line.within(min, max) else { return false };
+        !(self.is_first && self.found.first().is_some_and(|(_, found)| found.share < first))
     }
 
     fn leaf(&mut self, node: &Node<'_>) -> Result<()> {

@@ -1,7 +1,7 @@
 //! Boxes and a model: inside, outside, or neither.
 
 use super::line::Line;
-use super::visited::{Recent, Visited};
+use super::visited::{Recent, Visited, half_of};
 use crate::brep::{ExactModel, Face, FaceBuffer, Faces, Node, NodeState};
 use crate::geometry::{Box3, Polygon, Triangulator, triangle};
 use crate::{Error, Result};
@@ -57,7 +57,9 @@ impl ExactModel {
             triangulator: Triangulator::new(),
             visited: Visited::default(),
         };
-        let is_cut = walk.node(&self.root()?)?;
+        let root = self.root()?;
+        let is_met = walk.bounds.inside_meets(&walk.fine(&root.bounds(grid)));
+        let is_cut = is_met && walk.node(&root)?;
         let place = match (is_cut, walk.outside) {
             (true, _) => BoxPlace::Cut,
             (false, true) => BoxPlace::Outside,
@@ -88,20 +90,25 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// Whether the surface is known to pass through the box.
+    /// A box in half steps on the fine grid.
+    fn fine(&self, bounds: &[[i64; 3]; 2]) -> Box3 {
+        let [min, max] = bounds.map(|corner| corner.map(|at| at << (self.bits - 1)));
+        Box3 { min, max }
+    }
+
+    /// Goes through a node that the box meets; says whether the surface is known to pass through the box.
     fn node(&mut self, node: &Node<'_>) -> Result<bool> {
-        let cell = node.bounds(self.model.grid()).map(|corner| corner.map(|at| at << (self.bits - 1)));
-        let cell = Box3 { min: cell[0], max: cell[1] };
-        if !self.bounds.inside_meets(&cell) {
-            return Ok(false);
-        }
+        let bounds = node.bounds(self.model.grid());
+        let cell = self.fine(&bounds);
         self.visited.nodes += 1;
         match node.state() {
             NodeState::Void => self.outside = true,
             NodeState::Full => self.inside = true,
             NodeState::Inner => {
                 for child in 0..8 {
-                    if self.node(&self.model.child(node, child)?)? {
+                    // (Before the child is looked up, which takes longer.)
+                    let is_met = self.bounds.inside_meets(&self.fine(&half_of(&bounds, child)));
+                    if is_met && self.node(&self.model.child(node, child)?)? {
                         return Ok(true);
                     }
                 }

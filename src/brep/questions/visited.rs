@@ -1,4 +1,4 @@
-//! What a question visits.
+//! What questions visit on their way down.
 
 /// Numbers of nodes and faces that were looked at for an answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,4 +23,12 @@ impl Recent {
         let place = &mut self.0[number as usize % 64];
         std::mem::replace(place, number) == number
     }
+}
+
+/// The box of a child, of the box of a node.
+#[inline]
+pub(super) fn half_of([min, max]: &[[i64; 3]; 2], child: usize) -> [[i64; 3]; 2] {
+    let half = (max[0] - min[0]) / 2;
+    let low = std::array::from_fn(|axis| min[axis] + half * (child >> axis & 1) as i64);
+    [low, low.map(|at| at + half)]
 }
