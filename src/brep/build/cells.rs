@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use super::arena::Arena;
 use super::defects::{DefectKind, Found};
 use super::items::Items;
-use super::pairs::conflict;
+use super::pairs::{Contact, Piece, contact, passes};
 use crate::brep::store::segment::{CUT, FULL, INNER, LeafHead, NodeKind, Rule, VOID};
 use crate::geometry::crossing::{FinePoint, change_between};
 use crate::geometry::rank::{HomogeneousPlane, rank, rank_of_at_most};
@@ -272,27 +272,51 @@ impl Walk<'_> {
                 if (0..3).any(|axis| other_low[axis] > high[axis] || low[axis] > other_high[axis]) {
                     continue;
                 }
-                for a in self.items.triangles(one) {
-                    for b in self.items.triangles(other) {
-                        // What crosses at a common corner does so in the cell that has the corner, too.
-                        if a.iter().any(|corner| b.contains(corner) && !owns(*corner)) {
-                            continue;
-                        }
-                        if let Some(kind) = conflict(a, b) {
-                            let at = [0, 1, 2].map(|axis| {
-                                let (low, high) =
-                                    (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
-                                (f64::from(low) + f64::from(high)) / 2.0
-                            });
-                            let mut faces = vec![self.items.face(one), self.items.face(other)];
-                            faces.sort_unstable();
-                            out.defects.push(Found { kind, at, faces });
+                if let Some(kind) = self.conflict(one, other, list, owns) {
+                    let at = [0, 1, 2].map(|axis| {
+                        let (low, high) = (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
+                        (f64::from(low) + f64::from(high)) / 2.0
+                    });
+                    let mut faces = vec![self.items.face(one), self.items.face(other)];
+                    faces.sort_unstable();
+                    out.defects.push(Found { kind, at, faces });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What is wrong between two faces of a cell, if anything.
+    fn conflict(
+        &self,
+        one: u32,
+        other: u32,
+        list: &[u32],
+        owns: impl Fn([i32; 3]) -> bool,
+    ) -> Option<DefectKind> {
+        for a in self.items.triangles(one) {
+            for b in self.items.triangles(other) {
+                // What crosses at a common corner does so in the cell that has the corner, too.
+                if a.corners.iter().any(|corner| b.corners.contains(corner) && !owns(*corner)) {
+                    continue;
+                }
+                match contact(a, b) {
+                    Contact::Fine => {}
+                    Contact::Wrong(kind) => return Some(kind),
+                    Contact::Edges { through, across } => {
+                        let owner = if has_edge(a, across) { a } else { b };
+                        // The face at the other side of the edge is in the cell in which they meet.
+                        let turned = [across[1], across[0]];
+                        let pieces = list.iter().flat_map(|item| self.items.triangles(*item));
+                        let mut twins = pieces.filter(|piece| has_edge(piece, turned));
+                        if twins.any(|twin| passes(through, &owner.corners, &twin.corners)) {
+                            return Some(DefectKind::Crossing);
                         }
                     }
                 }
             }
         }
-        Ok(())
+        None
     }
 
     /// Looks at both sides of each face that has its sample in the cell: outside should be in front, and inside
@@ -358,6 +382,12 @@ impl Walk<'_> {
         }
         if all { Rule::All } else { Rule::Any }
     }
+}
+
+/// Whether a triangle has an edge in this direction.
+fn has_edge(piece: &Piece, edge: [[i32; 3]; 2]) -> bool {
+    let [a, b, c] = piece.corners;
+    [[a, b], [b, c], [c, a]].contains(&edge)
 }
 
 /// Whether two planes are the same.

@@ -1,5 +1,8 @@
 //! Faces of a part of space, in memory, with what the tests against octants and each other need.
 
+use std::collections::HashSet;
+
+use super::pairs::Piece;
 use super::run::{FaceWords, Run};
 use crate::Result;
 use crate::brep::MOST_BITS;
@@ -18,8 +21,8 @@ pub(super) struct Items {
 /// A face.
 struct Item {
     bounds: [[i32; 3]; 2],
-    /// Corners of a triangle; of other faces those of the first triangle that is cut from it.
-    corners: [[i32; 3]; 3],
+    /// A triangle; of other faces the first triangle that is cut from it.
+    piece: Piece,
     plane: HomogeneousPlane,
     /// A point inside, in units of 2^-[`SAMPLE_BITS`] of the grid's.
     sample: Option<[i64; 3]>,
@@ -36,7 +39,7 @@ struct PolygonItem {
     ring_ends: Vec<usize>,
     /// In half units of the grid.
     polygon: Polygon,
-    triangles: Vec<[[i32; 3]; 3]>,
+    triangles: Vec<Piece>,
 }
 
 /// Bytes of an item that is a triangle.
@@ -71,7 +74,7 @@ impl Items {
             None => {
                 let item = PolygonItem::of(face, triangulator);
                 let normal = ring_normal(&item.points[..item.ring_ends[0]]);
-                let corners = item.triangles.first().copied().unwrap_or([item.points[0]; 3]);
+                let corners = item.triangles.first().map_or([item.points[0]; 3], |piece| piece.corners);
                 let bounds = bounds_of(&item.points);
                 self.polygons.push(item);
                 (corners, normal, bounds, self.polygons.len() as u32 - 1)
@@ -79,7 +82,8 @@ impl Items {
         };
         let plane = HomogeneousPlane::through(normal, corners[0]);
         let sample = sample(&corners);
-        self.list.push(Item { bounds, corners, plane, sample, face: face.number(), polygon });
+        let piece = Piece { corners, internal: [false; 3] };
+        self.list.push(Item { bounds, piece, plane, sample, face: face.number(), polygon });
     }
 
     pub(super) fn len(&self) -> usize {
@@ -114,7 +118,7 @@ impl Items {
         let item = &self.list[item as usize];
         match self.polygon(item) {
             None => {
-                let corners = item.corners.map(|corner| corner.map(|at| 2 * i64::from(at)));
+                let corners = item.piece.corners.map(|corner| corner.map(|at| 2 * i64::from(at)));
                 triangle::intersect(&corners, min, max)
             }
             Some(polygon) => polygon.polygon.cuts(&Box3 { min, max }),
@@ -126,17 +130,17 @@ impl Items {
         let item = &self.list[item as usize];
         let normal = item.plane.normal;
         match self.polygon(item) {
-            None => Outline { points: &item.corners, ring_ends: &ONE_RING, normal },
+            None => Outline { points: &item.piece.corners, ring_ends: &ONE_RING, normal },
             Some(polygon) => Outline { points: &polygon.points, ring_ends: &polygon.ring_ends, normal },
         }
     }
 
     /// The face as triangles.
     #[inline]
-    pub(super) fn triangles(&self, item: u32) -> &[[[i32; 3]; 3]] {
+    pub(super) fn triangles(&self, item: u32) -> &[Piece] {
         let item = &self.list[item as usize];
         match self.polygon(item) {
-            None => std::slice::from_ref(&item.corners),
+            None => std::slice::from_ref(&item.piece),
             Some(polygon) => &polygon.triangles,
         }
     }
@@ -145,7 +149,7 @@ impl Items {
     pub(super) fn points(&self, item: u32) -> &[[i32; 3]] {
         let item = &self.list[item as usize];
         match self.polygon(item) {
-            None => &item.corners,
+            None => &item.piece.corners,
             Some(polygon) => &polygon.points,
         }
     }
@@ -158,11 +162,25 @@ impl Items {
 }
 
 /// Bits behind the point of samples.
-const SAMPLE_BITS: u32 = 3;
+const SAMPLE_BITS: u32 = 5;
 
 /// A point inside a triangle that lies on no wall between cells.
 fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
-    let weights = [[3, 3, 2], [3, 2, 3], [2, 3, 3], [4, 3, 1], [1, 4, 3], [3, 1, 4], [5, 2, 1], [1, 1, 6]];
+    // Odd enough for coordinates that have many factors of 2.
+    let weights = [
+        [11, 13, 8],
+        [7, 12, 13],
+        [9, 17, 6],
+        [13, 14, 5],
+        [5, 11, 16],
+        [10, 15, 7],
+        [3, 22, 7],
+        [15, 8, 9],
+        [19, 2, 11],
+        [1, 6, 25],
+        [14, 1, 17],
+        [23, 5, 4],
+    ];
     let points = weights.into_iter().map(|[u, v, w]: [i64; 3]| {
         [0, 1, 2].map(|axis| u * i64::from(a[axis]) + v * i64::from(b[axis]) + w * i64::from(c[axis]))
     });
@@ -184,9 +202,14 @@ impl PolygonItem {
         let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
         let mut cut = Vec::new();
         triangulator.triangulate(&wide, &ring_ends, &mut cut);
-        let corners = |triangle: &[u32; 3]| triangle.map(|corner| points[corner as usize]);
-        let triangles: Vec<_> =
-            cut.iter().map(corners).filter(|corners| ring_normal(corners) != [0; 3]).collect();
+        // Edges that lead both ways are those along which the face was cut.
+        let edges: HashSet<[u32; 2]> = cut.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+        let piece = |&[a, b, c]: &[u32; 3]| Piece {
+            corners: [a, b, c].map(|corner| points[corner as usize]),
+            internal: [[b, a], [c, b], [a, c]].map(|turned| edges.contains(&turned)),
+        };
+        let triangles: Vec<Piece> =
+            cut.iter().map(piece).filter(|piece| ring_normal(&piece.corners) != [0; 3]).collect();
         let polygon = match Polygon::new(&wide, &ring_ends, triangulator) {
             Ok(polygon) => polygon,
             Err(Flaw::NoArea | Flaw::NotSimple) => {

@@ -6,7 +6,28 @@
 use super::defects::DefectKind;
 use crate::geometry::crossing::ring_normal;
 
-type Triangle = [[i32; 3]; 3];
+/// A triangle, and which of its edges are no edges of the face that it was cut from.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    pub(super) corners: Triangle,
+    pub(super) internal: [bool; 3],
+}
+
+pub(super) type Triangle = [[i32; 3]; 3];
+
+/// What two triangles do to each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Contact {
+    /// Nothing that is wrong.
+    Fine,
+    Wrong(DefectKind),
+    /// An edge, `through`, meets another, `across`, in a point between the ends of both. Whether that is wrong depends on the
+    /// faces at that other edge: see [`passes`].
+    Edges {
+        through: [[i32; 3]; 2],
+        across: [[i32; 3]; 2],
+    },
+}
 
 /// The sign of the volume of the tetrahedron of four points: 1 where the last one is on the side from which the
 /// first three are counterclockwise.
@@ -25,28 +46,32 @@ fn orientation(a: [i32; 3], b: [i32; 3], c: [i32; 3], d: [i32; 3]) -> i32 {
     exact.signum() as i32
 }
 
-/// What is wrong between two triangles that have an area, if anything.
-pub(super) fn conflict(a: &Triangle, b: &Triangle) -> Option<DefectKind> {
+/// What two triangles that have an area do to each other.
+pub(super) fn contact(first: &Piece, second: &Piece) -> Contact {
+    let (a, b) = (&first.corners, &second.corners);
     let of_b = b.map(|point| orientation(a[0], a[1], a[2], point));
     if all_on_one_side(of_b) {
-        return None;
+        return Contact::Fine;
     }
     if of_b == [0; 3] {
-        return overlap(a, b).then_some(DefectKind::Overlap);
+        return if overlap(a, b) { Contact::Wrong(DefectKind::Overlap) } else { Contact::Fine };
     }
     let of_a = a.map(|point| orientation(b[0], b[1], b[2], point));
     if all_on_one_side(of_a) {
-        return None;
+        return Contact::Fine;
     }
     let shared: Vec<(usize, usize)> =
         (0..9).map(|pair| (pair / 3, pair % 3)).filter(|&(i, j)| a[i] == b[j]).collect();
-    let crosses = match shared[..] {
+    match shared[..] {
         // Planes that are not the same meet in the line of the edge, and nowhere else.
-        [_, _, ..] => false,
-        [(i, j)] => wedges_cross(a, of_a, i, b, of_b, j),
-        [] => edges_cross(a, b, of_b) || edges_cross(b, a, of_a),
-    };
-    crosses.then_some(DefectKind::Crossing)
+        [_, _, ..] => Contact::Fine,
+        [(i, j)] if wedges_cross(a, of_a, i, b, of_b, j) => Contact::Wrong(DefectKind::Crossing),
+        [_] => Contact::Fine,
+        [] => match edges_cross(first, second, of_b) {
+            Contact::Fine => edges_cross(second, first, of_a),
+            found => found,
+        },
+    }
 }
 
 fn all_on_one_side(sides: [i32; 3]) -> bool {
@@ -54,16 +79,50 @@ fn all_on_one_side(sides: [i32; 3]) -> bool {
     x == y && y == z && x != 0
 }
 
-/// Whether an edge of `b` passes through the inside of `a`; `sides` are those of `b`'s corners.
-fn edges_cross(a: &Triangle, b: &Triangle, sides: [i32; 3]) -> bool {
-    (0..3).any(|i| {
+/// What the edges of `b` do to `a`; `sides` are those of `b`'s corners.
+fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
+    let mut found = Contact::Fine;
+    for i in 0..3 {
         let j = (i + 1) % 3;
-        if sides[i] * sides[j] >= 0 {
-            return false;
+        if b.internal[i] || sides[i] * sides[j] >= 0 {
+            continue;
         }
-        let around = [0, 1, 2].map(|k| orientation(b[i], b[j], a[k], a[(k + 1) % 3]));
-        all_on_one_side(around)
-    })
+        let (from, to) = (b.corners[i], b.corners[j]);
+        let around = [0, 1, 2].map(|k| orientation(from, to, a.corners[k], a.corners[(k + 1) % 3]));
+        if all_on_one_side(around) {
+            return Contact::Wrong(DefectKind::Crossing);
+        }
+        // Through one edge of it, between the ends.
+        let Some(edge) = (0..3).find(|k| around[*k] == 0) else { continue };
+        let (next, last) = (around[(edge + 1) % 3], around[(edge + 2) % 3]);
+        if next != last || next == 0 {
+            continue;
+        }
+        if a.internal[edge] {
+            return Contact::Wrong(DefectKind::Crossing);
+        }
+        let across = [a.corners[edge], a.corners[(edge + 1) % 3]];
+        found = Contact::Edges { through: [from, to], across };
+    }
+    found
+}
+
+/// Whether an edge that meets the common edge of two triangles, in a point between the ends of both, passes there from
+/// one side of their surface to the other.
+pub(super) fn passes([from, to]: [[i32; 3]; 2], one: &Triangle, other: &Triangle) -> bool {
+    // The surface is bent along the edge to the inside, to the outside, or not at all.
+    let bend = other.iter().map(|point| orientation(one[0], one[1], one[2], *point)).find(|side| *side != 0);
+    let is_inside = |point: [i32; 3]| {
+        let behind = |t: &Triangle| orientation(t[0], t[1], t[2], point) < 0;
+        match bend {
+            Some(-1) => behind(one) && behind(other),
+            Some(_) => behind(one) || behind(other),
+            None => behind(one),
+        }
+    };
+    // (Who goes along one of the triangles leaves the decision to other edges.)
+    let is_along = |point: [i32; 3]| [one, other].iter().any(|t| orientation(t[0], t[1], t[2], point) == 0);
+    !is_along(from) && !is_along(to) && is_inside(from) != is_inside(to)
 }
 
 /// Whether two triangles that share a corner, and nothing else, pass through each other from there.
@@ -123,6 +182,13 @@ mod tests {
     const A: Triangle = [[0, 0, 0], [8, 0, 0], [0, 8, 0]];
 
     fn both(a: &Triangle, b: &Triangle) -> Option<DefectKind> {
+        let conflict = |a: &Triangle, b: &Triangle| {
+            let piece = |corners: &Triangle| Piece { corners: *corners, internal: [false; 3] };
+            match contact(&piece(a), &piece(b)) {
+                Contact::Wrong(kind) => Some(kind),
+                _ => None,
+            }
+        };
         let found = conflict(a, b);
         // The order, and where a triangle begins, do not matter.
         assert_eq!(conflict(b, a), found);
@@ -170,6 +236,24 @@ mod tests {
         for b in [A, shifted, folded, inside] {
             assert_eq!(both(&A, &b), Some(DefectKind::Overlap), "{b:?}");
         }
+    }
+
+    /// An edge through an edge is wrong if it comes from the inside.
+    #[test]
+    fn edges_that_meet_edges() {
+        // A ridge along y, and what leads over it, into it, and through the middle of a flat one.
+        let [one, other] = [[[0, -9, 0], [9, 0, -9], [0, 9, 0]], [[0, 9, 0], [-9, 0, -9], [0, -9, 0]]];
+        let flat = [[0, 9, 0], [-9, 0, 9], [0, -9, 0]];
+        let over = [[-5, 0, 0], [5, 0, 0]];
+        let into = [[-1, 0, 5], [1, 0, -5]];
+        assert!(!passes(over, &one, &other) && passes(into, &one, &other));
+        assert!(passes(into, &one, &flat));
+        let piece = |corners: Triangle| Piece { corners, internal: [false; 3] };
+        let b = piece([into[0], into[1], [-9, 0, -20]]);
+        let found = contact(&piece(one), &b);
+        assert!(matches!(found, Contact::Edges { .. }), "{found:?}");
+        let internal = Piece { internal: [false, false, true], ..piece(one) };
+        assert_eq!(contact(&internal, &b), Contact::Wrong(DefectKind::Crossing));
     }
 
     /// Large coordinates, and one unit that decides.
