@@ -536,7 +536,7 @@ class Dataset(_native.Tree):
         triangles: bool = False,
         progress: Progress = None,
     ) -> tuple[int, int]:
-        """Writes the surface of an octree as a mesh (.ply, .obj, .stl); returns the numbers of vertices and faces."""
+        """Writes the surface of an octree as a mesh (.ply, .obj, .stl, .off); returns the numbers of vertices and faces."""
         with telling(progress) as tell:
             return self._write_mesh(os.fspath(path), level, smooth, triangles, tell)
 

@@ -1,7 +1,6 @@
 //! Exact models: boundary representations on an integer grid, kept as they are and not as cells.
 
 mod build;
-mod contains;
 mod face;
 mod grid;
 mod hash;
@@ -10,7 +9,7 @@ mod store;
 pub mod topology;
 
 pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
-pub use contains::Location;
+
 pub use face::{Face, FaceList, Faces};
 pub use grid::{Grid, MOST_BITS};
 pub use store::{ExactModel, FaceBuffer, Node, NodeCounts, NodeKind, NodeState, Rule, is_model_file};

@@ -7,9 +7,9 @@ use anyhow::{Context as _, Result, bail};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
 use spinney::io::Output;
 
-use super::Global;
 use super::args::{ViewedTree, check_output};
 use super::report::{Work, report_output};
+use super::{Global, exact};
 
 /// Write the surface of an octree as a mesh
 ///
@@ -54,7 +54,16 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let Some(format) = args.format.or_else(|| MeshFormat::of(&args.output)) else {
         bail!("{}: unknown format; use .ply, .obj, .stl or .off, or --format", args.output.display());
     };
-    // (An exact model goes another way from here on: `export_exact` writes its faces as they are, in `.city.json`, too.)
+    if let Some(model) = exact::open(&args.tree.file)? {
+        let given = [
+            ("--view", args.tree.is_viewed()),
+            ("--level", args.level.is_some()),
+            ("--smooth", args.smooth),
+            ("--triangles", args.triangles),
+        ];
+        exact::refuse(&args.tree.file, &given)?;
+        return exact::export(&model, &args.output, format, global);
+    }
     let tree = args.tree.open()?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let mut request = MeshRequest::new();

@@ -10,10 +10,10 @@ use spinney::query::ChannelStatistics;
 use spinney::space::{Crs, Frame};
 use spinney::store::{LevelCounts, Metadata, TagScope};
 
-use super::open;
 use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::unit::{behind_number, unit};
 use super::report::{commit, print_json, print_text};
+use super::{exact, open};
 
 const EXAMPLES: &str = "Examples:
   spinney info world.goblin
@@ -34,6 +34,11 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    if let Some(model) = exact::open(&args.file)? {
+        exact::refuse(&args.file, &[("--levels", args.levels)])?;
+        exact::info(&model, args.json)?;
+        return Ok(model.check_unchanged()?);
+    }
     let tree = open(&args.file)?;
     let most = if args.levels { u64::MAX } else { COUNTED };
     let levels = tree.level_counts(most)?;

@@ -8,6 +8,7 @@ mod completions;
 mod diff;
 mod dump;
 mod edit;
+mod exact;
 mod export;
 mod find;
 mod get;

@@ -9,6 +9,7 @@ use spinney::query::PointSamples;
 use spinney::value::SampleType;
 
 use super::args::{ViewedTree, level_of, to_cells};
+use super::exact;
 
 const EXAMPLES: &str = "Examples:
   spinney point relief.goblin 7.66,45.98
@@ -18,7 +19,7 @@ const EXAMPLES: &str = "Examples:
   spinney point house.goblin 3.5,2.25,1.1
   spinney point --cells --level 6 house.goblin < voxels.csv
 
-A line of the answer has a point's samples, or `void`. Lines of standard input are `X,Y` or `X Y`;
+A line of the answer has a point's samples, or `void`; of exact models `inside`, `outside` or `boundary`. Lines of standard input are `X,Y` or `X Y`;
 octrees need X,Y,Z.";
 
 /// Ask for the values of single cells
@@ -39,6 +40,12 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    if let Some(model) = exact::open(&args.tree.file)? {
+        let given =
+            [("--view", args.tree.is_viewed()), ("--level", args.level.is_some()), ("--cells", args.cells)];
+        exact::refuse(&args.tree.file, &given)?;
+        return exact::points(&model, &args.points);
+    }
     let tree = args.tree.open()?;
     let level = level_of(&tree, args.level)?;
     let from = if args.points.is_empty() { "standard input, line" } else { "point" };

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use spinney::Error;
+use spinney::brep::{ExactModel, is_model_file};
 
 use super::Global;
 use super::args::DEFAULT_MEMORY;
@@ -33,11 +34,15 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     let work = Work::start(global, "cells")?;
     let mut good = true;
     for file in &args.files {
-        let tree = spinney::dataset::open(file, &Default::default());
-        let verified = tree.and_then(|tree| match args.quick {
-            true => tree.verify_quickly(DEFAULT_MEMORY, &work),
-            false => tree.verify(DEFAULT_MEMORY, &work),
-        });
+        let verified = if is_model_file(file) {
+            ExactModel::open(file, &Default::default()).and_then(|model| model.verify(&work))
+        } else {
+            let tree = spinney::dataset::open(file, &Default::default());
+            tree.and_then(|tree| match args.quick {
+                true => tree.verify_quickly(DEFAULT_MEMORY, &work),
+                false => tree.verify(DEFAULT_MEMORY, &work),
+            })
+        };
         let findings = match verified {
             Ok(findings) => findings,
             Err(Error::Interrupted) => return Err(Error::Interrupted.into()),

@@ -1,5 +1,5 @@
-//! Polygons with holes on an integer grid: against octants, into triangles, and
-//! as single rings. Exact, in integers.
+//! Polygons with holes on an integer grid: against octants, into triangles, and as
+//! single rings. Exact, in integers.
 
 mod box3;
 mod bridges;

@@ -15,69 +15,59 @@ impl HomogeneousPlane {
     }
 }
 
-/// Primes whose product is more than any determinant of four planes (2^254): one that is zero by all of them
-/// is zero. The first is a Mersenne prime, for which remainders are cheap.
-const PRIMES: [u64; 5] = [
-    MERSENNE,
-    2_305_843_009_213_693_921,
-    2_305_843_009_213_693_907,
-    2_305_843_009_213_693_723,
-    2_305_843_009_213_693_693,
-];
-const MERSENNE: u64 = (1 << 61) - 1;
+/// Differences from 2^61 of primes whose product is more than any determinant of four planes (2^254): one that is zero
+/// by all of them is zero. Remainders of such primes are cheap.
+const BELOW: [u64; 5] = [1, 31, 45, 229, 259];
+const MASK: u128 = (1 << 61) - 1;
 
+/// The remainder of a number of at most 122 bits by the prime that is so much below 2^61.
 #[inline]
-fn multiply(a: u64, b: u64, prime: u64) -> u64 {
-    let product = u128::from(a) * u128::from(b);
-    if prime == MERSENNE {
-        let sum = (product as u64 & MERSENNE) + (product >> 61) as u64;
-        if sum >= MERSENNE { sum - MERSENNE } else { sum }
-    } else {
-        (product % u128::from(prime)) as u64
-    }
+fn reduce(number: u128, below: u64) -> u64 {
+    // 2^61 leaves the remainder `below`.
+    let once = (number & MASK) + (number >> 61) * u128::from(below);
+    let twice = (once & MASK) as u64 + (once >> 61) as u64 * below;
+    let prime = (1 << 61) - below;
+    if twice >= prime { twice - prime } else { twice }
 }
 
 #[inline]
-fn remainder(number: i128, prime: u64) -> u64 {
-    let rest = if prime == MERSENNE {
-        let size = number.unsigned_abs();
-        let once = (size & u128::from(MERSENNE)) + (size >> 61);
-        let twice = (once & u128::from(MERSENNE)) + (once >> 61);
-        let rest = twice as u64;
-        if rest >= MERSENNE { rest - MERSENNE } else { rest }
-    } else {
-        (number.unsigned_abs() % u128::from(prime)) as u64
-    };
-    if number < 0 && rest != 0 { prime - rest } else { rest }
+fn multiply(a: u64, b: u64, below: u64) -> u64 {
+    reduce(u128::from(a) * u128::from(b), below)
+}
+
+#[inline]
+fn remainder(number: i128, below: u64) -> u64 {
+    let rest = reduce(number.unsigned_abs(), below);
+    if number < 0 && rest != 0 { (1 << 61) - below - rest } else { rest }
 }
 
 /// Rows of a matrix in echelon form, by the remainders of a prime.
 struct Rows {
-    prime: u64,
+    below: u64,
     rows: [([u64; 4], usize); 4],
     count: usize,
 }
 
 impl Rows {
-    fn new(prime: u64) -> Rows {
-        Rows { prime, rows: [([0; 4], 0); 4], count: 0 }
+    fn new(below: u64) -> Rows {
+        Rows { below, rows: [([0; 4], 0); 4], count: 0 }
     }
 
     /// Adds a row; returns the rank.
     #[inline]
     fn add(&mut self, plane: &HomogeneousPlane) -> usize {
-        let prime = self.prime;
-        let [x, y, z] = plane.normal.map(|n| remainder(i128::from(n), prime));
-        let mut row = [x, y, z, remainder(plane.offset, prime)];
+        let below = self.below;
+        let [x, y, z] = plane.normal.map(|n| remainder(i128::from(n), below));
+        let mut row = [x, y, z, remainder(plane.offset, below)];
         for (known, pivot) in &self.rows[..self.count] {
             let (by, from) = (known[*pivot], row[*pivot]);
             if from == 0 {
                 continue;
             }
             for column in 0..4 {
-                let kept = multiply(row[column], by, prime);
-                let taken = multiply(known[column], from, prime);
-                row[column] = if kept >= taken { kept - taken } else { kept + prime - taken };
+                let kept = multiply(row[column], by, below);
+                let taken = multiply(known[column], from, below);
+                row[column] = if kept >= taken { kept - taken } else { kept + (1 << 61) - below - taken };
             }
         }
         if let Some(pivot) = (0..4).find(|column| row[*column] != 0) {
@@ -94,16 +84,24 @@ impl Rows {
 ///
 /// Coordinates of normals have at most 57 bits, offsets at most 85.
 pub(crate) fn rank<'a>(planes: impl Iterator<Item = &'a HomogeneousPlane> + Clone) -> usize {
-    let by = |prime: u64| {
-        let mut rows = Rows::new(prime);
+    rank_of_at_most(planes, 4)
+}
+
+/// The rank as [`rank`] has it, of planes that are known to have no higher one than `known`.
+pub(crate) fn rank_of_at_most<'a>(
+    planes: impl Iterator<Item = &'a HomogeneousPlane> + Clone,
+    known: usize,
+) -> usize {
+    let by = |below: u64| {
+        let mut rows = Rows::new(below);
         // (Almost always the first five have the rank 4.)
         planes.clone().map(|plane| rows.add(plane)).find(|rank| *rank == 4).unwrap_or(rows.count)
     };
     // A remainder can make a determinant zero that is not, but not by all primes.
     let mut most = 0;
-    for prime in PRIMES {
-        most = most.max(by(prime));
-        if most == 4 {
+    for below in BELOW {
+        most = most.max(by(below));
+        if most == known {
             break;
         }
     }
@@ -125,16 +123,17 @@ mod tests {
     #[test]
     fn the_modules_are_primes_whose_product_is_large_enough() {
         let mut bits = 0.0;
-        for prime in PRIMES {
+        for below in BELOW {
+            let prime = (1u64 << 61) - below;
             bits += (prime as f64).log2();
             // Miller and Rabin, with bases that are enough for 64 bits.
             let power = |mut base: u64, mut exponent: u64| {
                 let mut result = 1;
                 while exponent > 0 {
                     if exponent & 1 == 1 {
-                        result = multiply(result, base, prime);
+                        result = multiply(result, base, below);
                     }
-                    base = multiply(base, base, prime);
+                    base = multiply(base, base, below);
                     exponent >>= 1;
                 }
                 result
@@ -144,7 +143,7 @@ mod tests {
                 let mut x = power(base, (prime - 1) >> twos);
                 let mut good = x == 1 || x == prime - 1;
                 for _ in 1..twos {
-                    x = multiply(x, x, prime);
+                    x = multiply(x, x, below);
                     good |= x == prime - 1;
                 }
                 assert!(good, "{prime} {base}");

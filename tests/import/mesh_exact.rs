@@ -14,11 +14,13 @@ use spinney::{Error, Progress, Result};
 use crate::common::Random;
 use crate::common::exact::{Ring, cuboid, prism, push, snapped, whole_grid};
 
+/// A corner with its colour.
+type Corner = ([i32; 3], Option<[u8; 3]>);
+
 /// A face in a form that does not depend on where its rings begin, or in which order holes are.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Canonical {
-    /// Corners with their colours.
-    rings: Vec<Vec<([i32; 3], Option<[u8; 3]>)>>,
+    rings: Vec<Vec<Corner>>,
     part: String,
 }
 
@@ -96,8 +98,7 @@ fn write(faces: &dyn Faces, path: &Path) -> ExactSummary {
 /// Writes to every format and reads again.
 fn round_trip(faces: &dyn Faces) {
     let folder = tempfile::tempdir().unwrap();
-    let mut has_colours = false;
-    faces.each(&mut |face| Ok(has_colours |= !face.colours.is_empty())).unwrap();
+    let has_colours = all(faces, true, false).iter().any(|face| face.rings[0][0].1.is_some());
     for name in NAMES {
         let path = folder.path().join(name);
         let summary = write(faces, &path);

@@ -505,11 +505,13 @@ fn colours_and_values_stand_at_faces() {
     let tree = tree_of(6, &cells, Rule::Mean);
     for smooth in [false, true] {
         let job = Job { carry: Carry::Value, attribute: FaceAttribute::Colour, smooth, ..Job::new(6) };
-        let read = job.run(&tree, MeshFormat::Ply);
-        read.check_closed("colours");
-        for (face, told) in read.faces.iter().zip(&read.told) {
-            let x = face.iter().map(|i| read.points[*i][0]).sum::<f64>() / face.len() as f64;
-            assert_eq!(*told, if x < 35.0 { [10, 20, 30] } else { [200, 100, 50] }, "at {x}");
+        for format in [MeshFormat::Ply, MeshFormat::Off] {
+            let read = job.run(&tree, format);
+            read.check_closed("colours");
+            for (face, told) in read.faces.iter().zip(&read.told) {
+                let x = face.iter().map(|i| read.points[*i][0]).sum::<f64>() / face.len() as f64;
+                assert_eq!(*told, if x < 35.0 { [10, 20, 30] } else { [200, 100, 50] }, "at {x}");
+            }
         }
     }
     let cells = Cells::random(oct(SampleType::U16, 1), 3, [50, 20, 34], 500, true);
@@ -605,6 +607,10 @@ fn trees_say_what_ply_tells() {
         dataset(&Cells::random(oct(SampleType::U8, 3), 2, size, 4, true), Rule::Mean, Kind::Continuous);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("uchar red\nproperty uchar green\n"));
     read_obj(&export(&tree, MeshFormat::Obj)).check_closed("obj");
+    assert!(read_off(&export(&tree, MeshFormat::Off)).told.iter().all(|told| told.len() == 3));
+    let json = Output::create(&folder.path().join("a.city.json")).unwrap();
+    let error = export_mesh(&tree, &MeshRequest::default(), json, MeshFormat::CityJson, &()).unwrap_err();
+    assert!(error.to_string().contains("PLY, OBJ, STL or OFF"), "{error}");
     let tree = dataset(&Cells::random(OCT, 2, size, 4, true), Rule::Majority, Kind::Categorical);
     assert!(header(&export(&tree, MeshFormat::Ply)).contains("property uchar value\nend_header"));
     let tree =

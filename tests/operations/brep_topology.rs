@@ -128,6 +128,8 @@ fn a_cavity_is_a_shell() {
     let mut faces = cuboid([0; 3], [9; 3]);
     faces.extend(turned(cuboid([3; 3], [6; 3])));
     assert_eq!(euler(&model(&faces)), [16, 24, 12, 0, 2, 0]);
+    let made = topology(&model(&faces));
+    assert_eq!([0, 1].map(|shell| made.six_volumes(shell)), [6 * 729, -6 * 27]);
 }
 
 #[test]
@@ -373,6 +375,11 @@ fn real_meshes() {
         let sum = euler.vertices as i64 - euler.edges as i64 + euler.faces as i64;
         println!("{}: {euler:?}", fields[0]);
         if fields[3] == "True" && fields[4] == "True" {
+            let cube = faces.grid().width().powi(3);
+            let volume: f64 =
+                (0..made.shells()).map(|shell| made.six_volumes(shell) as f64 / 6.0 * cube).sum();
+            let expected: f64 = fields[7].parse().unwrap();
+            assert!((volume - expected).abs() < 1e-6 * expected, "{}: {volume}", fields[0]);
             assert!(made.is_closed(), "{}", fields[0]);
             assert_eq!((sum, euler.shells as i64), (number(5), number(6)), "{}", fields[0]);
         } else if fields[4] == "False" {

@@ -8,7 +8,7 @@ use super::items::Items;
 use super::pairs::conflict;
 use crate::brep::store::segment::{CUT, FULL, INNER, LeafHead, NodeKind, Rule, VOID};
 use crate::geometry::crossing::{FinePoint, change_between};
-use crate::geometry::rank::{HomogeneousPlane, rank};
+use crate::geometry::rank::{HomogeneousPlane, rank, rank_of_at_most};
 use crate::geometry::{Intersection, Stage, Stages};
 use crate::parallel;
 use crate::space::{Code, Dimension};
@@ -221,7 +221,11 @@ impl Walk<'_> {
             let (a, b) = (self.items.plane(*one), self.items.plane(*other));
             return if are_one(a, b) { 1 } else { 2 };
         }
-        rank(list.iter().map(|item| self.items.plane(*item)))
+        let planes = list.iter().map(|item| self.items.plane(*item));
+        // A corner that all have in common says most, and is quickly found.
+        let is_common = |corner: &[i32; 3]| list.iter().all(|item| self.items.points(*item).contains(corner));
+        let most = if self.items.points(list[0]).iter().take(4).any(is_common) { 3 } else { 4 };
+        rank_of_at_most(planes, most)
     }
 
     fn leaf(&self, cell: &Cell, list: &[u32], kind: NodeKind, out: &mut Arena) -> Result<u32> {

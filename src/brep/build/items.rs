@@ -21,6 +21,8 @@ struct Item {
     /// Corners of a triangle; of other faces those of the first triangle that is cut from it.
     corners: [[i32; 3]; 3],
     plane: HomogeneousPlane,
+    /// A point inside, in units of 2^-[`SAMPLE_BITS`] of the grid's.
+    sample: Option<[i64; 3]>,
     face: u32,
     /// Place among the polygons; [`TRIANGLE`] for triangles.
     polygon: u32,
@@ -76,7 +78,8 @@ impl Items {
             }
         };
         let plane = HomogeneousPlane::through(normal, corners[0]);
-        self.list.push(Item { bounds, corners, plane, face: face.number(), polygon });
+        let sample = sample(&corners);
+        self.list.push(Item { bounds, corners, plane, sample, face: face.number(), polygon });
     }
 
     pub(super) fn len(&self) -> usize {
@@ -150,18 +153,23 @@ impl Items {
     /// A point inside a face that lies on no wall between cells, if there is one among some.
     #[inline]
     pub(super) fn sample(&self, item: u32) -> Option<FinePoint> {
-        const BITS: u32 = 3;
-        let [a, b, c] = self.list[item as usize].corners;
-        let weights =
-            [[3, 3, 2], [3, 2, 3], [2, 3, 3], [4, 3, 1], [1, 4, 3], [3, 1, 4], [5, 2, 1], [1, 1, 6]];
-        let points = weights.into_iter().map(|[u, v, w]: [i64; 3]| {
-            [0, 1, 2].map(|axis| u * i64::from(a[axis]) + v * i64::from(b[axis]) + w * i64::from(c[axis]))
-        });
-        // Walls lie in the middle between points of the grid.
-        let half = (1i64 << BITS) / 2;
-        let is_off = |at: &[i64; 3]| at.iter().all(|at| at & ((1 << BITS) - 1) != half);
-        points.into_iter().find(is_off).map(|at| FinePoint { at, bits: BITS })
+        self.list[item as usize].sample.map(|at| FinePoint { at, bits: SAMPLE_BITS })
     }
+}
+
+/// Bits behind the point of samples.
+const SAMPLE_BITS: u32 = 3;
+
+/// A point inside a triangle that lies on no wall between cells.
+fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
+    let weights = [[3, 3, 2], [3, 2, 3], [2, 3, 3], [4, 3, 1], [1, 4, 3], [3, 1, 4], [5, 2, 1], [1, 1, 6]];
+    let points = weights.into_iter().map(|[u, v, w]: [i64; 3]| {
+        [0, 1, 2].map(|axis| u * i64::from(a[axis]) + v * i64::from(b[axis]) + w * i64::from(c[axis]))
+    });
+    // Walls lie in the middle between points of the grid.
+    let half = (1i64 << SAMPLE_BITS) / 2;
+    let is_off = |at: &[i64; 3]| at.iter().all(|at| at & ((1 << SAMPLE_BITS) - 1) != half);
+    points.into_iter().find(is_off)
 }
 
 fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {

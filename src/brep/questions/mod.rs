@@ -4,6 +4,7 @@
 //! numbers; lengths and volumes are rounded, and each says how much.
 
 mod cells;
+mod contains;
 mod coverage;
 mod distance;
 mod line;
@@ -18,6 +19,7 @@ mod testing;
 mod visited;
 
 pub use cells::CellCoverage;
+pub use contains::Location;
 pub use coverage::{Coverage, CoverageSums, Cube};
 pub use distance::SurfacePoint;
 pub use line::{Crossing, Line};

@@ -140,6 +140,16 @@ impl ExactModel {
         Ok(())
     }
 
+    /// Whether corners of faces have colours.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn is_coloured(&self) -> Result<bool> {
+        let mut buffer = FaceBuffer::default();
+        self.face(0, &mut buffer)?;
+        Ok(!buffer.colours.is_empty())
+    }
+
     /// A segment.
     #[inline]
     pub(super) fn segment(&self, index: usize) -> Result<Segment<'_>> {

@@ -49,18 +49,17 @@ impl FaceRings {
         }
         let axis = main_axis(normal);
         let is_turned = normal[axis] < 0;
-        let mut follows = vec![0; face.points.len()];
-        let mut before = vec![0; face.points.len()];
-        let mut start = 0;
+        let mut after = Vec::with_capacity(face.points.len());
         for &end in face.ring_ends {
-            for corner in start..end {
-                let next = if corner + 1 == end { start } else { corner + 1 };
-                follows[corner] = next as u32;
-                before[next] = corner as u32;
+            let start = after.len() as u32;
+            if (start as usize) < end {
+                after.extend(start + 1..end as u32);
+                after.push(start);
             }
-            start = end;
         }
-        let after = follows.clone();
+        let mut before = vec![0; after.len()];
+        after.iter().zip(0..).for_each(|(&next, corner)| before[next as usize] = corner);
+        let mut follows = after.clone();
         let mut directions = Vec::new();
         for same in self.sorted.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
             directions.clear();
@@ -141,7 +140,7 @@ mod tests {
     /// An outline that passes a point twice: as the inside sees it, a hole of its own.
     #[test]
     fn a_ring_that_touches_itself_parts_where_its_inside_does_not() {
-        let ring = [[0, 0], [8, 0], [8, 8], [4, 8], [2, 4], [6, 4], [4, 8], [0, 8]];
+        let ring = [[0, 0], [8, 0], [8, 8], [4, 8], [6, 4], [2, 4], [4, 8], [0, 8]];
         assert_eq!(rings(&[&ring]).len(), 1);
         let two = [[0, 0], [4, 4], [8, 0], [8, 8], [4, 4], [0, 8]];
         let parted = rings(&[&two]);

@@ -39,7 +39,7 @@
 //!
 //! | entity and field | here |
 //! | --- | --- |
-//! | Body: IdFace, IdVertex | a shell: [`faces_of_shell`](Topology::faces_of_shell), [`vertices_of_shell`](Topology::vertices_of_shell) |
+//! | Body: IdFace, IdVertex | a shell (a solid with cavities has several, those of the cavities with [negative volume](Topology::six_volumes)): [`faces_of_shell`](Topology::faces_of_shell), [`vertices_of_shell`](Topology::vertices_of_shell) |
 //! | Face: IdVertex, IdEdge | [`vertices_of_face`](Topology::vertices_of_face), [`edges_of_face`](Topology::edges_of_face) |
 //! | Face: IdBody | [`shell_of_face`](Topology::shell_of_face) |
 //! | Face: TempEdge, Tr (cuts of a running operation, triangles) | not kept: results of an operation, of [`Triangulator`](crate::geometry::Triangulator) |
@@ -77,6 +77,7 @@ mod boundary;
 mod build;
 mod corners;
 mod euler;
+mod volume;
 mod walk;
 
 use std::ops::Range;

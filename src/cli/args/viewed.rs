@@ -21,6 +21,11 @@ pub(crate) struct ViewedTree {
 }
 
 impl ViewedTree {
+    /// Whether there are steps.
+    pub(crate) fn is_viewed(&self) -> bool {
+        !self.steps.is_empty()
+    }
+
     /// Opens the file, once, with or without steps.
     pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
         let tree = open(&self.file)?;

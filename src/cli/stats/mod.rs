@@ -11,10 +11,10 @@ use spinney::query::Statistics;
 use spinney::space::{Bounds, Crs};
 use spinney::value::Rule;
 
-use super::Global;
 use super::args::{PartOptions, ViewedTree, level_of};
 use super::report::statistics::{channels_as_json, class_as_json};
 use super::report::{Work, print_json, print_text, solid};
+use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
   spinney stats relief.goblin --bbox 5,44,17,48
@@ -23,6 +23,9 @@ const EXAMPLES: &str = "Examples:
   spinney stats house.goblin --surface
   spinney stats house.goblin --solid --level 7
   spinney stats landcover.goblin --zones districts.geojson --border area --json
+
+Of exact models volume, centre of gravity, inertia and surface of the body are printed, and its topology: all
+are exact, and rounded once.
 
 Of solids (octrees of occupancy, or others with --solid) volume, centre of gravity and bounds are
 printed, in the model's unit. They are exact; coarser levels keep the volume. --surface adds the
@@ -71,6 +74,16 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    if let Some(model) = exact::open(&args.tree.file)? {
+        let given = [
+            ("--view", args.tree.is_viewed()),
+            ("--level", args.level.is_some()),
+            ("--zones", args.zones.is_some()),
+        ];
+        exact::refuse(&args.tree.file, &given)?;
+        exact::stats(&model, args.json, global)?;
+        return Ok(model.check_unchanged()?);
+    }
     let tree = args.tree.open()?;
     if let Some(file) = &args.zones {
         zones::run(&tree, file, args.border, args.json, global)?;

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use crate::brep::{Face, Grid};
-use crate::geometry::Triangulator;
 use crate::geometry::crossing::ring_normal;
+use crate::geometry::{Triangulator, split_bridges};
 use crate::space::Up;
 use crate::{Error, Result};
 
@@ -75,6 +75,11 @@ impl Snapper {
         }
         if self.points.len() == 3 {
             return self.hand_out(part, source, each);
+        }
+        self.wide.clear();
+        self.wide.extend(self.points.iter().map(|point| point.map(i64::from)));
+        if self.ring_ends.len() == 1 {
+            self.split_bridges();
         }
         self.turn_holes(normal);
         self.wide.clear();
@@ -187,6 +192,25 @@ impl Snapper {
         edges.sort_unstable();
         turned.sort_unstable();
         edges == turned
+    }
+
+    /// Takes bridges out of a ring, with which formats that know no holes join them to it.
+    fn split_bridges(&mut self) {
+        let rings = split_bridges(&self.wide);
+        if rings.len() < 2 {
+            return;
+        }
+        let order = rings.concat();
+        self.points = order.iter().map(|corner| self.points[*corner as usize]).collect();
+        if !self.colours.is_empty() {
+            self.colours = order.iter().map(|corner| self.colours[*corner as usize]).collect();
+        }
+        self.ring_ends.clear();
+        let mut end = 0;
+        for ring in &rings {
+            end += ring.len();
+            self.ring_ends.push(end);
+        }
     }
 
     /// Makes holes turn the other way than the outer ring.

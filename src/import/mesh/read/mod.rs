@@ -2,6 +2,7 @@
 
 mod cityjson;
 mod corners;
+mod exact;
 mod model_file;
 mod obj;
 mod off;
@@ -27,6 +28,9 @@ use crate::{Error, Result};
 /// # Errors
 /// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
 pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
+    if let Some(model) = exact::open(path)? {
+        return Ok(model);
+    }
     let mut source = ModelFile::open(path)?;
     // The first 80 bytes of a binary STL file are free, and may be a text with such a mark.
     if !stl::is_binary(source.bytes()) {
@@ -89,9 +93,9 @@ pub fn open_all(paths: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> {
     paths.iter().map(|path| open(path, share)).collect()
 }
 
-/// Whether a path looks like a model's.
+/// Whether a path looks like a model's, or is that of an exact model.
 pub fn is_model(path: &Path) -> bool {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
     let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];
-    names.iter().any(|name| extension.eq_ignore_ascii_case(name))
+    names.iter().any(|name| extension.eq_ignore_ascii_case(name)) || crate::brep::is_model_file(path)
 }

@@ -1,8 +1,8 @@
 //! Which points are inside the body.
 
-use super::store::segment::Rule;
-use super::{ExactModel, FaceBuffer, Faces, Node, NodeState};
 use crate::Result;
+use crate::brep::store::segment::Rule;
+use crate::brep::{ExactModel, FaceBuffer, Faces, Node, NodeState};
 use crate::geometry::crossing::{FinePoint, Outline, change_between, ring_normal};
 
 /// Location of a point.

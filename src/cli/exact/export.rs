@@ -1,0 +1,36 @@
+//! `spinney export` of an exact model.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use spinney::brep::ExactModel;
+use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::io::Output;
+
+use super::super::Global;
+use super::super::args::check_output;
+use super::super::report::{Work, report_output};
+
+/// Writes the faces of an exact model as they are.
+pub(crate) fn export(model: &ExactModel, path: &Path, format: MeshFormat, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    check_output([model.path()], path)?;
+    let work = Work::start(global, "faces")?;
+    let output = Output::create(path)?;
+    let summary = export_exact(model, format, output, &work)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    work.finish();
+    global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
+    if summary.moved > 0 {
+        let moved = summary.moved;
+        global.report("moved", format_args!("{moved} corners, since the format has single precision"));
+    }
+    if summary.collapsed > 0 {
+        let collapsed = summary.collapsed;
+        global
+            .report("left out", format_args!("{collapsed} triangles that have no area in single precision"));
+    }
+    report_output(global, path, start);
+    Ok(())
+}

@@ -1,0 +1,75 @@
+//! `spinney info` of an exact model.
+
+use std::fmt::Write as _;
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::brep::{ExactModel, Faces};
+
+use super::super::report::{print_json, print_text};
+use super::{list, space, unit};
+
+/// Tells what is in an exact model.
+pub(crate) fn info(model: &ExactModel, is_json: bool) -> Result<()> {
+    if is_json { print_json(&as_json(model)) } else { print_text(&as_text(model)?) }
+}
+
+fn as_json(model: &ExactModel) -> serde_json::Value {
+    let grid = model.grid();
+    let nodes: serde_json::Map<_, _> =
+        model.nodes().named().into_iter().map(|(name, count)| (name.to_lowercase(), json!(count))).collect();
+    let sections: serde_json::Map<_, _> =
+        model.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
+    let metadata = model.metadata();
+    json!({
+        "file": model.path().display().to_string(),
+        "format": "Goblin",
+        "tree": "exact model",
+        "faces": model.len(),
+        "depth": model.depth(),
+        "grid": { "bits": grid.bits, "origin": grid.origin, "step": grid.width() },
+        "space": space(model),
+        "unit": metadata.tags.get("unit"),
+        "nodes": nodes,
+        "segments": model.segments(),
+        "parts": model.parts(),
+        "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
+        "provenance": metadata.provenance,
+        "tags": metadata.tags,
+        "bytes": model.file_size(),
+        "sections": sections,
+    })
+}
+
+fn as_text(model: &ExactModel) -> Result<String> {
+    let mut text = String::new();
+    let grid = model.grid();
+    let unit = unit(model);
+    writeln!(text, "{}", model.path().display())?;
+    writeln!(text, "  format      Goblin, exact model")?;
+    writeln!(text, "  faces       {}", model.len())?;
+    let steps = format!("steps of {}{unit}, {} bits", grid.width(), grid.bits);
+    writeln!(text, "  grid        {steps}, from {}", list(grid.to_world([0; 3])))?;
+    writeln!(text, "  octree      depth {}, {} segments", model.depth(), model.segments())?;
+    let nodes = model.nodes();
+    let kinds: Vec<String> = nodes.named().iter().map(|(name, count)| format!("{count} {name}")).collect();
+    writeln!(text, "  nodes       {}: {}", nodes.total(), kinds.join(", "))?;
+    let parts = model.parts();
+    let names: Vec<&str> = parts.iter().take(8).map(String::as_str).collect();
+    let more = if parts.len() > names.len() { ", ..." } else { "" };
+    writeln!(text, "  parts       {}: {}{more}", parts.len(), names.join(", "))?;
+    if let Some(crs) = &model.metadata().frame.crs {
+        writeln!(text, "  crs         {crs}")?;
+    }
+    for line in &model.metadata().provenance {
+        writeln!(text, "  from        {line}")?;
+    }
+    for (key, value) in &model.metadata().tags {
+        writeln!(text, "  tag         {key} = {value}")?;
+    }
+    writeln!(text, "  bytes       {}", model.file_size())?;
+    for (name, bytes) in model.sections() {
+        writeln!(text, "    {name:<20} {bytes}")?;
+    }
+    Ok(text)
+}

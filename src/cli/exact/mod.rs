@@ -1,0 +1,53 @@
+//! What the subcommands do with exact models.
+
+mod export;
+mod info;
+mod point;
+mod stats;
+
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use spinney::brep::{ExactModel, Faces, is_model_file};
+use spinney::store::OpenOptions;
+
+pub(super) use export::export;
+pub(super) use info::info;
+pub(super) use point::points;
+pub(super) use stats::stats;
+
+/// The exact model in a file; `None` if it has anything else.
+pub(super) fn open(path: &Path) -> Result<Option<ExactModel>> {
+    if !is_model_file(path) {
+        return Ok(None);
+    }
+    Ok(Some(ExactModel::open(path, &OpenOptions::new())?))
+}
+
+/// Fails if options were given that mean nothing for exact models.
+pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
+    if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {
+        bail!(
+            "{}: is an exact model, for which {name} means nothing; make cells of it first",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
+/// The unit of length of a model's coordinates, where it is known, with a blank before it.
+fn unit(model: &ExactModel) -> String {
+    model.metadata().tags.get("unit").map_or(String::new(), |unit| format!(" {unit}"))
+}
+
+/// A coordinate for people and programs: the number that it is, with few digits where they say the same.
+fn list(point: [f64; 3]) -> String {
+    let [x, y, z] = point;
+    format!("{x}, {y}, {z}")
+}
+
+/// Least and greatest corners of the grid in the world.
+fn space(model: &ExactModel) -> [[f64; 3]; 2] {
+    let grid = model.grid();
+    [grid.to_world([0; 3]), grid.to_world([(1 << grid.bits) - 1; 3])]
+}

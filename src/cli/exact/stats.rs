@@ -1,0 +1,85 @@
+//! `spinney stats` of an exact model.
+
+use std::fmt::Write as _;
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::brep::ExactModel;
+use spinney::brep::questions::MassProperties;
+use spinney::brep::topology::{Euler, Topology, TopologyOptions};
+
+use super::super::Global;
+use super::super::args::DEFAULT_MEMORY;
+use super::super::report::{Work, print_json, print_text, warn};
+use super::{list, unit};
+
+/// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into memory.
+pub(crate) fn stats(model: &ExactModel, is_json: bool, global: &Global) -> Result<()> {
+    let work = Work::start(global, "faces")?;
+    let mass = MassProperties::of(model, &work)?;
+    let options = TopologyOptions { memory: 4 * DEFAULT_MEMORY, path: model.path().to_path_buf() };
+    let euler = match Topology::of(model, &options, &work) {
+        Ok(topology) => Some(topology.euler()),
+        Err(error @ spinney::Error::TooLarge { .. }) => {
+            warn(&format!("{error}"));
+            None
+        }
+        Err(error) => return Err(error.into()),
+    };
+    work.finish();
+    if is_json {
+        print_json(&as_json(model, &mass, euler.as_ref()))
+    } else {
+        print_text(&as_text(model, &mass, euler.as_ref())?)
+    }
+}
+
+fn as_json(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> serde_json::Value {
+    let euler = euler.map(|euler| {
+        json!({
+            "vertices": euler.vertices,
+            "edges": euler.edges,
+            "faces": euler.faces,
+            "rings": euler.rings,
+            "shells": euler.shells,
+            "genus": euler.genus,
+        })
+    });
+    json!({
+        "file": model.path().display().to_string(),
+        "unit": model.metadata().tags.get("unit"),
+        "volume": mass.volume,
+        "surface": mass.area,
+        "centre": mass.centre,
+        "second_moments": mass.second_moments,
+        "inertia": mass.inertia,
+        "bounds": mass.bounds,
+        "topology": euler,
+    })
+}
+
+fn as_text(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> Result<String> {
+    let mut text = String::new();
+    let unit = unit(model);
+    let power = |power: u8| if unit.is_empty() { String::new() } else { format!("{unit}{power}") };
+    writeln!(text, "body       exact: {} faces", mass.faces)?;
+    writeln!(text, "  volume   {}{}", mass.volume, power(3))?;
+    writeln!(text, "  surface  {}{}", mass.area, power(2))?;
+    if let Some(centre) = mass.centre {
+        writeln!(text, "  centre   {}", list(centre))?;
+    }
+    if let Some([low, high]) = mass.bounds {
+        writeln!(text, "  bounds   {} to {}", list(low), list(high))?;
+    }
+    let [x, y, z] = mass.inertia;
+    writeln!(text, "  inertia  {}; {}; {} (about the centre, density 1)", list(x), list(y), list(z))?;
+    if let Some(Euler { vertices, edges, faces, rings, shells, genus, .. }) = euler {
+        let genus = genus.map_or("unknown".into(), |genus| genus.to_string());
+        writeln!(
+            text,
+            "  topology {vertices} vertices, {edges} edges, {faces} faces, {rings} rings in faces; {shells} shells, \
+             genus {genus}"
+        )?;
+    }
+    Ok(text)
+}
