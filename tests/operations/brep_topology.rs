@@ -2,9 +2,9 @@
 
 use std::collections::{HashMap, HashSet};
 
-use spinney::Error;
 use spinney::brep::topology::{Counts, Topology, TopologyOptions};
 use spinney::brep::{FaceList, Faces};
+use spinney::{Error, Progress};
 
 use crate::common::exact::{Ring, cuboid, model, prism, snapped, turned};
 use crate::common::{Random, shared_data};
@@ -359,6 +359,23 @@ fn memory_is_bounded() {
     let options = TopologyOptions { memory: 1000, path: "cube.brep".into() };
     let error = Topology::of(&cube, &options, &()).unwrap_err();
     assert!(matches!(error, Error::TooLarge { limit: 1000, .. }), "{error}");
+}
+
+/// Interrupted after some questions.
+struct Stop(std::sync::atomic::AtomicI64);
+
+impl Progress for Stop {
+    fn interrupted(&self) -> bool {
+        self.0.fetch_sub(1, std::sync::atomic::Ordering::Relaxed) <= 0
+    }
+}
+
+#[test]
+fn work_can_be_interrupted() {
+    let cube = model(&cuboid([0; 3], [4; 3]));
+    let make = |questions: i64| Topology::of(&cube, &TopologyOptions::default(), &Stop(questions.into()));
+    let enough = (0..100).find(|&questions| !matches!(make(questions), Err(Error::Interrupted))).unwrap();
+    assert!(enough > 3 && make(enough).is_ok());
 }
 
 /// Closed meshes, and what `trimesh` says of them.

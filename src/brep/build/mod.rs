@@ -55,6 +55,9 @@ pub struct ModelBuilder {
     words: Vec<u32>,
     faces: u64,
     boolean_faces: usize,
+    triangulator: Triangulator,
+    wide: Vec<[i64; 3]>,
+    triangles: Vec<[u32; 3]>,
 }
 
 impl ModelBuilder {
@@ -66,8 +69,18 @@ impl ModelBuilder {
         let place: PathBuf = folder(output.path()).to_path_buf();
         let writer = ModelWriter::new(output, &grid, memory / 16)?;
         let run = RunBuilder::new((memory / 4 / 4) as usize, Place::Folder(place));
-        let (words, boolean_faces) = (Vec::new(), BOOLEAN_FACES);
-        Ok(ModelBuilder { writer, grid, memory, run, words, faces: 0, boolean_faces })
+        Ok(ModelBuilder {
+            writer,
+            grid,
+            memory,
+            run,
+            words: Vec::new(),
+            faces: 0,
+            boolean_faces: BOOLEAN_FACES,
+            triangulator: Triangulator::new(),
+            wide: Vec::new(),
+            triangles: Vec::new(),
+        })
     }
 
     /// Chooses how many faces a cell may have and end, whatever their planes have in common. With 0 there are BOOLEAN
@@ -77,11 +90,11 @@ impl ModelBuilder {
         ModelBuilder { boolean_faces, ..self }
     }
 
-    /// Adds a face, whose number counts those before it. All corners lie in one plane; without an area it is
-    /// kept, but bounds nothing.
+    /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
+    /// without an area it is kept, but bounds nothing.
     ///
     /// # Errors
-    /// If the file cannot be written, or there are 2^32 faces.
+    /// If it is no such face, if the file cannot be written, or if there are 2^32 faces.
     pub fn push(&mut self, face: &Face<'_>) -> Result<()> {
         let Ok(number) = u32::try_from(self.faces) else {
             return Err(Error::TooLarge {
@@ -92,6 +105,7 @@ impl ModelBuilder {
                 advice: "divide the model".into(),
             });
         };
+        self.check(face)?;
         self.faces += 1;
         self.writer.face(&Face { number: number.into(), ..*face })?;
         let outer = face.ring_ends.first().map_or(face.points, |end| &face.points[..*end]);
@@ -101,6 +115,49 @@ impl ModelBuilder {
         self.words.clear();
         FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
+    }
+
+    /// Whether a face is one.
+    fn check(&mut self, face: &Face<'_>) -> Result<()> {
+        let wrong = |found: String, expected: &str| {
+            Err(Error::invalid(format!("face {}", face.number), found, expected))
+        };
+        let outside = |at: &[i32; 3]| at.iter().any(|at| (*at as u32) >> self.grid.bits != 0);
+        if let Some(at) = face.points.iter().find(|at| outside(at)) {
+            return wrong(format!("a corner at {at:?}"), "corners on the grid");
+        }
+        let mut start = 0;
+        for &end in face.ring_ends {
+            if end < start + 3 || end > face.points.len() {
+                return wrong(
+                    format!("rings that end at {:?}", face.ring_ends),
+                    "rings of three corners or more",
+                );
+            }
+            start = end;
+        }
+        if start != face.points.len() || start == 0 {
+            return wrong(format!("rings up to corner {start}"), "rings of all corners");
+        }
+        let normal = ring_normal(&face.points[..face.ring_ends[0]]);
+        if face.points.len() == 3 || normal == [0; 3] {
+            return Ok(());
+        }
+        let first = face.points[0];
+        let is_off = |at: &[i32; 3]| {
+            (0..3).map(|axis| i128::from(normal[axis]) * i128::from(at[axis] - first[axis])).sum::<i128>()
+                != 0
+        };
+        if let Some(at) = face.points.iter().find(|at| is_off(at)) {
+            return wrong(format!("a corner at {at:?}"), "all corners in one plane");
+        }
+        self.wide.clear();
+        self.wide.extend(face.points.iter().map(|point| point.map(i64::from)));
+        self.triangles.clear();
+        match self.triangulator.triangulate(&self.wide, face.ring_ends, &mut self.triangles) {
+            true => Ok(()),
+            false => wrong("rings that cross".into(), "an outer ring, and holes inside of it"),
+        }
     }
 
     /// Builds the octree and puts the file in its place, on the threads of the current rayon pool; with defects
@@ -114,7 +171,7 @@ impl ModelBuilder {
         progress: &dyn Progress,
         complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
     ) -> Result<BuildReport> {
-        let ModelBuilder { mut writer, grid, memory, run, words: _, faces, boolean_faces } = self;
+        let ModelBuilder { mut writer, grid, memory, run, faces, boolean_faces, .. } = self;
         let (run, place) = run.finish()?;
         let stages = Mutex::new(Stages::default());
         let total = run.len() as u64;

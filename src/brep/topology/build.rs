@@ -18,6 +18,9 @@ const HALF_EDGE_BYTES: u64 = 60;
 const FACE_BYTES: u64 = 16;
 const RING_BYTES: u64 = size_of::<Ring>() as u64;
 
+/// Things that are done between two looks at whether to go on.
+const OFTEN: usize = 1 << 16;
+
 /// Faces of more corners keep their normals once they are known.
 const LARGE: u32 = 32;
 
@@ -29,14 +32,18 @@ pub(super) fn build(
     let counts = count(faces, progress)?;
     check_size(&counts, options)?;
     let mut topology = Topology::default();
+    let stage_done = || progress.advance(counts.half_edges, 5 * counts.half_edges);
     let corners = read(faces, &counts, &mut topology, progress)?;
-    let order = weld(corners, &mut topology);
-    progress.check()?;
+    stage_done();
+    let order = weld(corners, &mut topology, progress)?;
+    stage_done();
     // Origins are numbers of points up to here, and become those of vertices in the end.
     pair(&mut topology, progress)?;
-    split_vertices(&order, &mut topology);
-    progress.check()?;
-    find_shells(&mut topology);
+    stage_done();
+    split_vertices(&order, &mut topology, progress)?;
+    stage_done();
+    find_shells(&mut topology, progress)?;
+    stage_done();
     Ok(topology)
 }
 
@@ -134,8 +141,12 @@ fn read(
 }
 
 /// Numbers the different points in their order; the outcome is the half-edges by the point that they start at.
-fn weld(mut corners: Vec<([i32; 3], u32)>, topology: &mut Topology) -> Vec<u32> {
-    corners.sort_unstable();
+fn weld(
+    mut corners: Vec<([i32; 3], u32)>,
+    topology: &mut Topology,
+    progress: &dyn Progress,
+) -> Result<Vec<u32>> {
+    sort(&mut corners, progress)?;
     topology.origin = vec![0; corners.len()];
     for &(point, half_edge) in &corners {
         if topology.points.last() != Some(&point) {
@@ -144,7 +155,19 @@ fn weld(mut corners: Vec<([i32; 3], u32)>, topology: &mut Topology) -> Vec<u32> 
         topology.origin[half_edge as usize] = topology.points.len() as u32 - 1;
     }
     topology.points.shrink_to_fit();
-    corners.into_iter().map(|(_, half_edge)| half_edge).collect()
+    Ok(corners.into_iter().map(|(_, half_edge)| half_edge).collect())
+}
+
+/// Sorts in pieces between which the work may be interrupted.
+fn sort(corners: &mut [([i32; 3], u32)], progress: &dyn Progress) -> Result<()> {
+    progress.check()?;
+    if corners.len() <= 1 << 20 {
+        corners.sort_unstable();
+        return Ok(());
+    }
+    let (below, _, above) = corners.select_nth_unstable(corners.len() / 2);
+    sort(below, progress)?;
+    sort(above, progress)
 }
 
 /// Makes edges: pairs of half-edges between the same two points, in opposite directions.
@@ -160,7 +183,7 @@ fn pair(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
     while start < half_edges {
         if start >= checked {
             progress.check()?;
-            checked = start + (1 << 16);
+            checked = start + OFTEN;
         }
         let first = ends(topology, by_first[start]).0;
         let len = by_first[start..].iter().take_while(|&&other| ends(topology, other).0 == first).count();
@@ -330,10 +353,12 @@ impl Topology {
 }
 
 /// Makes a vertex of each fan of faces around a point, in the order of the points.
-fn split_vertices(order: &[u32], topology: &mut Topology) {
-    // (Points are not needed from here on, but by vertices.)
+fn split_vertices(order: &[u32], topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
     let mut vertex_of = vec![NONE; topology.origin.len()];
-    for &half_edge in order {
+    for (number, &half_edge) in order.iter().enumerate() {
+        if number.is_multiple_of(OFTEN) {
+            progress.check()?;
+        }
         if vertex_of[half_edge as usize] != NONE {
             continue;
         }
@@ -355,10 +380,11 @@ fn split_vertices(order: &[u32], topology: &mut Topology) {
     }
     topology.vertices.shrink_to_fit();
     topology.origin = vertex_of;
+    Ok(())
 }
 
 /// Numbers shells by their first faces.
-fn find_shells(topology: &mut Topology) {
+fn find_shells(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
     let faces = topology.faces();
     topology.shell_of = vec![NONE; faces as usize];
     let mut pending = Vec::new();
@@ -371,6 +397,9 @@ fn find_shells(topology: &mut Topology) {
         pending.push(first);
         let start = topology.shell_faces.len();
         while let Some(face) = pending.pop() {
+            if topology.shell_faces.len().is_multiple_of(OFTEN) {
+                progress.check()?;
+            }
             topology.shell_faces.push(face);
             for half_edge in topology.half_edges_of_face(face) {
                 let Some(twin) = topology.twin(half_edge) else { continue };
@@ -384,4 +413,5 @@ fn find_shells(topology: &mut Topology) {
         topology.shell_faces[start..].sort_unstable();
         topology.shell_ends.push(topology.shell_faces.len() as u32);
     }
+    Ok(())
 }

@@ -29,12 +29,13 @@
 //! their first faces, and vertices by their points, which are in the order of their coordinates.
 //!
 //! A half-edge takes 12 bytes, an edge 8, a vertex and its point 20, a ring 8, a face 12: for closed surfaces of
-//! triangles about 24 bytes per half-edge. Up to 60 are in use while it is made.
+//! triangles about 24 bytes per half-edge. Up to 60 are in use while it is made,
+//! and about 45 for such surfaces.
 //!
 //! # The entities of the literature
 //!
-//! Tyukachev's model for set operations on closed triangulated surfaces (2010) has four entities, with ten relations
-//! between them that he reduces to eleven from one to many. All of them are walks here; triangles are not required, and
+//! Tyukachev's model for set operations on closed triangulated surfaces (2010) has four entities, with six relations
+//! from many to many and four from one to many, of which he leaves eleven from one to many. All of them are walks here; triangles are not required, and
 //! nothing is kept twice.
 //!
 //! | entity and field | here |
@@ -48,29 +49,26 @@
 //! | Edge: IncidentalFace | [`faces_of_edge`](Topology::faces_of_edge): two, also where more meet, see above |
 //! | Edge: Points (of intersection) | not kept: a result of an operation |
 //! | Vertex: x, y, z | [`point`](Topology::point) |
-//! | Vertex: IdFace, IdBody | [`faces_of_vertex`](Topology::faces_of_vertex), and their shell |
-//! | Vertex: Family (of incident vertices), Visit | [`neighbours_of_vertex`](Topology::neighbours_of_vertex), in order around it: nothing has to be marked |
+//! | Vertex: IdFace, IdBody | [`faces_of_vertex`](Topology::faces_of_vertex), [`shell_of_vertex`](Topology::shell_of_vertex) |
+//! | Vertex: Family (families of incident vertices), Visit | [`vertices_at`](Topology::vertices_at) a point, a vertex for each family: [`neighbours_of_vertex`](Topology::neighbours_of_vertex), in order around it, so that nothing has to be marked |
 //!
-//! His tests take "a vertex belongs to a body" for granted; where bodies touch, it holds for vertices as they are split
-//! here. (The tables of indices by which faces are chosen for a result need the corrections that the set operations of
-//! this library have: the complement's index is 3, and coplanar faces of equal and of opposite orientation are two
-//! cases.)
+//! IdBody is a list there, of faces, edges and vertices alike; here each belongs to one shell, and bodies that touch are
+//! found by the vertices at a point. (Which faces an operation chooses for its result is no matter of topology; the
+//! paper's indices need corrections for that: index 3 is the complement, printed as the intersection, and does not
+//! tell coplanar faces of equal orientation from those of opposite orientation, which are two cases.)
 //!
-//! The winged-edge row of the Ukrainian paper on intersection lines of polygon meshes (2012): edge `a` with its ends X
-//! and Y, faces 1 and 2 on its left and right, and on each the edges before and after it. It has faces clockwise seen
-//! from outside, here they are counterclockwise; with `h` the half-edge from X to Y, and `t` its twin:
+//! The winged-edge row, after Baumgart, of the Ukrainian paper on intersection lines of polygon meshes (2012): an edge
+//! `a` from X to Y, the faces 1 and 2 on its left and right, and the edges before and after `a` in these. Faces are
+//! passed clockwise there and counterclockwise here, so that what is before is after; with `h` the half-edge from X to
+//! Y, and `t` its twin:
 //!
-//! | field | here |
-//! | --- | --- |
-//! | a | `edge(h)` |
-//! | X, Y | `origin(h)`, `target(h)` |
-//! | left face, the one that passes a from X to Y if faces are counterclockwise | `face(h)` |
-//! | its predecessor and successor of a | `edge(previous(h))`, `edge(next(h))` |
-//! | right face | `face(t)` |
-//! | its predecessor and successor of a | `edge(previous(t))`, `edge(next(t))` |
-//!
-//! With faces clockwise, as printed, the left face passes `a` from Y to X: its predecessor is what is the successor
-//! here, and the other way round.
+//! | column | there | here |
+//! | --- | --- | --- |
+//! | name | a | `edge(h)` |
+//! | start, end | X, Y | `origin(h)`, `target(h)` |
+//! | faces left, right | 1, 2 | `face(h)`, `face(t)` |
+//! | left face: before, after | b, d | `edge(next(h))`, `edge(previous(h))` |
+//! | right face: before, after | e, c | `edge(next(t))`, `edge(previous(t))` |
 
 mod around;
 mod boundary;
