@@ -432,8 +432,8 @@ mod tests {
         let mass = MassProperties::of(&list, &()).unwrap();
         assert!((whole.volume / mass.volume - 1.0).abs() < 1e-13);
         let centre = mass.centre.unwrap();
-        for axis in 0..3 {
-            assert!((whole.moments[axis] / whole.volume - 0.5 - centre[axis]).abs() < 1e-9);
+        for (moment, centre) in whole.moments.iter().zip(centre) {
+            assert!((moment / whole.volume - 0.5 - centre).abs() < 1e-9);
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
+use super::contains::Location;
 use super::nearest::{Nearest, nearest_on_face};
 use super::visited::{Recent, Visited, half_of};
 use crate::Result;
@@ -33,6 +34,20 @@ impl ExactModel {
     /// If the file is damaged or cannot be read.
     pub fn nearest(&self, to: [f64; 3]) -> Result<Option<SurfacePoint>> {
         self.nearest_within(to, f64::INFINITY)
+    }
+
+    /// The distance of a point of the world from the surface, as [`ExactModel::nearest`] tells it: negative inside, 0 on the
+    /// surface, infinite without faces.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn signed_distance(&self, from: [f64; 3]) -> Result<f64> {
+        let distance = self.nearest(from)?.map_or(f64::INFINITY, |nearest| nearest.distance);
+        Ok(match self.locate(from)? {
+            Location::Outside => distance,
+            Location::Inside => -distance,
+            Location::Boundary => 0.0,
+        })
     }
 
     /// The nearest point of the surface as [`ExactModel::nearest`], if it is no farther than so much.

@@ -2,6 +2,27 @@
 //!
 //! Where something is decided (whether a line meets a face, on which side of it a point lies), it is decided in whole
 //! numbers; lengths and volumes are rounded, and each says how much.
+//!
+//! ```
+//! use spinney::brep::ExactModel;
+//! use spinney::brep::questions::{BoxPlace, MassProperties};
+//! # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+//! # use spinney::io::Output;
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+//! # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+//! # std::fs::write(&mesh, text).unwrap();
+//! # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
+//! // The corner of a cube.
+//! let model = ExactModel::open(&path, &Default::default())?;
+//! let mass = MassProperties::of(&model, &())?;
+//! assert_eq!((mass.volume, mass.centre), (36.0, Some([1.5; 3])));
+//! assert_eq!(model.signed_distance([1.0, 1.0, 0.5])?, -0.5);
+//! let (hit, _) = model.ray([1.0, 1.0, 9.0], [0.0, 0.0, -1.0])?;
+//! assert_eq!(hit.unwrap().point, [1.0, 1.0, 4.0]);
+//! assert_eq!(model.place_of_box([0.5; 3], [1.5; 3])?.0, BoxPlace::Inside);
+//! # Ok::<(), spinney::Error>(())
+//! ```
 
 mod cells;
 mod contains;

@@ -20,6 +20,7 @@ pub struct Nearest {
 /// Whether the nearest point is on an edge or between them may be decided wrongly, but only where that makes no
 /// greater difference.
 pub fn nearest_on_face(face: &Face<'_>, to: [f64; 3]) -> Nearest {
+    let foot = foot(face, to);
     let (mut point, mut best) = ([f64::NAN; 3], f64::INFINITY);
     for ring in face.rings() {
         let Some(last) = ring.last() else { continue };
@@ -34,7 +35,7 @@ pub fn nearest_on_face(face: &Face<'_>, to: [f64; 3]) -> Nearest {
             a = b;
         }
     }
-    if let Some(foot) = foot(face, to) {
+    if let Some(foot) = foot.filter(|foot| is_on_face(face, to, *foot)) {
         let distance = dot(foot, foot);
         if distance < best {
             (point, best) = (foot, distance);
@@ -63,17 +64,30 @@ fn nearest_on_edge(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     }
 }
 
-/// The foot of the perpendicular from a point to a face as seen from the point, if it lies on the face.
+/// The foot of the perpendicular from a point to a face's plane, as seen from the point; `None` of a face without area.
 fn foot(face: &Face<'_>, to: [f64; 3]) -> Option<[f64; 3]> {
-    let plane = Plane::of(face);
-    let normal = plane.normal.map(|n| n as f64);
-    let length = dot(normal, normal);
-    if length == 0.0 {
-        return None;
+    let (first, others) = face.rings().next()?.split_first()?;
+    let first = wide(first);
+    let mut normal = [0.0; 3];
+    for edge in others.windows(2) {
+        // (Differences have 27 bits, so that only the sums are rounded.)
+        let [u, v] = [0, 1].map(|end| minus(wide(&edge[end]), first));
+        normal[0] += u[1] * v[2] - u[2] * v[1];
+        normal[1] += u[2] * v[0] - u[0] * v[2];
+        normal[2] += u[0] * v[1] - u[1] * v[0];
     }
-    let height = dot(normal, minus(wide(&plane.through), to));
-    let foot = normal.map(|n| n * (height / length));
-    let axis = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs()))?;
+    let length = dot(normal, normal);
+    let height = dot(normal, minus(first, to));
+    (length > 0.0).then(|| normal.map(|n| n * (height / length)))
+}
+
+/// Whether the foot of a perpendicular lies on the face.
+fn is_on_face(face: &Face<'_>, to: [f64; 3], foot: [f64; 3]) -> bool {
+    // Seen along the axis along which the foot is farthest, or the face is seen largest if that is nothing.
+    let normal = if foot == [0.0; 3] { Plane::of(face).normal.map(|n| n as f64) } else { foot };
+    let Some(axis) = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())) else {
+        return false;
+    };
     let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
     let at = [0, 1, 2].map(|axis| to[axis] + foot[axis]);
     let mut is_inside = false;
@@ -89,7 +103,7 @@ fn foot(face: &Face<'_>, to: [f64; 3]) -> Option<[f64; 3]> {
             a = b;
         }
     }
-    is_inside.then_some(foot)
+    is_inside
 }
 
 #[inline]
