@@ -1,30 +1,35 @@
-//! `spinney find`: the blocks whose cells all meet a condition.
+//! `spinney find`: the blocks whose cells all meet a condition, and the leaves of exact models.
 
 use std::collections::BTreeMap;
-use std::io::{BufWriter, Write, stdout};
+use std::io::{BufWriter, StdoutLock, Write, stdout};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde_json::json;
 use spinney::Error;
 use spinney::dataset::Dataset;
 use spinney::query::{Condition, FoundBlock};
 
 use super::args::{PartOptions, ViewedTree};
+use super::exact::{self, LeafKind};
 use super::report::statistics::class_as_json;
 
 const EXAMPLES: &str = "Examples:
   spinney find relief.goblin --above 4000
   spinney find landcover.goblin --class 11 --largest 10
   spinney find landcover.goblin --class 11 --bbox 5,44,17,48 --json > blocks.txt
+  spinney find bracket.goblin --kind edge,vertex --limit 20
 
 Every cell that meets the condition is in one block, and no block is a part of a larger one. They come
 by place, in the order of their FD codes (Z order), or with --largest by size.
 
 A line has the block's FD code, level, first column and row, columns and rows, its box in the world
 (west, south, east, north, as --bbox takes it; of octrees least x, y, z and greatest x, y, z), and its
-value if it has only one.";
+value if it has only one.
 
-/// Find the blocks of the tree whose cells all meet a condition
+Of exact models --kind lists the octree's leaves. A line has the leaf's FD code, level, kind, position
+among the cells of its level, its box in the world, and how many faces cut it.";
+
+/// Find the blocks of the tree whose cells all meet a condition, or leaves of an exact model
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -46,7 +51,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// A condition on the first channel.
+/// A condition on the first channel, or on leaves of an exact model.
 #[derive(clap::Args)]
 #[group(required = true, multiple = false)]
 struct Wanted {
@@ -59,42 +64,95 @@ struct Wanted {
     /// Values equal to this
     #[arg(long, value_name = "K", allow_hyphen_values = true)]
     class: Option<f64>,
+    /// Of exact models: leaves of these kinds
+    #[arg(long, value_name = "KIND,...", value_delimiter = ',')]
+    kind: Option<Vec<LeafKind>>,
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
+    let Wanted { above, below, class, kind } = &args.condition;
+    let file = args.tree.file.as_path();
+    let mut found = Found::new(args.limit, args.largest);
+    if let Some(model) = exact::open(file)? {
+        let given = [
+            ("--above", above.is_some()),
+            ("--below", below.is_some()),
+            ("--class", class.is_some()),
+            ("--view", args.tree.is_viewed()),
+            ("--window", args.part.is_window()),
+            ("--bbox", args.part.is_bbox()),
+        ];
+        exact::refuse(file, &given)?;
+        exact::find(&model, kind.as_deref().unwrap_or_default(), args.json, &mut found)?;
+        found.finish()?;
+        return Ok(model.check_unchanged()?);
+    }
     let tree = args.tree.open()?;
     let bounds = args.part.bounds(&tree)?;
-    let Wanted { above, below, class } = args.condition;
-    let condition = match (above, below, class) {
+    let condition = match (*above, *below, *class) {
         (Some(bound), _, _) => Condition::Above(bound),
         (_, Some(bound), _) => Condition::Below(bound),
-        (_, _, number) => Condition::Equal(number.unwrap_or_default()),
+        (_, _, Some(number)) => Condition::Equal(number),
+        _ => bail!(
+            "{}: is no exact model, which --kind is for; use --above, --below or --class",
+            file.display()
+        ),
     };
-    let mut out = BufWriter::new(stdout().lock());
-    let mut write = |block: &FoundBlock| -> spinney::Result<()> {
-        let line = if args.json { as_json(&tree, block).to_string() } else { as_text(&tree, block) };
-        writeln!(out, "{line}").map_err(Error::io("-", "write"))
-    };
-    let mut left = args.limit.unwrap_or(u64::MAX);
-    let mut largest = BTreeMap::new();
     tree.find(condition, bounds, &mut |block| {
-        if let Some(most) = args.largest {
-            // By level, and those of a level as they come.
-            largest.insert((block.level, block.code.clone()), block);
-            if largest.len() > most as usize {
-                largest.pop_last();
+        found.take(block.level, &block.code, &|| {
+            if args.json { as_json(&tree, &block).to_string() } else { as_text(&tree, &block) }
+        })
+    })?;
+    found.finish()?;
+    Ok(tree.check_unchanged()?)
+}
+
+/// Prints lines about what was found: as it comes, or the largest first.
+pub(super) struct Found {
+    out: BufWriter<StdoutLock<'static>>,
+    /// Lines that may still be printed.
+    left: u64,
+    /// Number of the largest that are wanted, and these by level, those of a level by their codes.
+    largest: Option<u32>,
+    kept: BTreeMap<(u8, String), String>,
+}
+
+impl Found {
+    fn new(limit: Option<u64>, largest: Option<u32>) -> Found {
+        let out = BufWriter::new(stdout().lock());
+        Found { out, left: limit.unwrap_or(u64::MAX), largest, kept: BTreeMap::new() }
+    }
+
+    /// Takes something that was found; says whether to go on.
+    pub(super) fn take(&mut self, level: u8, code: &str, line: &dyn Fn() -> String) -> spinney::Result<bool> {
+        if let Some(most) = self.largest {
+            let key = (level, code.to_string());
+            let is_full = self.kept.len() >= most as usize;
+            if !is_full || self.kept.last_key_value().is_some_and(|(last, _)| key < *last) {
+                self.kept.insert(key, line());
+            }
+            if self.kept.len() > most as usize {
+                self.kept.pop_last();
             }
             return Ok(true);
         }
-        if left == 0 {
+        if self.left == 0 {
             return Ok(false);
         }
-        left -= 1;
-        write(&block).map(|()| true)
-    })?;
-    largest.values().try_for_each(write)?;
-    out.flush()?;
-    Ok(tree.check_unchanged()?)
+        self.left -= 1;
+        self.write(&line()).map(|()| true)
+    }
+
+    fn write(&mut self, line: &str) -> spinney::Result<()> {
+        writeln!(self.out, "{line}").map_err(Error::io("-", "write"))
+    }
+
+    fn finish(&mut self) -> spinney::Result<()> {
+        for line in std::mem::take(&mut self.kept).into_values() {
+            self.write(&line)?;
+        }
+        self.out.flush().map_err(Error::io("-", "write"))
+    }
 }
 
 /// A block as a line of text.

@@ -4,13 +4,15 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
-use spinney::export::{Projection, RenderRequest, render};
+use spinney::brep::ExactModel;
+use spinney::dataset::Dataset;
+use spinney::export::{Projection, RenderRequest, render, render_exact};
 use spinney::io::Output;
 use spinney::space::Up;
 
-use super::Global;
 use super::args::{ViewedTree, check_output, numbers, parse_size, picture_format};
 use super::report::{Work, report_output};
+use super::{Global, exact};
 
 const EXAMPLES: &str = "Examples:
   spinney render house.goblin house.png
@@ -21,7 +23,7 @@ const EXAMPLES: &str = "Examples:
 
 The viewer stands at a point of the compass: 0 is north (along y), 90 east (along x); 0 degrees high
 looks along the horizon, 90 straight down. Without --level the coarsest level is read whose cells
-are no larger than a pixel.";
+are no larger than a pixel. Exact models are drawn with their faces as they are, and have no levels.";
 
 /// Draw a shaded picture of a solid
 #[derive(clap::Args)]
@@ -95,26 +97,55 @@ fn parse_colour(text: &str) -> Result<Background, String> {
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let tree = args.tree.open()?;
-    ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", args.tree.file.display());
-    let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
-    check_output([args.tree.file.as_path()], &args.output)?;
-    let mut request = RenderRequest::new(args.size.0, args.size.1);
-    [request.azimuth, request.elevation] = args.from;
-    request.zoom = args.zoom;
-    if args.orthographic {
-        request.projection = Projection::Orthographic;
+    let file = args.tree.file.as_path();
+    let scene = match exact::open(file)? {
+        Some(model) => {
+            exact::refuse(file, &[("--view", args.tree.is_viewed()), ("--level", args.level.is_some())])?;
+            Scene::Model(model)
+        }
+        None => Scene::Cells(args.tree.open()?),
+    };
+    if let Scene::Cells(tree) = &scene {
+        ensure!(tree.header().form.axes() == 3, "{}: is a quadtree; use `spinney get`", file.display());
     }
-    request.up = args.up;
-    request.level = args.level;
-    request.background = args.background.0;
-    request.samples = args.samples;
+    let format = picture_format(&args.output, args.format.as_deref(), ".png, .tif, .npy or .raw")?;
+    check_output([file], &args.output)?;
+    let request = args.request();
     let work = Work::start(global, "pixels")?;
     let output = Output::create(&args.output)?;
-    let level = render(&tree, &request, output, format, &work)
-        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    let level = match &scene {
+        Scene::Model(model) => render_exact(model, &request, output, format, &work).map(|()| None),
+        Scene::Cells(tree) => {
+            render(tree, &request, output, format, &work).map(|level| Some((level, tree.depth())))
+        }
+    };
+    let level = level.with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
-    global.report("level", format_args!("{level} of {}", tree.depth()));
+    if let Some((level, depth)) = level {
+        global.report("level", format_args!("{level} of {depth}"));
+    }
     report_output(global, &args.output, start);
     Ok(())
+}
+
+/// What is drawn.
+enum Scene {
+    Cells(Dataset),
+    Model(ExactModel),
+}
+
+impl Args {
+    fn request(&self) -> RenderRequest {
+        let mut request = RenderRequest::new(self.size.0, self.size.1);
+        [request.azimuth, request.elevation] = self.from;
+        request.zoom = self.zoom;
+        if self.orthographic {
+            request.projection = Projection::Orthographic;
+        }
+        request.up = self.up;
+        request.level = self.level;
+        request.background = self.background.0;
+        request.samples = self.samples;
+        request
+    }
 }

@@ -22,7 +22,7 @@ pub use array::{ArrayRequest, export_array};
 #[cfg(feature = "raster")]
 pub use camera::Projection;
 #[cfg(feature = "raster")]
-pub use render::{RenderRequest, render};
+pub use render::{RenderRequest, render, render_exact};
 #[cfg(feature = "raster")]
 pub use window::{
     Detail, TakeRows, WindowRequest, export_window, fill_for, void_number, window_range, window_rows,

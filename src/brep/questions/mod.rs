@@ -24,6 +24,7 @@
 //! # Ok::<(), spinney::Error>(())
 //! ```
 
+mod bounds;
 mod cells;
 mod contains;
 mod coverage;

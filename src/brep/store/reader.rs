@@ -306,6 +306,11 @@ impl Node<'_> {
         [low, low.map(|low| low + width)]
     }
 
+    /// Least and greatest coordinates of the node's cell in the world.
+    pub fn world_box(&self, grid: &Grid) -> [[f64; 3]; 2] {
+        self.bounds(grid).map(|corner| grid.to_world_between(corner.map(|at| at as f64 / 2.0)))
+    }
+
     pub(super) fn begins_segment(&self) -> bool {
         self.begins_segment
     }

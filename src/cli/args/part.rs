@@ -20,6 +20,16 @@ pub(crate) struct PartOptions {
 }
 
 impl PartOptions {
+    /// Whether a window was given.
+    pub(crate) fn is_window(&self) -> bool {
+        self.window.is_some()
+    }
+
+    /// Whether a box was given.
+    pub(crate) fn is_bbox(&self) -> bool {
+        self.bbox.is_some()
+    }
+
     /// The cells of the deepest level that are meant; `None`: all.
     pub(crate) fn bounds(&self, tree: &Dataset) -> Result<Option<Bounds>> {
         match self.bbox {

@@ -1,6 +1,7 @@
 //! What the subcommands do with exact models.
 
 mod export;
+mod find;
 mod info;
 mod point;
 mod stats;
@@ -12,6 +13,7 @@ use spinney::brep::{ExactModel, Faces, is_model_file};
 use spinney::store::OpenOptions;
 
 pub(super) use export::export;
+pub(super) use find::{LeafKind, find};
 pub(super) use info::info;
 pub(super) use point::points;
 pub(super) use stats::stats;

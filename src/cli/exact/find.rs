@@ -1,0 +1,102 @@
+//! `spinney find` of an exact model: leaves of its octree.
+
+use anyhow::Result;
+use serde_json::json;
+use spinney::brep::{ExactModel, Faces, Node, NodeKind, NodeState};
+use spinney::space::{Code, Dimension};
+
+use super::super::find::Found;
+
+/// Kinds of leaves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum LeafKind {
+    /// Outside of the body
+    Void,
+    /// Inside
+    Full,
+    /// Cut by faces of one plane
+    Face,
+    /// Cut by faces whose planes have a line in common
+    Edge,
+    /// Cut by faces whose planes have a point in common
+    Vertex,
+    /// Cut by faces that have nothing in common
+    Boolean,
+}
+
+impl LeafKind {
+    /// The kind of a leaf; `None` of a node that is divided.
+    fn of(state: NodeState) -> Option<LeafKind> {
+        Some(match state {
+            NodeState::Void => LeafKind::Void,
+            NodeState::Full => LeafKind::Full,
+            NodeState::Inner => return None,
+            NodeState::Leaf { kind: NodeKind::Face, .. } => LeafKind::Face,
+            NodeState::Leaf { kind: NodeKind::Edge, .. } => LeafKind::Edge,
+            NodeState::Leaf { kind: NodeKind::Vertex, .. } => LeafKind::Vertex,
+            NodeState::Leaf { kind: NodeKind::Boolean, .. } => LeafKind::Boolean,
+        })
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            LeafKind::Void => "void",
+            LeafKind::Full => "full",
+            LeafKind::Face => "face",
+            LeafKind::Edge => "edge",
+            LeafKind::Vertex => "vertex",
+            LeafKind::Boolean => "boolean",
+        }
+    }
+}
+
+/// Lists the leaves of some kinds, by place.
+pub(crate) fn find(model: &ExactModel, kinds: &[LeafKind], is_json: bool, found: &mut Found) -> Result<()> {
+    visit(model, &model.root()?, &mut |node| match LeafKind::of(node.state()) {
+        Some(kind) if kinds.contains(&kind) => {
+            // (Depths are those that codes have.)
+            let code = Code::from_cell(Dimension::Oct, node.level(), node.position());
+            let code = code.map_or(String::new(), |code| code.to_string());
+            found.take(node.level(), &code, &|| line(model, node, &code, kind, is_json))
+        }
+        _ => Ok(true),
+    })?;
+    Ok(())
+}
+
+/// Visits a node and what is below in Z order, until there is enough; says whether to go on.
+fn visit(
+    model: &ExactModel,
+    node: &Node<'_>,
+    each: &mut dyn FnMut(&Node<'_>) -> spinney::Result<bool>,
+) -> spinney::Result<bool> {
+    if !each(node)? {
+        return Ok(false);
+    }
+    for child in model.children(node)?.iter().flatten() {
+        if !visit(model, child, each)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// A leaf as a line of text or a JSON object.
+fn line(model: &ExactModel, node: &Node<'_>, code: &str, kind: LeafKind, is_json: bool) -> String {
+    let (level, position, kind, faces) = (node.level(), node.position(), kind.name(), node.faces().count());
+    let world = node.world_box(model.grid());
+    if is_json {
+        let leaf = json!({
+            "code": code,
+            "level": level,
+            "kind": kind,
+            "position": position,
+            "world": world,
+            "faces": faces,
+        });
+        return leaf.to_string();
+    }
+    let [x, y, z] = position;
+    let world = world.as_flattened().iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    format!("{code} {level} {kind} {x},{y},{z} {world} {faces}")
+}
