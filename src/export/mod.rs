@@ -21,8 +21,10 @@ mod window;
 pub use array::{ArrayRequest, export_array};
 #[cfg(feature = "raster")]
 pub use camera::Projection;
+#[cfg(all(feature = "raster", feature = "mesh"))]
+pub use render::render_exact;
 #[cfg(feature = "raster")]
-pub use render::{RenderRequest, render, render_exact};
+pub use render::{RenderRequest, render};
 #[cfg(feature = "raster")]
 pub use window::{
     Detail, TakeRows, WindowRequest, export_window, fill_for, void_number, window_range, window_rows,

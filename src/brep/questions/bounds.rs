@@ -45,9 +45,10 @@ impl Walk<'_> {
             }
             self.model.face(number, &mut self.buffer)?;
             for point in self.buffer.face().points {
-                for axis in 0..3 {
-                    self.found[0][axis] = self.found[0][axis].min(point[axis]);
-                    self.found[1][axis] = self.found[1][axis].max(point[axis]);
+                let [low, high] = &mut self.found;
+                for (axis, at) in point.iter().enumerate() {
+                    low[axis] = low[axis].min(*at);
+                    high[axis] = high[axis].max(*at);
                 }
             }
         }

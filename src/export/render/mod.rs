@@ -1,10 +1,12 @@
 //! Shaded pictures of solids: a ray per sample of a pixel through the file as it is on disk.
 
 mod cells;
+#[cfg(feature = "mesh")]
 mod exact;
 mod scene;
 
 pub use cells::render;
+#[cfg(feature = "mesh")]
 pub use exact::render_exact;
 
 use super::camera::{Camera, Pose, Projection};
