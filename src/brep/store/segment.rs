@@ -25,7 +25,7 @@ pub enum NodeKind {
     Edge,
     /// All planes have a point in common: three, or more around a vertex.
     Vertex,
-    /// They have nothing in common, and the cell is of the deepest level.
+    /// They have nothing in common; the cell has few faces, or is of the deepest level.
     Boolean,
 }
 

@@ -26,7 +26,7 @@ pub struct NodeCounts {
     pub edge: u64,
     /// Cells whose faces' planes have a point in common.
     pub vertex: u64,
-    /// Cells of the deepest level whose faces' planes have nothing in common.
+    /// Cells of few faces, or of the deepest level, whose faces' planes have nothing in common.
     pub boolean: u64,
 }
 
