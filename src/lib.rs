@@ -70,7 +70,8 @@
 //! - [`store::autumnal`]: pointered and edited. Files are append-only; a commit is durable when it returns, and every
 //!   commit stays readable. Names that end with `.autumn` get this format, wherever something is written.
 //!
-//! Both are specified in `formats.md`, and [`open()`] opens both.
+//! Both are specified in `formats.md`, and [`open()`] opens both. A Goblin file may hold an exact model instead of a tree of
+//! cells: [`brep::ExactModel`] opens it.
 //!
 //! # Where to look
 //!
@@ -80,6 +81,8 @@
 //! | [`ops`] | views (windows, scaling, rotation), set operations, edits: from files to files |
 //! | [`import`], [`export`] | picture files, meshes and arrays in and out |
 //! | [`store`] | the formats, and building |
+//! | [`brep`] | exact models: planar faces on an integer grid, their files, and what can be asked of them |
+//! | [`geometry`] | polygons with holes on an integer grid: triangles, bridges, sections with octants |
 //! | [`tree`] | sources: everything that can be walked from the root down |
 //! | [`space`], [`value`] | codes and boxes of nodes, types of values and how they are averaged |
 //! | [`io`] | output that appears whole or not at all, reading mapped or at positions |

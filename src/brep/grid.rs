@@ -85,8 +85,10 @@ impl Grid {
                 return Err(Error::invalid("grid", width.to_string(), "a width above zero"));
             }
             let whole = (1.0 / width).round();
-            let (step, divisor) =
-                if width < 1.0 && 1.0 / whole == width { (1.0, whole) } else { (width, 1.0) };
+            // (Powers of two need no divisor.)
+            let is_power = width.to_bits() << 12 == 0;
+            let is_fraction = width < 1.0 && 1.0 / whole == width && !is_power;
+            let (step, divisor) = if is_fraction { (1.0, whole) } else { (width, 1.0) };
             return Grid::fit(bounds, step, divisor).ok_or_else(|| {
                 let least = Grid::least(bounds).width();
                 let found = format!("a step of {width}");

@@ -47,6 +47,7 @@ impl Polygons {
             bounds,
             crs: None,
             unit: None,
+            step: None,
             parts: (0..parts).map(|part| format!("part {part}")).collect(),
             is_coloured: true,
             bytes: 0,

@@ -3,10 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use spinney::brep::questions::Location;
+use spinney::brep::{ExactModel, Face, Grid, ModelBuilder};
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};
 use spinney::store::goblin::Goblin;
-use spinney::store::{BuildOptions, build_tree};
+use spinney::store::{BuildOptions, Metadata, build_tree};
 use spinney::tree::MemTree;
 use spinney::value::{Kind, Rule};
 
@@ -127,6 +129,38 @@ fn the_dumps_of_pages_and_commits_are_those_of_the_frozen_file() {
     let commit = u64::from_le_bytes(file[8192 + 16..][..8].try_into().unwrap()) as usize;
     let length = u64::from_le_bytes(file[commit + 16..][..8].try_into().unwrap()) as usize;
     assert_eq!(assert_dumped("commit", &file, commit), 32 + length);
+}
+
+/// The tetrahedron of `formats.md`, built as it says there.
+fn tetrahedron(path: &Path) {
+    let grid = Grid { bits: 1, origin: [0; 3], step: 1.0, divisor: 1.0 };
+    let output = Output::create(path).unwrap();
+    let mut builder = ModelBuilder::new(output, grid, 1 << 20).unwrap().boolean_faces(0);
+    let corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]];
+    for (number, face) in (0..).zip([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]) {
+        let points = face.map(|corner: usize| corners[corner]);
+        let (ring_ends, colours) = (&[3], &[]);
+        builder.push(&Face { number, points: &points, ring_ends, colours, part: 0, source: number }).unwrap();
+    }
+    let mut metadata = Metadata::default();
+    metadata.class_names = [(0, "mesh".into())].into();
+    (0..3).for_each(|axis| metadata.frame.matrix[axis][3] = -0.5);
+    builder.finish(&mut metadata, &(), &mut |_, _| ()).unwrap();
+}
+
+#[test]
+fn the_dump_of_an_exact_model_is_what_is_built() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tetrahedron.goblin");
+    tetrahedron(&path);
+    let written = std::fs::read(&path).unwrap();
+    assert_eq!(dumped(block(&text("formats.md"), "<!-- dump: tetrahedron.goblin -->")), written);
+    let model = ExactModel::open(&path, &Default::default()).unwrap();
+    assert_eq!(model.verify(&()).unwrap(), []);
+    let place = |at: [f64; 3]| model.locate(at).unwrap();
+    assert_eq!(place([0.125; 3]), Location::Inside);
+    assert_eq!(place([0.25, 0.25, 0.625]), Location::Outside);
+    assert_eq!(place([0.25, 0.25, 0.0]), Location::Boundary);
 }
 
 #[test]

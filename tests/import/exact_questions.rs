@@ -1,4 +1,5 @@
 //! Questions to exact models of real meshes: measures against rational numbers, and answers against all faces.
+#![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
 use bnum::types::I512;
 use spinney::brep::questions::{CoverageSums, Cube, Line, MassProperties, nearest_on_face};

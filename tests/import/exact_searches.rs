@@ -1,4 +1,5 @@
 //! Questions to files of exact models, against all of their faces.
+#![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
 use spinney::brep::questions::{
     BoxPlace, CoverageSums, Cube, Line, Location, MassProperties, nearest_on_face,

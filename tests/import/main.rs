@@ -9,6 +9,8 @@ mod exact_build;
 #[cfg(feature = "mesh")]
 mod exact_questions;
 #[cfg(feature = "mesh")]
+mod exact_round_trips;
+#[cfg(feature = "mesh")]
 mod exact_searches;
 mod import;
 #[cfg(feature = "mesh")]

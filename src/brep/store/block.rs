@@ -219,7 +219,7 @@ impl<'a> Block<'a> {
         }
         let is_ascending = |at: usize, count: usize, least: usize, most: usize| {
             let ends = (0..count).map(|index| word(&self.bytes, at + 4 * index) as usize);
-            let last = ends.clone().last();
+            let last = ends.clone().next_back();
             let steps = std::iter::once(0).chain(ends.clone()).zip(ends);
             last == Some(most) && steps.into_iter().all(|(from, to)| from + least <= to)
         };

@@ -29,12 +29,12 @@ impl ExactImport {
         options.unit = solids.unit.clone();
         options.crs = common.crs.clone();
         options.memory = common.memory.bytes;
-        let of = |model: &Box<dyn Model>| {
+        let of = |model: &dyn Model| {
             let info = model.info();
             let faces = info.faces.map_or(String::new(), |faces| format!(", {faces} faces"));
             ("input", format!("{}: {}{faces}", info.path.display(), info.format))
         };
-        let description = models.iter().map(of).collect();
+        let description = models.iter().map(|model| of(&**model)).collect();
         Ok(ExactImport { models, options, description })
     }
 

@@ -51,8 +51,8 @@ pub(super) struct SolidArgs {
     /// Keep the faces as they are, on a fine grid, instead of making cells: an exact model
     #[arg(long, conflicts_with_all = ["cells", "cell", "like", "depth", "surface", "boundary", "attribute", "share"])]
     pub(super) exact: bool,
-    /// Width of the grid's steps that corners are moved to, such as 0.001 [default: the least power of two that
-    /// leaves about 2^26 steps along the longest side]
+    /// Width of the grid's steps that corners are moved to, such as 0.001 [default: the file's own
+    /// grid, or the least power of two that leaves about 2^26 steps along the longest side]
     #[arg(long, value_name = "WIDTH", requires = "exact")]
     pub(super) grid: Option<f64>,
     /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a

@@ -37,6 +37,8 @@ pub struct ModelInfo {
     pub crs: Option<Crs>,
     /// Name of the unit of length, where the file tells: "mm".
     pub unit: Option<String>,
+    /// Width of the grid that the file's coordinates are whole multiples of, but for a shift, where it tells.
+    pub step: Option<f64>,
     /// Names of the parts: objects, groups, materials. A face's part is an index into this list; never empty.
     pub parts: Vec<String>,
     /// Whether faces come with colours.

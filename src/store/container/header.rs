@@ -6,7 +6,9 @@ use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::format::TreeFormat;
-use super::record::{HEAVY_THRESHOLD, RecordLayout, STRIDE, reach};
+use super::record::RecordLayout;
+#[cfg(feature = "mesh")]
+use super::record::{HEAVY_THRESHOLD, STRIDE, reach};
 use super::shape::Shape;
 use crate::io::ReadBackend;
 use crate::space::{Bounds, Dimension};
@@ -117,6 +119,7 @@ impl Header {
     }
 
     /// The header of an exact model, whose octree has this many levels.
+    #[cfg(feature = "mesh")]
     pub(crate) fn model_to_bytes(depth: u8) -> Vec<u8> {
         let form = Form::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
         // (These have nothing to say about where such files are cut.)
@@ -131,6 +134,7 @@ impl Header {
     ///
     /// # Errors
     /// If it cannot be read, or is no such header.
+    #[cfg(feature = "mesh")]
     pub(crate) fn read_model(path: &Path, file: &dyn ReadBackend) -> Result<u8> {
         let length = file.len().min(HEADER_SIZE as u64) as usize;
         let (format, content, header) = Header::with_content_from(path, &file.read(0, length)?)?;

@@ -98,6 +98,7 @@ pub(crate) const TAIL: usize = MAX_TRAILER + size_of::<RawEnd>();
 
 impl Trailer {
     /// The section with a tag; one of no bytes where there is none.
+    #[cfg(feature = "mesh")]
     pub(crate) fn section(&self, tag: [u8; 4]) -> Section {
         let found = self.more.iter().find(|(name, _)| *name == tag);
         found.map_or(Section::default(), |(_, section)| *section)

@@ -20,8 +20,9 @@ use crate::{Error, Progress, Result};
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct ExactOptions {
-    /// Width of the grid's steps, in units of the models; otherwise the least power of two with which the longest
-    /// side has at most about 2^26 steps.
+    /// Width of the grid's steps, in units of the models; otherwise that of the files' own grid, if they have one
+    /// (CityJSON, exact models) that is not too fine, or the least power of two with which the longest side has at most
+    /// about 2^26 steps.
     pub grid: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
@@ -115,7 +116,15 @@ pub fn import_exact(
         Some(crs) => Some(crs.clone()),
         None => common_crs(&models, None)?,
     };
-    let grid = Grid::over(bounds(&mut models, options.up)?, options.grid)?;
+    let bounds = bounds(&mut models, options.up)?;
+    let grid = match options.grid {
+        Some(width) => Grid::over(bounds, Some(width))?,
+        // Files with a grid of their own keep it: coordinates then stay as they are.
+        None => match common_step(&models).map(|width| Grid::over(bounds, Some(width))) {
+            Some(Ok(grid)) => grid,
+            _ => Grid::over(bounds, None)?,
+        },
+    };
     let place = folder(output.path()).to_path_buf();
     let mut builder =
         ModelBuilder::new(output, grid.clone(), options.memory)?.boolean_faces(options.boolean_faces);
@@ -198,6 +207,12 @@ pub fn import_exact(
         unit,
         built,
     })
+}
+
+/// Width of the grid that all models have their coordinates on, where they tell it.
+fn common_step(models: &[Box<dyn Model>]) -> Option<f64> {
+    let first = models.first()?.info().step?;
+    models.iter().all(|model| model.info().step == Some(first)).then_some(first)
 }
 
 /// Reads all faces of all models, and hands them out as they are on the grid.

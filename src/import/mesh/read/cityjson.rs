@@ -409,8 +409,14 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let mut bounds = VertexBounds::new();
     let mut parts = Parts::new(memory);
     let (mut count, mut version, mut crs) = (0, None, None);
+    // One grid for all axes and all documents.
+    let mut step: Option<Option<f64>> = None;
     documents(&source, |document, transform| {
         count += 1;
+        let own = transform
+            .map(|Transform { scale: [x, y, z], .. }| (x, x == y && y == z && x.is_normal() && x > 0.0));
+        let own = own.and_then(|(width, is_one)| is_one.then_some(width));
+        step = Some(own.filter(|_| step.is_none_or(|step| step == own)));
         read_vertices(&source, document, transform, &mut bounds, memory)?;
         if count == 1 {
             version.clone_from(&document.version);
@@ -432,6 +438,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         bounds,
         crs,
         unit: Some("m".into()),
+        step: step.flatten(),
         parts: parts.names(),
         is_coloured: false,
         bytes: source.bytes().len() as u64,

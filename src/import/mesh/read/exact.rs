@@ -23,6 +23,7 @@ pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
         bounds: [model.grid().to_world([0; 3]), model.grid().to_world(most)],
         crs: frame.crs.clone(),
         unit: model.metadata().tags.get("unit").cloned(),
+        step: Some(model.grid().width()),
         parts: model.parts().to_vec(),
         is_coloured: model.is_coloured()?,
         bytes: model.file_size(),

@@ -66,6 +66,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         bounds,
         crs: None,
         unit: None,
+        step: None,
         parts: parts.names(),
         is_coloured: false,
         bytes: source.bytes().len() as u64,

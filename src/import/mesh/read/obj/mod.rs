@@ -66,6 +66,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         bounds,
         crs: None,
         unit: None,
+        step: None,
         parts: scan.parts.names(),
         is_coloured: scan.coloured > 0 || !materials.is_empty(),
         bytes: length,

@@ -88,6 +88,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         bounds,
         crs: None,
         unit: None,
+        step: None,
         parts: vec!["mesh".into()],
         is_coloured: vertices.table(&source).is_coloured() || faces.colour().is_some(),
         bytes: source.bytes().len() as u64,

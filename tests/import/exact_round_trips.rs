@@ -1,0 +1,229 @@
+//! Meshes become exact models, these become meshes, and those the same models again.
+
+use std::path::{Path, PathBuf};
+
+use spinney::brep::questions::MassProperties;
+use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{ExactModel, Face, Faces};
+use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::import::mesh::{self, ExactOptions, ExactReport, Model, ModelInfo, import_exact, open_all};
+use spinney::io::Output;
+use spinney::store::OpenOptions;
+use spinney::{Error, Result};
+
+use crate::common::shared_data;
+
+fn import(mesh: &Path, path: &Path, options: &ExactOptions) -> Result<(ExactModel, ExactReport)> {
+    let models = open_all(&[mesh.to_path_buf()], 64 << 20)?;
+    let report = import_exact(models, options, Output::create(path)?, &())?;
+    Ok((ExactModel::open(path, &OpenOptions::new())?, report))
+}
+
+/// All that is to be the same: corners, rings and parts of the faces, by their numbers.
+fn faces(model: &ExactModel) -> Vec<(Vec<[i32; 3]>, Vec<usize>)> {
+    let mut all = Vec::new();
+    let mut each = |face: &Face<'_>| {
+        all.push((face.points.to_vec(), face.ring_ends.to_vec()));
+        Ok(())
+    };
+    model.each(&mut each).unwrap();
+    all
+}
+
+/// Exports a model in a format and builds it again, on a grid if one is said; returns the second model.
+fn again(model: &ExactModel, folder: &Path, format: MeshFormat, name: &str, grid: Option<f64>) -> ExactModel {
+    let mesh = folder.join(name);
+    export_exact(model, format, Output::create(&mesh).unwrap(), &()).unwrap();
+    let mut options = ExactOptions::new();
+    options.grid = grid;
+    import(&mesh, &folder.join("again.goblin"), &options).unwrap().0
+}
+
+/// Checks that what comes back is what went in.
+fn check(name: &str, model: &ExactModel, folder: &Path, grid: Option<f64>) {
+    let topology = Topology::of(model, &TopologyOptions::default(), &()).unwrap();
+    let euler = topology.euler();
+    assert!(euler.boundaries == 0 && euler.genus.is_some(), "{name}: {euler:?}");
+    let sum = euler.vertices as i64 - euler.edges as i64 + euler.faces as i64 - euler.rings as i64;
+    assert_eq!(sum, 2 * (euler.shells as i64 - euler.genus.unwrap() as i64), "{name}");
+    let expected = faces(model);
+    let mass = MassProperties::of(model, &()).unwrap();
+    let formats = [
+        (MeshFormat::Ply, "x.ply"),
+        (MeshFormat::Obj, "x.obj"),
+        (MeshFormat::Off, "x.off"),
+        (MeshFormat::CityJson, "x.city.json"),
+    ];
+    for (format, file) in formats {
+        let second = again(model, folder, format, file, grid);
+        assert_eq!(second.grid(), model.grid(), "{name} {file}");
+        assert!(faces(&second) == expected, "{name} {file}: other faces");
+        assert_eq!(second.nodes(), model.nodes(), "{name} {file}");
+        assert_eq!(MassProperties::of(&second, &()).unwrap(), mass, "{name} {file}");
+    }
+}
+
+/// All closed meshes of the test data.
+#[test]
+fn closed_meshes_come_back() {
+    let Some(data) = shared_data() else { return println!("skipped: no test data") };
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["fandisk.ply", "rocker-arm.obj", "spot.ply", "armadillo.ply", "bunny_hr.ply"] {
+        let mesh = data.join("mesh").join(name);
+        let (model, report) =
+            import(&mesh, &folder.path().join("model.goblin"), &ExactOptions::new()).unwrap();
+        assert_eq!((report.cut, report.slivers, report.collapsed), (0, 0, 0), "{name}");
+        assert_eq!(model.verify(&()).unwrap(), []);
+        check(name, &model, folder.path(), None);
+    }
+}
+
+/// One part of a model.
+struct Part {
+    model: Box<dyn Model>,
+    info: ModelInfo,
+    part: u32,
+}
+
+impl Model for Part {
+    fn info(&self) -> &ModelInfo {
+        &self.info
+    }
+
+    fn faces(&mut self, each: &mut dyn FnMut(&mesh::Face<'_>) -> Result<()>) -> Result<()> {
+        let part = self.part;
+        self.model.faces(&mut |face| {
+            if face.part == part { each(&mesh::Face { part: 0, ..*face }) } else { Ok(()) }
+        })
+    }
+}
+
+/// Buildings as solids, each for itself: on the grid that the file has, no corner moves, and no face is bent.
+#[test]
+fn buildings_come_back() {
+    let Some(data) = shared_data() else { return println!("skipped: no test data") };
+    let folder = tempfile::tempdir().unwrap();
+    let path: PathBuf = data.join("mesh/cityjson/DH_01_subs.city.json");
+    let parts = mesh::open(&path, 64 << 20).unwrap().info().parts.len() as u32;
+    let mut built = 0;
+    for part in 0..parts {
+        let model = mesh::open(&path, 64 << 20).unwrap();
+        let info = ModelInfo { parts: vec!["building".into()], ..model.info().clone() };
+        let goblin = folder.path().join("building.goblin");
+        let only: Vec<Box<dyn Model>> = vec![Box::new(Part { model, info, part })];
+        let report = match import_exact(only, &ExactOptions::new(), Output::create(&goblin).unwrap(), &()) {
+            // (Some objects are groups of others, and have no faces.)
+            Err(Error::Corrupt { .. }) => continue,
+            report => report.unwrap(),
+        };
+        built += 1;
+        assert!(report.displacement < 1e-10 && report.grid.width() == 0.001, "{report:?}");
+        check(
+            &format!("part {part}"),
+            &ExactModel::open(&goblin, &OpenOptions::new()).unwrap(),
+            folder.path(),
+            Some(0.001),
+        );
+    }
+    assert_eq!(built, 9);
+}
+
+/// A face with holes stays one face with holes, in formats that can say so and in those that cannot.
+#[test]
+fn holes_come_back() {
+    let square =
+        |low: i32, high: i32| format!("[{low},{low},0],[{high},{low},0],[{high},{high},0],[{low},{high},0]");
+    // A plate of 9 x 9 with two square holes through it: corners of the bottom, then of the top.
+    let corners =
+        |z: i32| [square(0, 9), square(1, 3), square(5, 8)].join(",").replace(",0]", &format!(",{z}]"));
+    let ring = |first: usize, turned: bool| {
+        let mut ring = [first, first + 1, first + 2, first + 3];
+        if turned {
+            ring.reverse();
+        }
+        format!("{ring:?}")
+    };
+    let top = format!("[{},{},{}]", ring(12, false), ring(16, true), ring(20, true));
+    let bottom = format!("[{},{},{}]", ring(0, true), ring(4, false), ring(8, false));
+    let mut walls = Vec::new();
+    for first in [0, 4, 8] {
+        for i in 0..4 {
+            let (a, b) = (first + i, first + (i + 1) % 4);
+            let mut wall = [a, b, b + 12, a + 12];
+            if first > 0 {
+                wall.reverse();
+            }
+            walls.push(format!("[{wall:?}]"));
+        }
+    }
+    let text = format!(
+        r#"{{"type":"CityJSON","version":"2.0","transform":{{"scale":[1,1,1],"translate":[0,0,0]}},"CityObjects":{{"plate":{{"type":"Building","geometry":[{{"type":"Solid","lod":"2","boundaries":[[{top},{bottom},{}]]}}]}}}},"vertices":[{},{}]}}"#,
+        walls.join(","),
+        corners(0),
+        corners(2)
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = folder.path().join("plate.city.json");
+    std::fs::write(&mesh, text).unwrap();
+    let (model, report) = import(&mesh, &folder.path().join("plate.goblin"), &ExactOptions::new()).unwrap();
+    assert_eq!((report.faces, report.cut, report.fanned), (14, 0, 0));
+    let volume = MassProperties::of(&model, &()).unwrap().volume;
+    assert_eq!(volume, 2.0 * (81.0 - 4.0 - 9.0));
+    let euler = Topology::of(&model, &TopologyOptions::default(), &()).unwrap().euler();
+    assert_eq!((euler.rings, euler.shells, euler.genus), (4, 1, Some(2)));
+    let holes = |model: &ExactModel| {
+        let mut rings: Vec<usize> = faces(model).iter().map(|(_, ends)| ends.len()).collect();
+        rings.sort_unstable();
+        rings
+    };
+    let expected = holes(&model);
+    assert_eq!(expected[11..], [1, 3, 3]);
+    for (format, name) in
+        [(MeshFormat::CityJson, "p.city.json"), (MeshFormat::Ply, "p.ply"), (MeshFormat::Obj, "p.obj")]
+    {
+        // (Formats that have no grid of their own get a finer one.)
+        let second = again(&model, folder.path(), format, name, None);
+        assert_eq!(holes(&second), expected, "{name}");
+        assert_eq!(MassProperties::of(&second, &()).unwrap().volume, volume, "{name}");
+    }
+}
+
+/// An open surface is refused with its boundaries, or closed.
+#[test]
+fn open_surfaces_are_refused_or_closed() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = folder.path().join("open.off");
+    // A box of 2 x 3 x 4 without its lid.
+    let text = "OFF\n8 5 0\n0 0 0\n2 0 0\n2 3 0\n0 3 0\n0 0 4\n2 0 4\n2 3 4\n0 3 4\n\
+                4 3 2 1 0\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
+    std::fs::write(&mesh, text).unwrap();
+    let path = folder.path().join("box.goblin");
+    let mut options = ExactOptions::new();
+    match import(&mesh, &path, &options).map(|_| ()) {
+        Err(Error::NoBody { places, count: 1, .. }) => assert!(places[0].contains("4 edges"), "{places:?}"),
+        other => panic!("{other:?}"),
+    }
+    assert!(!path.exists());
+    options.close = true;
+    let (model, report) = import(&mesh, &path, &options).unwrap();
+    assert_eq!(report.closed, (1, 2));
+    assert_eq!(MassProperties::of(&model, &()).unwrap().volume, 24.0);
+}
+
+/// An exact model is a model to build others of: cells, and the same again.
+#[test]
+fn models_are_built_of_models() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = folder.path().join("box.off");
+    let text = "OFF\n8 6 0\n0 0 0\n2 0 0\n2 2 0\n0 2 0\n0 0 2\n2 0 2\n2 2 2\n0 2 2\n\
+                4 3 2 1 0\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n4 4 5 6 7\n";
+    std::fs::write(&mesh, text).unwrap();
+    let first = folder.path().join("first.goblin");
+    let (model, _) = import(&mesh, &first, &ExactOptions::new()).unwrap();
+    let (second, _) = import(&first, &folder.path().join("second.goblin"), &ExactOptions::new()).unwrap();
+    assert!(faces(&second) == faces(&model) && second.grid() == model.grid());
+    let cells = folder.path().join("cells.goblin");
+    let plan = mesh::plan_models(open_all(&[first], 64 << 20).unwrap(), &mesh::SolidOptions::new()).unwrap();
+    let report = plan.build(Output::create(&cells).unwrap(), &()).unwrap();
+    assert_eq!(report.cells, 256 * 256 * 256);
+}
