@@ -45,9 +45,9 @@ impl Walk<'_> {
             }
             self.model.face(number, &mut self.buffer)?;
             for point in self.buffer.face().points {
-                for axis in 0..3 {
-                    self.found[0][axis] = self.found[0][axis].min(point[axis]);
-                    self.found[1][axis] = self.found[1][axis].max(point[axis]);
+                for (axis, &at) in point.iter().enumerate() {
+                    self.found[0][axis] = self.found[0][axis].min(at);
+                    self.found[1][axis] = self.found[1][axis].max(at);
                 }
             }
         }
