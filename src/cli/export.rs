@@ -18,6 +18,8 @@ use super::{Global, exact};
 /// sizes meet, a face has the corners of its neighbours as points of its own. Memory does not grow with the
 /// mesh.
 ///
+/// Of an exact model the faces are written as they are, polygons with holes too, and as CityJSON (.city.json) as well.
+///
 /// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and has colours of
 /// faces; STL is binary, in single precision.
 #[derive(clap::Args)]
@@ -25,7 +27,7 @@ use super::{Global, exact};
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .ply, .obj, .stl or .off; `-` is standard output
+    /// Output: .ply, .obj, .stl or .off, of exact models .city.json, too; `-` is standard output
     output: PathBuf,
     /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if
     /// it is at least half full (rule occupancy), or if anything is in it (other rules)

@@ -101,7 +101,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let scene = match exact::open(file)? {
         Some(model) => {
             exact::refuse(file, &[("--view", args.tree.is_viewed()), ("--level", args.level.is_some())])?;
-            Scene::Model(model)
+            Scene::Model(Box::new(model))
         }
         None => Scene::Cells(args.tree.open()?),
     };
@@ -131,7 +131,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 /// What is drawn.
 enum Scene {
     Cells(Dataset),
-    Model(ExactModel),
+    Model(Box<ExactModel>),
 }
 
 impl Args {

@@ -187,6 +187,20 @@ fn points_are_where_winding_numbers_say() {
     }
 }
 
+/// A point of a face that goes through an edge of its cell, and cuts only the cells beside it, is on the boundary.
+#[test]
+fn points_on_edges_of_cells_may_lie_on_faces() {
+    let list = model(&prism(&[vec![[0, 0], [3, 0], [0, 3]]], 0, 4));
+    for boolean_faces in 0..8 {
+        let file = ExactModel::from_bytes(built(&list, 64 << 20, boolean_faces).0.unwrap()).unwrap();
+        for z in [0.5, 1.0, 1.2, 1.5, 3.5] {
+            assert_eq!(file.locate([1.5, 1.5, z]).unwrap(), Location::Boundary, "{boolean_faces} {z}");
+            assert_eq!(file.locate([1.5, 1.25, z]).unwrap(), Location::Inside);
+            assert_eq!(file.locate([1.5, 1.75, z]).unwrap(), Location::Outside);
+        }
+    }
+}
+
 /// Each leaf has the faces that cut its cell, and no others, by the five-stage test of all faces; cells without any are
 /// inside or outside as their middles are.
 #[test]

@@ -57,6 +57,7 @@ fn measures_of_a_file_are_those_of_its_faces() {
         let [expected, found] =
             [&list as &dyn Faces, &model].map(|faces| MassProperties::of(faces, &()).unwrap());
         assert_eq!(found, expected, "{name}");
+        assert_eq!(Some(model.bounds().unwrap()), expected.bounds, "{name}");
     }
 }
 

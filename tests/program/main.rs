@@ -9,6 +9,7 @@ mod cli_build;
 #[cfg(feature = "raster")]
 mod cli_crs;
 mod cli_edits;
+mod cli_exact;
 mod cli_info;
 mod cli_meshes;
 mod cli_octree_combine;

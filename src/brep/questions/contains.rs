@@ -56,8 +56,36 @@ impl ExactModel {
         let point = FinePoint { at: at.map(|at| at as i64), bits: BITS };
         match self.leaf_at(point.at, BITS)? {
             None => Ok(Location::Outside),
-            Some(node) => self.locate_in(&node, &point, buffer),
+            Some(node) => match self.locate_in(&node, &point, buffer)? {
+                Location::Boundary => Ok(Location::Boundary),
+                _ if self.touches_across(&node, &point, buffer)? => Ok(Location::Boundary),
+                location => Ok(location),
+            },
         }
+    }
+
+    /// Whether a face of a cell beside it has a point that lies on the cell's lower walls: where a face goes through
+    /// an edge of the cell, it need not cut the cell itself.
+    fn touches_across(&self, node: &Node<'_>, point: &FinePoint, buffer: &mut FaceBuffer) -> Result<bool> {
+        let [min, _] = node.bounds(self.grid());
+        let on_wall = [0, 1, 2].map(|axis| point.at[axis] == min[axis] << (BITS - 1));
+        if on_wall == [false; 3] {
+            return Ok(false);
+        }
+        for beside in 1..8 {
+            if (0..3).any(|axis| beside >> axis & 1 == 1 && !on_wall[axis]) {
+                continue;
+            }
+            let at = [0, 1, 2].map(|axis| point.at[axis] - (beside >> axis & 1));
+            let Some(other) = self.leaf_at(at, BITS)? else { continue };
+            for face in other.faces() {
+                self.face(face, buffer)?;
+                if outline(buffer).has(point) {
+                    return Ok(true);
+                }
+            }
+        }
+        Ok(false)
     }
 
     /// Where a point lies that is in a cell without children.
@@ -74,9 +102,7 @@ impl ExactModel {
         let (mut all, mut any) = (true, false);
         for face in node.faces() {
             self.face(face, buffer)?;
-            let outer = &buffer.points[..buffer.ring_ends[0]];
-            let outline =
-                Outline { points: &buffer.points, ring_ends: &buffer.ring_ends, normal: ring_normal(outer) };
+            let outline = outline(buffer);
             let side = outline.side(point);
             if side == 0 && outline.has(point) {
                 return Ok(Location::Boundary);
@@ -97,4 +123,10 @@ impl ExactModel {
         };
         Ok(if inside { Location::Inside } else { Location::Outside })
     }
+}
+
+/// A face as crossings need it.
+fn outline(buffer: &FaceBuffer) -> Outline<'_> {
+    let normal = ring_normal(&buffer.points[..buffer.ring_ends[0]]);
+    Outline { points: &buffer.points, ring_ends: &buffer.ring_ends, normal }
 }

@@ -230,10 +230,10 @@ impl<'a> Segment<'a> {
                 let leaves = self.leaves();
                 let mut bytes = leaves.get(at as usize..).unwrap_or_default();
                 let wrong = || format!("a leaf at {at} that breaks off");
-                let head = bytes.first().copied().and_then(LeafHead::from_byte).ok_or_else(wrong)?;
+                bytes.first().copied().and_then(LeafHead::from_byte).ok_or_else(wrong)?;
                 bytes = &bytes[1..];
                 let count = take_number(&mut bytes).ok_or_else(wrong)?;
-                if count == 0 || (head.kind != NodeKind::Boolean && head.rule as u8 > 2) {
+                if count == 0 {
                     return Err(format!("a leaf at {at} without faces"));
                 }
                 let mut next = 0u64;

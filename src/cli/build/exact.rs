@@ -51,14 +51,17 @@ impl ExactImport {
 fn lines(report: &ExactReport, stats: bool) -> Lines {
     let unit = report.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
     let grid = &report.grid;
+    let moved = match report.displacement {
+        0.0 => "no corner was moved".into(),
+        most => format!("corners moved by at most {most:e}{unit}"),
+    };
     let mut lines = vec![
         (
             "grid",
             format!(
-                "steps of {}{unit}, {} bits; corners moved by at most {:e}{unit}",
+                "steps of {}{unit}, {} bits; {moved}",
                 grid.width(),
-                grid.bits,
-                report.displacement
+                grid.bits
             ),
         ),
         ("faces", format!("{} of {} read", report.faces, report.read)),

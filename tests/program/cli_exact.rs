@@ -1,0 +1,204 @@
+//! Exact models on the command line: pictures of them, and their leaves.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use serde_json::Value as Json;
+use spinney::import::raster::{self, Pixels};
+use spinney::space::Region;
+use tempfile::TempDir;
+
+use crate::common::command::{command, complaint, stdout};
+use crate::common::shared_data;
+
+/// A cube whose sides have 64 units.
+const CUBE: &str = "OFF\n8 6 0\n0 0 0\n64 0 0\n64 64 0\n0 64 0\n0 0 64\n64 0 64\n64 64 64\n0 64 64\n\
+    4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
+/// A tetrahedron whose corners are red.
+const COLOURED: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+    property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 4\n\
+    property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n6 0 0 255 0 0\n0 6 0 255 0 0\n\
+    0 0 6 255 0 0\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Folder {
+        Folder(tempfile::tempdir().unwrap())
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().into()
+    }
+
+    fn mesh(&self, name: &str, text: &str) -> String {
+        std::fs::write(self.name(name), text).unwrap();
+        self.name(name)
+    }
+
+    /// A file that is built of a mesh.
+    fn built(&self, mesh: &str, name: &str, options: &[&str]) -> String {
+        let file = self.name(name);
+        command(&["build", "-q", mesh, "-o", &file]).args(options).assert().success();
+        file
+    }
+
+    /// Pixels of a picture of a file.
+    fn render(&self, file: &str, options: &[&str]) -> Vec<u8> {
+        let out = self.name("out.png");
+        command(&["render", "-q", file, &out]).args(options).assert().success().stdout("").stderr("");
+        let mut picture = raster::open(Path::new(&out), &Default::default()).unwrap();
+        let (width, height) = (picture.info().width, picture.info().height);
+        let mut pixels = Pixels::default();
+        picture.read(Region::new(0, 0, width, height), &mut pixels).unwrap();
+        pixels.bytes
+    }
+}
+
+/// Which pixels have a share of the background, of a white one.
+fn background(pixels: &[u8]) -> Vec<bool> {
+    pixels.chunks(3).map(|pixel| pixel == [255; 3]).collect()
+}
+
+/// Number of pixels with a neighbour of the other kind.
+fn outline(pixels: &[bool], width: usize) -> usize {
+    (0..pixels.len())
+        .filter(|&at| {
+            let is_other = |other: usize| pixels.get(other).is_some_and(|pixel| *pixel != pixels[at]);
+            (at + 1) % width != 0 && is_other(at + 1) || is_other(at + width)
+        })
+        .count()
+}
+
+/// Pictures of exact models look like those of fine cells of the same model.
+#[test]
+fn pictures_of_exact_models_are_those_of_fine_cells() {
+    let folder = Folder::new();
+    let mut meshes = vec![folder.mesh("cube.off", CUBE)];
+    match shared_data().map(|data| data.join("mesh/fandisk.ply")).filter(|path| path.exists()) {
+        Some(path) => meshes.push(path.to_str().unwrap().into()),
+        None => println!("skipped: no fandisk.ply"),
+    }
+    for mesh in meshes {
+        let exact = folder.built(&mesh, "exact.goblin", &["--exact"]);
+        let cells = folder.built(&mesh, "cells.goblin", &["--cells", "512"]);
+        for options in
+            [&["--size", "160x120"][..], &["--size", "160x120", "--orthographic", "--from", "60,10"]]
+        {
+            let [a, b] = [&exact, &cells].map(|file| folder.render(file, options));
+            let sum: u64 = a.iter().zip(&b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
+            let mean = sum as f64 / a.len() as f64;
+            let [a, b] = [a, b].map(|pixels| background(&pixels));
+            let counts = [&a, &b].map(|pixels| pixels.iter().filter(|is_background| **is_background).count());
+            let outline = outline(&a, 160);
+            println!("{mesh} {options:?}: {mean} {counts:?} {outline}");
+            assert!(mean < 1.5, "{mesh} {options:?}: {mean}");
+            assert!(counts[0].abs_diff(counts[1]) <= outline / 4, "{mesh} {options:?}: {counts:?} {outline}");
+            assert!(counts[0] > 5000 && counts[0] < 17_000, "{counts:?}");
+        }
+    }
+}
+
+#[test]
+fn pictures_have_flat_faces_and_the_options_of_cells() {
+    let folder = Folder::new();
+    let cube = folder.built(&folder.mesh("cube.off", CUBE), "cube.goblin", &["--exact"]);
+    // Seen straight on, parallel light and parallel rays: one colour within, where no highlight changes it.
+    let options = ["--size", "40x40", "--orthographic", "--from", "180,0", "--background", "#102030"];
+    let pixels = folder.render(&cube, &options);
+    let colours: BTreeSet<&[u8]> = pixels.chunks(3).collect();
+    assert!(pixels[..3] == [0x10, 0x20, 0x30] && colours.len() <= 4, "{colours:?}");
+    let inside = pixels.chunks(3).filter(|pixel| *pixel != [0x10, 0x20, 0x30]).count();
+    assert!((inside as f64 - (0.92 * 40.0f64).powi(2)).abs() <= 4.0 * 40.0, "{inside}");
+    // The picture does not depend on the number of threads.
+    let threads = |number: &str| {
+        let out = folder.name("threads.png");
+        command(&["render", "-q", &cube, &out, "--size", "50x70", "--samples", "3"])
+            .env("RAYON_NUM_THREADS", number)
+            .assert()
+            .success();
+        std::fs::read(out).unwrap()
+    };
+    assert_eq!(threads("1"), threads("3"));
+    let options = ["--size", "20x20", "--background", "transparent", "--up", "y", "--zoom", "0.5"];
+    let pixels = folder.render(&cube, &options);
+    assert_eq!((pixels.len(), &pixels[..4]), (1600, &[0; 4][..]));
+    // Colours are those of corners.
+    let coloured = folder.built(&folder.mesh("red.ply", COLOURED), "red.goblin", &["--exact"]);
+    let pixels = folder.render(&coloured, &["--size", "20x20", "--background", "black"]);
+    let [red, green, blue] =
+        [0, 1, 2].map(|channel| pixels.chunks(3).map(|pixel| u64::from(pixel[channel])).sum::<u64>());
+    assert!(red > 5000 && green < red / 2 && green == blue, "{red} {green} {blue}");
+    let never = folder.name("never.png");
+    let refuse =
+        |options: &[&str], code: i32| complaint(&[&["render", &cube, &never], options].concat(), code);
+    assert!(refuse(&["--level", "3"], 1).contains("--level means nothing"));
+    assert!(refuse(&["--view", "rotate=30,z"], 1).contains("--view means nothing"));
+    assert!(refuse(&["--size", "10000000x10"], 1).contains("65536"));
+    assert!(refuse(&["--zoom", "0"], 1).contains("zoom"));
+    assert!(!Path::new(&never).exists());
+}
+
+#[test]
+fn leaves_are_found_by_their_kinds() {
+    let folder = Folder::new();
+    let mesh = folder.mesh("cube.off", CUBE);
+    let cube = folder.built(&mesh, "cube.goblin", &["--exact", "--boolean", "0"]);
+    let info: Json = serde_json::from_str(&stdout(&["info", &cube, "--json"])).unwrap();
+    let all = stdout(&["find", &cube, "--kind", "void,full,face,edge,vertex,boolean"]);
+    let mut counts = BTreeMap::<&str, u64>::new();
+    let mut volume = 0.0;
+    for line in all.lines() {
+        let words: Vec<&str> = line.split(' ').collect();
+        let [code, level, kind, position, world, faces] = words[..] else { panic!("{line}") };
+        *counts.entry(kind).or_default() += 1;
+        let numbers = |text: &str| text.split(',').map(|n| n.parse().unwrap()).collect::<Vec<f64>>();
+        let (position, world, level) = (numbers(position), numbers(world), level.parse::<i32>().unwrap());
+        let width = world[3] - world[0];
+        // Cells begin half a step before the grid's first point.
+        let first = world[0] - position[0] * width;
+        assert!(first <= 0.0 && first > -1e-3 && code.starts_with('/'), "{line}");
+        assert!(code.len() as i32 == level + 1, "{line}");
+        volume +=
+            if kind == "void" { 0.0 } else { (3..6).map(|axis| world[axis] - world[axis - 3]).product() };
+        let is_cut = !["void", "full"].contains(&kind);
+        assert_eq!(faces.parse::<u64>().unwrap() > 0, is_cut, "{line}");
+    }
+    for (kind, count) in &counts {
+        assert_eq!(info["nodes"][kind], *count, "{kind}");
+        let alone = stdout(&["find", &cube, "--kind", kind, "--json"]);
+        assert_eq!(alone.lines().count() as u64, *count);
+        let leaf: Json = serde_json::from_str(alone.lines().next().unwrap()).unwrap();
+        assert!(leaf["kind"] == *kind && leaf["world"][1].as_array().unwrap().len() == 3, "{leaf}");
+    }
+    assert!(counts["vertex"] == 8 && volume >= 64f64.powi(3), "{counts:?} {volume}");
+    let some = stdout(&["find", &cube, "--kind", "vertex", "--limit", "3"]);
+    assert!(some.lines().count() == 3 && all.contains(&some.lines().next().unwrap().to_string()));
+    // The largest come first.
+    let most = stdout(&["find", &cube, "--kind", "void,full,face,edge,vertex", "--largest", "5"]);
+    let levels: Vec<u8> = most.lines().map(|line| line.split(' ').nth(1).unwrap().parse().unwrap()).collect();
+    assert!(levels.len() == 5 && levels.is_sorted());
+}
+
+#[test]
+fn conditions_are_those_of_the_kind_of_file() {
+    let folder = Folder::new();
+    let mesh = folder.mesh("cube.off", CUBE);
+    let cube = folder.built(&mesh, "cube.goblin", &["--exact"]);
+    let cells = folder.built(&mesh, "cells.goblin", &["--cells", "8"]);
+    let refuse =
+        |file: &str, options: &[&str], code: i32| complaint(&[&["find", file], options].concat(), code);
+    for file in [&cube, &cells] {
+        assert!(refuse(file, &[], 2).contains("--kind <KIND,...>"));
+        assert!(refuse(file, &["--kind", "full", "--above", "3"], 2).contains("cannot be used with"));
+        assert!(refuse(file, &["--kind", "flat"], 2).contains("void, full, face"));
+    }
+    for options in [["--above", "3"], ["--below", "3"], ["--class", "3"]] {
+        assert!(refuse(&cube, &options, 1).contains(&format!("{} means nothing", options[0])));
+    }
+    for options in [["--bbox", "0,0,1,1"], ["--window", "0,0,1,1"], ["--view", "rotate=30,z"]] {
+        let given = [&["--kind", "full"][..], &options].concat();
+        assert!(refuse(&cube, &given, 1).contains(&format!("{} means nothing", options[0])));
+    }
+    assert!(refuse(&cells, &["--kind", "full"], 1).contains("no exact model"));
+}
