@@ -56,14 +56,7 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
         most => format!("corners moved by at most {most:e}{unit}"),
     };
     let mut lines = vec![
-        (
-            "grid",
-            format!(
-                "steps of {}{unit}, {} bits; {moved}",
-                grid.width(),
-                grid.bits
-            ),
-        ),
+        ("grid", format!("steps of {}{unit}, {} bits; {moved}", grid.width(), grid.bits)),
         ("faces", format!("{} of {} read", report.faces, report.read)),
     ];
     let counts = [
