@@ -248,7 +248,17 @@ impl Upper<'_> {
         }
         // (A face of a polygon is several times as large as its words.)
         let needed = run.len() as u64 * (ITEM as u64 / 11 + 1);
-        if needed <= self.memory / 4 || cell.level == self.depth {
+        let fits = needed <= self.memory / 4;
+        if !fits && cell.level == self.depth {
+            return Err(Error::TooLarge {
+                path: self.writer.path().to_path_buf(),
+                what: "the faces of one of the smallest cells".into(),
+                needed,
+                limit: self.memory / 4,
+                advice: "allow more with --memory".into(),
+            });
+        }
+        if fits {
             let length = run.len() as u64;
             let items = Items::of(&run)?;
             drop(run);
@@ -257,8 +267,10 @@ impl Upper<'_> {
             let list: Vec<u32> = (0..items.len() as u32).collect();
             let word = walk.cell(cell, &list, out)?;
             self.store(out)?;
-            self.done += length;
-            self.progress.advance(length.min(self.total - self.done.min(self.total) + length), self.total);
+            // (Faces that several cells have count once.)
+            let more = length.min(self.total - self.done);
+            self.done += more;
+            self.progress.advance(more, self.total);
             return Ok(word);
         }
         let mark = out.mark();

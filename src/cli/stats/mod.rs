@@ -79,6 +79,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             ("--view", args.tree.is_viewed()),
             ("--level", args.level.is_some()),
             ("--zones", args.zones.is_some()),
+            ("--window", args.part.is_window()),
+            ("--bbox", args.part.is_bbox()),
         ];
         exact::refuse(&args.tree.file, &given)?;
         exact::stats(&model, args.json, global)?;
