@@ -48,7 +48,7 @@ pub enum Error {
     NoBody {
         /// The file.
         path: PathBuf,
-        /// What is wrong with the surface.
+        /// Description of what is wrong with the surface.
         what: String,
         /// The places where it is, in words: at most 100.
         places: Vec<String>,

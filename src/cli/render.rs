@@ -128,7 +128,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// What is drawn.
+/// Scene that is drawn.
 enum Scene {
     Cells(Dataset),
     Model(Box<ExactModel>),

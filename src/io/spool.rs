@@ -7,8 +7,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::platform::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 
-/// Words that are written at a time.
-const CHUNK: usize = 1 << 14;
+/// Words that are written at a time: a whole number of triangles of solids, which have eleven.
+const CHUNK: usize = 11 * 1536;
 
 /// A temporary file without a name, in chunks that are used again when their list is dropped.
 #[derive(Debug)]
@@ -49,7 +49,12 @@ pub(crate) struct SpooledWords {
 }
 
 impl SpooledWords {
-    /// Hands out the words, a chunk at a time.
+    /// Number of words.
+    pub(crate) fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Hands out the words, a chunk at a time: whole records, if these are all of eleven words.
     pub(crate) fn each(&self, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
         let mut bytes = vec![0; 4 * CHUNK];
         let mut words = Vec::with_capacity(CHUNK);

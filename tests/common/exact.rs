@@ -84,7 +84,7 @@ pub fn cuboid(min: [i32; 3], max: [i32; 3]) -> Vec<Vec<Ring>> {
     prism(&[ring], min[2], max[2])
 }
 
-/// The same faces seen from the other side: of a solid, a cavity.
+/// Turns faces to the other side: a solid becomes a cavity.
 pub fn turned(mut faces: Vec<Vec<Ring>>) -> Vec<Vec<Ring>> {
     faces.iter_mut().flatten().for_each(|ring| ring.reverse());
     faces

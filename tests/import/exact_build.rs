@@ -299,7 +299,7 @@ fn kinds_are_what_planes_have_in_common() {
     assert!(report.nodes.edge > 0 && report.nodes.total() < 400, "{:?}", report.nodes);
 }
 
-/// What bounds no body is refused, with the places.
+/// Surfaces that bound no body are refused, with the places.
 #[test]
 fn surfaces_that_bound_nothing_are_refused() {
     let at = |at: i32| cuboid([at; 3], [at + 100; 3]);

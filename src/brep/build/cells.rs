@@ -122,7 +122,7 @@ impl Division {
 /// Faces below which cells are not worth a task of their own.
 const TASK: usize = 2048;
 
-/// What all cells of a model have in common.
+/// Context of all cells of a model.
 pub(super) struct Walk<'a> {
     pub(super) items: &'a Items,
     pub(super) bits: u8,
@@ -286,7 +286,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// What is wrong between two faces of a cell, if anything.
+    /// The defect between two faces of a cell, if there is one.
     fn conflict(
         &self,
         one: u32,

@@ -1,4 +1,4 @@
-//! What makes a surface bound no body: where, and which faces.
+//! Defects of surfaces that bound no body: where, and of which faces.
 
 /// Places that are kept.
 pub(super) const MOST: usize = 100;
@@ -6,7 +6,7 @@ pub(super) const MOST: usize = 100;
 /// A place where a surface is no boundary of a body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Defect {
-    /// What is wrong there.
+    /// Kind of the defect.
     pub kind: DefectKind,
     /// A point of the place, in the world.
     pub place: [f64; 3],

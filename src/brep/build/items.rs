@@ -190,7 +190,8 @@ fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
     points.into_iter().find(is_off)
 }
 
-fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
+/// Least and greatest coordinates of points, of which there is one at least.
+pub(super) fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
     points.iter().fold([points[0]; 2], |[min, max], point| {
         [[0, 1, 2].map(|axis| min[axis].min(point[axis])), [0, 1, 2].map(|axis| max[axis].max(point[axis]))]
     })

@@ -13,7 +13,7 @@ use std::sync::Mutex;
 
 use self::arena::Arena;
 use self::cells::{Cell, Division, Walk, children_of, uniform};
-use self::items::{ITEM, Items};
+use self::items::{ITEM, Items, bounds_of};
 use self::run::{FaceWords, Place, Run, RunBuilder};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
@@ -353,10 +353,4 @@ impl Upper<'_> {
         }
         Ok((runs, children_of(cell, changes)))
     }
-}
-
-fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
-    points.iter().fold([points[0]; 2], |[min, max], point| {
-        [[0, 1, 2].map(|axis| min[axis].min(point[axis])), [0, 1, 2].map(|axis| max[axis].max(point[axis]))]
-    })
 }

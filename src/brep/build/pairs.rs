@@ -15,7 +15,7 @@ pub(super) struct Piece {
 
 pub(super) type Triangle = [[i32; 3]; 3];
 
-/// What two triangles do to each other.
+/// Contact of two triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Contact {
     /// Nothing that is wrong.
@@ -46,7 +46,7 @@ fn orientation(a: [i32; 3], b: [i32; 3], c: [i32; 3], d: [i32; 3]) -> i32 {
     exact.signum() as i32
 }
 
-/// What two triangles that have an area do to each other.
+/// Finds the contact of two triangles that have an area.
 pub(super) fn contact(first: &Piece, second: &Piece) -> Contact {
     let (a, b) = (&first.corners, &second.corners);
     let of_b = b.map(|point| orientation(a[0], a[1], a[2], point));
@@ -79,7 +79,7 @@ fn all_on_one_side(sides: [i32; 3]) -> bool {
     x == y && y == z && x != 0
 }
 
-/// What the edges of `b` do to `a`; `sides` are those of `b`'s corners.
+/// Finds the contact of the edges of `b` with `a`; `sides` are those of `b`'s corners.
 fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
     let mut found = Contact::Fine;
     for i in 0..3 {

@@ -15,7 +15,7 @@ pub struct CellCoverage {
     pub volume: f64,
     /// Its centre of gravity; `None` if there is nothing.
     pub centre: Option<[f64; 3]>,
-    /// What was looked at for it.
+    /// Nodes and faces that were looked at for it.
     pub visited: Visited,
 }
 

@@ -26,7 +26,7 @@ pub struct Cube {
     pub side: u32,
 }
 
-/// What of a cell is inside.
+/// Part of a cell that is inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Coverage {
     /// Volume, in cubic grid steps. The error is below some 2^-50 times the number of corners of the faces, times their
@@ -79,7 +79,7 @@ impl CoverageSums {
         }
     }
 
-    /// What is inside if the cell's least corner is, or is not.
+    /// The part inside, if the cell's least corner is inside, or is not.
     ///
     /// A corner on a face counts as what is beside it in the direction of an infinitesimal vector, by far the most along
     /// x and by far the least along z: lines between corners, see [`super::Line::between_corners`], tell.

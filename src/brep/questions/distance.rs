@@ -18,7 +18,7 @@ pub struct SurfacePoint {
     pub distance: f64,
     /// Number of the face on which it lies.
     pub face: u64,
-    /// What was looked at for it.
+    /// Nodes and faces that were looked at for it.
     pub visited: Visited,
 }
 
@@ -53,7 +53,7 @@ impl ExactModel {
     /// The nearest point of the surface as [`ExactModel::nearest`], if it is no farther than so much.
     ///
     /// # Errors
-    /// As [`ExactModel::nearest`].
+    /// Those of [`ExactModel::nearest`].
     pub fn nearest_within(&self, to: [f64; 3], most: f64) -> Result<Option<SurfacePoint>> {
         let grid = self.grid();
         let from = grid.to_grid(to);

@@ -36,7 +36,7 @@ impl ExactModel {
     /// [`ExactModel::ray`]: whether one sees the other.
     ///
     /// # Errors
-    /// As [`ExactModel::ray`].
+    /// Those of [`ExactModel::ray`].
     pub fn between(&self, from: [f64; 3], to: [f64; 3]) -> Result<(Option<Hit>, Visited)> {
         let grid = self.grid();
         self.first_hit(Line::between(grid, grid.to_grid(from), grid.to_grid(to)))
@@ -45,7 +45,7 @@ impl ExactModel {
     /// All places where the straight way between two points of the world passes through the surface, in their order.
     ///
     /// # Errors
-    /// As [`ExactModel::ray`].
+    /// Those of [`ExactModel::ray`].
     pub fn crossings(&self, from: [f64; 3], to: [f64; 3]) -> Result<Vec<Hit>> {
         let grid = self.grid();
         let Some(line) = Line::between(grid, grid.to_grid(from), grid.to_grid(to)) else {

@@ -1,4 +1,4 @@
-//! What questions visit on their way down.
+//! Counts of nodes and faces that questions visit on their way down.
 
 /// Numbers of nodes and faces that were looked at for an answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -41,7 +41,7 @@ impl ExactModel {
     /// Opens a file that is in memory.
     ///
     /// # Errors
-    /// As [`ExactModel::open`].
+    /// Those of [`ExactModel::open`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<ExactModel> {
         ExactModel::from_backend(Path::new("(memory)"), Box::new(bytes), &OpenOptions::default())
     }
@@ -49,7 +49,7 @@ impl ExactModel {
     /// Opens whatever a backend reads; `path` is for messages.
     ///
     /// # Errors
-    /// As [`ExactModel::open`].
+    /// Those of [`ExactModel::open`].
     pub fn from_backend(
         path: &Path,
         backend: Box<dyn ReadBackend>,

@@ -266,7 +266,7 @@ pub struct Node<'a> {
     begins_segment: bool,
 }
 
-/// What a node is.
+/// State of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeState {
     /// Outside of the body.
@@ -277,7 +277,7 @@ pub enum NodeState {
     Inner,
     /// Cut by faces: see [`Node::faces`].
     Leaf {
-        /// What their planes have in common.
+        /// Kind of the cell: how much their planes have in common.
         kind: NodeKind,
         /// How they tell what is inside.
         rule: Rule,
@@ -315,7 +315,7 @@ impl Node<'_> {
         self.begins_segment
     }
 
-    /// What the node is.
+    /// The state of the node.
     #[inline]
     pub fn state(&self) -> NodeState {
         match self.word & 7 {

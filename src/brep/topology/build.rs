@@ -47,7 +47,7 @@ pub(super) fn build(
     Ok(topology)
 }
 
-/// What a model has.
+/// Counts of a model.
 #[derive(Default)]
 struct Counts {
     faces: u64,

@@ -1,4 +1,4 @@
-//! What the subcommands do with exact models.
+//! Parts of subcommands that are about exact models.
 
 mod export;
 mod find;

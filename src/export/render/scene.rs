@@ -9,7 +9,7 @@ use crate::{Progress, Result};
 
 /// Something that rays meet. Each thread has its own.
 pub(super) trait Surface: Send {
-    /// What a ray in the world meets first, the direction having length 1; `None` if nothing.
+    /// The first hit of a ray in the world, the direction having length 1; `None` if it meets nothing.
     ///
     /// # Errors
     /// If the file is damaged there.

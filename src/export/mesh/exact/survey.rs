@@ -1,4 +1,4 @@
-//! What has to be known of a model before its first vertex is written.
+//! Properties of a model that have to be known before its first vertex is written.
 
 use super::Job;
 use crate::Result;

@@ -8,7 +8,7 @@ use crate::geometry::{Triangulator, split_bridges};
 use crate::space::Up;
 use crate::{Error, Result};
 
-/// What was done to the faces so far.
+/// Counts of what was done to the faces so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Snapped {
     pub(super) read: u64,

@@ -1,20 +1,14 @@
 //! Lists of triangles: in memory, or in a temporary file where there are too many.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use super::grid::Triangle;
-use crate::io::platform::{read_exact_at, write_all_at};
-use crate::{Error, Result};
+use crate::Result;
+use crate::io::{Spool, SpooledWords, WordSpooler};
 
 /// Numbers of a triangle: three corners, the attribute and the part.
 const WORDS: usize = 11;
-/// Bytes of a triangle in the temporary file.
-const BYTES: usize = 4 * WORDS;
-/// Triangles that are written at a time.
-const CHUNK: usize = 1024;
-
 /// Triangles of a part of space.
 #[derive(Clone, Debug)]
 pub(super) enum Triangles {
@@ -32,7 +26,7 @@ impl Triangles {
     pub(super) fn len(&self) -> usize {
         match self {
             Triangles::Held(_, picked) => picked.len(),
-            Triangles::Spilled(spilled) => spilled.count,
+            Triangles::Spilled(spilled) => spilled.len(),
         }
     }
 
@@ -63,7 +57,7 @@ impl Triangles {
     /// Loads the triangles into memory, in their order.
     pub(super) fn held(self) -> Result<Triangles> {
         let Triangles::Spilled(spilled) = self else { return Ok(self) };
-        let mut all = Vec::with_capacity(spilled.count);
+        let mut all = Vec::with_capacity(spilled.len());
         spilled.each(|triangle| {
             all.push(*triangle);
             Ok(())
@@ -72,116 +66,53 @@ impl Triangles {
     }
 }
 
-/// A temporary file of triangles, in chunks that are used again when their list is dropped.
-#[derive(Debug)]
-pub(super) struct Log {
-    file: File,
-    /// Folder of the file, for messages.
-    folder: PathBuf,
-    chunks: Mutex<Chunks>,
-}
-
-#[derive(Debug, Default)]
-struct Chunks {
-    free: Vec<u64>,
-    used: u64,
-}
-
-impl Log {
-    /// A log in a file without a name.
-    pub(super) fn create(folder: &Path) -> Result<Arc<Log>> {
-        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
-        Ok(Arc::new(Log { file, folder: folder.to_path_buf(), chunks: Mutex::default() }))
-    }
-
-    fn take(&self) -> u64 {
-        let mut chunks = self.chunks.lock().expect("nobody panics with this lock");
-        chunks.free.pop().unwrap_or_else(|| {
-            chunks.used += 1;
-            chunks.used - 1
-        })
-    }
-}
-
-/// A list in a log.
+/// A list in a spool, and the spool, which takes what it is divided into.
 #[derive(Debug)]
 pub(super) struct Spilled {
-    log: Arc<Log>,
-    chunks: Vec<u64>,
-    count: usize,
+    spool: Arc<Spool>,
+    words: SpooledWords,
 }
 
 impl Spilled {
+    fn len(&self) -> usize {
+        self.words.len() / WORDS
+    }
+
     fn each(&self, mut each: impl FnMut(&Triangle) -> Result<()>) -> Result<()> {
-        let mut bytes = vec![0; CHUNK * BYTES];
-        for (i, chunk) in self.chunks.iter().enumerate() {
-            let here = (self.count - i * CHUNK).min(CHUNK) * BYTES;
-            let read = read_exact_at(&self.log.file, &mut bytes[..here], chunk * (CHUNK * BYTES) as u64);
-            read.map_err(Error::io(&self.log.folder, "read a temporary file"))?;
-            for triangle in bytes[..here].chunks_exact(BYTES) {
-                each(&decode(triangle))?;
-            }
-        }
-        Ok(())
+        self.words.each(|words| words.chunks_exact(WORDS).try_for_each(|triangle| each(&decode(triangle))))
     }
 }
 
-impl Drop for Spilled {
-    fn drop(&mut self) {
-        if let Ok(mut chunks) = self.log.chunks.lock() {
-            chunks.free.append(&mut self.chunks);
-        }
-    }
+fn decode(words: &[u32]) -> Triangle {
+    let corner = |corner: usize| std::array::from_fn(|axis| words[3 * corner + axis] as i32);
+    Triangle { corners: std::array::from_fn(corner), attribute: words[9], part: words[10] }
 }
 
-fn decode(bytes: &[u8]) -> Triangle {
-    let mut words =
-        bytes.chunks_exact(4).map(|word| u32::from_le_bytes(word.try_into().expect("four bytes")));
-    let mut next = || words.next().expect("eleven words");
-    let corners = std::array::from_fn(|_| std::array::from_fn(|_| next() as i32));
-    Triangle { corners, attribute: next(), part: next() }
-}
-
-/// Writes one list to a log.
+/// Writes one list to a spool.
 pub(super) struct TriangleSpill {
-    list: Spilled,
-    buffer: Vec<u8>,
+    spool: Arc<Spool>,
+    words: WordSpooler,
 }
 
 impl TriangleSpill {
-    pub(super) fn new(log: &Arc<Log>) -> TriangleSpill {
-        let list = Spilled { log: log.clone(), chunks: Vec::new(), count: 0 };
-        TriangleSpill { list, buffer: Vec::new() }
+    pub(super) fn new(spool: &Arc<Spool>) -> TriangleSpill {
+        TriangleSpill { spool: spool.clone(), words: WordSpooler::new(spool) }
     }
 
     pub(super) fn push(&mut self, triangle: &Triangle) -> Result<()> {
+        let mut words = [0; WORDS];
         let corners = triangle.corners.as_flattened().iter().map(|at| *at as u32);
-        for word in corners.chain([triangle.attribute, triangle.part]) {
-            self.buffer.extend_from_slice(&word.to_le_bytes());
-        }
-        self.list.count += 1;
-        if self.buffer.len() == CHUNK * BYTES { self.flush() } else { Ok(()) }
+        let all = corners.chain([triangle.attribute, triangle.part]);
+        words.iter_mut().zip(all).for_each(|(word, number)| *word = number);
+        self.words.push(&words)
     }
 
-    fn flush(&mut self) -> Result<()> {
-        let log = &self.list.log;
-        let chunk = log.take();
-        self.list.chunks.push(chunk);
-        let written = write_all_at(&log.file, &self.buffer, chunk * (CHUNK * BYTES) as u64);
-        written.map_err(Error::io(&log.folder, "write a temporary file"))?;
-        self.buffer.clear();
-        Ok(())
-    }
-
-    pub(super) fn finish(mut self) -> Result<Triangles> {
-        if !self.buffer.is_empty() {
-            self.flush()?;
-        }
-        Ok(Triangles::Spilled(Arc::new(self.list)))
+    pub(super) fn finish(self) -> Result<Triangles> {
+        Ok(Triangles::Spilled(Arc::new(Spilled { spool: self.spool, words: self.words.finish()? })))
     }
 }
 
-/// Collects triangles, in memory up to a limit and in a log beyond it.
+/// Collects triangles, in memory up to a limit and in a spool beyond it.
 pub(super) struct Collector {
     limit: usize,
     folder: PathBuf,
@@ -200,7 +131,7 @@ impl Collector {
         }
         self.held.push(triangle);
         if self.held.len() > self.limit {
-            let mut spill = TriangleSpill::new(&Log::create(&self.folder)?);
+            let mut spill = TriangleSpill::new(&Spool::create(&self.folder)?);
             std::mem::take(&mut self.held).iter().try_for_each(|triangle| spill.push(triangle))?;
             self.spill = Some(spill);
         }
@@ -226,7 +157,7 @@ impl OctantSorter {
         match list {
             Triangles::Held(all, _) => OctantSorter::Held(all.clone(), Default::default()),
             Triangles::Spilled(spilled) => {
-                OctantSorter::Spilled((0..8).map(|_| TriangleSpill::new(&spilled.log)).collect())
+                OctantSorter::Spilled((0..8).map(|_| TriangleSpill::new(&spilled.spool)).collect())
             }
         }
     }
