@@ -99,6 +99,20 @@ impl FaceList {
         self.faces.push((self.ring_ends.len(), self.points.len(), face.part, face.source));
     }
 
+    /// Whether faces have colours.
+    pub fn is_coloured(&self) -> bool {
+        !self.colours.is_empty()
+    }
+
+    /// Bytes of memory that the faces take.
+    pub fn bytes(&self) -> u64 {
+        let FaceList { points, colours, ring_ends, faces, .. } = self;
+        (size_of_val(&points[..])
+            + size_of_val(&colours[..])
+            + size_of_val(&ring_ends[..])
+            + size_of_val(&faces[..])) as u64
+    }
+
     /// The face with a number below the length.
     pub fn get(&self, number: usize) -> Face<'_> {
         let (rings, points, part, source) = self.faces[number];

@@ -1,9 +1,11 @@
 //! Exact models: boundary representations on an integer grid, kept as they are and not as cells.
 
+pub(crate) mod arrangement;
 mod build;
 mod face;
 mod grid;
 mod hash;
+mod piece;
 pub mod questions;
 mod store;
 pub mod topology;

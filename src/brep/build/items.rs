@@ -1,11 +1,9 @@
 //! Faces of a part of space, in memory, with what the tests against octants and each other need.
 
-use std::collections::HashSet;
-
-use super::pairs::Piece;
 use super::run::{FaceWords, Run};
 use crate::Result;
 use crate::brep::MOST_BITS;
+use crate::brep::piece::Piece;
 use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
 use crate::geometry::rank::HomogeneousPlane;
 use crate::geometry::{Box3, Flaw, Intersection, Polygon, Triangulator, triangle};
@@ -82,7 +80,7 @@ impl Items {
         };
         let plane = HomogeneousPlane::through(normal, corners[0]);
         let sample = sample(&corners);
-        let piece = Piece { corners, internal: [false; 3] };
+        let piece = Piece::of_triangle(corners);
         self.list.push(Item { bounds, piece, plane, sample, face: face.number(), polygon });
     }
 
@@ -201,16 +199,7 @@ impl PolygonItem {
     fn of(face: FaceWords<'_>, triangulator: &mut Triangulator) -> PolygonItem {
         let (points, ring_ends) = face.rings();
         let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
-        let mut cut = Vec::new();
-        triangulator.triangulate(&wide, &ring_ends, &mut cut);
-        // Edges that lead both ways are those along which the face was cut.
-        let edges: HashSet<[u32; 2]> = cut.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
-        let piece = |&[a, b, c]: &[u32; 3]| Piece {
-            corners: [a, b, c].map(|corner| points[corner as usize]),
-            internal: [[b, a], [c, b], [a, c]].map(|turned| edges.contains(&turned)),
-        };
-        let triangles: Vec<Piece> =
-            cut.iter().map(piece).filter(|piece| ring_normal(&piece.corners) != [0; 3]).collect();
+        let triangles = Piece::of_face(&points, &ring_ends, triangulator);
         let polygon = match Polygon::new(&wide, &ring_ends, triangulator) {
             Ok(polygon) => polygon,
             Err(Flaw::NoArea | Flaw::NotSimple) => {

@@ -4,14 +4,8 @@
 //! opposite sides. They may not pass through each other, nor lie on each other turned to the same side.
 
 use super::defects::DefectKind;
+use crate::brep::piece::Piece;
 use crate::geometry::crossing::ring_normal;
-
-/// A triangle, and which of its edges are no edges of the face that it was cut from.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Piece {
-    pub(super) corners: Triangle,
-    pub(super) internal: [bool; 3],
-}
 
 pub(super) type Triangle = [[i32; 3]; 3];
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use spinney::Progress;
-use spinney::import::mesh::{self, ExactOptions, ExactReport, Model};
+use spinney::import::mesh::{self, ExactOptions, ExactReport, Model, Repair};
 use spinney::io::Output;
 
 use super::solids::SolidArgs;
@@ -24,6 +24,7 @@ impl ExactImport {
         let mut options = ExactOptions::new();
         options.grid = solids.grid;
         options.close = solids.close;
+        options.repair = solids.repair;
         options.boolean_faces = solids.boolean.unwrap_or(options.boolean_faces);
         options.up = solids.up.unwrap_or_default();
         options.unit = solids.unit.clone();
@@ -46,6 +47,17 @@ impl ExactImport {
     pub(super) fn build(self, output: Output, stats: bool, progress: &dyn Progress) -> Result<Lines> {
         Ok(lines(&mesh::import_exact(self.models, &self.options, output, progress)?, stats))
     }
+}
+
+fn repaired(done: &Repair, unit: &str) -> String {
+    if done.rounds == 0 {
+        return "nothing: the surface is in order".into();
+    }
+    let Repair { pairs, divided, removed, rounds, displacement, .. } = done;
+    format!(
+        "{pairs} pairs of faces that met; {divided} faces divided and {removed} removed, in {rounds} rounds; new corners \
+         moved by at most {displacement:e}{unit}"
+    )
 }
 
 fn lines(report: &ExactReport, stats: bool) -> Lines {
@@ -74,6 +86,9 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
     let (boundaries, triangles) = report.closed;
     if boundaries > 0 {
         lines.push(("closed", format!("{boundaries} boundaries, with {triangles} triangles")));
+    }
+    if let Some(done) = &report.repair {
+        lines.push(("repaired", repaired(done, &unit)));
     }
     let nodes = report.built.nodes.named();
     let nodes: Vec<String> =

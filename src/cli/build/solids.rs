@@ -62,6 +62,10 @@ pub(super) struct SolidArgs {
     /// Close an open surface with triangles over its boundaries
     #[arg(long, requires = "exact")]
     pub(super) close: bool,
+    /// Resolve a surface that passes through itself: what it goes around once or more is inside. Its faces are held in
+    /// memory
+    #[arg(long, requires = "exact")]
+    pub(super) repair: bool,
 }
 
 /// A width, with its unit if one was given.
@@ -102,6 +106,7 @@ impl SolidArgs {
             exact,
             grid: _,
             close: _,
+            repair: _,
             boolean: _,
         } = self;
         cells.is_some()

@@ -1,20 +1,26 @@
 //! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
 
 mod boundary;
+mod repair;
 mod snap;
 
 use std::path::Path;
 
 use self::boundary::{Boundary, Loop};
+use self::repair::repair;
 use self::snap::{Snapped, Snapper};
 use super::Model;
 use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, provenance};
-use crate::brep::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, Face, Grid, ModelBuilder};
+use crate::brep::{
+    BOOLEAN_FACES, BuildReport, Defect, DefectKind, Face, FaceList, Faces, Grid, ModelBuilder,
+};
 use crate::io::{Output, folder};
 use crate::space::{Crs, Frame, Up};
 use crate::store::Metadata;
 use crate::{Error, Progress, Result};
+
+pub use self::repair::Repair;
 
 /// Options for building an exact model.
 #[derive(Clone, Debug)]
@@ -26,6 +32,9 @@ pub struct ExactOptions {
     pub grid: Option<f64>,
     /// Whether open surfaces are closed by triangles over their boundaries.
     pub close: bool,
+    /// Whether a surface that passes through itself or lies on itself is resolved: what it goes around once or more is
+    /// inside. The faces are then held in memory.
+    pub repair: bool,
     /// Faces that a cell may have and end, whatever their planes have in common: see
     /// [`ModelBuilder::boolean_faces`].
     pub boolean_faces: usize,
@@ -41,9 +50,9 @@ pub struct ExactOptions {
 
 impl Default for ExactOptions {
     fn default() -> Self {
-        let (grid, close, up, unit, crs) = (None, false, Up::default(), None, None);
+        let (grid, close, repair, up, unit, crs) = (None, false, false, Up::default(), None, None);
         let (boolean_faces, memory) = (BOOLEAN_FACES, super::DEFAULT_MEMORY);
-        ExactOptions { grid, close, boolean_faces, up, unit, crs, memory }
+        ExactOptions { grid, close, repair, boolean_faces, up, unit, crs, memory }
     }
 }
 
@@ -72,6 +81,8 @@ pub struct ExactReport {
     pub fanned: u64,
     /// Boundaries that were closed, and the triangles that close them.
     pub closed: (u64, u64),
+    /// What was repaired, if that was wanted.
+    pub repair: Option<Repair>,
     /// The furthest that a corner was moved to the grid, in the models' unit.
     pub displacement: f64,
     /// The grid.
@@ -126,14 +137,16 @@ pub fn import_exact(
         },
     };
     let place = folder(output.path()).to_path_buf();
-    let mut builder =
-        ModelBuilder::new(output, grid.clone(), options.memory)?.boolean_faces(options.boolean_faces);
+    let memory = if options.repair { options.memory / 2 } else { options.memory };
+    let mut builder = ModelBuilder::new(output, grid.clone(), memory)?.boolean_faces(options.boolean_faces);
+    // Faces that are to be repaired are held; others go straight into the file.
+    let mut held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
     let mut snapper = Snapper::new(grid.clone(), options.up);
     let mut closure = Closure::default();
     let mut parts = Vec::new();
     read(&mut models, &mut snapper, progress, &mut |face| {
         each_edge(face, |from, to| closure.add_edge(from, to));
-        builder.push(face)
+        keep(face, &mut held, &mut builder)
     })?;
     for model in &models {
         parts.extend(model.info().parts.iter().cloned());
@@ -164,20 +177,22 @@ pub fn import_exact(
                 let ring_ends = &[3];
                 let colours = vec![[255; 3]; if snapper.is_coloured { 3 } else { 0 }];
                 let part = hole.part;
-                builder.push(&Face {
-                    number: faces,
-                    points: &corners,
-                    ring_ends,
-                    colours: &colours,
-                    part,
-                    source,
-                })?;
+                let points = &corners;
+                let face = Face { number: faces, points, ring_ends, colours: &colours, part, source };
+                keep(&face, &mut held, &mut builder)?;
                 faces += 1;
                 closed.1 += 1;
             }
         }
     }
     let counts = snapper.counts;
+    let mut repaired = None;
+    if let Some(held) = held {
+        let (list, done) = repair(held, &path, memory, progress)?;
+        list.each(&mut |face| builder.push(face))?;
+        faces = list.len();
+        repaired = Some(done);
+    }
     let mut metadata = Metadata { frame: frame(&grid, crs), ..Metadata::default() };
     metadata.class_names = (0..).zip(parts).collect();
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
@@ -188,6 +203,9 @@ pub fn import_exact(
         ("model.slivers", counts.slivers.to_string()),
         ("model.closing_triangles", closed.1.to_string()),
     ];
+    if let Some(done) = &repaired {
+        tags.push(("model.repaired_faces", (done.divided + done.removed).to_string()));
+    }
     tags.extend(unit.iter().map(|unit| ("unit", unit.clone())));
     metadata.tags = tags.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
     let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
@@ -202,11 +220,23 @@ pub fn import_exact(
         cut: counts.cut,
         fanned: counts.fanned,
         closed,
+        repair: repaired,
         displacement: counts.displacement,
         grid,
         unit,
         built,
     })
+}
+
+/// Keeps a face in the list, if there is one, or in the file.
+fn keep(face: &Face<'_>, held: &mut Option<FaceList>, builder: &mut ModelBuilder) -> Result<()> {
+    match held {
+        Some(list) => {
+            list.push(face);
+            Ok(())
+        }
+        None => builder.push(face),
+    }
 }
 
 /// Width of the grid that all models have their coordinates on, where they tell it.
@@ -301,7 +331,8 @@ fn crossing_surface(path: &Path, built: &BuildReport) -> Error {
         what: "the surface passes through itself, or is inside out: it bounds no body".into(),
         places: built.defects.iter().map(place).collect(),
         count: built.defect_count,
-        advice: "mend it, or build cells of it (without --exact), which take what is inside any of its parts"
+        advice: "resolve it with --repair, or build cells of it (without --exact), which take what is inside any of \
+                 its parts"
             .into(),
     }
 }

@@ -59,7 +59,39 @@ impl Snapper {
         let source = self.counts.read;
         self.counts.read += 1;
         self.move_corners(path, face)?;
-        let part = first_part + face.part;
+        self.settle(first_part + face.part, source, each)
+    }
+
+    /// Hands out what becomes of a face whose corners are on the grid, but may not lie in one plane, or fall together.
+    pub(super) fn face_on_grid(
+        &mut self,
+        face: &Face<'_>,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        self.points.clear();
+        self.colours.clear();
+        self.ring_ends.clear();
+        let mut start = 0;
+        for &end in face.ring_ends {
+            let ring_start = self.points.len();
+            for corner in start..end {
+                self.add_corner(ring_start, face.points[corner], face.colours.get(corner));
+            }
+            start = end;
+            if !self.end_ring(ring_start) {
+                break;
+            }
+        }
+        self.settle(face.part, face.source, each)
+    }
+
+    /// Hands out what becomes of the face whose corners were moved.
+    fn settle(
+        &mut self,
+        part: u32,
+        source: u64,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
         if self.ring_ends.is_empty() {
             self.counts.collapsed += 1;
             return Ok(());
@@ -153,30 +185,40 @@ impl Snapper {
                 let there = self.grid.to_world(snapped);
                 let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>().sqrt();
                 self.counts.displacement = self.counts.displacement.max(moved);
-                if self.points.len() > ring_start && self.points.last() == Some(&snapped) {
-                    continue;
-                }
-                self.points.push(snapped);
-                if self.is_coloured {
-                    self.colours.push(face.colours.get(corner).copied().unwrap_or([255; 3]));
-                }
+                self.add_corner(ring_start, snapped, face.colours.get(corner));
             }
             start = end;
-            while self.points.len() > ring_start + 1 && self.points.last() == Some(&self.points[ring_start]) {
-                self.points.pop();
-                self.colours.truncate(self.points.len());
+            if !self.end_ring(ring_start) {
+                break;
             }
-            if self.points.len() < ring_start + 3 {
-                self.points.truncate(ring_start);
-                self.colours.truncate(ring_start);
-                if ring_start == 0 {
-                    return Ok(());
-                }
-                continue;
-            }
-            self.ring_ends.push(self.points.len());
         }
         Ok(())
+    }
+
+    /// Adds a corner to the ring that began at a place, unless it is where the one before is.
+    fn add_corner(&mut self, ring_start: usize, point: [i32; 3], colour: Option<&[u8; 3]>) {
+        if self.points.len() > ring_start && self.points.last() == Some(&point) {
+            return;
+        }
+        self.points.push(point);
+        if self.is_coloured {
+            self.colours.push(colour.copied().unwrap_or([255; 3]));
+        }
+    }
+
+    /// Ends the ring that began at a place, and leaves it out if it has fewer than three corners; says whether there is an
+    /// outer ring now.
+    fn end_ring(&mut self, start: usize) -> bool {
+        while self.points.len() > start + 1 && self.points.last() == Some(&self.points[start]) {
+            self.points.pop();
+        }
+        if self.points.len() < start + 3 {
+            self.points.truncate(start);
+        } else {
+            self.ring_ends.push(self.points.len());
+        }
+        self.colours.truncate(self.points.len());
+        !self.ring_ends.is_empty()
     }
 
     /// Whether every edge is there in both directions: the face is a line, and nothing is lost without it.

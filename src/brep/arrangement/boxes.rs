@@ -1,0 +1,107 @@
+//! A tree over bounding boxes, in memory: boxes in the order of their middles along a space-filling curve, eight to a
+//! node (as in the packed R-tree of Kamel and Faloutsos, 1993).
+
+use crate::brep::MOST_BITS;
+use crate::space::{Dimension, morton_encode};
+
+/// Least and greatest coordinates.
+pub(super) type Bounds = [[i32; 3]; 2];
+
+const FAN_OUT: usize = 8;
+
+/// A tree over boxes, which are known by numbers.
+pub(super) struct BoxTree {
+    /// Numbers of the boxes in the order of the lowest level.
+    numbers: Vec<u32>,
+    /// Boxes of each level, the lowest first: each covers eight of the level below.
+    levels: Vec<Vec<Bounds>>,
+}
+
+/// Bytes of a box in a tree.
+pub(super) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
+
+impl BoxTree {
+    /// The tree over some boxes, with their numbers.
+    pub(super) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
+        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
+        boxes.sort_by_cached_key(|(number, [low, high])| {
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
+            (x | y << 1 | z << 2, *number)
+        });
+        let numbers = boxes.iter().map(|(number, _)| *number).collect();
+        let mut levels: Vec<Vec<Bounds>> = vec![boxes.into_iter().map(|(_, bounds)| bounds).collect()];
+        while let Some(last) = levels.last().filter(|last| last.len() > 1) {
+            let above =
+                last.chunks(FAN_OUT).map(|boxes| boxes.iter().skip(1).fold(boxes[0], union)).collect();
+            levels.push(above);
+        }
+        BoxTree { numbers, levels }
+    }
+
+    /// Hands out the numbers of all boxes that pass a test, which all boxes around them pass, too.
+    pub(super) fn each(&self, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(u32)) {
+        let top = self.levels.len() - 1;
+        // Nodes to be looked at: level and place.
+        let mut open: Vec<(usize, usize)> = (0..self.levels[top].len()).map(|place| (top, place)).collect();
+        while let Some((level, place)) = open.pop() {
+            if !meets(&self.levels[level][place]) {
+                continue;
+            }
+            match level {
+                0 => each(self.numbers[place]),
+                _ => {
+                    let first = place * FAN_OUT;
+                    let end = (first + FAN_OUT).min(self.levels[level - 1].len());
+                    open.extend((first..end).map(|child| (level - 1, child)));
+                }
+            }
+        }
+    }
+}
+
+/// The box around two boxes.
+fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
+    [
+        [0, 1, 2].map(|axis| low[axis].min(other_low[axis])),
+        [0, 1, 2].map(|axis| high[axis].max(other_high[axis])),
+    ]
+}
+
+/// Whether two boxes have a point in common.
+pub(super) fn touch([low, high]: &Bounds, [other_low, other_high]: &Bounds) -> bool {
+    (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_that_touch_are_found() {
+        let mut state = 3u64;
+        let mut number = |below: u64| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            ((state >> 33) % below) as i32
+        };
+        for count in [0, 1, 2, 9, 700] {
+            let boxes: Vec<(u32, Bounds)> = (0..count)
+                .map(|i| {
+                    let low = [number(1 << 20), number(1 << 20), number(1 << 20)];
+                    (3 * i + 1, [low, low.map(|at| at + number(1 << 17))])
+                })
+                .collect();
+            let tree = BoxTree::of(boxes.clone());
+            for (_, wanted) in boxes.iter().take(50) {
+                let mut found = Vec::new();
+                tree.each(&|bounds| touch(bounds, wanted), |number| found.push(number));
+                found.sort_unstable();
+                let expected: Vec<u32> = boxes
+                    .iter()
+                    .filter(|(_, bounds)| touch(bounds, wanted))
+                    .map(|(number, _)| *number)
+                    .collect();
+                assert_eq!(found, expected);
+            }
+        }
+    }
+}

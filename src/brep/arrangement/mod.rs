@@ -1,0 +1,18 @@
+//! Arrangement of a surface's faces: where they pass through each other or lie on each other they are divided, and what
+//! bounds the body is kept. Exact, up to the rounding of new vertices to the grid.
+//!
+//! Pairs of faces whose boxes touch are looked for in a tree; what their triangles have in common ([`meeting`]) divides
+//! each of the two into regions ([`overlay`]); for a point of each region ([`sample`]) the winding numbers on both sides
+//! are counted along a line, and the region stays if one side is inside and the other is not. Faces that meet nothing
+//! stay or go together with those beside them. (The scheme is that of Zhou, Grinspun, Zorin and Jacobson, "Mesh
+//! Arrangements for Solid Geometry", 2016, but for the winding numbers, which need no order around edges here.)
+
+mod boxes;
+mod meeting;
+mod overlay;
+mod point;
+mod rounding;
+mod sample;
+mod surface;
+
+pub use surface::{Resolved, resolve};

@@ -1,0 +1,417 @@
+//! Faces with what bounds no body taken away: by winding numbers.
+
+use std::collections::HashMap;
+
+use super::boxes::{BOX, BoxTree, touch};
+use super::meeting::{Meeting, meet};
+use super::overlay::{Region, Segment, regions, root};
+use super::point::{ExactPlane, ExactPoint, others};
+use super::rounding::Rounder;
+use super::sample::Sample;
+use crate::brep::piece::Piece;
+use crate::brep::{Face, FaceList, Faces};
+use crate::geometry::Triangulator;
+use crate::geometry::crossing::ring_normal;
+use crate::parallel;
+use crate::{Error, Progress, Result};
+
+/// Counts of what was done to a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Resolved {
+    /// Pairs of faces that have more in common than neighbours have.
+    pub pairs: u64,
+    /// Faces that were divided, or of which a part was taken away.
+    pub divided: u64,
+    /// Faces that were taken away as a whole.
+    pub removed: u64,
+    /// The furthest that a new vertex was moved to the grid, in steps of it.
+    pub displacement: f64,
+}
+
+impl Resolved {
+    /// Whether the surface has stayed as it was.
+    pub fn is_unchanged(&self) -> bool {
+        self.divided == 0 && self.removed == 0
+    }
+}
+
+/// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
+const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
+
+/// Hands out the faces that bound what is inside: places that the surface goes around so many times. Where faces pass
+/// through each other, they are divided, at vertices that are moved to the nearest points of the grid: such faces may have
+/// rings whose corners do not lie in one plane, or that fall together. The surface has to be closed.
+///
+/// All faces are held in memory; planes, boxes and edges take about 250 bytes each. The result depends on no number of
+/// threads.
+///
+/// # Errors
+/// If `memory` bytes are not enough, on interruption, or what `each` returns.
+pub fn resolve(
+    faces: &FaceList,
+    is_inside: &(dyn Fn(i32) -> bool + Sync),
+    memory: u64,
+    progress: &dyn Progress,
+    each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+) -> Result<Resolved> {
+    let needed = faces.len() * FACE + faces.bytes();
+    if needed > memory {
+        return Err(too_large(needed, memory));
+    }
+    let surface = Surface::of(faces);
+    let contacts = surface.contacts(memory - needed, progress)?;
+    let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
+    for (number, contact) in (0..).zip(&contacts) {
+        contact.faces.iter().for_each(|face| of_face.entry(*face).or_default().push(number));
+    }
+    let (components, samples) = surface.components(&of_face, progress)?;
+    let kept = parallel::map(&samples, |face| {
+        let face = *face;
+        !progress.interrupted() && surface.stays(&surface.sample(face), face, is_inside).is_some()
+    });
+    let kept: HashMap<u32, bool> = samples.iter().copied().zip(kept).collect();
+    let mut counts = Resolved { pairs: contacts.len() as u64, ..Resolved::default() };
+    let mut divided: Vec<u32> = of_face.keys().copied().collect();
+    divided.sort_unstable();
+    // Some at a time, so that regions do not pile up.
+    const BATCH: usize = 1 << 12;
+    let mut regions_of: HashMap<u32, Divided> = HashMap::new();
+    let mut next = 0;
+    let mut rounder = Rounder::default();
+    for number in 0..faces.len() as u32 {
+        if number % 4096 == 0 {
+            progress.check()?;
+        }
+        if divided.get(next) == Some(&number) {
+            if next % BATCH == 0 {
+                let batch = &divided[next..divided.len().min(next + BATCH)];
+                let found = parallel::map(batch, |face| {
+                    if progress.interrupted() {
+                        return Divided::default();
+                    }
+                    surface.divide(*face, &of_face[face], &contacts, is_inside)
+                });
+                progress.check()?;
+                regions_of = batch.iter().copied().zip(found).collect();
+            }
+            next += 1;
+            let found = regions_of.remove(&number).unwrap_or_default();
+            let face = faces.get(number as usize);
+            if found.is_whole {
+                each(&face)?;
+            } else if found.regions.is_empty() {
+                counts.removed += 1;
+            } else {
+                counts.divided += 1;
+                let plane = surface.plane(number);
+                for (region, turned) in &found.regions {
+                    rounder.round(plane, &face, region, *turned, each)?;
+                }
+            }
+            continue;
+        }
+        if surface.planes[number as usize].is_none() {
+            continue;
+        }
+        match kept.get(&components[number as usize]) {
+            Some(true) => each(&faces.get(number as usize))?,
+            _ => counts.removed += 1,
+        }
+    }
+    counts.displacement = rounder.displacement;
+    Ok(counts)
+}
+
+fn too_large(needed: u64, limit: u64) -> Error {
+    Error::TooLarge {
+        path: std::path::PathBuf::new(),
+        what: "a surface that is to be resolved".into(),
+        needed,
+        limit,
+        advice: "allow more with --memory".into(),
+    }
+}
+
+/// A face's regions that stay, and whether they are turned to the other side.
+#[derive(Default)]
+struct Divided {
+    regions: Vec<(Region, bool)>,
+    /// Whether the face stays just as it is.
+    is_whole: bool,
+}
+
+/// What two faces have in common.
+struct Contact {
+    faces: [u32; 2],
+    segments: Vec<[ExactPoint; 2]>,
+    points: Vec<ExactPoint>,
+    /// Whether the faces lie in one plane.
+    in_plane: bool,
+}
+
+/// Faces with their planes, and a tree over their boxes.
+struct Surface<'a> {
+    faces: &'a FaceList,
+    /// None of faces without an area.
+    planes: Vec<Option<ExactPlane>>,
+    boxes: BoxTree,
+    /// Triangles of the faces that are no triangles.
+    pieces: HashMap<u32, Vec<Piece>>,
+}
+
+impl<'a> Surface<'a> {
+    fn of(faces: &'a FaceList) -> Surface<'a> {
+        let mut planes = Vec::with_capacity(faces.len() as usize);
+        let mut boxes = Vec::with_capacity(faces.len() as usize);
+        let mut pieces = HashMap::new();
+        let mut triangulator = Triangulator::new();
+        for number in 0..faces.len() as u32 {
+            let face = faces.get(number as usize);
+            let normal = ring_normal(face.rings().next().unwrap_or_default());
+            if normal == [0; 3] {
+                planes.push(None);
+                continue;
+            }
+            planes.push(Some(ExactPlane::through(face.points[0], normal)));
+            boxes.push((number, bounds(face.points)));
+            if face.points.len() > 3 {
+                pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
+            }
+        }
+        Surface { faces, planes, boxes: BoxTree::of(boxes), pieces }
+    }
+
+    fn plane(&self, face: u32) -> &ExactPlane {
+        self.planes[face as usize]
+            .as_ref()
+            .unwrap_or_else(|| unreachable!("only faces with an area are asked for"))
+    }
+
+    /// Looks at a face as triangles.
+    fn with_pieces<R>(&self, face: u32, look: impl FnOnce(&[Piece]) -> R) -> R {
+        match self.pieces.get(&face) {
+            Some(pieces) => look(pieces),
+            None => {
+                let points = self.faces.get(face as usize).points;
+                look(&[Piece::of_triangle(std::array::from_fn(|corner| points[corner]))])
+            }
+        }
+    }
+
+    /// All pairs of faces that have more in common than neighbours have.
+    fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
+        const TASK: usize = 1 << 10;
+        let count = self.planes.len();
+        let tasks: Vec<usize> = (0..count).step_by(TASK).collect();
+        let mut contacts = Vec::new();
+        let mut bytes = 0;
+        for tasks in tasks.chunks(64) {
+            progress.check()?;
+            let found = parallel::map(tasks, |first| {
+                let mut found = Vec::new();
+                let mut others = Vec::new();
+                for one in *first as u32..(*first + TASK).min(count) as u32 {
+                    if self.planes[one as usize].is_none() || progress.interrupted() {
+                        continue;
+                    }
+                    let own = bounds(self.faces.get(one as usize).points);
+                    others.clear();
+                    self.boxes.each(&|bounds| touch(bounds, &own), |other| {
+                        if other > one {
+                            others.push(other);
+                        }
+                    });
+                    others.sort_unstable();
+                    found.extend(others.iter().filter_map(|other| self.contact(one, *other)));
+                }
+                found
+            });
+            contacts.extend(found.into_iter().flatten());
+            let of = |contact: &Contact| {
+                size_of::<Contact>()
+                    + (2 * contact.segments.len() + contact.points.len()) * size_of::<ExactPoint>()
+            };
+            bytes = contacts.iter().map(|contact| of(contact) as u64).sum::<u64>().max(bytes);
+            if bytes > memory {
+                return Err(too_large(bytes, memory));
+            }
+        }
+        Ok(contacts)
+    }
+
+    fn contact(&self, one: u32, other: u32) -> Option<Contact> {
+        let mut contact =
+            Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), in_plane: false };
+        let (plane_a, plane_b) = (self.plane(one), self.plane(other));
+        self.with_pieces(one, |a| {
+            self.with_pieces(other, |b| {
+                for a in a {
+                    for b in b {
+                        match meet(a, plane_a, b, plane_b) {
+                            Meeting::Regular => {}
+                            Meeting::Point(point) => contact.points.push(point),
+                            Meeting::Segment(ends) => contact.segments.push(ends),
+                            Meeting::InPlane => contact.in_plane = true,
+                        }
+                    }
+                }
+            });
+        });
+        let is_contact = contact.in_plane || !contact.segments.is_empty() || !contact.points.is_empty();
+        is_contact.then_some(contact)
+    }
+
+    /// The component of each face that touches nothing but its neighbours, by its first face, and these; others are
+    /// components of their own, which are not told.
+    fn components(
+        &self,
+        touching: &HashMap<u32, Vec<u32>>,
+        progress: &dyn Progress,
+    ) -> Result<(Vec<u32>, Vec<u32>)> {
+        let count = self.planes.len() as u32;
+        let mut parents: Vec<u32> = (0..count).collect();
+        let mut edges: Vec<([[i32; 3]; 2], u32)> = Vec::new();
+        for face in (0..count).filter(|face| self.planes[*face as usize].is_some()) {
+            for ring in self.faces.get(face as usize).rings() {
+                edges.extend((0..ring.len()).map(|i| {
+                    let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
+                    ([from.min(to), from.max(to)], face)
+                }));
+            }
+        }
+        progress.check()?;
+        edges.sort_unstable();
+        // Two faces at an edge are on the same side of everything.
+        for edge in edges.chunk_by(|a, b| a.0 == b.0) {
+            if let [(_, one), (_, other)] = edge
+                && !touching.contains_key(one)
+                && !touching.contains_key(other)
+            {
+                let [one, other] = [*one, *other].map(|face| root(&mut parents, face));
+                parents[one.max(other) as usize] = one.min(other);
+            }
+        }
+        let components: Vec<u32> = (0..count).map(|face| root(&mut parents, face)).collect();
+        let firsts = (0..count).filter(|face| {
+            components[*face as usize] == *face
+                && !touching.contains_key(face)
+                && self.planes[*face as usize].is_some()
+        });
+        let firsts = firsts.collect();
+        Ok((components, firsts))
+    }
+
+    /// A point inside a face.
+    fn sample(&self, face: u32) -> Sample<'_> {
+        let corners = self.with_pieces(face, |pieces| pieces.first().map(|piece| piece.corners));
+        let first = self.faces.get(face as usize).points[0];
+        Sample::of_triangle(self.plane(face), &corners.unwrap_or([first; 3]))
+    }
+
+    /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
+    /// round. Of faces that lie on each other, one stays for all.
+    fn stays(&self, sample: &Sample<'_>, face: u32, is_inside: &dyn Fn(i32) -> bool) -> Option<bool> {
+        let (axis, near) = (sample.axis, sample.near);
+        let [u, v] = others(axis);
+        let reaches = |[low, high]: &[[i32; 3]; 2]| {
+            let holds = |axis: usize| {
+                f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
+            };
+            holds(u) && holds(v) && near[axis] <= f64::from(high[axis]) + 1e-6
+        };
+        // The winding number above, and the change across; faces in the same place, and whether they are turned up.
+        let (mut above, mut change) = (0, 0);
+        let mut same: Vec<(u32, bool)> = Vec::new();
+        self.boxes.each(&reaches, |other| {
+            let plane = self.plane(other);
+            let up = plane.normal[axis].signum() as i32;
+            if up == 0 {
+                return;
+            }
+            let Face { points, ring_ends, .. } = self.faces.get(other as usize);
+            if !sample.meets(points, ring_ends) {
+                return;
+            }
+            let side = if other == face { 0 } else { sample.side(plane) };
+            // Those that lie below do not count.
+            if side * up > 0 {
+                return;
+            }
+            if side == 0 {
+                change += up;
+                same.push((other, up > 0));
+            } else {
+                above += up;
+            }
+        });
+        let (front, back) = (is_inside(above), is_inside(above + change));
+        if front == back {
+            return None;
+        }
+        let is_up = back;
+        same.sort_unstable();
+        let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first())?;
+        (stays.0 == face).then_some(stays.1 != is_up)
+    }
+
+    /// Divides a face by what touches it.
+    fn divide(
+        &self,
+        face: u32,
+        touching: &[u32],
+        contacts: &[Contact],
+        is_inside: &dyn Fn(i32) -> bool,
+    ) -> Divided {
+        let plane = self.plane(face);
+        let axis = plane.main_axis();
+        let own = self.faces.get(face as usize);
+        let edge = |[from, to]: [[i32; 3]; 2]| Segment {
+            ends: [from, to].map(ExactPoint::of_grid),
+            line: ExactPlane::along(axis, from, to),
+        };
+        let mut segments: Vec<Segment> = edges_of(&own).map(edge).collect();
+        let mut points = Vec::new();
+        for &number in touching {
+            let contact = &contacts[number as usize];
+            let other = contact.faces[usize::from(contact.faces[0] == face)];
+            let line = *self.plane(other);
+            segments.extend(contact.segments.iter().map(|ends| Segment { ends: *ends, line }));
+            points.extend_from_slice(&contact.points);
+            let its = self.faces.get(other as usize);
+            // Edges in the plane divide it, wherever they were cut into triangles.
+            if contact.in_plane || its.points.len() > 3 || own.points.len() > 3 {
+                let in_plane = |ends: &[[i32; 3]; 2]| ends.iter().all(|end| plane.height(*end) == 0);
+                segments.extend(edges_of(&its).filter(in_plane).map(edge));
+            }
+        }
+        let found = regions(plane, &segments, &points);
+        let corners = own.points.len();
+        let mut kept = Vec::new();
+        let is_one = found.len() == 1 && found[0].rings.iter().map(Vec::len).sum::<usize>() == corners;
+        for region in found {
+            let sample = Sample::of_region(plane, &region);
+            // Edges of others may have made regions outside of the face.
+            if !sample.meets(own.points, own.ring_ends) {
+                continue;
+            }
+            if let Some(turned) = self.stays(&sample, face, is_inside) {
+                kept.push((region, turned));
+            }
+        }
+        let is_whole = is_one && kept.len() == 1 && !kept[0].1;
+        Divided { regions: kept, is_whole }
+    }
+}
+
+/// The edges of a face.
+fn edges_of<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
+    face.rings().flat_map(|ring| (0..ring.len()).map(move |i| [ring[i], ring[(i + 1) % ring.len()]]))
+}
+
+/// The box around some points.
+fn bounds(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
+    points.iter().fold([[i32::MAX; 3], [i32::MIN; 3]], |[low, high], point| {
+        [[0, 1, 2].map(|axis| low[axis].min(point[axis])), [0, 1, 2].map(|axis| high[axis].max(point[axis]))]
+    })
+}

@@ -1,0 +1,38 @@
+//! Triangles that faces are cut into.
+
+use std::collections::HashSet;
+
+use crate::geometry::Triangulator;
+use crate::geometry::crossing::ring_normal;
+
+/// A triangle, and which of its edges are no edges of the face that it was cut from.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece {
+    pub(super) corners: [[i32; 3]; 3],
+    pub(super) internal: [bool; 3],
+}
+
+impl Piece {
+    /// A face that is a triangle.
+    pub(super) fn of_triangle(corners: [[i32; 3]; 3]) -> Piece {
+        Piece { corners, internal: [false; 3] }
+    }
+
+    /// The triangles of a face, without those that have no area.
+    pub(super) fn of_face(
+        points: &[[i32; 3]],
+        ring_ends: &[usize],
+        triangulator: &mut Triangulator,
+    ) -> Vec<Piece> {
+        let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(i64::from)).collect();
+        let mut cut = Vec::new();
+        triangulator.triangulate(&wide, ring_ends, &mut cut);
+        // Edges that lead both ways are those along which the face was cut.
+        let edges: HashSet<[u32; 2]> = cut.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+        let piece = |&[a, b, c]: &[u32; 3]| Piece {
+            corners: [a, b, c].map(|corner| points[corner as usize]),
+            internal: [[b, a], [c, b], [a, c]].map(|turned| edges.contains(&turned)),
+        };
+        cut.iter().map(piece).filter(|piece| ring_normal(&piece.corners) != [0; 3]).collect()
+    }
+}
