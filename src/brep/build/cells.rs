@@ -110,8 +110,8 @@ impl Walk<'_> {
                 out.set(record, child, word);
             }
         } else {
-            for child in 0..8 {
-                let word = self.node(&cells[child], of(child), lists, out, stages)?;
+            for (child, cell) in cells.iter().enumerate() {
+                let word = self.node(cell, of(child), lists, out, stages)?;
                 out.set(record, child, word);
             }
         }
