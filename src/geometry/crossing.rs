@@ -34,6 +34,10 @@ pub(crate) struct FinePoint {
 pub(crate) fn ring_normal(ring: &[[i32; 3]]) -> [i64; 3] {
     let Some(&first) = ring.first() else { return [0; 3] };
     let from_first = |p: &[i32; 3]| [0, 1, 2].map(|axis| i64::from(p[axis]) - i64::from(first[axis]));
+    if let [_, b, c] = ring {
+        let (u, v) = (from_first(b), from_first(c));
+        return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    }
     let mut normal = [0i128; 3];
     for corners in ring.windows(2) {
         let (a, b) = (from_first(&corners[0]), from_first(&corners[1]));
@@ -136,7 +140,7 @@ impl Outline<'_> {
     /// where the way passes the polygon from its front to its back, -1 the other way round, else 0.
     #[inline]
     pub(crate) fn change_along(&self, axis: usize, from: &FinePoint, to: i64) -> i32 {
-        if self.normal[axis] == 0 {
+        if self.normal[axis] == 0 || !self.is_met(axis, from) {
             return 0;
         }
         let there = FinePoint {
@@ -144,7 +148,7 @@ impl Outline<'_> {
             ..*from
         };
         let (start, end) = (self.side_of_moved(from), self.side_of_moved(&there));
-        if start == end || !self.is_met(axis, from) { 0 } else { start }
+        if start == end { 0 } else { start }
     }
 
     /// Whether a point lies on the polygon, its boundary included.

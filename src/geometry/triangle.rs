@@ -68,6 +68,41 @@ pub(crate) fn intersect(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) 
     decided(Stage::Section, !misses_edge)
 }
 
+/// Intersects a triangle with the inside of a cube of this half width, its corners given from the cube's centre: the
+/// rest of [`intersect`] where bounds meet and no corner is inside. `normal` is a multiple of the triangle's, with
+/// components below 2^62; coordinates and widths are below 2^29.
+#[inline]
+pub(crate) fn intersect_cube(corners: &[[i64; 3]; 3], normal: [i64; 3], half: i64) -> Intersection {
+    let decided = |stage, cuts| Intersection { cuts, stage };
+    let [a, b, c] = *corners;
+    // Most planes are far from touching the cube, and doubles tell them.
+    let heights = [0, 1, 2].map(|axis| normal[axis] as f64 * a[axis] as f64);
+    let reaches = normal.map(|n| n.abs() as f64 * half as f64);
+    let (height, reach) = (heights[0] + heights[1] + heights[2], reaches[0] + reaches[1] + reaches[2]);
+    let beyond = height.abs() - reach;
+    let most = heights[0].abs() + heights[1].abs() + heights[2].abs() + reach;
+    let misses_plane = if beyond.abs() > most * 2e-15 {
+        beyond > 0.0
+    } else {
+        let height: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(a[axis])).sum();
+        height.abs() >= normal.iter().map(|n| i128::from(n.abs()) * i128::from(half)).sum()
+    };
+    if misses_plane {
+        return decided(Stage::Planes, false);
+    }
+    // Both ends of an edge project to one point along any direction across the edge.
+    let misses_edge =
+        [(minus(b, a), a, c), (minus(c, b), b, a), (minus(a, c), c, b)].iter().any(|(edge, end, other)| {
+            [(1, 2), (2, 0), (0, 1)].into_iter().any(|(j, k)| {
+                let reach = half * (edge[j].abs() + edge[k].abs());
+                let [one, two] = [end, other].map(|p| edge[j] * p[k] - edge[k] * p[j]);
+                // An edge along the axis gives no direction.
+                reach > 0 && ((one >= reach && two >= reach) || (one <= -reach && two <= -reach))
+            })
+        });
+    decided(Stage::Section, !misses_edge)
+}
+
 /// Whether the segment between two points has a point in common with the inside of the box from `min` to
 /// `max`, as in [`cuts`].
 #[inline]

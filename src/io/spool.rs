@@ -4,6 +4,8 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use zerocopy::IntoBytes;
+
 use super::platform::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 
@@ -56,16 +58,12 @@ impl SpooledWords {
 
     /// Hands out the words, a chunk at a time: whole records, if these are all of eleven words.
     pub(crate) fn each(&self, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
-        let mut bytes = vec![0; 4 * CHUNK];
-        let mut words = Vec::with_capacity(CHUNK);
+        let mut words = vec![0; CHUNK];
         for (index, chunk) in self.chunks.iter().enumerate() {
-            let here = 4 * (self.len - index * CHUNK).min(CHUNK);
-            let read = read_exact_at(&self.spool.file, &mut bytes[..here], chunk * 4 * CHUNK as u64);
+            let here = &mut words[..(self.len - index * CHUNK).min(CHUNK)];
+            let read = read_exact_at(&self.spool.file, here.as_mut_bytes(), chunk * 4 * CHUNK as u64);
             read.map_err(Error::io(&self.spool.folder, "read a temporary file"))?;
-            words.clear();
-            let word = |four: &[u8]| u32::from_le_bytes(four.try_into().expect("four bytes"));
-            words.extend(bytes[..here].chunks_exact(4).map(word));
-            each(&words)?;
+            each(here)?;
         }
         Ok(())
     }
@@ -81,7 +79,7 @@ impl Drop for SpooledWords {
 /// Writes one list to a spool.
 pub(crate) struct WordSpooler {
     list: SpooledWords,
-    buffer: Vec<u8>,
+    buffer: Vec<u32>,
 }
 
 impl WordSpooler {
@@ -90,14 +88,15 @@ impl WordSpooler {
         WordSpooler { list, buffer: Vec::new() }
     }
 
-    pub(crate) fn push(&mut self, words: &[u32]) -> Result<()> {
-        for word in words {
-            self.buffer.extend_from_slice(&word.to_le_bytes());
-            self.list.len += 1;
-            if self.buffer.len() == 4 * CHUNK {
-                self.flush()?;
-            }
+    pub(crate) fn push(&mut self, mut words: &[u32]) -> Result<()> {
+        self.list.len += words.len();
+        while self.buffer.len() + words.len() >= CHUNK {
+            let (here, rest) = words.split_at(CHUNK - self.buffer.len());
+            self.buffer.extend_from_slice(here);
+            self.flush()?;
+            words = rest;
         }
+        self.buffer.extend_from_slice(words);
         Ok(())
     }
 
@@ -105,7 +104,7 @@ impl WordSpooler {
         let spool = &self.list.spool;
         let chunk = spool.take();
         self.list.chunks.push(chunk);
-        let written = write_all_at(&spool.file, &self.buffer, chunk * 4 * CHUNK as u64);
+        let written = write_all_at(&spool.file, self.buffer.as_bytes(), chunk * 4 * CHUNK as u64);
         written.map_err(Error::io(&spool.folder, "write a temporary file"))?;
         self.buffer.clear();
         Ok(())

@@ -15,4 +15,4 @@ mod rounding;
 mod sample;
 mod surface;
 
-pub use surface::{Resolved, resolve};
+pub(crate) use surface::{Resolved, resolve};

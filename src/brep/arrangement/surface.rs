@@ -17,23 +17,15 @@ use crate::{Error, Progress, Result};
 
 /// Counts of what was done to a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub struct Resolved {
+pub(crate) struct Resolved {
     /// Pairs of faces that have more in common than neighbours have.
-    pub pairs: u64,
+    pub(crate) pairs: u64,
     /// Faces that were divided, or of which a part was taken away.
-    pub divided: u64,
+    pub(crate) divided: u64,
     /// Faces that were taken away as a whole.
-    pub removed: u64,
+    pub(crate) removed: u64,
     /// The furthest that a new vertex was moved to the grid, in steps of it.
-    pub displacement: f64,
-}
-
-impl Resolved {
-    /// Whether the surface has stayed as it was.
-    pub fn is_unchanged(&self) -> bool {
-        self.divided == 0 && self.removed == 0
-    }
+    pub(crate) displacement: f64,
 }
 
 /// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
@@ -48,7 +40,7 @@ const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 ///
 /// # Errors
 /// If `memory` bytes are not enough, on interruption, or what `each` returns.
-pub fn resolve(
+pub(crate) fn resolve(
     faces: &FaceList,
     is_inside: &(dyn Fn(i32) -> bool + Sync),
     memory: u64,

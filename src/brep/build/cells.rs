@@ -1,16 +1,18 @@
 //! The octree over faces in memory: cells are divided until the planes of their faces have a point in common.
 
+use std::ops::Range;
 use std::sync::Mutex;
 
 use super::arena::Arena;
 use super::defects::{DefectKind, Found};
+use super::division::{Division, each_bit};
 use super::items::Items;
-use super::pairs::{Contact, contact, passes};
+use super::pairs::{Contact, Shared, contact, passes};
 use crate::brep::piece::Piece;
 use crate::brep::store::segment::{CUT, FULL, INNER, LeafHead, NodeKind, Rule, VOID};
-use crate::geometry::crossing::{FinePoint, change_between};
-use crate::geometry::rank::{HomogeneousPlane, rank, rank_of_at_most};
-use crate::geometry::{Intersection, Stage, Stages};
+use crate::geometry::Stages;
+use crate::geometry::crossing::FinePoint;
+use crate::geometry::rank::rank_of_at_most;
 use crate::parallel;
 use crate::space::{Code, Dimension};
 use crate::{Progress, Result};
@@ -41,83 +43,12 @@ impl Cell {
     }
 }
 
-/// The ways from the least corner of a cell's first child to those of the others: child from, child to, axis. Each begins
-/// where one before it has ended.
-pub(super) const WAYS: [(usize, usize, usize); 7] =
-    [(0, 4, 2), (0, 2, 1), (4, 6, 1), (0, 1, 0), (2, 3, 0), (4, 5, 0), (6, 7, 0)];
-
-/// Corners of the children, and the middle of a cell: what a cell is divided with.
-pub(super) struct Division {
-    pub(super) min: [i64; 3],
-    pub(super) half: i64,
-}
-
-impl Division {
-    pub(super) fn of(cell: &Cell, bits: u8) -> Division {
-        let (min, width) = cell.bounds(bits);
-        Division { min, half: width / 2 }
-    }
-
-    /// The least corner of a child.
-    pub(super) fn corner(&self, child: usize) -> [i64; 3] {
-        std::array::from_fn(|axis| self.min[axis] + if child >> axis & 1 == 1 { self.half } else { 0 })
-    }
-
-    /// Whether a box in grid units reaches into the lower and the upper half along each axis.
-    #[inline]
-    pub(super) fn halves(&self, [low, high]: &[[i32; 3]; 2]) -> [[bool; 2]; 3] {
-        std::array::from_fn(|axis| {
-            let (low, high) = (2 * i64::from(low[axis]), 2 * i64::from(high[axis]));
-            let (min, middle) = (self.min[axis], self.min[axis] + self.half);
-            [low < middle && high > min, high > middle && low < middle + self.half]
-        })
-    }
-
-    /// Which children a face cuts that cuts the cell, as bits; `cuts` tests one child.
-    #[inline]
-    pub(super) fn children(
-        &self,
-        bounds: &[[i32; 3]; 2],
-        stages: &mut Stages,
-        mut cuts: impl FnMut([i64; 3], [i64; 3]) -> Intersection,
-    ) -> u8 {
-        let halves = self.halves(bounds);
-        // In one half along each axis: what cuts the cell cuts that child, untested.
-        let alone = halves.iter().all(|[low, high]| !(low & high));
-        let mut children = 0;
-        for child in 0..8 {
-            let found = if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
-                Intersection { cuts: false, stage: Stage::Boxes }
-            } else if alone {
-                Intersection { cuts: true, stage: Stage::Boxes }
-            } else {
-                let low = self.corner(child);
-                cuts(low, low.map(|low| low + self.half))
-            };
-            stages.count(found);
-            children |= u8::from(found.cuts) << child;
-        }
-        children
-    }
-
-    /// The ways that may meet a box in grid units, as bits.
-    #[inline]
-    pub(super) fn ways(&self, [low, high]: &[[i32; 3]; 2]) -> u8 {
-        // Where the box spans the coordinate of the lower and of the upper corners.
-        let spans: [[bool; 2]; 3] = std::array::from_fn(|axis| {
-            let (low, high) = (2 * i64::from(low[axis]), 2 * i64::from(high[axis]));
-            [0, 1].map(|upper| {
-                let at = self.min[axis] + upper * self.half;
-                low <= at && at <= high
-            })
-        });
-        let mut ways = 0;
-        for (way, (from, _, along)) in WAYS.into_iter().enumerate() {
-            let met = (0..3).all(|axis| axis == along || spans[axis][from >> axis & 1]);
-            ways |= u8::from(met) << way;
-        }
-        ways
-    }
+/// Lists of the faces of cells that are being divided, each behind that of the cell around it, and room to work in.
+struct Lists {
+    items: Vec<u32>,
+    /// Children that each face of a cell cuts, as bits.
+    children: Vec<u8>,
+    boxes: Vec<[[i32; 3]; 2]>,
 }
 
 /// Faces below which cells are not worth a task of their own.
@@ -136,29 +67,43 @@ pub(super) struct Walk<'a> {
 
 impl Walk<'_> {
     /// Builds a cell; returns the word of its node.
-    pub(super) fn cell(&self, cell: &Cell, list: &[u32], out: &mut Arena) -> Result<u32> {
+    pub(super) fn cell(&self, cell: &Cell, items: Vec<u32>, out: &mut Arena) -> Result<u32> {
         let mut stages = Stages::default();
-        let word = self.node(cell, list, out, &mut stages);
+        let all = 0..items.len();
+        let mut lists = Lists { items, children: Vec::new(), boxes: Vec::new() };
+        let word = self.node(cell, all, &mut lists, out, &mut stages);
         self.stages.lock().expect("nobody panics with this lock").add(&stages);
         word
     }
 
-    fn node(&self, cell: &Cell, list: &[u32], out: &mut Arena, stages: &mut Stages) -> Result<u32> {
+    /// Builds a cell whose faces are a part of the last list.
+    fn node(
+        &self,
+        cell: &Cell,
+        list: Range<usize>,
+        lists: &mut Lists,
+        out: &mut Arena,
+        stages: &mut Stages,
+    ) -> Result<u32> {
         if list.is_empty() {
             return Ok(uniform(cell, self.bits, out));
         }
-        if let Some(kind) = self.end(cell, list) {
-            return self.leaf(cell, list, kind, out);
+        if let Some(kind) = self.end(cell, &lists.items[list.clone()]) {
+            return self.leaf(cell, &lists.items[list], kind, &mut lists.boxes, out);
         }
         let mark = out.mark();
         let record = out.record();
-        let (lists, cells) = self.divide(cell, list, stages);
-        if list.len() > TASK {
+        let end = lists.items.len();
+        let is_large = list.len() > TASK;
+        let (starts, cells) = self.divide(cell, list, lists, stages);
+        let of = |child: usize| starts[child]..starts[child + 1];
+        if is_large {
             self.progress.check()?;
             let children: Vec<usize> = (0..8).collect();
             let built = parallel::map(&children, |child| {
                 let mut arena = Arena::default();
-                self.cell(&cells[*child], &lists[*child], &mut arena).map(|word| (arena, word))
+                let list = lists.items[of(*child)].to_vec();
+                self.cell(&cells[*child], list, &mut arena).map(|word| (arena, word))
             });
             for (child, built) in built.into_iter().enumerate() {
                 let (arena, word) = built?;
@@ -166,40 +111,49 @@ impl Walk<'_> {
                 out.set(record, child, word);
             }
         } else {
-            for child in 0..8 {
-                let word = self.node(&cells[child], &lists[child], out, stages)?;
+            for (child, cell) in cells.iter().enumerate() {
+                let word = self.node(cell, of(child), lists, out, stages)?;
                 out.set(record, child, word);
             }
         }
+        lists.items.truncate(end);
         Ok(out.complete(cell.code(), mark, record))
     }
 
-    /// The faces of a cell's children, and the children.
-    fn divide(&self, cell: &Cell, list: &[u32], stages: &mut Stages) -> ([Vec<u32>; 8], [Cell; 8]) {
+    /// Appends the lists of a cell's children: where each begins, and where the last one ends; and the children.
+    fn divide(
+        &self,
+        cell: &Cell,
+        list: Range<usize>,
+        lists: &mut Lists,
+        stages: &mut Stages,
+    ) -> ([usize; 9], [Cell; 8]) {
+        let Lists { items, children, .. } = lists;
         let division = Division::of(cell, self.bits);
-        let mut lists: [Vec<u32>; 8] = Default::default();
         let mut changes = [0; 7];
-        for &item in list {
-            let bounds = self.items.bounds(item);
-            let children = division.children(bounds, stages, |min, max| self.items.cuts(item, min, max));
-            for (child, list) in lists.iter_mut().enumerate() {
-                if children >> child & 1 == 1 {
-                    list.push(item);
-                }
-            }
-            let ways = division.ways(bounds);
-            if ways != 0 {
-                let outline = self.items.outline(item);
-                for (way, change) in changes.iter_mut().enumerate() {
-                    if ways >> way & 1 == 1 {
-                        let (from, to, axis) = WAYS[way];
-                        let start = FinePoint { at: division.corner(from), bits: 1 };
-                        *change += outline.change_along(axis, &start, division.corner(to)[axis]);
-                    }
-                }
-            }
+        let mut counts = [0; 8];
+        children.clear();
+        for &item in &items[list.clone()] {
+            let reach = division.reach(self.items.bounds(item));
+            let of_item = self.items.children(item, reach, &division, stages);
+            children.push(of_item);
+            each_bit(of_item, |child| counts[child] += 1);
+            division.count_changes(reach, || self.items.outline(item), &mut changes);
         }
-        (lists, children_of(cell, changes))
+        let mut starts = [items.len(); 9];
+        for child in 0..8 {
+            starts[child + 1] = starts[child] + counts[child];
+        }
+        items.resize(starts[8], 0);
+        let mut next = starts;
+        for (place, of_item) in list.zip(children) {
+            let item = items[place];
+            each_bit(*of_item, |child| {
+                items[next[child]] = item;
+                next[child] += 1;
+            });
+        }
+        (starts, Division::cells(cell, changes))
     }
 
     /// The kind of the leaf that a cell is; `None` if it is to be divided.
@@ -215,27 +169,44 @@ impl Walk<'_> {
     }
 
     fn rank(&self, list: &[u32]) -> usize {
-        if let [one] = list {
-            return usize::from(*one != u32::MAX);
+        if list.len() < 2 {
+            return list.len();
         }
-        if let [one, other] = list {
-            let (a, b) = (self.items.plane(*one), self.items.plane(*other));
-            return if are_one(a, b) { 1 } else { 2 };
-        }
-        let planes = list.iter().map(|item| self.items.plane(*item));
         // A corner that all have in common says most, and is quickly found.
         let is_common = |corner: &[i32; 3]| list.iter().all(|item| self.items.points(*item).contains(corner));
-        let most = if self.items.points(list[0]).iter().take(4).any(is_common) { 3 } else { 4 };
-        rank_of_at_most(planes, most)
+        let most = match list.len() {
+            few @ ..4 => few,
+            _ if self.items.points(list[0]).iter().take(4).any(is_common) => 3,
+            _ => 4,
+        };
+        rank_of_at_most(list.iter().map(|item| self.items.plane(*item)), most)
     }
 
-    fn leaf(&self, cell: &Cell, list: &[u32], kind: NodeKind, out: &mut Arena) -> Result<u32> {
-        self.check_pairs(cell, list, out)?;
-        self.check_windings(cell, list, out);
+    fn leaf(
+        &self,
+        cell: &Cell,
+        list: &[u32],
+        kind: NodeKind,
+        boxes: &mut Vec<[[i32; 3]; 2]>,
+        out: &mut Arena,
+    ) -> Result<u32> {
+        // Bounds of the faces within the cell, or a little beyond.
+        let (min, width) = cell.bounds(self.bits);
+        let (least, most) =
+            (min.map(|at| at.div_euclid(2) as i32), min.map(|at| ((at + width + 1) / 2) as i32));
+        boxes.clear();
+        boxes.extend(list.iter().map(|item| {
+            let [low, high] = *self.items.bounds(*item);
+            [
+                [0, 1, 2].map(|axis| low[axis].max(least[axis])),
+                [0, 1, 2].map(|axis| high[axis].min(most[axis])),
+            ]
+        }));
+        self.check_pairs(cell, list, boxes, out)?;
+        self.check_windings(cell, list, boxes, out);
         let rule = self.rule(list);
         let inside = cell.winding == 1;
         if rule != Rule::Crossings || !(0..=1).contains(&cell.winding) {
-            let (min, _) = cell.bounds(self.bits);
             let corner = FinePoint { at: min, bits: 1 };
             let mut behind = list.iter().map(|item| self.items.outline(*item).side_of_moved(&corner) < 0);
             let expected = match rule {
@@ -257,8 +228,8 @@ impl Walk<'_> {
         Ok(out.leaf(LeafHead { kind, rule, inside }, faces))
     }
 
-    /// Looks for faces that pass through each other or lie on each other.
-    fn check_pairs(&self, cell: &Cell, list: &[u32], out: &mut Arena) -> Result<()> {
+    /// Looks for faces that pass through each other or lie on each other. `boxes` are their bounds in the cell.
+    fn check_pairs(&self, cell: &Cell, list: &[u32], boxes: &[[[i32; 3]; 2]], out: &mut Arena) -> Result<()> {
         let (min, width) = cell.bounds(self.bits);
         let owns = |point: [i32; 3]| {
             (0..3).all(|axis| (0..width).contains(&(2 * i64::from(point[axis]) - min[axis])))
@@ -267,13 +238,16 @@ impl Walk<'_> {
             if index & 0xff == 0xff {
                 self.progress.check()?;
             }
-            let [low, high] = *self.items.bounds(one);
-            for &other in &list[index + 1..] {
-                let [other_low, other_high] = *self.items.bounds(other);
-                if (0..3).any(|axis| other_low[axis] > high[axis] || low[axis] > other_high[axis]) {
+            let [low, high] = boxes[index];
+            for (&other, [other_low, other_high]) in list.iter().zip(boxes).skip(index + 1) {
+                // (Without a branch for each.)
+                let apart = |axis: usize| (other_low[axis] > high[axis]) | (low[axis] > other_high[axis]);
+                if apart(0) | apart(1) | apart(2) {
                     continue;
                 }
                 if let Some(kind) = self.conflict(one, other, list, owns) {
+                    let [[low, high], [other_low, other_high]] =
+                        [one, other].map(|item| *self.items.bounds(item));
                     let at = [0, 1, 2].map(|axis| {
                         let (low, high) = (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
                         (f64::from(low) + f64::from(high)) / 2.0
@@ -298,10 +272,11 @@ impl Walk<'_> {
         for a in self.items.triangles(one) {
             for b in self.items.triangles(other) {
                 // What crosses at a common corner does so in the cell that has the corner, too.
-                if a.corners.iter().any(|corner| b.corners.contains(corner) && !owns(*corner)) {
+                let shared = Shared::of(&a.corners, &b.corners);
+                if !shared.all(&b.corners, &owns) {
                     continue;
                 }
-                match contact(a, b) {
+                match contact(a, b, shared) {
                     Contact::Fine => {}
                     Contact::Wrong(kind) => return Some(kind),
                     Contact::Edges { through, across } => {
@@ -322,7 +297,8 @@ impl Walk<'_> {
 
     /// Looks at both sides of each face that has its sample in the cell: outside should be in front, and inside
     /// behind; or, where faces of bodies that touch lie on each other, the one or the other on both sides.
-    fn check_windings(&self, cell: &Cell, list: &[u32], out: &mut Arena) {
+    /// `boxes` are their bounds in the cell.
+    fn check_windings(&self, cell: &Cell, list: &[u32], boxes: &[[[i32; 3]; 2]], out: &mut Arena) {
         let (min, width) = cell.bounds(self.bits);
         for &item in list {
             let Some(sample) = self.items.sample(item) else { continue };
@@ -331,12 +307,30 @@ impl Walk<'_> {
                 continue;
             }
             let corner = FinePoint { at: min.map(|at| at << shift), bits: sample.bits };
+            // The points of the grid around each coordinate.
+            let around = |at: i64| [(at >> sample.bits) as i32, -(-at >> sample.bits) as i32];
+            let (start, end) = (corner.at.map(around), sample.at.map(around));
             let mut winding = cell.winding;
             let mut beyond = 0;
-            for &other in list {
+            for (&other, [low, high]) in list.iter().zip(boxes) {
+                // The way leads along x, then y, then z: few faces reach it.
+                let spans = |axis: usize, at: &[[i32; 2]; 3]| {
+                    (low[axis] <= at[axis][0]) & (at[axis][1] <= high[axis])
+                };
+                let (from_z, to_x, to_y) = (spans(2, &start), spans(0, &end), spans(1, &end));
+                let is_near = [from_z & spans(1, &start), from_z & to_x, to_x & to_y];
+                if is_near == [false; 3] {
+                    continue;
+                }
                 let outline = self.items.outline(other);
-                winding += change_between(&outline, &corner, &sample);
-                if outline.has(&sample) {
+                let mut at = corner;
+                for (axis, is_near) in is_near.into_iter().enumerate() {
+                    if is_near {
+                        winding += outline.change_along(axis, &at, sample.at[axis]);
+                    }
+                    at.at[axis] = sample.at[axis];
+                }
+                if is_near[2] && spans(2, &end) && outline.has(&sample) {
                     beyond += outline.side_of_moved(&sample);
                 }
             }
@@ -389,20 +383,6 @@ impl Walk<'_> {
 fn has_edge(piece: &Piece, edge: [[i32; 3]; 2]) -> bool {
     let [a, b, c] = piece.corners;
     [[a, b], [b, c], [c, a]].contains(&edge)
-}
-
-/// Whether two planes are the same.
-fn are_one(a: &HomogeneousPlane, b: &HomogeneousPlane) -> bool {
-    rank([a, b].into_iter()) == 1
-}
-
-/// The children of a cell whose corners differ in their winding numbers by these changes on the ways between them.
-pub(super) fn children_of(cell: &Cell, changes: [i32; 7]) -> [Cell; 8] {
-    let mut windings = [cell.winding; 8];
-    for (way, (from, to, _)) in WAYS.into_iter().enumerate() {
-        windings[to] = windings[from] + changes[way];
-    }
-    std::array::from_fn(|child| cell.child(child, windings[child]))
 }
 
 /// The word of a cell that no face cuts.

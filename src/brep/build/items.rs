@@ -1,29 +1,29 @@
 //! Faces of a part of space, in memory, with what the tests against octants and each other need.
 
-use super::run::{FaceWords, Run};
+use super::division::{Division, Reach};
+use super::run::{FaceWords, Run, TRIANGLE_WORDS};
 use crate::Result;
 use crate::brep::MOST_BITS;
 use crate::brep::piece::Piece;
 use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
-use crate::geometry::rank::HomogeneousPlane;
-use crate::geometry::{Box3, Flaw, Intersection, Polygon, Triangulator, triangle};
+use crate::geometry::rank::PlaneAt;
+use crate::geometry::{Flaw, Polygon, Stages, Triangulator};
 use crate::space::{Dimension, morton_encode};
 
 /// Faces, in the order of the cells in which their middles lie: neighbours in space are neighbours in memory.
 #[derive(Default)]
 pub(super) struct Items {
+    /// Least and greatest coordinates, which are looked at most.
+    bounds: Vec<[[i32; 3]; 2]>,
     list: Vec<Item>,
     polygons: Vec<PolygonItem>,
 }
 
 /// A face.
 struct Item {
-    bounds: [[i32; 3]; 2],
+    normal: [i64; 3],
     /// A triangle; of other faces the first triangle that is cut from it.
     piece: Piece,
-    plane: HomogeneousPlane,
-    /// A point inside, in units of 2^-[`SAMPLE_BITS`] of the grid's.
-    sample: Option<[i64; 3]>,
     face: u32,
     /// Place among the polygons; [`TRIANGLE`] for triangles.
     polygon: u32,
@@ -40,29 +40,45 @@ struct PolygonItem {
     triangles: Vec<Piece>,
 }
 
-/// Bytes of an item that is a triangle.
-pub(super) const ITEM: usize = size_of::<Item>() + 16;
+/// Bytes of a triangle that is brought to memory: its words, its place in the order, itself, and in lists of cells.
+pub(super) const ITEM: usize =
+    4 * TRIANGLE_WORDS + size_of::<(u64, u32)>() + size_of::<Item>() + size_of::<[[i32; 3]; 2]>() + 16;
 
 /// End of the only ring of triangles.
 const ONE_RING: [usize; 1] = [3];
 
 impl Items {
     /// Takes faces to memory. They are planar and have an area.
-    pub(super) fn of(run: &Run) -> Result<Items> {
-        let mut items = Items::default();
-        let mut triangulator = Triangulator::new();
-        run.each(|face| {
-            items.push(face, &mut triangulator);
-            Ok(())
-        })?;
+    pub(super) fn of(run: Run) -> Result<Items> {
+        let words = run.into_words()?;
         // Spreading has room for 21 bits of each coordinate; the lowest ones do not matter for being near.
         let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
-        let code = |item: &Item| {
-            let [low, high] = item.bounds;
+        let code = |[low, high]: [[i32; 3]; 2]| {
             let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
             x | y << 1 | z << 2
         };
-        items.list.sort_by_cached_key(|item| (code(item), item.face));
+        let mut order = Vec::with_capacity(words.len() / TRIANGLE_WORDS);
+        let mut place = 0;
+        for face in FaceWords::all(&words) {
+            let bounds = match face.triangle() {
+                Some(corners) => bounds_of(&corners),
+                None => bounds_of(&face.rings().0),
+            };
+            order.push((code(bounds), place as u32));
+            place += face.0.len();
+        }
+        // (They come in the order of their numbers.)
+        order.sort_unstable();
+        let mut items = Items {
+            bounds: Vec::with_capacity(order.len()),
+            list: Vec::with_capacity(order.len()),
+            polygons: Vec::new(),
+        };
+        let mut triangulator = Triangulator::new();
+        for (_, place) in order {
+            let face = FaceWords::all(&words[place as usize..]).next();
+            face.into_iter().for_each(|face| items.push(face, &mut triangulator));
+        }
         Ok(items)
     }
 
@@ -78,10 +94,9 @@ impl Items {
                 (corners, normal, bounds, self.polygons.len() as u32 - 1)
             }
         };
-        let plane = HomogeneousPlane::through(normal, corners[0]);
-        let sample = sample(&corners);
         let piece = Piece::of_triangle(corners);
-        self.list.push(Item { bounds, piece, plane, sample, face: face.number(), polygon });
+        self.bounds.push(bounds);
+        self.list.push(Item { normal, piece, face: face.number(), polygon });
     }
 
     pub(super) fn len(&self) -> usize {
@@ -95,14 +110,15 @@ impl Items {
     }
 
     #[inline]
-    pub(super) fn plane(&self, item: u32) -> &HomogeneousPlane {
-        &self.list[item as usize].plane
+    pub(super) fn plane(&self, item: u32) -> PlaneAt {
+        let Item { normal, piece, .. } = &self.list[item as usize];
+        PlaneAt { normal: *normal, point: piece.corners[0] }
     }
 
     /// Least and greatest coordinates of a face.
     #[inline]
     pub(super) fn bounds(&self, item: u32) -> &[[i32; 3]; 2] {
-        &self.list[item as usize].bounds
+        &self.bounds[item as usize]
     }
 
     #[inline]
@@ -110,23 +126,23 @@ impl Items {
         if item.polygon == TRIANGLE { None } else { self.polygons.get(item.polygon as usize) }
     }
 
-    /// Whether a face cuts an octant, given in half units of the grid: the five-stage test.
+    /// Which children of a cell a face cuts that cuts the cell, as bits.
     #[inline]
-    pub(super) fn cuts(&self, item: u32, min: [i64; 3], max: [i64; 3]) -> Intersection {
+    pub(super) fn children(&self, item: u32, reach: Reach, division: &Division, stages: &mut Stages) -> u8 {
+        if let Some(child) = reach.only_child(stages) {
+            return child;
+        }
         let item = &self.list[item as usize];
         match self.polygon(item) {
-            None => {
-                let corners = item.piece.corners.map(|corner| corner.map(|at| 2 * i64::from(at)));
-                triangle::intersect(&corners, min, max)
-            }
-            Some(polygon) => polygon.polygon.cuts(&Box3 { min, max }),
+            None => division.children_of_triangle(reach, &item.piece.corners, item.normal, stages),
+            Some(polygon) => division.children_of_polygon(reach, &polygon.polygon, stages),
         }
     }
 
     #[inline]
     pub(super) fn outline(&self, item: u32) -> Outline<'_> {
         let item = &self.list[item as usize];
-        let normal = item.plane.normal;
+        let normal = item.normal;
         match self.polygon(item) {
             None => Outline { points: &item.piece.corners, ring_ends: &ONE_RING, normal },
             Some(polygon) => Outline { points: &polygon.points, ring_ends: &polygon.ring_ends, normal },
@@ -155,17 +171,18 @@ impl Items {
     /// A point inside a face that lies on no wall between cells, if there is one among some.
     #[inline]
     pub(super) fn sample(&self, item: u32) -> Option<FinePoint> {
-        self.list[item as usize].sample.map(|at| FinePoint { at, bits: SAMPLE_BITS })
+        let sample = sample(&self.list[item as usize].piece.corners);
+        sample.map(|at| FinePoint { at, bits: SAMPLE_BITS })
     }
 }
 
 /// Bits behind the point of samples.
 const SAMPLE_BITS: u32 = 5;
 
-/// A point inside a triangle that lies on no wall between cells.
+/// A point inside a triangle that lies on no wall between cells, in units of 2^-[`SAMPLE_BITS`] of the grid's.
 fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
-    // Odd enough for coordinates that have many factors of 2.
-    let weights = [
+    /// Odd enough for coordinates that have many factors of 2.
+    const WEIGHTS: [[i64; 3]; 12] = [
         [11, 13, 8],
         [7, 12, 13],
         [9, 17, 6],
@@ -179,13 +196,13 @@ fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
         [14, 1, 17],
         [23, 5, 4],
     ];
-    let points = weights.into_iter().map(|[u, v, w]: [i64; 3]| {
+    let mut points = WEIGHTS.iter().map(|[u, v, w]| {
         [0, 1, 2].map(|axis| u * i64::from(a[axis]) + v * i64::from(b[axis]) + w * i64::from(c[axis]))
     });
     // Walls lie in the middle between points of the grid.
     let half = (1i64 << SAMPLE_BITS) / 2;
     let is_off = |at: &[i64; 3]| at.iter().all(|at| at & ((1 << SAMPLE_BITS) - 1) != half);
-    points.into_iter().find(is_off)
+    points.find(is_off)
 }
 
 /// Least and greatest coordinates of points, of which there is one at least.

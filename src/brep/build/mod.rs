@@ -4,6 +4,7 @@
 mod arena;
 mod cells;
 mod defects;
+mod division;
 mod items;
 mod pairs;
 mod run;
@@ -12,15 +13,16 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 
 use self::arena::Arena;
-use self::cells::{Cell, Division, Walk, children_of, uniform};
+use self::cells::{Cell, Walk, uniform};
+use self::division::Division;
 use self::items::{ITEM, Items, bounds_of};
-use self::run::{FaceWords, Place, Run, RunBuilder};
+use self::run::{FaceWords, Place, Run, RunBuilder, TRIANGLE_WORDS};
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
 use super::store::writer::ModelWriter;
 use super::{Face, Grid};
-use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
-use crate::geometry::{Box3, Polygon, Stages, Triangulator, triangle};
+use crate::geometry::crossing::{Outline, ring_normal};
+use crate::geometry::{Polygon, Stages, Triangulator};
 use crate::io::{Output, folder};
 use crate::space::{Code, Dimension};
 use crate::store::Metadata;
@@ -139,8 +141,11 @@ impl ModelBuilder {
         if start != face.points.len() || start == 0 {
             return wrong(format!("rings up to corner {start}"), "rings of all corners");
         }
+        if face.points.len() == 3 {
+            return Ok(());
+        }
         let normal = ring_normal(&face.points[..face.ring_ends[0]]);
-        if face.points.len() == 3 || normal == [0; 3] {
+        if normal == [0; 3] {
             return Ok(());
         }
         let first = face.points[0];
@@ -247,25 +252,23 @@ impl Upper<'_> {
             return Ok(uniform(cell, self.bits, out));
         }
         // (A face of a polygon is several times as large as its words.)
-        let needed = run.len() as u64 * (ITEM as u64 / 11 + 1);
-        let fits = needed <= self.memory / 4;
+        let needed = run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64;
+        let fits = needed <= self.memory / 2;
         if !fits && cell.level == self.depth {
             return Err(Error::TooLarge {
                 path: self.writer.path().to_path_buf(),
                 what: "the faces of one of the smallest cells".into(),
                 needed,
-                limit: self.memory / 4,
+                limit: self.memory / 2,
                 advice: "allow more with --memory".into(),
             });
         }
         if fits {
             let length = run.len() as u64;
-            let items = Items::of(&run)?;
-            drop(run);
+            let items = Items::of(run)?;
             let Upper { bits, depth, boolean_faces, stages, progress, .. } = *self;
             let walk = Walk { items: &items, bits, depth, boolean_faces, stages, progress };
-            let list: Vec<u32> = (0..items.len() as u32).collect();
-            let word = walk.cell(cell, &list, out)?;
+            let word = walk.cell(cell, (0..items.len() as u32).collect(), out)?;
             self.store(out)?;
             // (Faces that several cells have count once.)
             let more = length.min(self.total - self.done);
@@ -302,26 +305,28 @@ impl Upper<'_> {
             }
             let (points, ring_ends);
             let corners;
-            let (outline, bounds, children);
+            let (outline, reach, children);
             match face.triangle() {
                 Some(triangle) => {
                     corners = triangle;
-                    bounds = bounds_of(&corners);
-                    let wide = corners.map(|corner| corner.map(|at| 2 * i64::from(at)));
-                    let cuts = |min, max| triangle::intersect(&wide, min, max);
-                    children = division.children(&bounds, &mut stages, cuts);
-                    outline = Outline { points: &corners, ring_ends: &[3], normal: ring_normal(&corners) };
+                    reach = division.reach(&bounds_of(&corners));
+                    let normal = ring_normal(&corners);
+                    children = reach.only_child(&mut stages).unwrap_or_else(|| {
+                        division.children_of_triangle(reach, &corners, normal, &mut stages)
+                    });
+                    outline = Outline { points: &corners, ring_ends: &[3], normal };
                 }
                 None => {
                     (points, ring_ends) = face.rings();
-                    bounds = bounds_of(&points);
+                    reach = division.reach(&bounds_of(&points));
                     let wide: Vec<[i64; 3]> =
                         points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
                     let Ok(polygon) = Polygon::new(&wide, &ring_ends, &mut triangulator) else {
                         unreachable!("faces that are no polygons are refused before: {points:?}")
                     };
-                    let cuts = |min, max| polygon.cuts(&Box3 { min, max });
-                    children = division.children(&bounds, &mut stages, cuts);
+                    children = reach
+                        .only_child(&mut stages)
+                        .unwrap_or_else(|| division.children_of_polygon(reach, &polygon, &mut stages));
                     let normal = ring_normal(&points[..ring_ends[0]]);
                     outline = Outline { points: &points, ring_ends: &ring_ends, normal };
                 }
@@ -331,14 +336,7 @@ impl Upper<'_> {
                     builder.push(face)?;
                 }
             }
-            let ways = division.ways(&bounds);
-            for (way, change) in changes.iter_mut().enumerate() {
-                if ways >> way & 1 == 1 {
-                    let (from, to, axis) = cells::WAYS[way];
-                    let start = FinePoint { at: division.corner(from), bits: 1 };
-                    *change += outline.change_along(axis, &start, division.corner(to)[axis]);
-                }
-            }
+            division.count_changes(reach, || outline, &mut changes);
             Ok(())
         })?;
         self.stages.lock().expect("nobody panics with this lock").add(&stages);
@@ -351,6 +349,6 @@ impl Upper<'_> {
             }
             runs.push(run);
         }
-        Ok((runs, children_of(cell, changes)))
+        Ok((runs, Division::cells(cell, changes)))
     }
 }

@@ -23,48 +23,98 @@ pub(super) enum Contact {
     },
 }
 
+/// The plane of a triangle.
+struct Plane {
+    through: [i32; 3],
+    normal: [i64; 3],
+}
+
+impl Plane {
+    #[inline]
+    fn of(triangle: &Triangle) -> Plane {
+        Plane { through: triangle[0], normal: ring_normal(triangle) }
+    }
+
+    /// The side on which a point lies: 1 where the triangle is counterclockwise, 0 on the plane.
+    #[inline]
+    fn side(&self, point: [i32; 3]) -> i32 {
+        let Plane { through, normal } = self;
+        let from = [0, 1, 2].map(|axis| i64::from(point[axis]) - i64::from(through[axis]));
+        // The normal, of products of two differences of 27 bits, is exact; its products with a third one are rounded.
+        let parts = [0, 1, 2].map(|axis| normal[axis] as f64 * from[axis] as f64);
+        let sum = parts[0] + parts[1] + parts[2];
+        if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * 1e-15 {
+            return if sum > 0.0 { 1 } else { -1 };
+        }
+        let exact: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(from[axis])).sum();
+        exact.signum() as i32
+    }
+}
+
 /// The sign of the volume of the tetrahedron of four points: 1 where the last one is on the side from which the
 /// first three are counterclockwise.
 #[inline]
 fn orientation(a: [i32; 3], b: [i32; 3], c: [i32; 3], d: [i32; 3]) -> i32 {
-    let from_a = |p: [i32; 3]| [0, 1, 2].map(|axis| i64::from(p[axis]) - i64::from(a[axis]));
-    let (b, c, d) = (from_a(b), from_a(c), from_a(d));
-    // Products of two differences of 27 bits are exact; their sums times a difference are rounded.
-    let minors = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
-    let parts = [0, 1, 2].map(|axis| minors[axis] as f64 * d[axis] as f64);
-    let sum = parts[0] + parts[1] + parts[2];
-    if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * 1e-15 {
-        return if sum > 0.0 { 1 } else { -1 };
-    }
-    let exact: i128 = (0..3).map(|axis| i128::from(minors[axis]) * i128::from(d[axis])).sum();
-    exact.signum() as i32
+    Plane::of(&[a, b, c]).side(d)
 }
 
-/// Finds the contact of two triangles that have an area.
-pub(super) fn contact(first: &Piece, second: &Piece) -> Contact {
-    let (a, b) = (&first.corners, &second.corners);
-    let of_b = b.map(|point| orientation(a[0], a[1], a[2], point));
-    if all_on_one_side(of_b) {
-        return Contact::Fine;
+/// Which corners of two triangles are the same: a bit for each pair of them, the first triangle's counting by three.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Shared(u16);
+
+impl Shared {
+    #[inline]
+    pub(super) fn of(a: &Triangle, b: &Triangle) -> Shared {
+        // (Without branches, which would be as often wrong as right.)
+        let same = |pair: usize| u16::from(a[pair / 3] == b[pair % 3]) << pair;
+        Shared((0..9).map(same).sum())
     }
+
+    #[inline]
+    fn has(self, corner_of_b: usize) -> bool {
+        self.0 >> corner_of_b & 0b001_001_001 != 0
+    }
+
+    /// The corner of each that is the same, if there is just one.
+    #[inline]
+    fn only(self) -> Option<(usize, usize)> {
+        let pair = self.0.trailing_zeros() as usize;
+        self.0.is_power_of_two().then_some((pair / 3, pair % 3))
+    }
+
+    /// Whether all of them are such as are asked for.
+    #[inline]
+    pub(super) fn all(self, b: &Triangle, is_such: impl Fn([i32; 3]) -> bool) -> bool {
+        self.0 == 0 || (0..3).all(|corner| !self.has(corner) || is_such(b[corner]))
+    }
+}
+
+/// Finds the contact of two triangles that have an area, and these corners in common.
+pub(super) fn contact(first: &Piece, second: &Piece, shared: Shared) -> Contact {
+    let (a, b) = (&first.corners, &second.corners);
+    let plane_of_a = Plane::of(a);
+    // The sides of shared corners are known.
+    let side_of_b = |corner: usize| if shared.has(corner) { 0 } else { plane_of_a.side(b[corner]) };
+    let of_b = [0, 1, 2].map(side_of_b);
     if of_b == [0; 3] {
         return if overlap(a, b) { Contact::Wrong(DefectKind::Overlap) } else { Contact::Fine };
     }
-    let of_a = a.map(|point| orientation(b[0], b[1], b[2], point));
+    if let Some(pair) = shared.only() {
+        let crosses = wedges_cross(a, b, of_b, pair);
+        return if crosses { Contact::Wrong(DefectKind::Crossing) } else { Contact::Fine };
+    }
+    // Planes that are not the same meet in the line of a common edge, and nowhere else.
+    if shared != Shared(0) || all_on_one_side(of_b) {
+        return Contact::Fine;
+    }
+    let plane_of_b = Plane::of(b);
+    let of_a = a.map(|point| plane_of_b.side(point));
     if all_on_one_side(of_a) {
         return Contact::Fine;
     }
-    let shared: Vec<(usize, usize)> =
-        (0..9).map(|pair| (pair / 3, pair % 3)).filter(|&(i, j)| a[i] == b[j]).collect();
-    match shared[..] {
-        // Planes that are not the same meet in the line of the edge, and nowhere else.
-        [_, _, ..] => Contact::Fine,
-        [(i, j)] if wedges_cross(a, of_a, i, b, of_b, j) => Contact::Wrong(DefectKind::Crossing),
-        [_] => Contact::Fine,
-        [] => match edges_cross(first, second, of_b) {
-            Contact::Fine => edges_cross(second, first, of_a),
-            found => found,
-        },
+    match edges_cross(first, second, of_b) {
+        Contact::Fine => edges_cross(second, first, of_a),
+        found => found,
     }
 }
 
@@ -119,11 +169,16 @@ pub(super) fn passes([from, to]: [[i32; 3]; 2], one: &Triangle, other: &Triangle
     !is_along(from) && !is_along(to) && is_inside(from) != is_inside(to)
 }
 
-/// Whether two triangles that share a corner, and nothing else, pass through each other from there.
-fn wedges_cross(a: &Triangle, of_a: [i32; 3], i: usize, b: &Triangle, of_b: [i32; 3], j: usize) -> bool {
+/// Whether two triangles that share corner `i` of the one and `j` of the other, and nothing else, pass through each
+/// other from there; `of_b` are the sides of the other's corners.
+fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usize)) -> bool {
     // Each has to have corners on both sides of the other.
     let (i1, i2, j1, j2) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
-    if of_a[i1] * of_a[i2] >= 0 || of_b[j1] * of_b[j2] >= 0 {
+    if of_b[j1] * of_b[j2] >= 0 {
+        return false;
+    }
+    let plane_of_b = Plane::of(b);
+    if plane_of_b.side(a[i1]) * plane_of_b.side(a[i2]) >= 0 {
         return false;
     }
     // The planes' common line leaves the corner into each of them, in one direction or in opposite ones. Where it
@@ -178,7 +233,7 @@ mod tests {
     fn both(a: &Triangle, b: &Triangle) -> Option<DefectKind> {
         let conflict = |a: &Triangle, b: &Triangle| {
             let piece = |corners: &Triangle| Piece { corners: *corners, internal: [false; 3] };
-            match contact(&piece(a), &piece(b)) {
+            match contact(&piece(a), &piece(b), Shared::of(a, b)) {
                 Contact::Wrong(kind) => Some(kind),
                 _ => None,
             }
@@ -244,10 +299,11 @@ mod tests {
         assert!(passes(into, &one, &flat));
         let piece = |corners: Triangle| Piece { corners, internal: [false; 3] };
         let b = piece([into[0], into[1], [-9, 0, -20]]);
-        let found = contact(&piece(one), &b);
+        let shared = Shared::of(&one, &b.corners);
+        let found = contact(&piece(one), &b, shared);
         assert!(matches!(found, Contact::Edges { .. }), "{found:?}");
         let internal = Piece { internal: [false, false, true], ..piece(one) };
-        assert_eq!(contact(&internal, &b), Contact::Wrong(DefectKind::Crossing));
+        assert_eq!(contact(&internal, &b, shared), Contact::Wrong(DefectKind::Crossing));
     }
 
     /// Large coordinates, and one unit that decides.

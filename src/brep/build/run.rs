@@ -12,7 +12,7 @@ use crate::io::{Spool, SpooledWords, WordSpooler};
 pub(super) struct FaceWords<'a>(pub(super) &'a [u32]);
 
 /// Words of a triangle.
-const TRIANGLE: usize = 11;
+pub(super) const TRIANGLE_WORDS: usize = 11;
 
 impl<'a> FaceWords<'a> {
     pub(super) fn number(self) -> u32 {
@@ -33,7 +33,7 @@ impl<'a> FaceWords<'a> {
     /// The corners of a triangle; `None` for any other face.
     #[inline]
     pub(super) fn triangle(self) -> Option<[[i32; 3]; 3]> {
-        let points: &[u32; 9] = self.0.get(2..TRIANGLE).filter(|_| self.0[1] == 3)?.try_into().ok()?;
+        let points: &[u32; 9] = self.0.get(2..TRIANGLE_WORDS).filter(|_| self.0[1] == 3)?.try_into().ok()?;
         Some(std::array::from_fn(|corner| std::array::from_fn(|axis| points[3 * corner + axis] as i32)))
     }
 
@@ -54,11 +54,21 @@ impl<'a> FaceWords<'a> {
         words.extend(points.as_flattened().iter().map(|at| *at as u32));
     }
 
+    /// The faces of a list.
+    pub(super) fn all(words: &[u32]) -> impl Iterator<Item = FaceWords<'_>> {
+        let mut rest = words;
+        std::iter::from_fn(move || {
+            let (face, after) = rest.split_at(FaceWords::length(rest)?);
+            rest = after;
+            Some(FaceWords(face))
+        })
+    }
+
     /// Number of words of the face that a list begins with, if enough of them are there to tell.
     fn length(words: &[u32]) -> Option<usize> {
         let corners = *words.get(1)? as usize;
         if corners == 3 {
-            return Some(TRIANGLE);
+            return Some(TRIANGLE_WORDS);
         }
         Some(3 + *words.get(2)? as usize + 3 * corners)
     }
@@ -79,18 +89,25 @@ impl Run {
         }
     }
 
+    /// The words of all faces in order, in memory.
+    pub(super) fn into_words(self) -> Result<Vec<u32>> {
+        match self {
+            Run::Held(words) => Ok(words),
+            Run::Spooled(list, len) => {
+                let mut words = Vec::with_capacity(len);
+                list.each(|chunk| {
+                    words.extend_from_slice(chunk);
+                    Ok(())
+                })?;
+                Ok(words)
+            }
+        }
+    }
+
     /// Hands out all faces in order.
     pub(super) fn each(&self, mut each: impl FnMut(FaceWords<'_>) -> Result<()>) -> Result<()> {
         match self {
-            Run::Held(words) => {
-                let mut rest = words.as_slice();
-                while let Some(length) = FaceWords::length(rest) {
-                    let (face, after) = rest.split_at(length);
-                    each(FaceWords(face))?;
-                    rest = after;
-                }
-                Ok(())
-            }
+            Run::Held(words) => FaceWords::all(words).try_for_each(each),
             Run::Spooled(list, _) => {
                 // The beginning of a face whose end is in the next chunk.
                 let mut open: Vec<u32> = Vec::new();

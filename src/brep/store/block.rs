@@ -49,17 +49,27 @@ impl BlockBuilder {
             self.first = face.number;
         }
         self.is_coloured |= !face.colours.is_empty();
-        let start = self.corners.len() as u32;
+        let start = self.corners.len();
         for (index, &point) in face.points.iter().enumerate() {
             let colour = face.colours.get(index).copied().unwrap_or_default();
-            let next = self.vertices.len() as u32;
-            let number = *self.known.entry((point, colour)).or_insert(next);
-            if number == next {
-                self.vertices.push(point);
-                self.colours.push(colour);
-            }
+            // Most faces have an edge in common with the one before.
+            let is_it = |number: &u32| {
+                let number = *number as usize;
+                self.vertices[number] == point && self.colours[number] == colour
+            };
+            let recent = &self.corners[start.saturating_sub(3)..start];
+            let number = recent.iter().copied().find(is_it).unwrap_or_else(|| {
+                let next = self.vertices.len() as u32;
+                let number = *self.known.entry((point, colour)).or_insert(next);
+                if number == next {
+                    self.vertices.push(point);
+                    self.colours.push(colour);
+                }
+                number
+            });
             self.corners.push(number);
         }
+        let start = start as u32;
         self.ring_ends.extend(face.ring_ends.iter().map(|end| start + *end as u32));
         self.face_ends.push(self.ring_ends.len() as u32);
         self.parts.push(face.part);

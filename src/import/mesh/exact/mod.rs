@@ -193,12 +193,13 @@ pub fn import_exact(
         faces = list.len();
         repaired = Some(done);
     }
+    let displacement = counts.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: frame(&grid, crs), ..Metadata::default() };
     metadata.class_names = (0..).zip(parts).collect();
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
     let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
     let mut tags = vec![
-        ("model.displacement", counts.displacement.to_string()),
+        ("model.displacement", displacement.to_string()),
         ("model.cut_faces", counts.cut.to_string()),
         ("model.slivers", counts.slivers.to_string()),
         ("model.closing_triangles", closed.1.to_string()),
@@ -221,7 +222,7 @@ pub fn import_exact(
         fanned: counts.fanned,
         closed,
         repair: repaired,
-        displacement: counts.displacement,
+        displacement,
         grid,
         unit,
         built,

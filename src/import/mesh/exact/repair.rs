@@ -41,7 +41,7 @@ pub(super) fn repair(
         let mut snapper = Snapper::new(grid.clone(), crate::space::Up::default());
         snapper.is_coloured = faces.is_coloured();
         let is_inside = |winding: i32| winding > 0;
-        let Resolved { pairs, divided, removed, displacement, .. } =
+        let Resolved { pairs, divided, removed, displacement } =
             resolve(&faces, &is_inside, memory, progress, &mut |face| {
                 snapper.face_on_grid(face, &mut |face| {
                     kept.push(face);
@@ -54,7 +54,6 @@ pub(super) fn repair(
                 }
                 error => error,
             })?;
-        eprintln!(faces.len(), kept.len());
         if kept.is_empty() {
             return Err(Error::NoBody {
                 path: path.to_path_buf(),

@@ -17,7 +17,8 @@ pub(super) struct Snapped {
     pub(super) slivers: u64,
     pub(super) cut: u64,
     pub(super) fanned: u64,
-    pub(super) displacement: f64,
+    /// The square of the furthest that a corner was moved.
+    pub(super) squared_displacement: f64,
 }
 
 /// Moves faces to the grid; keeps its buffers from face to face.
@@ -183,8 +184,8 @@ impl Snapper {
                     Error::corrupt(path, "vertices", format!("a vertex at {x}, {y}, {z}"), expected)
                 })?;
                 let there = self.grid.to_world(snapped);
-                let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>().sqrt();
-                self.counts.displacement = self.counts.displacement.max(moved);
+                let moved = (0..3).map(|axis| (there[axis] - point[axis]).powi(2)).sum::<f64>();
+                self.counts.squared_displacement = self.counts.squared_displacement.max(moved);
                 self.add_corner(ring_start, snapped, face.colours.get(corner));
             }
             start = end;
