@@ -37,6 +37,7 @@ read -ra flags <<< "$(pkg-config --cflags --libs spinney)"
 say 'C11 and C++17, without a warning, under AddressSanitizer'
 strict=(-Wall -Wextra -Werror -pedantic -g -fsanitize=address,undefined)
 ${CC:-cc} -std=c11 "${strict[@]}" capi/examples/tile.c -o "$work/tile" "${flags[@]}"
+${CC:-cc} -std=c11 "${strict[@]}" capi/examples/body.c -o "$work/body" "${flags[@]}"
 ${CXX:-c++} -std=c++17 "${strict[@]}" capi/examples/levels.cpp -o "$work/levels" "${flags[@]}"
 # The header alone, in both languages.
 for language in c c++; do
@@ -54,13 +55,28 @@ say 'a tile is that of the program'
 tail -c 1200 "$work/tile.pgm" | cmp - "$work/tile.raw"
 
 say 'levels of files of all kinds'
-for file in $fixtures/*.goblin "$fixtures/history.autumn" "$fixtures/history.autumn@1"; do
+model=$fixtures/chapel.goblin
+for file in $(ls $fixtures/*.goblin | grep -vxF "$model") "$fixtures/history.autumn" "$fixtures/history.autumn@1"; do
     "$work/levels" "$file" > "$work/levels.txt"
     grep -q '^exactly' "$work/levels.txt" || fail "$file: no levels"
 done
-for file in missing.goblin capi/test.sh "$fixtures/history.autumn@77"; do
+for file in missing.goblin capi/test.sh "$fixtures/history.autumn@77" "$model"; do
     if "$work/levels" "$file" 2> "$work/error.txt"; then fail "$file: opened"; fi
     grep -q '^levels: .*' "$work/error.txt" || fail "$file: no message"
+done
+
+say 'an exact model says what the program says'
+"$work/body" $model > "$work/body.txt"
+"$spinney" stats --json $model > "$work/body.json"
+python3 - "$work/body.txt" "$work/body.json" << 'END'
+import json, sys
+told, stats = open(sys.argv[1]).read().split(), json.load(open(sys.argv[2]))
+assert [float(told[1]), float(told[3])] == [stats["volume"], stats["surface"]], (told, stats)
+assert told[5] == "inside" and float(told[7]) < 0, told
+END
+for file in missing.goblin $fixtures/ball.goblin; do
+    if "$work/body" "$file" 2> "$work/error.txt"; then fail "$file: opened as an exact model"; fi
+    grep -q '^body: .*' "$work/error.txt" || fail "$file: no message"
 done
 
 say 'statically'

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use spinney::Result;
 use spinney::export::image::{ImageSpec, create, format_of};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::{Bounds, Dimension, Frame};
@@ -16,6 +17,9 @@ use spinney_fuzz::targets::seal;
 
 use reference::Cut;
 
+#[path = "../tests/common/brep_file.rs"]
+#[allow(unreachable_pub)]
+mod brep_file;
 #[path = "../tests/common/reference.rs"]
 mod reference;
 #[path = "../tests/common/tiff_file.rs"]
@@ -53,6 +57,7 @@ fn main() -> Result<()> {
     autumnals(&put, &project, folder.path())?;
     pictures(&put, &project, folder.path())?;
     meshes(&put);
+    models(&put, folder.path())?;
     texts(&put);
     Ok(())
 }
@@ -286,6 +291,28 @@ fn meshes(put: Put<'_>) {
                     \"Building\",\"geometry\":[{\"type\":\"MultiSurface\",\"lod\":\"1\",\"boundaries\":[[[0,1,2]],[[0,2,1]]]}]}},\
                     \"vertices\":[[0,0,0],[4,0,0],[0,4,1]]}\n";
     put("cityjson", "sequence", sequence.as_bytes());
+}
+
+/// Exact models of a few steps, so that there are cells of all kinds and few of them.
+fn models(put: Put<'_>, folder: &Path) -> Result<()> {
+    let (mesh, path) = (folder.join("mesh.off"), folder.join("model.goblin"));
+    let tetrahedron = "OFF\n4 4 0\n0 0 0\n3 0 0\n0 3 0\n0 0 3\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+    // A beam that leans, and a box beside it.
+    let bodies = "COFF\n12 10 0\n0 0 0 1 2 3\n6 0 2 1 2 3\n0 4 1 1 2 3\n1 1 7 1 2 3\n\
+        5 5 5 9 9 9\n7 5 5 9 9 9\n7 7 5 9 9 9\n5 7 5 9 9 9\n5 5 7 9 9 9\n7 5 7 9 9 9\n7 7 7 9 9 9\n5 7 7 9 9 9\n\
+        3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n4 4 7 6 5\n4 8 9 10 11\n4 4 5 9 8\n4 5 6 10 9\n4 6 7 11 10\n4 7 4 8 11\n";
+    for (name, text) in [("tetrahedron", tetrahedron), ("bodies", bodies)] {
+        fs::write(&mesh, text).unwrap();
+        let mut options = ExactOptions::new();
+        (options.grid, options.boolean_faces) = (Some(1.0), 3);
+        import_exact(open_all(std::slice::from_ref(&mesh), 1 << 20)?, &options, Output::create(&path)?, &())?;
+        let mut file = brep_file::BrepFile::of(&fs::read(&path).unwrap());
+        put("model_read", name, &file.bytes());
+        file = file.cut_everywhere();
+        put("model_read", &format!("{name}_cut"), &file.bytes());
+        fs::remove_file(&path).unwrap();
+    }
+    Ok(())
 }
 
 fn texts(put: Put<'_>) {

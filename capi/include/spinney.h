@@ -7,7 +7,8 @@
 // zero-terminated UTF-8 (paths are the bytes that the system takes). NULL where something is needed is SPINNEY_INVALID.
 // Sizes of buffers are always passed, and one that is too small is SPINNEY_INVALID, with nothing written to it.
 //
-// Threads: any number of them may use a dataset at once, but for spinney_refresh() and spinney_close(), which need it alone.
+// Threads: any number of them may use a dataset or model at once, but for spinney_refresh(), spinney_close() and
+// spinney_model_close(), which need it alone.
 //
 // Files are mapped. Where others may cut a file short while it is read, or it is on a network folder, SPINNEY_POSITIONED
 // reads it instead: a page of a mapping that is lost is a signal (SIGBUS), which a library cannot catch for its caller.
@@ -20,6 +21,15 @@
 
 // For spinney_open(): read at positions, instead of mapping the file.
 #define SPINNEY_POSITIONED 1
+
+// Place of a point, by spinney_model_locate(): outside of the body.
+#define SPINNEY_OUTSIDE -1
+
+// On a face, an edge or a vertex.
+#define SPINNEY_BOUNDARY 0
+
+// Inside the body.
+#define SPINNEY_INSIDE 1
 
 // The outcome of a call.
 typedef enum {
@@ -58,6 +68,9 @@ typedef enum {
 
 // A file, or a view of one.
 typedef struct spinney_dataset spinney_dataset;
+
+// An exact model: the boundary of a body, kept as it is and not as cells.
+typedef struct spinney_model spinney_model;
 
 // Numbers of a dataset.
 typedef struct {
@@ -141,6 +154,51 @@ typedef struct {
 
 // A function that takes blocks; anything but 0 asks to stop.
 typedef int (*spinney_take_block)(void *user, const spinney_block *block);
+
+// Numbers of an exact model.
+typedef struct {
+  // Number of faces.
+  uint64_t faces;
+  // Number of the octree's nodes.
+  uint64_t nodes;
+  // Number of the parts to which faces belong.
+  uint64_t parts;
+  // Levels of the octree.
+  uint32_t depth;
+  // Bits of the grid's coordinates: there are 2^bits points along each axis.
+  uint32_t bits;
+  // Width of the grid's steps in the world.
+  double step;
+  // The grid's least point in the world.
+  double origin[3];
+} spinney_model_info;
+
+// Measures of an exact model, of a density of 1: exact numbers for its grid, each rounded once (but for the area).
+typedef struct {
+  double volume;
+  double area;
+  // Centre of gravity; zeros if has_centre is false, since there is no volume.
+  double centre[3];
+  // Integrals of the products of two coordinates about the centre, row by row.
+  double second_moments[9];
+  // Inertia tensor about the centre, row by row.
+  double inertia[9];
+  bool has_centre;
+} spinney_mass;
+
+// What a ray meets first.
+typedef struct {
+  // How far away it is, in lengths of the ray's direction.
+  double distance;
+  // The place in the world.
+  double point[3];
+  // Number of the face.
+  uint64_t face;
+  // Whether the ray comes from outside.
+  bool is_entry;
+  // Whether anything is met; else the rest is zeros.
+  bool is_hit;
+} spinney_hit;
 
 #ifdef __cplusplus
 extern "C" {
@@ -256,6 +314,55 @@ spinney_status spinney_read_blocks(const spinney_dataset *dataset,
                                    double fill,
                                    spinney_take_block take,
                                    void *user);
+
+// Opens the file of an exact model, as `spinney build --exact` makes them. `flags` is 0 or SPINNEY_POSITIONED. The model is to
+// be closed by spinney_model_close(). Trees of cells are SPINNEY_CORRUPT: spinney_open() is for these.
+spinney_status spinney_model_open(const char *path,
+                                  uint32_t flags,
+                                  spinney_model **model);
+
+// Closes a model; NULL is nothing to close.
+void spinney_model_close(spinney_model *model);
+
+// Fails with SPINNEY_CHANGED if the file was overwritten or cut short since it was opened.
+spinney_status spinney_model_check_unchanged(const spinney_model *model);
+
+// Tells a model's numbers. `info_size` is `sizeof(spinney_model_info)`.
+spinney_status spinney_model_describe(const spinney_model *model,
+                                      spinney_model_info *info,
+                                      size_t info_size);
+
+// Least and greatest coordinates of the surface, exact: `bounds` has room for three and three.
+spinney_status spinney_model_bounds(const spinney_model *model, double (*bounds)[6]);
+
+// Measures the body. `mass_size` is `sizeof(spinney_mass)`. Reads all faces.
+spinney_status spinney_model_measure(const spinney_model *model,
+                                     spinney_mass *mass,
+                                     size_t mass_size);
+
+// Tells of each of `count` points (x, y, z in the world) where it lies: SPINNEY_OUTSIDE, SPINNEY_BOUNDARY or SPINNEY_INSIDE in each of as many bytes. Exact. Works in the
+// calling thread; several may ask at once.
+spinney_status spinney_model_locate(const spinney_model *model,
+                                    const double *points,
+                                    size_t count,
+                                    int8_t *locations,
+                                    size_t location_count);
+
+// Tells how far each of `count` points is from the surface: negative inside, 0 on it, infinite for what is no number. Works in the
+// calling thread, as spinney_model_locate() does.
+spinney_status spinney_model_distance(const spinney_model *model,
+                                      const double *points,
+                                      size_t count,
+                                      double *distances,
+                                      size_t distance_count);
+
+// Finds what a ray from `origin` along `direction` meets first; no ray slips through between two faces. `hit_size` is
+// `sizeof(spinney_hit)`.
+spinney_status spinney_model_ray(const spinney_model *model,
+                                 const double *origin,
+                                 const double *direction,
+                                 spinney_hit *hit,
+                                 size_t hit_size);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -136,13 +136,13 @@ pub unsafe extern "C" fn spinney_open(
 }
 
 #[cfg(unix)]
-fn path_of(path: &CStr) -> Result<PathBuf, Failure> {
+pub(crate) fn path_of(path: &CStr) -> Result<PathBuf, Failure> {
     use std::os::unix::ffi::OsStrExt;
     Ok(std::ffi::OsStr::from_bytes(path.to_bytes()).into())
 }
 
 #[cfg(not(unix))]
-fn path_of(path: &CStr) -> Result<PathBuf, Failure> {
+pub(crate) fn path_of(path: &CStr) -> Result<PathBuf, Failure> {
     path.to_str().map(PathBuf::from).map_err(|_| Failure::invalid("path: got other bytes, expected UTF-8"))
 }
 

@@ -8,6 +8,7 @@
 mod blocks;
 mod dataset;
 mod metadata;
+mod model;
 mod questions;
 mod status;
 #[cfg(test)]
@@ -15,5 +16,6 @@ mod tests;
 
 pub use blocks::*;
 pub use dataset::*;
+pub use model::*;
 pub use questions::*;
 pub use status::*;

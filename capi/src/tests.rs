@@ -389,3 +389,107 @@ fn threads_read_one_dataset_at_once() {
     });
     unsafe { spinney_close(dataset.0) };
 }
+
+fn open_model(name: &str, flags: u32) -> Result<*mut spinney_model, spinney_status> {
+    let path = CString::new(fixture(name)).unwrap();
+    let mut model = null_mut();
+    match unsafe { spinney_model_open(path.as_ptr(), flags, &mut model) } {
+        SPINNEY_OK => Ok(model),
+        status => Err(status),
+    }
+}
+
+#[test]
+fn exact_models_answer_as_the_library() {
+    use engine::brep::questions::{Location, MassProperties};
+    use engine::brep::{ExactModel, Faces};
+    let library = ExactModel::open(fixture("chapel.goblin").as_ref(), &Default::default()).unwrap();
+    for flags in [0, SPINNEY_POSITIONED] {
+        let model = open_model("chapel.goblin", flags).unwrap();
+        let mut info = std::mem::MaybeUninit::<spinney_model_info>::uninit();
+        let size = size_of::<spinney_model_info>();
+        assert_eq!(unsafe { spinney_model_describe(model, info.as_mut_ptr(), size) }, SPINNEY_OK);
+        let info = unsafe { info.assume_init() };
+        assert_eq!((info.faces, info.parts, info.depth, info.bits, info.step), (187, 2, 12, 12, 0.01));
+        assert_eq!((info.nodes, info.origin), (library.nodes().total(), library.grid().to_world([0; 3])));
+        let mut bounds = [0.0; 6];
+        assert_eq!(unsafe { spinney_model_bounds(model, &mut bounds) }, SPINNEY_OK);
+        assert_eq!(bounds.as_slice(), library.bounds().unwrap().as_flattened());
+        let mut mass = std::mem::MaybeUninit::<spinney_mass>::uninit();
+        let size = size_of::<spinney_mass>();
+        assert_eq!(unsafe { spinney_model_measure(model, mass.as_mut_ptr(), size) }, SPINNEY_OK);
+        let (mass, expected) = (unsafe { mass.assume_init() }, MassProperties::of(&library, &()).unwrap());
+        assert_eq!(
+            (mass.volume, mass.area, Some(mass.centre)),
+            (expected.volume, expected.area, expected.centre)
+        );
+        assert!(mass.has_centre && mass.inertia.as_slice() == expected.inertia.as_flattened());
+        assert_eq!(mass.second_moments.as_slice(), expected.second_moments.as_flattened());
+        let [x, y, z] = info.origin;
+        let points: Vec<[f64; 3]> = (0..5000)
+            .map(|i| [x + f64::from(i % 29), y + f64::from(i / 29 % 22) + 0.5, z + f64::from(i / 638) * 1.9])
+            .collect();
+        let (mut places, mut distances) = (vec![9i8; points.len()], vec![0.0; points.len()]);
+        let (from, count) = (points.as_flattened().as_ptr(), points.len());
+        let done = unsafe { spinney_model_locate(model, from, count, places.as_mut_ptr(), count) };
+        assert_eq!(done, SPINNEY_OK);
+        let done = unsafe { spinney_model_distance(model, from, count, distances.as_mut_ptr(), count) };
+        assert_eq!(done, SPINNEY_OK);
+        for ((point, place), distance) in points.iter().zip(&places).zip(&distances) {
+            let expected = match library.locate(*point).unwrap() {
+                Location::Inside => SPINNEY_INSIDE,
+                Location::Outside => SPINNEY_OUTSIDE,
+                Location::Boundary => SPINNEY_BOUNDARY,
+            };
+            assert_eq!(*place, expected, "{point:?}");
+            assert_eq!(*distance, library.signed_distance(*point).unwrap(), "{point:?}");
+        }
+        assert!([-1, 0, 1].iter().all(|place| places.contains(place)));
+        let ray = |origin: [f64; 3], direction: [f64; 3]| {
+            let mut hit = std::mem::MaybeUninit::<spinney_hit>::uninit();
+            let size = size_of::<spinney_hit>();
+            let done = unsafe {
+                spinney_model_ray(model, origin.as_ptr(), direction.as_ptr(), hit.as_mut_ptr(), size)
+            };
+            (done == SPINNEY_OK).then(|| unsafe { hit.assume_init() })
+        };
+        let hit = ray([x + 6.0, y + 5.0, z + 50.0], [0.0, 0.0, -2.0]).unwrap();
+        assert!(hit.is_hit && hit.is_entry && hit.face < 187);
+        assert_eq!((hit.distance, hit.point), (18.0, [x + 6.0, y + 5.0, z + 14.0]));
+        assert!(!ray([x, y, z + 50.0], [0.0, 0.0, 1.0]).unwrap().is_hit);
+        assert!(ray([x; 3], [0.0; 3]).is_none() && ray([f64::NAN; 3], [1.0; 3]).is_none());
+        assert_eq!(unsafe { spinney_model_check_unchanged(model) }, SPINNEY_OK);
+        unsafe { spinney_model_close(model) };
+    }
+}
+
+#[test]
+fn exact_models_refuse_what_makes_no_sense() {
+    assert_eq!(open_model("missing.goblin", 0).err(), Some(SPINNEY_NOT_FOUND));
+    assert!(open_model("ball.goblin", 0).is_err() && !error().is_empty());
+    assert!(open_with(&fixture("chapel.goblin"), &[], 0).is_err(), "no cells");
+    assert_eq!(open_model("chapel.goblin", 6).err(), Some(SPINNEY_INVALID));
+    assert_eq!(unsafe { spinney_model_open(null(), 0, null_mut()) }, SPINNEY_INVALID);
+    let model = open_model("chapel.goblin", 0).unwrap();
+    let (point, mut place, mut distance) = ([0.0; 3], 5i8, 0.0);
+    let mut hit = std::mem::MaybeUninit::<spinney_hit>::uninit();
+    unsafe {
+        assert_eq!(
+            spinney_model_describe(model, null_mut(), size_of::<spinney_model_info>()),
+            SPINNEY_INVALID
+        );
+        assert_eq!(spinney_model_measure(model, null_mut(), 3), SPINNEY_INVALID);
+        assert_eq!(spinney_model_bounds(model, null_mut()), SPINNEY_INVALID);
+        assert_eq!(spinney_model_bounds(null(), &mut [0.0; 6]), SPINNEY_INVALID);
+        assert_eq!(spinney_model_locate(model, point.as_ptr(), 1, &mut place, 2), SPINNEY_INVALID);
+        assert_eq!(spinney_model_locate(model, null(), 1, &mut place, 1), SPINNEY_INVALID);
+        assert_eq!(spinney_model_locate(model, point.as_ptr(), usize::MAX, &mut place, 1), SPINNEY_INVALID);
+        assert_eq!(spinney_model_locate(model, null(), 0, null_mut(), 0), SPINNEY_OK);
+        assert_eq!(spinney_model_distance(model, point.as_ptr(), 1, &mut distance, 0), SPINNEY_INVALID);
+        let size = size_of::<spinney_hit>();
+        assert_eq!(spinney_model_ray(model, null(), point.as_ptr(), hit.as_mut_ptr(), size), SPINNEY_INVALID);
+        assert_eq!(place, 5, "nothing is written");
+        spinney_model_close(model);
+        spinney_model_close(null_mut());
+    }
+}

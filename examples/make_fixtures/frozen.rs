@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use spinney::brep::{Face, Grid, ModelBuilder};
 use spinney::io::Output;
 use spinney::ops::{Edit, FillRegion, edit};
 use spinney::space::{Bounds, Cell, Crs, Dimension, Frame, GeoKeys};
@@ -148,4 +149,106 @@ pub(crate) fn make_history(island: &Island, path: &Path) -> Result<()> {
     let mut bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     bytes[2048..2304].fill(0);
     std::fs::write(path, bytes).map_err(Error::io(path, "write"))
+}
+
+/// Name of the frozen exact model, without `.goblin`.
+pub(crate) const MODEL: &str = "chapel";
+
+/// Names of its parts.
+pub(crate) const PARTS: [&str; 2] = ["nave", "dome"];
+
+/// Colours of its parts.
+pub(crate) const PAINT: [[u8; 3]; 2] = [[200, 190, 170], [90, 130, 110]];
+
+/// Builds the frozen exact model: a nave with a passage through it and a crypt that nobody can enter, and a hollow dome beside
+/// it, in centimetres.
+pub(crate) fn make_model(path: &Path) -> Result<()> {
+    let grid = Grid { bits: 12, origin: [265_000_000, 125_000_000, -100], step: 1.0, divisor: 100.0 };
+    // Rings in x and z along y; what is passed clockwise is a hole.
+    let gable = vec![[100, 100], [1100, 100], [1100, 900], [600, 1400], [100, 900]];
+    let passage = vec![[400, 300], [400, 700], [800, 700], [800, 300]];
+    let crypt = vec![[150, 150], [150, 250], [350, 250], [350, 150]];
+    let mut faces = along_y(&[gable, passage], 100, 2100);
+    faces.extend(along_y(&[crypt], 500, 900));
+    let nave = faces.len();
+    // So thin that cells along the edges have faces of both sides, and are many.
+    faces.extend(dome([2400, 1200, 100], [[20, 0], [18, 180], [14, 290], [8, 370]], 400));
+    let mut inside = dome([2400, 1200, 100], [[19, 20], [17, 170], [13, 275], [7, 350]], 380);
+    inside.iter_mut().flatten().for_each(|ring| ring.reverse());
+    faces.extend(inside);
+    let output = Output::create(path)?;
+    let mut builder = ModelBuilder::new(output, grid, 16 << 20)?.boolean_faces(0);
+    for (number, rings) in (0..).zip(&faces) {
+        let points = rings.concat();
+        let mut end = 0;
+        let ring_ends: Vec<usize> = rings.iter().map(|ring| (end += ring.len(), end).1).collect();
+        let part = u32::from(number >= nave as u64);
+        let colours = vec![PAINT[part as usize]; points.len()];
+        // (As of a file that had two faces more.)
+        let source = number + 2 * u64::from(part);
+        builder.push(&Face {
+            number,
+            points: &points,
+            ring_ends: &ring_ends,
+            colours: &colours,
+            part,
+            source,
+        })?;
+    }
+    let crs = Some(Crs::parse("EPSG:2056")?);
+    let half = |steps: f64| (steps - 0.5) / 100.0;
+    let matrix = [
+        [0.01, 0.0, 0.0, half(265_000_000.0)],
+        [0.0, 0.01, 0.0, half(125_000_000.0)],
+        [0.0, 0.0, 0.01, half(-100.0)],
+    ];
+    let mut metadata = Metadata {
+        frame: Frame { matrix, crs, pixel_is_point: false },
+        class_names: (0..).zip(PARTS.map(String::from)).collect(),
+        provenance: vec!["made by examples/make_fixtures".into()],
+        tags: [("unit".into(), "m".into())].into(),
+        ..Metadata::default()
+    };
+    builder.finish(&mut metadata, &(), &mut |_, _| ()).map(drop)
+}
+
+/// Faces, each a list of rings.
+type Faces = Vec<Vec<Vec<[i32; 3]>>>;
+
+/// Walls over rings of x and z, from one y to another: outwards of those that are counterclockwise with z upwards.
+fn along_y(rings: &[Vec<[i32; 2]>], from: i32, to: i32) -> Faces {
+    let at = |y: i32| move |[x, z]: &[i32; 2]| [*x, y, *z];
+    let front: Vec<Vec<[i32; 3]>> = rings.iter().map(|ring| ring.iter().map(at(from)).collect()).collect();
+    let back: Vec<Vec<[i32; 3]>> = rings.iter().map(|ring| ring.iter().rev().map(at(to)).collect()).collect();
+    let mut faces = vec![front, back];
+    for ring in rings {
+        for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
+            faces.push(vec![vec![at(from)(b), at(from)(a), at(to)(a), at(to)(b)]]);
+        }
+    }
+    faces
+}
+
+/// A dome of triangles over a polygon of twelve sides: rings of a radius, in twentieths of 400, and a height, and its own height.
+fn dome([x, y, z]: [i32; 3], heights: [[i32; 2]; 4], height: i32) -> Faces {
+    const QUARTER: [[i32; 2]; 3] = [[20, 0], [17, 10], [10, 17]];
+    let around = |i: usize| {
+        let [a, b] = QUARTER[i % 3];
+        [[a, b], [-b, a], [-a, -b], [b, -a]][i / 3 % 4]
+    };
+    let at = |ring: usize, i: usize| {
+        let ([a, b], [radius, height]) = (around(i), heights[ring]);
+        [x + radius * a, y + radius * b, z + height]
+    };
+    let top = [x, y, z + height];
+    let mut faces = vec![vec![(0..12).rev().map(|i| at(0, i)).collect()]];
+    for i in 0..12 {
+        for ring in 0..heights.len() - 1 {
+            let [a, b] = [at(ring, i), at(ring, i + 1)];
+            let [c, d] = [at(ring + 1, i + 1), at(ring + 1, i)];
+            faces.extend([vec![vec![a, b, c]], vec![vec![a, c, d]]]);
+        }
+        faces.push(vec![vec![at(heights.len() - 1, i), at(heights.len() - 1, i + 1), top]]);
+    }
+    faces
 }

@@ -3,9 +3,10 @@
 use std::cell::OnceCell;
 use std::path::Path;
 
+use spinney::brep::ExactModel;
 use spinney::dataset;
 use spinney::import::cells::CellList;
-use spinney::import::mesh::{self, Resolution, SolidOptions, plan_models};
+use spinney::import::mesh::{self, ExactOptions, Resolution, SolidOptions, plan_models};
 use spinney::import::raster::{self, ImportOptions, Order, Pixels, RasterOptions, plan};
 use spinney::io::Output;
 use spinney::space::Region;
@@ -126,7 +127,7 @@ macro_rules! meshes {
 
 meshes!(obj "a.obj", ply "a.ply", stl "a.stl", off "a.off", cityjson "a.json");
 
-/// Reads a model twice, and builds it if it has few faces: what was built must be good.
+/// Reads a model twice, and builds cells and an exact model of it if it has few faces: what was built must be good.
 fn read_mesh(path: &Path) -> Result<()> {
     let mut model = mesh::open(path, MEMORY)?;
     let mut count = || {
@@ -147,8 +148,15 @@ fn read_mesh(path: &Path) -> Result<()> {
     options.resolution = Resolution::Cells(16);
     options.memory = 2 * MEMORY;
     let built = path.with_extension("goblin");
-    plan_models(vec![model], &options)?.build(Output::create(&built)?, &())?;
-    check_built(&built);
+    if plan_models(vec![model], &options).and_then(|plan| plan.build(Output::create(&built)?, &())).is_ok() {
+        check_built(&built);
+    }
+    let mut options = ExactOptions::new();
+    (options.close, options.memory) = (faces % 2 == 0, 2 * MEMORY);
+    mesh::import_exact(vec![mesh::open(path, MEMORY)?], &options, Output::create(&built)?, &())?;
+    let model = ExactModel::open(&built, &OpenOptions::new())?;
+    assert_eq!(model.verify(&()).unwrap(), []);
+    super::models::questions(&model).unwrap();
     Ok(())
 }
 

@@ -6,6 +6,7 @@
 pub mod disk;
 pub mod edits;
 mod importers;
+pub mod models;
 pub mod seal;
 mod texts;
 pub mod trees;
@@ -14,6 +15,7 @@ pub use edits::{autumnal_edit, autumnal_file};
 pub use importers::{
     cells, cityjson, exr, hgt, jpeg, obj, off, ply, png, sidecar, stl, tiff, webp, world_file,
 };
+pub use models::model_read;
 pub use texts::{crs_text, df_text, step_text};
 pub use trees::{autumnal_read, goblin_read};
 
@@ -21,7 +23,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 21] = [
+pub const TARGETS: [(&str, Target); 22] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_read", autumnal_read),
@@ -33,6 +35,7 @@ pub const TARGETS: [(&str, Target); 21] = [
     ("goblin_read", goblin_read),
     ("hgt", hgt),
     ("jpeg", jpeg),
+    ("model_read", model_read),
     ("obj", obj),
     ("off", off),
     ("ply", ply),

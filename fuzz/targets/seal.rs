@@ -71,9 +71,16 @@ pub fn trailer(file: &[u8]) -> Option<usize> {
     end.checked_sub(short(file, end) as usize)
 }
 
-/// Seals a Goblin file: header, segments, directory, metadata, trailer.
+/// Offset of the header's field that tells what the values are, and what it is of exact models.
+const KIND: usize = 16;
+const MODEL: u8 = 2;
+/// Bytes of an entry of an exact model's lists.
+const MODEL_ENTRY: usize = 24;
+
+/// Seals a Goblin file, also of an exact model: header, segments, directory, metadata, trailer.
 pub fn goblin(file: &mut [u8]) {
     seal(file, 0, HEADER - 4, HEADER - 4);
+    let is_model = file.get(KIND) == Some(&MODEL);
     let Some(trailer) = trailer(file) else { return };
     let end = file.len() - END;
     let channels = usize::from(file.get(14).copied().unwrap_or(1).clamp(1, 4));
@@ -85,7 +92,9 @@ pub fn goblin(file: &mut [u8]) {
             continue;
         }
         let (offset, length) = (offset as usize, length as usize);
-        if file[at..].starts_with(b"DIRE") {
+        if is_model && [b"DIRE", b"FACE"].iter().any(|tag| file[at..].starts_with(*tag)) {
+            model_entries(file, offset, offset + length);
+        } else if file[at..].starts_with(b"DIRE") {
             entries(file, offset, offset + length, 48 + 48 * channels);
         }
         seal(file, offset, offset + length, at + 4);
@@ -102,6 +111,16 @@ fn entries(file: &mut [u8], start: usize, end: usize, size: usize) {
         }
         set_short(file, entry + 36, 0);
         seal(file, entry, entry + size, entry + 36);
+    }
+}
+
+/// Seals what the entries of an exact model's list lead to: blocks of faces, or segments.
+fn model_entries(file: &mut [u8], start: usize, end: usize) {
+    for entry in (start..end).step_by(MODEL_ENTRY).filter(|entry| entry + MODEL_ENTRY <= end) {
+        if let Some(piece) = part(file, long(file, entry + 8), short(file, entry + 16).into()) {
+            let checksum = crc32c::crc32c(piece);
+            set_short(file, entry + 20, checksum);
+        }
     }
 }
 

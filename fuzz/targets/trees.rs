@@ -16,7 +16,7 @@ use spinney::store::goblin::Goblin;
 use super::seal;
 
 /// Bytes that cannot be seen where they are, as those of files that are read at positions.
-struct Copied(Vec<u8>);
+pub struct Copied(pub Vec<u8>);
 
 impl ReadBackend for Copied {
     fn len(&self) -> u64 {
@@ -32,6 +32,12 @@ impl ReadBackend for Copied {
     }
 }
 
+/// One way to the bytes or the other, the same for the same bytes.
+pub fn backend(file: Vec<u8>) -> Box<dyn ReadBackend> {
+    let is_copied = crc32c::crc32c(&file).is_multiple_of(4);
+    if is_copied { Box::new(Copied(file)) } else { Box::new(file) }
+}
+
 /// A Goblin file whose checksums are made right.
 pub fn goblin_read(bytes: &[u8]) {
     let mut file = bytes.to_vec();
@@ -42,10 +48,9 @@ pub fn goblin_read(bytes: &[u8]) {
 
 /// Asks everything of a Goblin file.
 pub fn ask_goblin(file: Vec<u8>) {
-    // One way to the bytes or the other, the same for the same bytes.
-    let is_copied = crc32c::crc32c(&file).is_multiple_of(4);
-    let backend: Box<dyn ReadBackend> = if is_copied { Box::new(Copied(file)) } else { Box::new(file) };
-    let Ok(file) = Goblin::from_backend(Path::new("(fuzz)"), backend, &OpenOptions::new()) else { return };
+    let Ok(file) = Goblin::from_backend(Path::new("(fuzz)"), backend(file), &OpenOptions::new()) else {
+        return;
+    };
     if let Ok(tree) = Dataset::of(file.into()) {
         ask(&tree);
     }

@@ -11,6 +11,13 @@ Any part at any level of detail is read straight from the file::
         ds.sample([(305000, 3196000)])          # values at places in the world
         ds.stats(bbox=(303000, 3194000, 307000, 3198000))
 
+Exact models, the boundaries of bodies kept as they are, are built by `build_exact` and opened by `open_exact`::
+
+    with spinney.open_exact("house.goblin") as model:
+        model.mass().volume
+        model.contains(points)                  # exact, for an array of points
+        trimesh.Trimesh(*model.triangles())
+
 Trees are made of picture files, models of solids and arrays (`build`), of other trees (`transform`, `combine`), and
 changed in place (`edit`). With xarray installed, `xarray.open_dataset(path, engine="spinney")` opens them lazily.
 
@@ -25,6 +32,7 @@ nothing is left behind. Everything but a few lines runs without the interpreter'
 from ._build import build
 from ._dataset import Dataset, Level, open
 from ._edit import Edit, edit
+from ._exact import ExactModel, build_exact, open_exact
 from ._files import combine, compact, cross, diff, log, publish, recover, transform, verify
 from ._native import version as __version__
 from ._types import (
@@ -32,14 +40,21 @@ from ._types import (
     Blocks,
     BoundingBox,
     Box,
+    BuiltModel,
     Commit,
+    Coverage,
     Differences,
+    Euler,
+    Faces,
     Finding,
     Hits,
+    Mass,
     Mesh,
     Outcome,
     Solid,
     Statistics,
+    Surface,
+    SurfaceHits,
     Transform,
     ZoneStatistics,
 )
@@ -49,21 +64,30 @@ __all__ = [
     "Blocks",
     "BoundingBox",
     "Box",
+    "BuiltModel",
     "Commit",
+    "Coverage",
     "Dataset",
     "Differences",
     "Edit",
+    "Euler",
+    "ExactModel",
+    "Faces",
     "Finding",
     "Hits",
     "Level",
+    "Mass",
     "Mesh",
     "Outcome",
     "Solid",
     "Statistics",
+    "Surface",
+    "SurfaceHits",
     "Transform",
     "ZoneStatistics",
     "__version__",
     "build",
+    "build_exact",
     "combine",
     "compact",
     "cross",
@@ -71,6 +95,7 @@ __all__ = [
     "edit",
     "log",
     "open",
+    "open_exact",
     "publish",
     "recover",
     "transform",

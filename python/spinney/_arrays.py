@@ -106,3 +106,9 @@ def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np
     if array.ndim != 2 or array.shape[1] != axes:
         raise ValueError(f"{name}: expected an array of shape (n, {axes}), got {array.shape}")
     return array
+
+
+def rows_of(points: Any, name: str) -> npt.NDArray[np.float64]:
+    """Points as rows; one alone is a row."""
+    array = np.asarray(points if hasattr(points, "__array__") else list(points), dtype=np.float64)
+    return points_of(array[None] if array.ndim == 1 and array.size else array, 3, name)

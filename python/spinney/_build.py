@@ -78,7 +78,7 @@ def build(
     size = memory_of(memory)
     if depth is not None and not 0 <= depth <= 64:
         raise ValueError(f"depth: {depth}, expected a number of levels")
-    system = _crs_text(crs)
+    system = crs_text(crs)
     common: dict[str, Any] = {"kind": kind, "rule": rule, "nodata": nodata, "crs": system, "depth": depth, "memory": size, "share": share}
     for_files = {
         "bands": bands,
@@ -104,7 +104,7 @@ def build(
         "units": units,
         "tags": tags,
     }
-    paths = _paths(source)
+    paths = paths_of(source)
     if paths is not None:
         _refuse("arrays", for_arrays)
         six = None if transform is None else _six(transform)
@@ -121,7 +121,7 @@ def build(
         # (What is said here counts.)
         dims, kind, nodata = dims or told["dims"], kind or told["kind"], told["nodata"] if nodata is None else nodata
         transform = told["transform"] if transform is None else transform
-        common |= {"kind": kind, "nodata": nodata, "crs": system or _crs_text(told["crs"])}
+        common |= {"kind": kind, "nodata": nodata, "crs": system or crs_text(told["crs"])}
         categories = categories or told["categories"]
         scales, offsets = scales or told["scales"], offsets or told["offsets"]
     array = _Blocks(source, dims, shape, dtype, mask)
@@ -151,7 +151,7 @@ def build(
         _native.build_array(array.read, os.fspath(out), options, tell)
 
 
-def _paths(source: Any) -> list[str] | None:
+def paths_of(source: Any) -> list[str] | None:
     """Names of files, if the source is that."""
     if isinstance(source, str | os.PathLike):
         return [str(os.fspath(source))]
@@ -166,7 +166,7 @@ def _refuse(what: str, options: dict[str, Any]) -> None:
             raise TypeError(f"{name}: is for {what}")
 
 
-def _crs_text(crs: Any) -> str | None:
+def crs_text(crs: Any) -> str | None:
     """The definition of a coordinate system, from text or what rasterio and pyproj have."""
     if crs is None or isinstance(crs, str):
         return crs

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _native
-from ._arrays import points_of
+from ._arrays import points_of, rows_of
 from ._files import log
 from ._progress import telling
 from ._types import (
@@ -495,7 +495,7 @@ class Dataset(_native.Tree):
     ) -> Hits:
         """What rays in the world hit first: cells that are at least half full, or with `smooth` the surface between
         them. One origin or one direction serves all rays."""
-        starts, ways = np.broadcast_arrays(_rows(origins, "origins"), _rows(directions, "directions"))
+        starts, ways = np.broadcast_arrays(rows_of(origins, "origins"), rows_of(directions, "directions"))
         distance, points, cells = self._cast_rays(
             np.ascontiguousarray(starts), np.ascontiguousarray(ways), level, smooth
         )
@@ -637,11 +637,6 @@ class Level:
 def _reopen(path: str, view: list[str], commit: int | None, positioned: bool) -> Dataset:
     return Dataset(path, view, commit, positioned)
 
-
-def _rows(points: Any, name: str) -> npt.NDArray[np.float64]:
-    """Points as rows; one alone is a row."""
-    array = np.asarray(points if hasattr(points, "__array__") else list(points), dtype=np.float64)
-    return points_of(array[None] if array.ndim == 1 and array.size else array, 3, name)
 
 
 def _as_array(array: Array, dtype: npt.DTypeLike | None, copy: bool | None) -> Array:

@@ -253,6 +253,140 @@ class Hits:
         return ~np.isnan(self.distance)
 
 
+@dataclass(frozen=True)
+class BuiltModel:
+    """Counts of an exact model that was built."""
+
+    read: int
+    """Faces of the files."""
+    faces: int
+    """Faces of the model."""
+    collapsed: int
+    """Faces that are points or lines on the grid, and were left out."""
+    slivers: int
+    """Faces without area on the grid, which stay and bound nothing."""
+    cut: int
+    """Faces that the grid has bent, cut into triangles."""
+    fanned: int
+    """Faces that cross themselves, cut into triangles."""
+    closed_boundaries: int
+    """Boundaries that were closed."""
+    closing_triangles: int
+    """Triangles that close them."""
+    displacement: float
+    """The farthest that a corner was moved to the grid."""
+    step: float
+    """Width of the grid's steps."""
+    bits: int
+    """Bits of the grid's coordinates."""
+    nodes: dict[str, int]
+    """Nodes of the octree by kind."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mass:
+    """Measures of an exact model: exact numbers for its grid, each rounded once (but for the area)."""
+
+    volume: float
+    area: float
+    centre: tuple[float, float, float] | None
+    """Centre of gravity; `None` if there is no volume."""
+    second_moments: npt.NDArray[np.float64]
+    """Integrals of the products of two coordinates about the centre."""
+    inertia: npt.NDArray[np.float64]
+    """Inertia tensor about the centre."""
+
+
+@dataclass(frozen=True)
+class Euler:
+    """Numbers of the entities of a surface: V - E + F - R + B = 2 (S - G)."""
+
+    vertices: int
+    edges: int
+    faces: int
+    inner_rings: int
+    """Rings beside the first of each face."""
+    shells: int
+    boundaries: int
+    """0 of a closed surface."""
+    genus: int | None
+    """Handles of all shells; `None` if that is no number."""
+
+
+class Coverage(NamedTuple):
+    """The part of a cell that is inside."""
+
+    share: float
+    """Of the cell, 0 to 1."""
+    volume: float
+    centre: tuple[float, float, float] | None
+    """Centre of gravity; `None` if there is nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Points of a surface, one per row of the arrays."""
+
+    distance: npt.NDArray[np.float64]
+    """From the points that were asked for; NaN for what is no number."""
+    points: npt.NDArray[np.float64]
+    faces: npt.NDArray[np.int64]
+    """Numbers of the faces on which they lie; -1 where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceHits:
+    """Where rays meet a surface, one per row of the arrays."""
+
+    distance: npt.NDArray[np.float64]
+    """Lengths of the direction; NaN where nothing is hit."""
+    points: npt.NDArray[np.float64]
+    """Coordinates in the world; NaN where nothing is hit."""
+    faces: npt.NDArray[np.int64]
+    """Numbers of the faces; -1 where nothing is hit."""
+    entering: npt.NDArray[np.bool_]
+    """Whether the ray comes from outside."""
+
+    @property
+    def hit(self) -> npt.NDArray[np.bool_]:
+        """Whether each ray hits anything."""
+        return ~np.isnan(self.distance)
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Planar faces with holes: a face has rings, the outer one first, and a ring has corners, counterclockwise seen from
+    outside (holes the other way round)."""
+
+    vertices: npt.NDArray[np.float64]
+    """Coordinates in the world, a row each."""
+    corners: npt.NDArray[np.int64]
+    """Vertices of all rings."""
+    ring_ends: npt.NDArray[np.int64]
+    """Where each ring ends in `corners`."""
+    face_ends: npt.NDArray[np.int64]
+    """Where each face ends in `ring_ends`."""
+    numbers: npt.NDArray[np.int64]
+    """Numbers of the faces in the model."""
+    parts: npt.NDArray[np.int64]
+    """Numbers of the parts to which they belong."""
+    sources: npt.NDArray[np.int64]
+    """Numbers of the faces of the file from which the model was made."""
+    colours: npt.NDArray[np.uint8] | None
+    """Red, green, blue of each corner."""
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def rings(self, index: int) -> list[npt.NDArray[np.float64]]:
+        """The rings of a face by its place in these arrays, as coordinates."""
+        index = range(len(self))[index]
+        first = self.face_ends[index - 1] if index else 0
+        ends = self.ring_ends[first : self.face_ends[index]]
+        starts = [self.ring_ends[first - 1] if first else 0, *ends[:-1]]
+        return [self.vertices[self.corners[start:end]] for start, end in zip(starts, ends)]
+
+
 def commit_of(facts: dict[str, Any]) -> Commit:
     """The commit that the native part describes."""
     time = facts["time"]

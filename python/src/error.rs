@@ -28,7 +28,7 @@ pub(crate) fn raised(error: Error) -> PyErr {
         | Error::Changed { .. }
         | Error::Moved { .. }
         | Error::Poisoned { .. } => PyOSError::new_err(text),
-        Error::Unsupported { .. } | Error::TooLarge { .. } | Error::Invalid { .. } => {
+        Error::Unsupported { .. } | Error::TooLarge { .. } | Error::NoBody { .. } | Error::Invalid { .. } => {
             PyValueError::new_err(text)
         }
         Error::Interrupted => PyKeyboardInterrupt::new_err(text),

@@ -6,6 +6,7 @@ use numpy::PyArray2;
 use numpy::ndarray::Array2;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use spinney::brep::{ExactModel, is_model_file};
 use spinney::dataset;
 use spinney::io::Output;
 use spinney::ops::{self, Chain, FdRange, Operation, Outcome, Prefer, Step, Universe};
@@ -166,6 +167,9 @@ pub(crate) fn verify(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Vec<(String, String)>> {
     let findings = jobs::run(py, progress, |work| {
+        if is_model_file(&path) {
+            return ExactModel::open(&path, &OpenOptions::new())?.verify(work);
+        }
         let tree = dataset::open(&path, &OpenOptions::new())?;
         if quick { tree.verify_quickly(memory, work) } else { tree.verify(memory, work) }
     })?;

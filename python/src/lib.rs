@@ -10,6 +10,8 @@ mod error;
 mod files;
 mod index;
 mod jobs;
+mod model;
+mod model_faces;
 mod part;
 mod questions;
 mod read;
@@ -31,6 +33,8 @@ mod _native {
     use super::edit::Editor;
     #[pymodule_export]
     use super::files::{combine, compact, cross, diff, log, publish, recover, transform, verify};
+    #[pymodule_export]
+    use super::model::{Model, build_exact};
     #[pymodule_export]
     use super::tree::Tree;
     use pyo3::prelude::*;

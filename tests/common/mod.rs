@@ -1,6 +1,7 @@
 //! Helpers shared by the integration tests.
 #![allow(dead_code, unreachable_pub)] // each test program uses some of them
 
+pub mod brep_file;
 pub mod command;
 #[cfg(feature = "mesh")]
 pub mod exact;

@@ -2,6 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use spinney::brep::questions::{Location, MassProperties};
+use spinney::brep::topology::Topology;
+use spinney::brep::{ExactModel, FaceBuffer, Faces};
 use spinney::space::Code;
 use spinney::store::autumnal::{Autumnal, History};
 use spinney::store::goblin::Goblin;
@@ -207,3 +210,56 @@ fn segments() {
     let zone = file.zone(0).unwrap();
     assert_eq!((zone.cells, zone.min, zone.max), (300_000, byte(0), byte(120)));
 }
+
+/// The exact model: a nave with a passage and a crypt, and a hollow dome.
+#[test]
+fn chapel() {
+    let path = fixture(frozen::MODEL);
+    let folder = tempfile::tempdir().unwrap();
+    let made = folder.path().join("chapel.goblin");
+    frozen::make_model(&made).unwrap();
+    assert!(std::fs::read(&made).unwrap() == std::fs::read(&path).unwrap(), "{} differs", frozen::MODEL);
+    let positioned = ExactModel::open(&path, &OpenOptions::new().positioned(64 << 20)).unwrap();
+    let mapped = ExactModel::open(&path, &OpenOptions::new()).unwrap();
+    for model in [positioned, mapped] {
+        assert_eq!(model.verify(&()).unwrap(), []);
+        assert_eq!(
+            (model.parts(), model.metadata().tags["unit"].as_str()),
+            (&frozen::PARTS.map(String::from)[..], "m")
+        );
+        assert_eq!(model.metadata().frame.crs.as_ref().unwrap().to_string(), "EPSG:2056");
+        assert!(model.segments() > 1, "{} segments", model.segments());
+        let mut buffer = FaceBuffer::default();
+        model.face(0, &mut buffer).unwrap();
+        let gable = buffer.face();
+        assert_eq!((gable.rings().count(), gable.points.len(), gable.colours[0]), (2, 9, frozen::PAINT[0]));
+        model.face(model.len() - 1, &mut buffer).unwrap();
+        let last = buffer.face();
+        assert_eq!((last.part, last.source, last.colours[2]), (1, last.number + 2, frozen::PAINT[1]));
+        // One piece with a hole through it, a cavity, and a dome with another.
+        let euler = Topology::of(&model, &Default::default(), &()).unwrap().euler();
+        assert_eq!((euler.shells, euler.genus, euler.rings, euler.boundaries), (4, Some(1), 2, 0));
+        let nave = 20.0 * (10.0 * 8.0 + 10.0 * 5.0 / 2.0 - 4.0 * 4.0) - 2.0 * 4.0;
+        let dome = DOME as f64 / 6e6;
+        let volume = MassProperties::of(&model, &()).unwrap().volume;
+        assert!((volume - nave - dome).abs() < 1e-9, "{volume}");
+        let at = |x: f64, y: f64, z: f64| model.locate([2_650_000.0 + x, 1_250_000.0 + y, z - 1.0]).unwrap();
+        for (point, location) in [
+            ([2.0, 2.0, 2.0], Location::Inside),
+            ([6.0, 10.0, 5.0], Location::Outside),
+            ([2.0, 7.0, 2.0], Location::Outside),
+            ([6.0, 5.0, 13.99], Location::Inside),
+            ([6.0, 5.0, 14.01], Location::Outside),
+            ([6.0, 5.0, 14.0], Location::Boundary),
+            ([24.0, 12.0, 4.99], Location::Inside),
+            ([24.0, 12.0, 4.0], Location::Outside),
+            ([28.0, 12.0, 1.0], Location::Boundary),
+            ([28.0, 12.0, 3.0], Location::Outside),
+        ] {
+            assert_eq!(at(point[0], point[1], point[2]), location, "{point:?}");
+        }
+    }
+}
+
+/// Six times the volume of the dome in cubic centimetres, which is the sum of the determinants of its triangles.
+const DOME: i64 = 164_519_480;

@@ -12,6 +12,7 @@ mod targets;
 
 mod attack_autumnal;
 mod attack_goblin;
+mod attack_model;
 mod autumnal;
 mod autumnal_crash;
 mod autumnal_damage;

@@ -95,6 +95,13 @@ impl ExactModel {
             let expected = format!("{} segments", segments.len());
             return Err(Error::corrupt(path, "trailer", format!("{}", trailer.segments), expected));
         }
+        // Pieces that are stored once each: the work of going through all of them goes with the file's size.
+        let bytes = segments.check(path, &*backend)?.saturating_add(blocks.check(path, &*backend)?);
+        let room = end.saturating_sub(HEADER_SIZE as u64);
+        if bytes > room {
+            let found = format!("{bytes} bytes of faces and segments");
+            return Err(Error::corrupt(path, "lists", found, format!("at most the {room} before the lists")));
+        }
         // Part numbers stand for the names; one that has none is as good as a name.
         let names = &metadata.class_names;
         let count = names.last_key_value().map_or(1, |(last, _)| last.saturating_add(1).clamp(1, 1 << 24));

@@ -80,6 +80,22 @@ impl Pieces {
         self.len
     }
 
+    /// Checks that keys ascend; returns the bytes of all pieces together.
+    pub(crate) fn check(&self, path: &Path, backend: &dyn ReadBackend) -> Result<u64> {
+        let (mut before, mut bytes) = (None, 0u64);
+        for index in 0..self.len {
+            let Entry { key, length, .. } = self.entry(backend, index);
+            if before.is_some_and(|before| before >= key) {
+                let place = format!("{} {index}", self.name);
+                return Err(Error::corrupt(path, place, format!("key {key:x}"), "keys that ascend"));
+            }
+            before = Some(key);
+            // (Fewer than 2^61 entries of less than 2^32 each, of which all are in a file.)
+            bytes = bytes.saturating_add(length.into());
+        }
+        Ok(bytes)
+    }
+
     fn list<'f>(&'f self, backend: &'f dyn ReadBackend) -> &'f [u8] {
         match &self.list {
             ListBytes::Mapped(start) => backend.bytes().and_then(|all| all.get(*start..)).unwrap_or_default(),

@@ -177,9 +177,13 @@ impl<'a> Segment<'a> {
         if self.words == 0 {
             return Err("no nodes".into());
         }
-        if let Some(face) =
-            (0..self.faces as u32).map(|local| self.face(local)).find(|face| u64::from(*face) >= faces)
-        {
+        // Each face once, so that no leaf has more to do than there are faces.
+        let mut numbers: Vec<u32> = (0..self.faces as u32).map(|local| self.face(local)).collect();
+        numbers.sort_unstable();
+        if let Some(pair) = numbers.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(format!("face {} twice", pair[0]));
+        }
+        if let Some(face) = numbers.last().filter(|face| u64::from(**face) >= faces) {
             return Err(format!("face {face} of {faces}"));
         }
         // Records stand in preorder, without gaps: each is reached once, and the walk has an end.

@@ -125,8 +125,8 @@ impl Summary {
             return Err(corrupt(format!("{nodes:?}"), "fewer nodes"));
         }
         let faces = u64::from_le_bytes(eight(48));
-        if faces > 1 << 32 {
-            return Err(corrupt(format!("{faces} faces"), "at most 2^32"));
+        if !(1..1 << 32).contains(&faces) {
+            return Err(corrupt(format!("{faces} faces"), "1 or more, fewer than 2^32"));
         }
         Ok(Summary { grid, faces, nodes })
     }

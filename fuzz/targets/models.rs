@@ -1,0 +1,134 @@
+//! Exact models read: opened, asked everything, verified, written as meshes, and taken for a model to build of.
+
+use std::path::Path;
+
+use spinney::Result;
+use spinney::brep::questions::MassProperties;
+use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{ExactModel, FaceBuffer, Faces, Node};
+use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::import::mesh;
+use spinney::io::Output;
+use spinney::store::OpenOptions;
+
+use super::importers::in_file;
+use super::{seal, trees};
+
+/// A file of an exact model whose checksums are made right.
+pub fn model_read(bytes: &[u8]) {
+    let mut file = bytes.to_vec();
+    seal::goblin_end(&mut file);
+    seal::goblin(&mut file);
+    ask_model(file);
+}
+
+/// Asks everything of a file of an exact model. If verification finds nothing, no question may fail.
+pub fn ask_model(file: Vec<u8>) {
+    let Ok(model) =
+        ExactModel::from_backend(Path::new("(fuzz)"), trees::backend(file.clone()), &OpenOptions::new())
+    else {
+        return;
+    };
+    let asked = questions(&model);
+    // (What takes longer, of some files only.)
+    if crc32c::crc32c(&file) % 8 < 2 {
+        // (Faces that bound no body may be no surface that can be written or walked on.)
+        let _ = topology(&model);
+        exports(&model);
+        in_file("model.goblin", &file, |path| {
+            let Ok(mut model) = mesh::open(path, 1 << 20) else { return };
+            let _ = model.faces(&mut |_| Ok(()));
+        });
+    }
+    if model.verify(&()).unwrap().is_empty() {
+        asked.unwrap();
+    }
+}
+
+/// Asks whatever has an answer soon.
+pub fn questions(model: &ExactModel) -> Result<()> {
+    let grid = model.grid();
+    let _ = (model.nodes().total(), model.sections(), model.segments(), model.metadata());
+    assert!(model.depth() <= grid.bits && !model.parts().is_empty());
+    let mut done = Ok(());
+    let mut note = |result: Result<()>| {
+        if done.is_ok() {
+            done = result;
+        }
+    };
+    note(model.is_coloured().map(drop));
+    note(model.bounds().map(drop));
+    note(MassProperties::of(model, &()).map(drop));
+    note(model.root().and_then(|root| nodes(model, &root)));
+    // Corners of faces, points between them, and points that are far away or none.
+    let most = (1 << grid.bits) - 1;
+    let mut points: Vec<[f64; 3]> =
+        [[0; 3], [most; 3], [most / 2, 1, most / 3]].map(|point| grid.to_world(point)).into();
+    let mut buffer = FaceBuffer::default();
+    for number in [0, 1, 7, model.len() - 1] {
+        if model.face(number, &mut buffer).is_ok() {
+            let face = buffer.face();
+            assert!(u64::from(face.part) < model.parts().len() as u64);
+            points.extend(face.points.iter().take(2).map(|point| grid.to_world(*point)));
+        }
+    }
+    let [first, last] = [points[0], points[points.len() - 1]];
+    points.push([0, 1, 2].map(|axis| first[axis] / 3.0 + last[axis] / 1.5));
+    points.extend([[f64::NAN; 3], [f64::INFINITY, 0.0, 0.0], [-1e300; 3]]);
+    note(model.locate_all(&points, &mut Vec::new()));
+    for pair in points.windows(2) {
+        let direction = [0, 1, 2].map(|axis| pair[1][axis] - pair[0][axis]);
+        note(model.nearest(pair[0]).map(drop));
+        note(model.signed_distance(pair[0]).map(drop));
+        note(model.ray(pair[0], direction).map(drop));
+        note(model.crossings(pair[0], pair[1]).map(drop));
+        let [min, max] = [f64::min, f64::max].map(|f| [0, 1, 2].map(|axis| f(pair[0][axis], pair[1][axis])));
+        // (Boxes of what is no number are refused.)
+        if min.iter().chain(&max).all(|at| at.is_finite()) {
+            note(model.place_of_box(min, max).map(drop));
+        } else {
+            let _ = model.place_of_box(min, max);
+        }
+    }
+    for level in [0, model.depth() / 2, grid.bits] {
+        let most = ((1u64 << level) - 1) as u32;
+        for position in [[0; 3], [most; 3], [most / 2, 0, most]] {
+            note(model.cell_coverage(level, position, &()).map(drop));
+        }
+    }
+    done
+}
+
+/// Goes through a node and all below it.
+fn nodes(model: &ExactModel, node: &Node<'_>) -> Result<()> {
+    let _ = (node.state(), node.world_box(model.grid()), node.faces().count());
+    for child in model.children(node)?.iter().flatten() {
+        nodes(model, child)?;
+    }
+    Ok(())
+}
+
+/// Makes a topology, and walks on it.
+fn topology(model: &ExactModel) -> Result<()> {
+    let options = TopologyOptions { memory: 16 << 20, ..TopologyOptions::default() };
+    let topology = Topology::of(model, &options, &())?;
+    let _ = (topology.euler(), topology.boundaries().count());
+    for shell in 0..topology.shells() {
+        let _ = (topology.six_volumes(shell), topology.vertices_of_shell(shell).count());
+    }
+    for vertex in 0..topology.vertices() {
+        let _ = topology.faces_of_vertex(vertex).count();
+    }
+    Ok(())
+}
+
+/// Writes all formats of meshes.
+fn exports(model: &ExactModel) {
+    use MeshFormat::{CityJson, Obj, Off, Ply, Stl};
+    for format in [Ply, Obj, Stl, Off, CityJson] {
+        in_file("mesh", b"", |path| {
+            let output = Output::create(path).unwrap();
+            let _ = export_exact(model, format, output, &());
+        });
+    }
+}

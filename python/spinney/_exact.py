@@ -1,0 +1,289 @@
+"""Exact models: the boundaries of bodies, kept as they are and not as cells."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _native
+from ._arrays import points_of, rows_of
+from ._build import crs_text, paths_of
+from ._files import MEMORY
+from ._progress import memory_of, telling
+from ._types import (
+    BBox,
+    Box,
+    BuiltModel,
+    Coverage,
+    Euler,
+    Faces,
+    Finding,
+    Mass,
+    Mesh,
+    Path,
+    Points,
+    Progress,
+    Surface,
+    SurfaceHits,
+)
+
+
+def build_exact(
+    models: Path | Sequence[Path],
+    out: Path,
+    *,
+    grid: float | None = None,
+    close: bool = False,
+    boolean: int | None = None,
+    up: Literal["y", "z"] | None = None,
+    unit: str | None = None,
+    crs: Any = None,
+    memory: int | str = MEMORY,
+    progress: Progress = None,
+) -> BuiltModel:
+    """Makes an exact model, a .goblin file, of one or several mesh files (PLY, OBJ, STL, OFF, CityJSON, exact models).
+
+    Corners are moved to a grid of whole steps; everything after that is exact. `grid` is the width of a step, otherwise
+    that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
+    without it, and where a surface passes through itself, there is a ValueError that tells the places, and no file. Cells of
+    the octree with up to `boolean` faces are not divided. `up`, `unit`, `crs` and `memory` are as for `build`.
+    """
+    paths = paths_of(models)
+    if paths is None:
+        raise TypeError(f"models: expected the path of a mesh file, or several, got {models!r}")
+    if boolean is not None and boolean < 0:
+        raise ValueError(f"boolean: {boolean}, expected a number of faces")
+    options = {
+        "grid": None if grid is None else float(grid),
+        "close": close,
+        "boolean": boolean,
+        "up": up,
+        "unit": unit,
+        "crs": crs_text(crs),
+        "memory": memory_of(memory),
+    }
+    with telling(progress) as tell:
+        facts = _native.build_exact(paths, os.fspath(out), options, tell)
+    return BuiltModel(**facts)
+
+
+def open_exact(path: Path, *, positioned: bool = False) -> ExactModel:
+    """Opens a file of an exact model, made by `build_exact` or `spinney build --exact`.
+
+    Files are mapped; `positioned=True` reads those that may be replaced in place, or that lie on network folders, without
+    mapping them (see `open`).
+
+    Raises FileNotFoundError or another OSError if it cannot be read, is damaged, or is a tree of cells (which `open` opens).
+    """
+    return ExactModel(os.fsdecode(path), positioned)
+
+
+class ExactModel(_native.Model):
+    """An open exact model: see `open_exact`. Its length is the number of its faces.
+
+    All coordinates are those of the world, and points are arrays with a row each. What is decided is decided in whole
+    numbers; lengths and volumes are rounded. Questions about many points run on all processors without the interpreter's
+    lock, can be stopped by Ctrl-C, and read only what they have to do with.
+
+    It can be used by any number of threads at the same time, is pickled by its path, and may be used by forked processes.
+    Closed, it raises ValueError.
+    """
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _reopen, (os.path.abspath(self.path), self.positioned)
+
+    def __repr__(self) -> str:
+        name = str(self.path)
+        if self.closed:
+            return f"<spinney.ExactModel {name!r}, closed>"
+        unit = f" {self.unit}" if self.unit else ""
+        return f"<spinney.ExactModel {name!r}: {len(self)} faces, grid of {self.step:g}{unit}, depth {self.depth}>"
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def depth(self) -> int:
+        """Levels of the octree."""
+        return int(self._facts()["depth"])
+
+    @property
+    def bits(self) -> int:
+        """Bits of the grid's coordinates: levels of cells down to one grid point, as `coverage` has them."""
+        return int(self._facts()["bits"])
+
+    @property
+    def step(self) -> float:
+        """Width of the grid's steps."""
+        return float(self._facts()["step"])
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """The grid's least point."""
+        x, y, z = self._facts()["origin"]
+        return x, y, z
+
+    @property
+    def parts(self) -> list[str]:
+        """Names of the parts (objects, groups, materials), to which `Faces.parts` leads."""
+        return list(self._facts()["parts"])
+
+    @property
+    def nodes(self) -> dict[str, int]:
+        """Nodes of the octree by kind: void, full, inner, face, edge, vertex, boolean."""
+        return dict(self._facts()["nodes"])
+
+    @property
+    def crs(self) -> str | None:
+        """The definition of the coordinate system."""
+        crs: str | None = self._facts()["crs"]
+        return crs
+
+    @property
+    def unit(self) -> str | None:
+        """The unit of length, where it is known."""
+        unit: str | None = self._facts()["unit"]
+        return unit
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """Anything else, by name."""
+        return dict(self._facts()["tags"])
+
+    @property
+    def provenance(self) -> list[str]:
+        """Where the model comes from."""
+        return list(self._facts()["provenance"])
+
+    @property
+    def bounds(self) -> Box:
+        """Least and greatest coordinates of the surface, exact."""
+        low, high = self._bounds()
+        return Box(*low, *high)
+
+    def verify(self, *, progress: Progress = None) -> list[Finding]:
+        """Checks every checksum, face and node of the file; an empty list is good."""
+        with telling(progress) as tell:
+            found = _native.verify(os.fspath(self.path), False, memory_of(MEMORY), tell)
+        return [Finding(place, problem) for place, problem in found]
+
+    def mass(self, *, progress: Progress = None) -> Mass:
+        """Volume, area, centre of gravity and moments, of a density of 1."""
+        with telling(progress) as tell:
+            facts = self._mass(tell)
+        centre = facts.pop("centre")
+        second, inertia = (np.array(facts.pop(name)) for name in ("second_moments", "inertia"))
+        return Mass(centre=None if centre is None else tuple(centre), second_moments=second, inertia=inertia, **facts)
+
+    @property
+    def volume(self) -> float:
+        """The volume, by all faces: see `mass`."""
+        return self.mass().volume
+
+    @property
+    def area(self) -> float:
+        """The area of the surface, by all faces: see `mass`."""
+        return self.mass().area
+
+    def euler(self, *, memory: int | str = "1G", progress: Progress = None) -> Euler:
+        """Numbers of vertices, edges, faces, shells, and handles: how the surface hangs together."""
+        with telling(progress) as tell:
+            return Euler(**self._euler(memory_of(memory), tell))
+
+    def locate(self, points: Points, *, progress: Progress = None) -> npt.NDArray[np.int8]:
+        """1 for points inside the body, 0 on its surface, -1 outside; exact for the doubles that are given."""
+        with telling(progress) as tell:
+            return self._locate(points_of(points, 3), tell)
+
+    def contains(
+        self, points: Points, *, boundary: bool = True, progress: Progress = None
+    ) -> npt.NDArray[np.bool_]:
+        """Whether points are in the body; `boundary` tells whether those on its surface are."""
+        least = 0 if boundary else 1
+        found: npt.NDArray[np.bool_] = self.locate(points, progress=progress) >= least
+        return found
+
+    def distance(
+        self, points: Points, *, signed: bool = True, progress: Progress = None
+    ) -> npt.NDArray[np.float64]:
+        """Distances of points from the surface: negative inside, if they are `signed`; NaN of what is no number."""
+        with telling(progress) as tell:
+            distance, _, _ = self._nearest(points_of(points, 3), signed, tell)
+        return distance
+
+    def nearest(self, points: Points, *, progress: Progress = None) -> Surface:
+        """The points of the surface that are nearest to points."""
+        with telling(progress) as tell:
+            distance, nearest, faces = self._nearest(points_of(points, 3), False, tell)
+        return Surface(distance, nearest, faces)
+
+    def rays(self, origins: Points, directions: Points, *, progress: Progress = None) -> SurfaceHits:
+        """Where rays meet the surface first; no ray slips through between two faces. One origin or one direction serves
+        all rays."""
+        starts, ways = np.broadcast_arrays(rows_of(origins, "origins"), rows_of(directions, "directions"))
+        with telling(progress) as tell:
+            found = self._cast_rays(np.ascontiguousarray(starts), np.ascontiguousarray(ways), tell)
+        return SurfaceHits(*found)
+
+    def ray(self, origin: Sequence[float], direction: Sequence[float]) -> SurfaceHits | None:
+        """Where one ray meets the surface first (with arrays of one row); `None` if it does not."""
+        hits = self.rays([origin], [direction])
+        return hits if hits.hit[0] else None
+
+    def place_of_box(self, box: BBox) -> Literal["inside", "outside", "cut"]:
+        """Whether a box (least and then greatest x, y, z) lies inside or outside of the body, or is cut by its surface."""
+        low, high = _box(box)
+        place: Literal["inside", "outside", "cut"] = self._place_of_box(low, high)
+        return place
+
+    def coverage(
+        self, level: int, cell: Sequence[int], *, progress: Progress = None
+    ) -> Coverage:
+        """The part of a cell (x, y, z of a level, 0 to `bits`) that is inside, exact but for rounding."""
+        x, y, z = (int(at) for at in cell)
+        if not 0 <= level <= 255 or not all(0 <= at < 1 << 32 for at in (x, y, z)):
+            raise ValueError(f"cell: {(x, y, z)} of level {level}, expected levels of 0 to {self.bits}")
+        with telling(progress) as tell:
+            share, volume, centre = self._coverage(level, [x, y, z], tell)
+        return Coverage(share, volume, None if centre is None else (centre[0], centre[1], centre[2]))
+
+    def faces(self, box: BBox | None = None, *, progress: Progress = None) -> Faces:
+        """The faces as polygons with holes: all, or those whose own boxes meet a box (of these, faces without area are
+        left out)."""
+        with telling(progress) as tell:
+            return Faces(**self._face_arrays(None if box is None else _box(box), tell))
+
+    def triangles(self, box: BBox | None = None, *, progress: Progress = None) -> Mesh:
+        """The faces cut into triangles: `trimesh.Trimesh(*model.triangles())`. Of a box as `faces`."""
+        with telling(progress) as tell:
+            vertices, triangles, _ = self._triangle_arrays(None if box is None else _box(box), tell)
+        return Mesh(vertices, triangles)
+
+    def export(self, path: Path, *, progress: Progress = None) -> tuple[int, int]:
+        """Writes the faces as a mesh, .ply, .obj, .stl, .off or .city.json; returns how many vertices and faces that are.
+
+        Polygons stay polygons, but in STL, which has triangles in single precision (and no numbered vertices: 0)."""
+        with telling(progress) as tell:
+            vertices, faces, _ = self._export(os.fspath(path), tell)
+        return vertices, faces
+
+
+def _box(box: BBox) -> tuple[list[float], list[float]]:
+    numbers = [float(at) for at in box]
+    if len(numbers) != 6 or not all(low <= high for low, high in zip(numbers[:3], numbers[3:])):
+        raise ValueError(f"box: {box!r}, expected least and then greatest x, y, z")
+    return numbers[:3], numbers[3:]
+
+
+def _reopen(path: str, positioned: bool) -> ExactModel:
+    return open_exact(path, positioned=positioned)

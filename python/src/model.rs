@@ -1,0 +1,390 @@
+//! Exact models: open files of them, and what they tell.
+
+use std::path::PathBuf;
+use std::sync::{Arc, PoisonError, RwLock};
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+use spinney::brep::questions::{BoxPlace, Location, MassProperties};
+use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{ExactModel, Faces, NodeCounts};
+use spinney::export::mesh::{MeshFormat, export_exact};
+use spinney::import::mesh::{self, ExactOptions};
+use spinney::io::Output;
+use spinney::space::Crs;
+use spinney::store::OpenOptions;
+use spinney::{Progress, Result};
+
+use crate::error::{OrRaise, invalid};
+use crate::files::check_output;
+use crate::jobs;
+
+/// An exact model in a file, open for questions from any number of threads.
+#[pyclass(subclass, frozen, weakref, module = "spinney._native")]
+pub(crate) struct Model {
+    /// `None` when it is closed.
+    opened: RwLock<Option<Arc<ExactModel>>>,
+    path: PathBuf,
+    positioned: bool,
+}
+
+impl Model {
+    /// The open file.
+    pub(crate) fn get(&self) -> PyResult<Arc<ExactModel>> {
+        let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
+        opened.clone().ok_or_else(|| PyValueError::new_err(format!("{}: is closed", self.path.display())))
+    }
+}
+
+/// Distances along rays (NaN where nothing is hit), points, faces (-1 where nothing is hit), whether rays come from outside.
+type Hits<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray1<bool>>,
+);
+
+/// Distances from the surface (negative inside), its nearest points, and their faces.
+type Nearest<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
+
+/// Answers for each of some points, on all processors.
+pub(crate) fn each<R: Send>(
+    points: &[f64],
+    work: &dyn Progress,
+    answer: impl Fn(usize, [f64; 3]) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    /// Points between two looks at whether to stop, and of one thread at a time.
+    const BATCH: usize = 1 << 16;
+    const PART: usize = 1 << 9;
+    let (points, _) = points.as_chunks::<3>();
+    let mut answers = Vec::with_capacity(points.len());
+    for (start, batch) in (0..).step_by(BATCH).zip(points.chunks(BATCH)) {
+        work.check()?;
+        let parts: Result<Vec<Vec<R>>> = batch
+            .par_chunks(PART)
+            .enumerate()
+            .map(|(part, points)| {
+                let first = start + part * PART;
+                points.iter().enumerate().map(|(index, point)| answer(first + index, *point)).collect()
+            })
+            .collect();
+        answers.extend(parts?.into_iter().flatten());
+        work.advance(batch.len() as u64, points.len() as u64);
+    }
+    Ok(answers)
+}
+
+fn node_counts<'py>(py: Python<'py>, nodes: &NodeCounts) -> PyResult<Bound<'py, PyDict>> {
+    let counts = PyDict::new(py);
+    for (name, count) in nodes.named() {
+        counts.set_item(name.to_lowercase(), count)?;
+    }
+    Ok(counts)
+}
+
+#[pymethods]
+impl Model {
+    #[new]
+    #[pyo3(signature = (path, positioned))]
+    fn new(py: Python<'_>, path: PathBuf, positioned: bool) -> PyResult<Model> {
+        let mut options = OpenOptions::new();
+        if positioned {
+            let cache = options.cache;
+            options = options.positioned(cache);
+        }
+        let model = py.detach(|| ExactModel::open(&path, &options)).or_raise()?;
+        Ok(Model { opened: RwLock::new(Some(Arc::new(model))), path, positioned })
+    }
+
+    /// Forgets the file; whoever is reading it at the moment can finish.
+    fn close(&self) {
+        *self.opened.write().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    #[getter]
+    fn closed(&self) -> bool {
+        self.opened.read().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
+    #[getter]
+    fn path(&self) -> PathBuf {
+        self.path.clone()
+    }
+
+    #[getter]
+    fn positioned(&self) -> bool {
+        self.positioned
+    }
+
+    /// Fails if the file was overwritten since it was opened.
+    fn check_unchanged(&self, py: Python<'_>) -> PyResult<()> {
+        let model = self.get()?;
+        py.detach(|| model.check_unchanged()).or_raise()
+    }
+
+    fn __len__(&self) -> PyResult<usize> {
+        Ok(self.get()?.len() as usize)
+    }
+
+    /// What is known without looking at faces, by name.
+    #[pyo3(name = "_facts")]
+    fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let model = self.get()?;
+        let (grid, metadata) = (model.grid(), model.metadata());
+        let facts = PyDict::new(py);
+        facts.set_item("depth", model.depth())?;
+        facts.set_item("bits", grid.bits)?;
+        facts.set_item("step", grid.width())?;
+        facts.set_item("origin", grid.to_world([0; 3]))?;
+        facts.set_item("parts", model.parts())?;
+        facts.set_item("nodes", node_counts(py, model.nodes())?)?;
+        facts.set_item("crs", metadata.frame.crs.as_ref().map(Crs::to_string))?;
+        facts.set_item("unit", metadata.tags.get("unit"))?;
+        facts.set_item("tags", metadata.tags.clone())?;
+        facts.set_item("provenance", metadata.provenance.clone())?;
+        facts.set_item("bytes", model.file_size())?;
+        Ok(facts)
+    }
+
+    #[pyo3(name = "_bounds")]
+    fn bounds(&self, py: Python<'_>) -> PyResult<[[f64; 3]; 2]> {
+        let model = self.get()?;
+        py.detach(|| model.bounds()).or_raise()
+    }
+
+    /// Volume, centre, moments, area, by name.
+    #[pyo3(name = "_mass")]
+    fn mass<'py>(&self, py: Python<'py>, progress: Option<Py<PyAny>>) -> PyResult<Bound<'py, PyDict>> {
+        let model = self.get()?;
+        let mass = jobs::run(py, progress, |work| {
+            let mass = MassProperties::of(&*model, work)?;
+            model.check_unchanged()?;
+            Ok(mass)
+        })?;
+        let facts = PyDict::new(py);
+        facts.set_item("volume", mass.volume)?;
+        facts.set_item("area", mass.area)?;
+        facts.set_item("centre", mass.centre)?;
+        facts.set_item("second_moments", mass.second_moments)?;
+        facts.set_item("inertia", mass.inertia)?;
+        Ok(facts)
+    }
+
+    /// Numbers of vertices, edges, faces, inner rings, shells, boundaries and handles.
+    #[pyo3(name = "_euler")]
+    fn euler<'py>(
+        &self,
+        py: Python<'py>,
+        memory: u64,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let model = self.get()?;
+        let options = TopologyOptions { memory, path: self.path.clone() };
+        let euler = jobs::run(py, progress, |work| Ok(Topology::of(&*model, &options, work)?.euler()))?;
+        let facts = PyDict::new(py);
+        facts.set_item("vertices", euler.vertices)?;
+        facts.set_item("edges", euler.edges)?;
+        facts.set_item("faces", euler.faces)?;
+        facts.set_item("inner_rings", euler.rings)?;
+        facts.set_item("shells", euler.shells)?;
+        facts.set_item("boundaries", euler.boundaries)?;
+        facts.set_item("genus", euler.genus)?;
+        Ok(facts)
+    }
+
+    /// 1 for points inside, 0 on the surface, -1 outside.
+    #[pyo3(name = "_locate")]
+    fn locate<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<i8>>> {
+        let model = self.get()?;
+        let points = points.as_slice()?;
+        let found = jobs::run(py, progress, |work| {
+            let found = each(points, work, |_, point| {
+                Ok(match model.locate(point)? {
+                    Location::Inside => 1,
+                    Location::Boundary => 0,
+                    Location::Outside => -1,
+                })
+            })?;
+            model.check_unchanged()?;
+            Ok(found)
+        })?;
+        Ok(PyArray1::from_vec(py, found))
+    }
+
+    /// The nearest points of the surface.
+    #[pyo3(name = "_nearest")]
+    fn nearest<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        signed: bool,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Nearest<'py>> {
+        let model = self.get()?;
+        let points = points.as_slice()?;
+        let found = jobs::run(py, progress, |work| {
+            let found = each(points, work, |_, point| {
+                let Some(nearest) = model.nearest(point)? else { return Ok((f64::NAN, [f64::NAN; 3], -1)) };
+                let distance = match signed.then(|| model.locate(point)).transpose()? {
+                    Some(Location::Inside) => -nearest.distance,
+                    Some(Location::Boundary) => 0.0,
+                    _ => nearest.distance,
+                };
+                Ok((distance, nearest.point, nearest.face as i64))
+            })?;
+            model.check_unchanged()?;
+            Ok(found)
+        })?;
+        let count = found.len();
+        let nearest = PyArray1::from_iter(py, found.iter().flat_map(|(_, point, _)| *point));
+        Ok((
+            PyArray1::from_iter(py, found.iter().map(|(distance, ..)| *distance)),
+            nearest.reshape([count, 3])?,
+            PyArray1::from_iter(py, found.iter().map(|(.., face)| *face)),
+        ))
+    }
+
+    /// Where rays meet the surface first.
+    #[pyo3(name = "_cast_rays")]
+    fn cast_rays<'py>(
+        &self,
+        py: Python<'py>,
+        origins: PyReadonlyArray2<'py, f64>,
+        directions: PyReadonlyArray2<'py, f64>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Hits<'py>> {
+        let model = self.get()?;
+        let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
+        let is_direction = |d: &[f64]| d.iter().all(|x| x.is_finite()) && d.iter().any(|x| *x != 0.0);
+        if origins.len() != directions.len()
+            || !directions.chunks_exact(3).all(is_direction)
+            || !origins.iter().all(|x| x.is_finite())
+        {
+            return Err(invalid("rays: expected finite origins, and as many directions other than 0"));
+        }
+        let found = jobs::run(py, progress, |work| {
+            let found = each(origins, work, |index, origin| {
+                let direction = [0, 1, 2].map(|axis| directions[3 * index + axis]);
+                let (hit, _) = model.ray(origin, direction)?;
+                Ok(hit.map_or((f64::NAN, [f64::NAN; 3], -1, false), |hit| {
+                    (hit.share, hit.point, hit.face as i64, hit.is_entry)
+                }))
+            })?;
+            model.check_unchanged()?;
+            Ok(found)
+        })?;
+        let count = found.len();
+        let points = PyArray1::from_iter(py, found.iter().flat_map(|(_, point, ..)| *point));
+        Ok((
+            PyArray1::from_iter(py, found.iter().map(|(distance, ..)| *distance)),
+            points.reshape([count, 3])?,
+            PyArray1::from_iter(py, found.iter().map(|(_, _, face, _)| *face)),
+            PyArray1::from_iter(py, found.iter().map(|(.., is_entry)| *is_entry)),
+        ))
+    }
+
+    /// Where a box lies: "inside", "outside" or "cut".
+    #[pyo3(name = "_place_of_box")]
+    fn place_of_box(&self, py: Python<'_>, min: [f64; 3], max: [f64; 3]) -> PyResult<&'static str> {
+        let model = self.get()?;
+        let (place, _) = py.detach(|| model.place_of_box(min, max)).or_raise()?;
+        Ok(match place {
+            BoxPlace::Inside => "inside",
+            BoxPlace::Outside => "outside",
+            BoxPlace::Cut => "cut",
+        })
+    }
+
+    /// The part of a cell that is inside: share, volume, centre.
+    #[pyo3(name = "_coverage")]
+    fn coverage(
+        &self,
+        py: Python<'_>,
+        level: u8,
+        position: [u32; 3],
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<(f64, f64, Option<[f64; 3]>)> {
+        let model = self.get()?;
+        let found = jobs::run(py, progress, |work| model.cell_coverage(level, position, work))?;
+        Ok((found.share, found.volume, found.centre))
+    }
+
+    /// Writes the faces as a mesh; returns vertices and faces, and corners that single precision has moved.
+    #[pyo3(name = "_export")]
+    fn export(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<(u64, u64, u64)> {
+        let model = self.get()?;
+        check_output(std::slice::from_ref(&self.path), &path)?;
+        let format = MeshFormat::of(&path).ok_or_else(|| {
+            invalid(format!("{}: use .ply, .obj, .stl, .off or .city.json", path.display()))
+        })?;
+        let made = jobs::run(py, progress, |work| {
+            let made = export_exact(&*model, format, Output::create(&path)?, work)?;
+            model.check_unchanged()?;
+            Ok(made)
+        })?;
+        Ok((made.vertices, made.faces, made.moved))
+    }
+}
+
+/// Options of an exact model.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct ModelOptions {
+    grid: Option<f64>,
+    close: bool,
+    boolean: Option<usize>,
+    up: Option<String>,
+    unit: Option<String>,
+    crs: Option<String>,
+    memory: u64,
+}
+
+/// Builds an exact model of mesh files; returns counts by name.
+#[pyfunction]
+#[pyo3(signature = (paths, out, options, progress))]
+pub(crate) fn build_exact<'py>(
+    py: Python<'py>,
+    paths: Vec<PathBuf>,
+    out: PathBuf,
+    options: ModelOptions,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    check_output(&paths, &out)?;
+    let mut exact = ExactOptions::new();
+    (exact.grid, exact.close, exact.memory) = (options.grid, options.close, options.memory);
+    exact.boolean_faces = options.boolean.unwrap_or(exact.boolean_faces);
+    exact.up = options.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
+    exact.unit = options.unit;
+    exact.crs = options.crs.as_deref().map(Crs::parse).transpose().or_raise()?;
+    let report = jobs::run(py, progress, |work| {
+        let models = mesh::open_all(&paths, exact.memory)?;
+        mesh::import_exact(models, &exact, Output::create(&out)?, work)
+    })?;
+    let facts = PyDict::new(py);
+    facts.set_item("read", report.read)?;
+    facts.set_item("faces", report.faces)?;
+    facts.set_item("collapsed", report.collapsed)?;
+    facts.set_item("slivers", report.slivers)?;
+    facts.set_item("cut", report.cut)?;
+    facts.set_item("fanned", report.fanned)?;
+    facts.set_item("closed_boundaries", report.closed.0)?;
+    facts.set_item("closing_triangles", report.closed.1)?;
+    facts.set_item("displacement", report.displacement)?;
+    facts.set_item("step", report.grid.width())?;
+    facts.set_item("bits", report.grid.bits)?;
+    facts.set_item("nodes", node_counts(py, &report.built.nodes)?)?;
+    Ok(facts)
+}

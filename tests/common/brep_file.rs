@@ -1,0 +1,206 @@
+//! Files of exact models taken apart and put together again, by the letter of `formats.md` and with right checksums.
+
+use spinney::space::{Code, Dimension};
+
+/// A block of faces or a segment, with its key.
+pub type Piece = (u64, Vec<u8>);
+
+/// The parts of a file.
+#[derive(Clone)]
+pub struct BrepFile {
+    /// Without its checksum.
+    pub header: Vec<u8>,
+    pub blocks: Vec<Piece>,
+    pub segments: Vec<Piece>,
+    pub model: Vec<u8>,
+    pub metadata: Vec<u8>,
+    /// State and value of the root.
+    pub root: Vec<u8>,
+    pub nodes: u64,
+}
+
+fn short(bytes: &[u8], at: usize) -> u32 {
+    u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())
+}
+
+fn long(bytes: &[u8], at: usize) -> u64 {
+    u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap())
+}
+
+fn shorts(numbers: impl IntoIterator<Item = u32>) -> Vec<u8> {
+    numbers.into_iter().flat_map(u32::to_le_bytes).collect()
+}
+
+impl BrepFile {
+    pub fn of(file: &[u8]) -> BrepFile {
+        let end = file.len() - 16;
+        let trailer = end - short(file, end) as usize;
+        let section = |tag: &[u8; 4]| {
+            let mut sections = (0..short(file, trailer + 64) as usize).map(|i| trailer + 68 + 24 * i);
+            let at = sections.find(|at| file[*at..].starts_with(tag)).unwrap();
+            let start = long(file, at + 8) as usize;
+            &file[start..start + long(file, at + 16) as usize]
+        };
+        let pieces = |tag: &[u8; 4]| {
+            let piece = |entry: &[u8]| {
+                let start = long(entry, 8) as usize;
+                (long(entry, 0), file[start..start + short(entry, 16) as usize].to_vec())
+            };
+            section(tag).chunks(24).map(piece).collect()
+        };
+        BrepFile {
+            header: file[..56].to_vec(),
+            blocks: pieces(b"FACE"),
+            segments: pieces(b"DIRE"),
+            model: section(b"BREP").to_vec(),
+            metadata: section(b"META").to_vec(),
+            root: file[trailer..trailer + 40].to_vec(),
+            nodes: long(file, trailer + 48),
+        }
+    }
+
+    pub fn bytes(&self) -> Vec<u8> {
+        let mut file = self.header.clone();
+        file.extend(crc32c::crc32c(&self.header).to_le_bytes());
+        let mut list = |pieces: &[Piece]| {
+            let mut list = Vec::new();
+            for (key, bytes) in pieces {
+                list.extend(key.to_le_bytes());
+                list.extend((file.len() as u64).to_le_bytes());
+                list.extend(shorts([bytes.len() as u32, crc32c::crc32c(bytes)]));
+                file.extend(bytes);
+            }
+            list
+        };
+        let (blocks, directory) = (list(&self.blocks), list(&self.segments));
+        let mut sections = Vec::new();
+        let mut places = [&b"FACE"[..], b"DIRE", b"BREP", b"META"].into_iter();
+        for bytes in [&blocks, &directory, &self.model, &self.metadata] {
+            sections.extend(places.next().unwrap());
+            sections.extend(crc32c::crc32c(bytes).to_le_bytes());
+            sections.extend((file.len() as u64).to_le_bytes());
+            sections.extend((bytes.len() as u64).to_le_bytes());
+            file.extend(bytes);
+        }
+        let mut trailer = self.root.clone();
+        trailer.extend((self.segments.len() as u64).to_le_bytes());
+        trailer.extend(self.nodes.to_le_bytes());
+        trailer.extend(((file.len() + 68 + sections.len() + 16) as u64).to_le_bytes());
+        trailer.extend(shorts([4]));
+        trailer.extend(sections);
+        file.extend(&trailer);
+        file.extend(shorts([trailer.len() as u32, crc32c::crc32c(&trailer)]));
+        file.extend(b"\nnilboG\x93");
+        file
+    }
+
+    /// The same tree with a segment of its own for each INNER node.
+    pub fn cut_everywhere(mut self) -> BrepFile {
+        let segments: Vec<(Code, Segment)> = self
+            .segments
+            .iter()
+            .map(|(key, bytes)| (Code::from_bits(Dimension::Oct, *key).unwrap(), Segment::of(bytes)))
+            .collect();
+        self.segments.clear();
+        for (code, segment) in &segments {
+            segment.cut(*code, segment.words[0], &mut self.segments);
+        }
+        self.segments.sort_by_key(|(key, _)| *key);
+        self
+    }
+}
+
+/// A segment of the octree.
+struct Segment {
+    faces: Vec<u32>,
+    words: Vec<u32>,
+    leaves: Vec<u8>,
+}
+
+const INNER: u32 = 2;
+const CUT: u32 = 3;
+const LEAF: u32 = 4;
+
+impl Segment {
+    fn of(bytes: &[u8]) -> Segment {
+        let [faces, words, _] = [0, 4, 8].map(|at| short(bytes, at) as usize);
+        let list =
+            |from: usize, count: usize| (0..count).map(|i| short(bytes, 12 + 4 * (from + i))).collect();
+        Segment {
+            faces: list(0, faces),
+            words: list(faces, words),
+            leaves: bytes[12 + 4 * (faces + words)..].to_vec(),
+        }
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        let counts = [self.faces.len(), self.words.len(), self.leaves.len()].map(|count| count as u32);
+        let words = [&self.faces[..], &self.words].concat();
+        [shorts(counts), shorts(words), self.leaves.clone()].concat()
+    }
+
+    /// Head and faces of a leaf, by their numbers in the model.
+    fn leaf(&self, at: usize) -> (u8, Vec<u32>) {
+        let mut bytes = &self.leaves[at + 1..];
+        let mut next = || {
+            let (mut number, mut shift) = (0, 0);
+            loop {
+                let byte = bytes[0];
+                bytes = &bytes[1..];
+                number |= u32::from(byte & 127) << shift;
+                shift += 7;
+                if byte < 128 {
+                    return number;
+                }
+            }
+        };
+        let count = next();
+        let mut own = 0;
+        let faces = (0..count).map(|i| {
+            own += next() + u32::from(i > 0);
+            self.faces[own as usize]
+        });
+        (self.leaves[at], faces.collect())
+    }
+
+    /// Appends the segment of a node, and those of the INNER nodes below it.
+    fn cut(&self, code: Code, word: u32, out: &mut Vec<Piece>) {
+        let mut segment = Segment { faces: Vec::new(), words: Vec::new(), leaves: Vec::new() };
+        let mut add = |word: u32, is_root: bool| match word & 7 {
+            INNER => segment.words.push(if is_root { 1 << 3 | INNER } else { CUT }),
+            LEAF => {
+                segment.words.push((segment.leaves.len() as u32) << 3 | LEAF);
+                let (head, faces) = self.leaf((word >> 3) as usize);
+                segment.leaves.extend([head, faces.len() as u8]);
+                let mut own: Vec<u8> = faces
+                    .iter()
+                    .map(|face| {
+                        let known = segment.faces.iter().position(|known| known == face);
+                        known.unwrap_or_else(|| {
+                            segment.faces.push(*face);
+                            segment.faces.len() - 1
+                        }) as u8
+                    })
+                    .collect();
+                own.sort_unstable();
+                assert!(segment.faces.len() < 128, "numbers of one byte");
+                let mut next = 0;
+                for number in own {
+                    segment.leaves.push(number - next);
+                    next = number + 1;
+                }
+            }
+            _ => segment.words.push(word),
+        };
+        add(word, true);
+        let children: Vec<u32> = match word & 7 {
+            INNER => (0..8).map(|child| self.words[(word >> 3) as usize + child]).collect(),
+            _ => Vec::new(),
+        };
+        children.iter().for_each(|child| add(*child, false));
+        out.push((code.bits(), segment.to_bytes()));
+        for (child, word) in children.into_iter().enumerate().filter(|(_, word)| word & 7 == INNER) {
+            self.cut(code.child(child), word, out);
+        }
+    }
+}
