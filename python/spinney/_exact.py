@@ -38,6 +38,7 @@ def build_exact(
     *,
     grid: float | None = None,
     close: bool = False,
+    repair: bool = False,
     boolean: int | None = None,
     up: Literal["y", "z"] | None = None,
     unit: str | None = None,
@@ -49,8 +50,8 @@ def build_exact(
 
     Corners are moved to a grid of whole steps; everything after that is exact. `grid` is the width of a step, otherwise
     that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
-    without it, and where a surface passes through itself, there is a ValueError that tells the places, and no file. Cells of
-    the octree with up to `boolean` faces are not divided. `up`, `unit`, `crs` and `memory` are as for `build`.
+    `repair` resolves those that pass through themselves: what they go around once or more is inside. Without these, such
+    surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `boolean` faces are not divided. `up`, `unit`, `crs` and `memory` are as for `build`.
     """
     paths = paths_of(models)
     if paths is None:
@@ -60,6 +61,7 @@ def build_exact(
     options = {
         "grid": None if grid is None else float(grid),
         "close": close,
+        "repair": repair,
         "boolean": boolean,
         "up": up,
         "unit": unit,

@@ -273,6 +273,8 @@ class BuiltModel:
     """Boundaries that were closed."""
     closing_triangles: int
     """Triangles that close them."""
+    repaired_faces: int
+    """Faces that were divided or taken away where the surface passed through itself."""
     displacement: float
     """The farthest that a corner was moved to the grid."""
     step: float

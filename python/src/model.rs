@@ -345,6 +345,7 @@ impl Model {
 pub(crate) struct ModelOptions {
     grid: Option<f64>,
     close: bool,
+    repair: bool,
     boolean: Option<usize>,
     up: Option<String>,
     unit: Option<String>,
@@ -365,6 +366,7 @@ pub(crate) fn build_exact<'py>(
     check_output(&paths, &out)?;
     let mut exact = ExactOptions::new();
     (exact.grid, exact.close, exact.memory) = (options.grid, options.close, options.memory);
+    exact.repair = options.repair;
     exact.boolean_faces = options.boolean.unwrap_or(exact.boolean_faces);
     exact.up = options.up.as_ref().map(|name| name.parse()).transpose().or_raise()?.unwrap_or_default();
     exact.unit = options.unit;
@@ -382,6 +384,8 @@ pub(crate) fn build_exact<'py>(
     facts.set_item("fanned", report.fanned)?;
     facts.set_item("closed_boundaries", report.closed.0)?;
     facts.set_item("closing_triangles", report.closed.1)?;
+    let repaired = report.repair.map_or(0, |done| done.divided + done.removed);
+    facts.set_item("repaired_faces", repaired)?;
     facts.set_item("displacement", report.displacement)?;
     facts.set_item("step", report.grid.width())?;
     facts.set_item("bits", report.grid.bits)?;

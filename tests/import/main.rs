@@ -8,6 +8,7 @@ mod descriptions;
 mod exact_build;
 #[cfg(feature = "mesh")]
 mod exact_questions;
+mod exact_repair;
 #[cfg(feature = "mesh")]
 mod exact_round_trips;
 #[cfg(feature = "mesh")]

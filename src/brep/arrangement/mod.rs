@@ -8,11 +8,14 @@
 //! Arrangements for Solid Geometry", 2016, but for the winding numbers, which need no order around edges here.)
 
 mod boxes;
+mod delaunay;
 mod meeting;
 mod overlay;
 mod point;
 mod rounding;
 mod sample;
+mod snapping;
 mod surface;
 
+pub(crate) use snapping::snap;
 pub(crate) use surface::{Resolved, resolve};

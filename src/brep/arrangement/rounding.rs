@@ -1,5 +1,6 @@
 //! Regions of faces as faces with corners on the grid.
 
+use super::delaunay;
 use super::overlay::Region;
 use super::point::{ExactPlane, ExactPoint, others};
 use crate::Result;
@@ -12,16 +13,19 @@ use crate::geometry::Triangulator;
 pub(super) struct Rounder {
     /// The furthest that a corner was moved, in steps of the grid.
     pub(super) displacement: f64,
+    /// Corners of all regions.
+    pub(super) corners: Vec<[i32; 3]>,
     triangulator: Triangulator,
+    /// Corners before and after.
+    near: Vec<[f64; 3]>,
     points: Vec<[i32; 3]>,
-    exact: Vec<ExactPoint>,
     ring_ends: Vec<usize>,
     triangles: Vec<[u32; 3]>,
 }
 
 impl Rounder {
     /// Hands out a region of a face: as a polygon if its corners lie in the face's plane on the grid, too, and otherwise
-    /// in triangles. These are found before corners are moved: slivers then fall together, and do not fold over.
+    /// in triangles.
     pub(super) fn round(
         &mut self,
         plane: &ExactPlane,
@@ -30,28 +34,42 @@ impl Rounder {
         turned: bool,
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
-        self.exact.clear();
+        self.near.clear();
+        self.points.clear();
         self.ring_ends.clear();
         // Rings turn as seen from the axis' positive end.
         let is_up = plane.normal[plane.main_axis()] > 0;
         for ring in &region.rings {
-            let start = self.exact.len();
-            self.exact.extend_from_slice(ring);
+            let mut add = |point: &ExactPoint| {
+                let moved = point.rounded();
+                let squares = (0..3).map(|axis| (point.near[axis] - f64::from(moved[axis])).powi(2));
+                self.displacement = self.displacement.max(squares.sum::<f64>().sqrt());
+                self.near.push(point.near);
+                self.points.push(moved);
+            };
             if turned == is_up {
-                self.exact[start..].reverse();
+                ring.iter().rev().for_each(&mut add);
+            } else {
+                ring.iter().for_each(&mut add);
             }
-            self.ring_ends.push(self.exact.len());
+            self.ring_ends.push(self.points.len());
         }
-        self.points.clear();
-        for point in &self.exact {
-            let rounded = point.rounded();
-            let moved: f64 = (0..3).map(|axis| (point.near[axis] - f64::from(rounded[axis])).powi(2)).sum();
-            self.displacement = self.displacement.max(moved.sqrt());
-            self.points.push(rounded);
-        }
+        self.corners.extend_from_slice(&self.points);
+        self.hand_out(plane, face, turned, each)
+    }
+
+    /// Hands out the face whose corners were added: as a polygon if they lie in the face's plane, too, when they are
+    /// moved, and otherwise in triangles. These are found before: slivers then fall together, and do not fold over.
+    fn hand_out(
+        &mut self,
+        plane: &ExactPlane,
+        face: &Face<'_>,
+        turned: bool,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
         let colours = self.colours(plane, face);
         let stays_flat = self.points.iter().all(|point| plane.height(*point) == 0);
-        if stays_flat || !self.triangulate() {
+        if stays_flat || !self.triangulate(plane, turned) {
             let Rounder { points, ring_ends, .. } = self;
             return each(&Face { points, ring_ends, colours: &colours, ..*face });
         }
@@ -66,21 +84,39 @@ impl Rounder {
         Ok(())
     }
 
-    /// Cuts the region into triangles as it is before its corners are moved, on a grid that is finer by as much as the
-    /// region is small.
-    fn triangulate(&mut self) -> bool {
-        let least =
-            |axis: usize| self.exact.iter().map(|point| point.near[axis]).fold(f64::INFINITY, f64::min);
+    /// Cuts the face into triangles as it is before its corners are moved, on a grid that is finer by as much as the
+    /// face is small.
+    fn triangulate(&mut self, plane: &ExactPlane, turned: bool) -> bool {
+        let least = |axis: usize| self.near.iter().map(|point| point[axis]).fold(f64::INFINITY, f64::min);
         let low = [0, 1, 2].map(least);
-        let extent = self.exact.iter().flat_map(|point| (0..3).map(|axis| point.near[axis] - low[axis]));
+        let extent = self.near.iter().flat_map(|point| (0..3).map(|axis| point[axis] - low[axis]));
         let extent = extent.fold(1e-9, f64::max);
         let scale = f64::from(1 << 30) / extent;
-        let fine = |point: &ExactPoint| {
-            [0, 1, 2].map(|axis| ((point.near[axis] - low[axis]) * scale).round() as i64)
-        };
-        let fine: Vec<[i64; 3]> = self.exact.iter().map(fine).collect();
+        let fine =
+            |point: &[f64; 3]| [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale).round() as i64);
+        let fine: Vec<[i64; 3]> = self.near.iter().map(fine).collect();
         self.triangles.clear();
-        self.triangulator.triangulate(&fine, &self.ring_ends, &mut self.triangles)
+        if !self.triangulator.triangulate(&fine, &self.ring_ends, &mut self.triangles) {
+            return false;
+        }
+        // Without long thin triangles, moving the corners makes fewer that pass through others.
+        let axis = plane.main_axis();
+        let [u, v] = others(axis);
+        let normal = plane.normal.map(|part| part as f64);
+        let length = normal.iter().map(|part| part * part).sum::<f64>().sqrt();
+        let side = if turned { -length } else { length };
+        let normal = normal.map(|part| part / side);
+        // Two directions in the plane that make a right-handed system with the side that the face is turned to.
+        let across = normal[axis].hypot(normal[u]);
+        let flat = |point: &[i64; 3]| {
+            let at = point.map(|at| at as f64);
+            let first = (normal[axis] * at[u] - normal[u] * at[axis]) / across;
+            let second = at[v] * across - normal[v] * (normal[u] * at[u] + normal[axis] * at[axis]) / across;
+            [first, second]
+        };
+        let flat: Vec<[f64; 2]> = fine.iter().map(flat).collect();
+        delaunay::flip(&flat, &mut self.triangles);
+        true
     }
 
     /// The colours of the corners, between those of the triangle of the face that each lies in.
@@ -89,7 +125,7 @@ impl Rounder {
             return Vec::new();
         }
         let pieces = Piece::of_face(face.points, face.ring_ends, &mut self.triangulator);
-        self.exact.iter().map(|point| colour(plane, face, &pieces, point.near)).collect()
+        self.near.iter().map(|near| colour(plane, face, &pieces, *near)).collect()
     }
 }
 

@@ -1,6 +1,7 @@
 //! Faces with what bounds no body taken away: by winding numbers.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use super::boxes::{BOX, BoxTree, touch};
 use super::meeting::{Meeting, meet};
@@ -16,7 +17,7 @@ use crate::parallel;
 use crate::{Error, Progress, Result};
 
 /// Counts of what was done to a surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Resolved {
     /// Pairs of faces that have more in common than neighbours have.
     pub(crate) pairs: u64,
@@ -26,6 +27,8 @@ pub(crate) struct Resolved {
     pub(crate) removed: u64,
     /// The furthest that a new vertex was moved to the grid, in steps of it.
     pub(crate) displacement: f64,
+    /// Corners of what is left of faces that were divided.
+    pub(crate) corners: Vec<[i32; 3]>,
 }
 
 /// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
@@ -42,6 +45,7 @@ const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 /// If `memory` bytes are not enough, on interruption, or what `each` returns.
 pub(crate) fn resolve(
     faces: &FaceList,
+    path: &Path,
     is_inside: &(dyn Fn(i32) -> bool + Sync),
     memory: u64,
     progress: &dyn Progress,
@@ -49,10 +53,10 @@ pub(crate) fn resolve(
 ) -> Result<Resolved> {
     let needed = faces.len() * FACE + faces.bytes();
     if needed > memory {
-        return Err(too_large(needed, memory));
+        return Err(too_large(path, needed, memory));
     }
-    let surface = Surface::of(faces);
-    let contacts = surface.contacts(memory - needed, progress)?;
+    let surface = Surface::of(faces, path, needed);
+    let contacts = surface.contacts(memory, progress)?;
     let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
     for (number, contact) in (0..).zip(&contacts) {
         contact.faces.iter().for_each(|face| of_face.entry(*face).or_default().push(number));
@@ -112,13 +116,14 @@ pub(crate) fn resolve(
         }
     }
     counts.displacement = rounder.displacement;
+    counts.corners = rounder.corners;
     Ok(counts)
 }
 
-fn too_large(needed: u64, limit: u64) -> Error {
+fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     Error::TooLarge {
-        path: std::path::PathBuf::new(),
-        what: "a surface that is to be resolved".into(),
+        path: path.to_path_buf(),
+        what: "the surface that is to be resolved, with what its faces have in common,".into(),
         needed,
         limit,
         advice: "allow more with --memory".into(),
@@ -145,6 +150,10 @@ struct Contact {
 /// Faces with their planes, and a tree over their boxes.
 struct Surface<'a> {
     faces: &'a FaceList,
+    /// Of a model, for errors.
+    path: &'a Path,
+    /// Memory that faces, planes and boxes take.
+    bytes: u64,
     /// None of faces without an area.
     planes: Vec<Option<ExactPlane>>,
     boxes: BoxTree,
@@ -153,7 +162,7 @@ struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    fn of(faces: &'a FaceList) -> Surface<'a> {
+    fn of(faces: &'a FaceList, path: &'a Path, bytes: u64) -> Surface<'a> {
         let mut planes = Vec::with_capacity(faces.len() as usize);
         let mut boxes = Vec::with_capacity(faces.len() as usize);
         let mut pieces = HashMap::new();
@@ -171,7 +180,7 @@ impl<'a> Surface<'a> {
                 pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
             }
         }
-        Surface { faces, planes, boxes: BoxTree::of(boxes), pieces }
+        Surface { faces, path, bytes, planes, boxes: BoxTree::of(boxes), pieces }
     }
 
     fn plane(&self, face: u32) -> &ExactPlane {
@@ -197,7 +206,7 @@ impl<'a> Surface<'a> {
         let count = self.planes.len();
         let tasks: Vec<usize> = (0..count).step_by(TASK).collect();
         let mut contacts = Vec::new();
-        let mut bytes = 0;
+        let mut bytes = self.bytes;
         for tasks in tasks.chunks(64) {
             progress.check()?;
             let found = parallel::map(tasks, |first| {
@@ -219,14 +228,14 @@ impl<'a> Surface<'a> {
                 }
                 found
             });
-            contacts.extend(found.into_iter().flatten());
             let of = |contact: &Contact| {
-                size_of::<Contact>()
-                    + (2 * contact.segments.len() + contact.points.len()) * size_of::<ExactPoint>()
+                let points = 2 * contact.segments.len() + contact.points.len();
+                (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
             };
-            bytes = contacts.iter().map(|contact| of(contact) as u64).sum::<u64>().max(bytes);
+            bytes += found.iter().flatten().map(of).sum::<u64>();
+            contacts.extend(found.into_iter().flatten());
             if bytes > memory {
-                return Err(too_large(bytes, memory));
+                return Err(too_large(self.path, bytes, memory));
             }
         }
         Ok(contacts)

@@ -137,6 +137,7 @@ pub fn import_exact(
         },
     };
     let place = folder(output.path()).to_path_buf();
+    // (Of what is held there are two lists at a time, and the builder has its own.)
     let memory = if options.repair { options.memory / 2 } else { options.memory };
     let mut builder = ModelBuilder::new(output, grid.clone(), memory)?.boolean_faces(options.boolean_faces);
     // Faces that are to be repaired are held; others go straight into the file.
@@ -146,7 +147,7 @@ pub fn import_exact(
     let mut parts = Vec::new();
     read(&mut models, &mut snapper, progress, &mut |face| {
         each_edge(face, |from, to| closure.add_edge(from, to));
-        keep(face, &mut held, &mut builder)
+        keep(face, &mut held, &mut builder, &path, memory)
     })?;
     for model in &models {
         parts.extend(model.info().parts.iter().cloned());
@@ -179,7 +180,7 @@ pub fn import_exact(
                 let part = hole.part;
                 let points = &corners;
                 let face = Face { number: faces, points, ring_ends, colours: &colours, part, source };
-                keep(&face, &mut held, &mut builder)?;
+                keep(&face, &mut held, &mut builder, &path, memory)?;
                 faces += 1;
                 closed.1 += 1;
             }
@@ -211,7 +212,7 @@ pub fn import_exact(
     metadata.tags = tags.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
     let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
     if built.defect_count > 0 {
-        return Err(crossing_surface(&path, &built));
+        return Err(crossing_surface(&path, &built, options.repair));
     }
     Ok(ExactReport {
         read: counts.read,
@@ -230,14 +231,25 @@ pub fn import_exact(
 }
 
 /// Keeps a face in the list, if there is one, or in the file.
-fn keep(face: &Face<'_>, held: &mut Option<FaceList>, builder: &mut ModelBuilder) -> Result<()> {
-    match held {
-        Some(list) => {
-            list.push(face);
-            Ok(())
-        }
-        None => builder.push(face),
+fn keep(
+    face: &Face<'_>,
+    held: &mut Option<FaceList>,
+    builder: &mut ModelBuilder,
+    path: &Path,
+    memory: u64,
+) -> Result<()> {
+    let Some(list) = held else { return builder.push(face) };
+    list.push(face);
+    if list.bytes() <= memory / 2 {
+        return Ok(());
     }
+    Err(Error::TooLarge {
+        path: path.to_path_buf(),
+        what: "the faces of a surface that is to be repaired".into(),
+        needed: list.bytes(),
+        limit: memory / 2,
+        advice: "allow more with --memory".into(),
+    })
 }
 
 /// Width of the grid that all models have their coordinates on, where they tell it.
@@ -313,7 +325,7 @@ fn open_surface(path: &Path, grid: &Grid, loops: &[Loop]) -> Error {
 }
 
 /// The error of a surface that passes through itself.
-fn crossing_surface(path: &Path, built: &BuildReport) -> Error {
+fn crossing_surface(path: &Path, built: &BuildReport, was_repaired: bool) -> Error {
     let place = |defect: &Defect| {
         let what = match defect.kind {
             DefectKind::Crossing => "faces that pass through each other".into(),
@@ -332,9 +344,13 @@ fn crossing_surface(path: &Path, built: &BuildReport) -> Error {
         what: "the surface passes through itself, or is inside out: it bounds no body".into(),
         places: built.defects.iter().map(place).collect(),
         count: built.defect_count,
-        advice: "resolve it with --repair, or build cells of it (without --exact), which take what is inside any of \
-                 its parts"
-            .into(),
+        advice: match was_repaired {
+            true => "on this grid it was not resolved: choose another one with --grid, or build cells of it (without \
+                     --exact)",
+            false => "resolve it with --repair, or build cells of it (without --exact), which take what is inside any \
+                      of its parts",
+        }
+        .into(),
     }
 }
 

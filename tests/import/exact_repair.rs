@@ -1,0 +1,313 @@
+//! Surfaces that pass through themselves, resolved by winding numbers.
+
+use std::path::Path;
+
+use spinney::Error;
+use spinney::brep::questions::{Location, MassProperties};
+use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{ExactModel, FaceList, Faces, Grid};
+use spinney::import::mesh::{ExactOptions, ExactReport, import_exact, open_all};
+use spinney::io::Output;
+use spinney::store::OpenOptions;
+
+use crate::common::exact::{Ring, cuboid, prism, turned};
+use crate::common::solid::winding;
+use crate::common::{Random, shared_data};
+
+type Solid = Vec<Vec<Ring>>;
+
+/// Faces without holes as a file.
+fn write(faces: &Solid, path: &Path) {
+    let corners: Vec<[i32; 3]> = faces.iter().flat_map(|rings| rings[0].iter().copied()).collect();
+    let mut text = format!("OFF\n{} {} 0\n", corners.len(), faces.len());
+    corners.iter().for_each(|[x, y, z]| text += &format!("{x} {y} {z}\n"));
+    let mut first = 0;
+    for rings in faces {
+        text += &rings[0].len().to_string();
+        (first..first + rings[0].len()).for_each(|corner| text += &format!(" {corner}"));
+        text += "\n";
+        first += rings[0].len();
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+fn options(grid: Option<f64>) -> ExactOptions {
+    let mut options = ExactOptions::new();
+    (options.repair, options.grid) = (true, grid);
+    options
+}
+
+fn import(path: &Path, options: &ExactOptions) -> Result<(ExactModel, ExactReport), Error> {
+    let target = path.with_extension("goblin");
+    let models = open_all(&[path.to_path_buf()], 64 << 20)?;
+    let report = import_exact(models, options, Output::create(&target)?, &())?;
+    Ok((ExactModel::open(&target, &OpenOptions::new())?, report))
+}
+
+/// Repairs faces on a grid with steps of a width.
+fn repaired(faces: &Solid, width: f64) -> Result<(ExactModel, ExactReport), Error> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.off");
+    write(faces, &path);
+    import(&path, &options(Some(width)))
+}
+
+fn volume(model: &ExactModel) -> f64 {
+    let euler = Topology::of(model, &TopologyOptions::default(), &()).unwrap().euler();
+    assert_eq!(euler.boundaries, 0);
+    MassProperties::of(model, &()).unwrap().volume
+}
+
+fn triangles(faces: &Solid) -> Solid {
+    let fan =
+        |ring: &Ring| (2..ring.len()).map(|i| vec![vec![ring[0], ring[i - 1], ring[i]]]).collect::<Vec<_>>();
+    faces.iter().flat_map(|rings| fan(&rings[0])).collect()
+}
+
+#[test]
+fn bodies_that_overlap_become_one() {
+    let cube = cuboid([0; 3], [100; 3]);
+    let join = |parts: &[Solid]| parts.concat();
+    let cases = [
+        ("apart", join(&[cube.clone(), cuboid([200; 3], [300; 3])]), 2e6),
+        ("a corner in common", join(&[cube.clone(), cuboid([50; 3], [150; 3])]), 2e6 - 50f64.powi(3)),
+        ("one in the other", join(&[cube.clone(), cuboid([20; 3], [70; 3])]), 1e6),
+        ("a cavity", join(&[cube.clone(), turned(cuboid([20; 3], [70; 3]))]), 1e6 - 50f64.powi(3)),
+        ("twice", join(&[cube.clone(), cube.clone()]), 1e6),
+        ("twice, in triangles", join(&[cube.clone(), triangles(&cube)]), 1e6),
+        ("a face in common", join(&[cube.clone(), cuboid([100, 0, 0], [150, 100, 100])]), 1.5e6),
+        ("a part of a face in common", join(&[cube.clone(), cuboid([100, 20, 30], [150, 60, 130])]), 1.2e6),
+        ("faces in one plane", join(&[cube.clone(), cuboid([50, 0, 0], [150, 100, 100])]), 1.5e6),
+        ("through", join(&[cube.clone(), cuboid([20, 20, -50], [40, 40, 150])]), 1e6 + 400.0 * 100.0),
+        ("an edge in common", join(&[cube.clone(), cuboid([100, 100, 0], [150, 150, 100])]), 1.25e6),
+        ("inside out beside", join(&[cube.clone(), turned(cuboid([200; 3], [220; 3]))]), 1e6),
+        ("inside out across", join(&[cube.clone(), turned(cuboid([50; 3], [150; 3]))]), 1e6 - 50f64.powi(3)),
+        (
+            "an edge on a face",
+            {
+                let wedge = prism(&[vec![[100, 50], [140, 30], [140, 70]]], 20, 80);
+                join(&[cube.clone(), wedge])
+            },
+            1e6 + 800.0 * 60.0,
+        ),
+    ];
+    for (name, faces, expected) in cases {
+        // Also in another order, and in triangles.
+        let mut backwards = faces.clone();
+        backwards.reverse();
+        for faces in [faces.clone(), backwards, triangles(&faces)] {
+            let (model, report) = repaired(&faces, 1.0).unwrap_or_else(|error| panic!("{name}: {error}"));
+            assert_eq!(volume(&model), expected, "{name}");
+            assert_eq!(report.repair.unwrap().displacement, 0.0, "{name}");
+        }
+    }
+}
+
+#[test]
+fn what_is_in_order_stays_as_it_is() {
+    let solid =
+        [cuboid([0; 3], [300; 3]), turned(cuboid([50; 3], [250; 3])), cuboid([100; 3], [200; 3])].concat();
+    let (model, report) = repaired(&solid, 1.0).unwrap();
+    let done = report.repair.unwrap();
+    assert_eq!((done.pairs, done.divided, done.removed, done.rounds), (0, 0, 0, 0));
+    let list = FaceList::of(&model).unwrap();
+    let faces: Solid = (0..list.len() as usize).map(|face| vec![list.get(face).points.to_vec()]).collect();
+    assert_eq!(faces, solid);
+}
+
+#[test]
+fn nothing_inside_is_told() {
+    let error = repaired(&turned(cuboid([0; 3], [100; 3])), 1.0).err().unwrap();
+    assert!(matches!(&error, Error::NoBody { what, .. } if what.contains("nothing is inside")), "{error}");
+    // A plate without thickness.
+    let plate =
+        vec![vec![vec![[0, 0, 0], [9, 0, 0], [0, 9, 0]]], vec![vec![[0, 0, 0], [0, 9, 0], [9, 0, 0]]]];
+    assert!(matches!(repaired(&plate, 1.0).err().unwrap(), Error::NoBody { .. }));
+}
+
+/// A star whose outline crosses itself: its middle is gone around twice.
+#[test]
+fn a_pentagram_is_its_outline() {
+    let star = vec![[0, 950], [588, -809], [-951, 309], [951, 309], [-588, -809]];
+    let ring: Vec<[i32; 2]> = star.into_iter().rev().collect();
+    // Each face is a triangle: the caps as fans, which overlap.
+    let faces = triangles(&prism(&[ring.clone()], -100, 100));
+    let (model, _) = repaired(&faces, 1.0 / 64.0).unwrap();
+    // Even-odd leaves out the middle; by winding numbers, the whole star is inside.
+    let points =
+        [[0.0, 0.0, 0.0], [0.0, 600.0, 0.0], [0.0, -500.0, 0.0], [400.0, 250.0, 50.0], [600.0, -100.0, 0.0]];
+    let expected = [true, true, false, true, false];
+    let mut asked = Vec::new();
+    for point in points {
+        asked.push(model.locate(point).unwrap() == Location::Inside);
+    }
+    assert_eq!(asked, expected);
+    volume(&model);
+}
+
+/// Points against winding numbers of the surface as it was, of random bodies that pass through each other.
+#[test]
+fn points_are_where_the_surface_goes_around_them() {
+    let mut random = Random(5);
+    let mut crossing = 0;
+    for round in 0..12 {
+        let count = 2 + round % 4;
+        let mut faces: Solid = Vec::new();
+        for _ in 0..count {
+            // An octahedron with random corners: closed, and sometimes crossing itself.
+            let mut number = |below: u64| random.below(below) as i32;
+            let centre = [300 + number(300), 300 + number(300), 300 + number(300)];
+            let corners: Vec<[i32; 3]> = (0..6)
+                .map(|corner| {
+                    let mut at = [0, 1, 2].map(|axis| centre[axis] + number(60) - 30);
+                    at[corner / 2] += if corner % 2 == 0 { 80 + number(200) } else { -80 - number(200) };
+                    at
+                })
+                .collect();
+            for octant in 0..8 {
+                let [a, b, c] = [0, 1, 2].map(|axis| corners[2 * axis + (octant >> axis & 1)]);
+                let is_even = (octant as u32).count_ones() % 2 == 0;
+                faces.push(vec![if is_even { vec![a, b, c] } else { vec![a, c, b] }]);
+            }
+        }
+        if round % 3 == 2 {
+            // Faces in common planes, too.
+            faces.extend(cuboid([350; 3], [500; 3]));
+            faces.extend(cuboid([400, 350, 300], [700, 500, 450]));
+        }
+        let width = if round % 2 == 0 { 1.0 / 256.0 } else { 1.0 };
+        let (model, report) = repaired(&faces, width).unwrap_or_else(|error| panic!("{round}: {error}"));
+        let moved = report.repair.unwrap().displacement;
+        assert!(moved < 4.0 * width, "{round}: {moved}");
+        crossing += u32::from(moved > 0.0);
+        let before: Vec<[[f64; 3]; 3]> = triangles(&faces)
+            .iter()
+            .map(|rings| [0, 1, 2].map(|corner| rings[0][corner].map(f64::from)))
+            .collect();
+        let (mut inside, mut outside) = (0, 0);
+        for _ in 0..1500 {
+            let point = [0; 3].map(|_| 200.0 + random.below(500_000) as f64 / 1000.0 + 0.0003);
+            let winding = winding(&before, point).round() as i32;
+            let location = model.locate(point).unwrap();
+            let distance = model.signed_distance(point).unwrap().abs();
+            if distance > 4.0 * width {
+                assert_eq!(location == Location::Inside, winding > 0, "{round}: {point:?} {winding}");
+                if winding > 0 { inside += 1 } else { outside += 1 }
+            }
+        }
+        assert!(inside > 20 && outside > 100, "{round}: {inside} {outside}");
+        volume(&model);
+    }
+    assert!(crossing > 8, "{crossing}");
+}
+
+#[test]
+fn colours_and_parts_stay_with_their_faces() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.ply");
+    // Two tetrahedra, one red and one that is black to white along x.
+    let mut text =
+        String::from("ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n");
+    text +=
+        "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face 8\n";
+    text += "property list uchar int vertex_indices\nend_header\n";
+    text += "0 0 0 255 0 0\n100 0 0 255 0 0\n0 100 0 255 0 0\n0 0 100 255 0 0\n";
+    text += "-50 10 10 0 0 0\n150 10 10 255 255 255\n0 60 12 64 64 64\n0 12 60 64 64 64\n";
+    for first in [0, 4] {
+        for [a, b, c] in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
+            text += &format!("3 {} {} {}\n", first + a, first + b, first + c);
+        }
+    }
+    std::fs::write(&path, text).unwrap();
+    let (model, report) = import(&path, &options(None)).unwrap();
+    assert!(report.repair.unwrap().divided > 0);
+    let list = FaceList::of(&model).unwrap();
+    let grid: &Grid = list.grid();
+    let (mut red, mut grey) = (0, 0);
+    for number in 0..list.len() as usize {
+        let face = list.get(number);
+        for (point, colour) in face.points.iter().zip(face.colours) {
+            let [x, _, _] = grid.to_world(*point);
+            if face.source < 4 {
+                assert_eq!(*colour, [255, 0, 0]);
+                red += 1;
+            } else {
+                let expected = ((x + 50.0) / 200.0 * 255.0).clamp(0.0, 255.0);
+                assert!(
+                    colour[0] == colour[1] && (f64::from(colour[0]) - expected).abs() < 2.0,
+                    "{x} {colour:?}"
+                );
+                grey += 1;
+            }
+        }
+    }
+    assert!(red > 9 && grey > 9);
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads() {
+    let faces = [cuboid([0; 3], [100; 3]), cuboid([33, 41, 57], [150, 160, 143])].concat();
+    let lean = |faces: &Solid| -> Solid {
+        let map = |p: &[i32; 3]| [2 * p[0] + p[1] / 3, 3 * p[1] - p[2] / 5, 2 * p[2] + p[0] / 7];
+        triangles(faces).iter().map(|rings| vec![rings[0].iter().map(map).collect()]).collect()
+    };
+    let faces = lean(&faces);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.off");
+    write(&faces, &path);
+    let bytes = [1, 4].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| import(&path, &options(Some(0.01))).unwrap());
+        std::fs::read(path.with_extension("goblin")).unwrap()
+    });
+    assert!(bytes[0] == bytes[1]);
+}
+
+#[test]
+fn too_little_memory_is_told() {
+    let mut faces = Solid::new();
+    for i in 0..400 {
+        faces.extend(triangles(&cuboid([i, 2 * i, 3 * i], [i + 1000, 2 * i + 1000, 3 * i + 1000])));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.off");
+    write(&faces, &path);
+    let mut options = options(Some(1.0));
+    options.memory = 1 << 20;
+    assert!(matches!(import(&path, &options).err().unwrap(), Error::TooLarge { .. }));
+    assert!(!path.with_extension("goblin").exists());
+}
+
+/// Scans and constructions that pass through themselves, against the volumes that another program finds with exact
+/// arithmetic (libigl 2.6.3, its union of a mesh with nothing).
+#[test]
+fn dirty_models_become_bodies() {
+    let Some(folder) = shared_data() else { return };
+    for (name, expected) in DIRTY {
+        let path = folder.join("mesh").join(name);
+        let there = tempfile::tempdir().unwrap();
+        let target = there.path().join("x.goblin");
+        let models = open_all(&[path], 64 << 20).unwrap();
+        import_exact(models, &options(None), Output::create(&target).unwrap(), &())
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
+        let found = volume(&ExactModel::open(&target, &OpenOptions::new()).unwrap());
+        assert!((found - expected).abs() < 1e-5 * expected, "{name}: {found} {expected}");
+    }
+}
+
+const DIRTY: [(&str, f64); 14] = [
+    ("nasty/1313535.stl", 871694.4553242793),
+    ("nasty/301921.stl", 12129.815057826228),
+    ("nasty/36088.stl", 19113.93131549414),
+    ("nasty/39926.stl", 21912.00534924501),
+    ("nasty/51334.stl", 9645.581623410542),
+    ("nasty/59082.stl", 128897.94603798837),
+    ("nasty/61459.stl", 56360.54292598405),
+    ("nasty/91946.stl", 627.3318757182551),
+    ("nasty/939888.stl", 771.9881629767725),
+    ("nasty/Offset1.obj", 1614716.5048631097),
+    ("nasty/Offset2.obj", 209026.71894800212),
+    ("nasty/self_intersectA.obj", 0.14266215546792002),
+    ("nasty/self_intersectB.obj", 0.14266443142431864),
+    ("bad_two_armadillos_overlap.ply", 0.11356412684155537),
+];
