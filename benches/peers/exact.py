@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Exact models: `spinney build --exact` against reading into manifold3d, octrees of cells, points against trimesh and libigl, volumes.
+"""Exact models: `spinney build --exact` against reading into manifold3d, octrees of cells, points against trimesh and libigl, volumes,
+repair against libigl's exact union.
 
     exact.py             all, building from 200,000 triangles
     exact.py --large     building from 12.8 million, too
-    exact.py points      that alone; also building, volumes, octrees
+    exact.py points      that alone; also building, volumes, octrees, repair
 
 The peers are installed into a virtual environment in benches/peers/work; what cannot be had is skipped, and said. The program is
 target/release/spinney, or SPINNEY. Meshes are those of ../shared/data/mesh where they are there, and some that are made here. One thread.
@@ -136,6 +137,22 @@ print(repr(float(Fraction(total, 6 * scale ** 3))))
 )
 
 
+# What a mesh goes around once or more, by libigl's union with nothing, in exact arithmetic: CPU seconds without reading, faces and volume.
+UNION = """
+import sys, time
+import numpy as np
+import igl
+from igl.copyleft.cgal import mesh_boolean
+points, faces = igl.read_triangle_mesh(sys.argv[1])[:2]
+points, at = np.unique(points, axis=0, return_inverse=True)
+faces = at.reshape(-1)[faces]
+faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+start = time.process_time()
+points, faces = mesh_boolean(points, faces.astype(np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.int64), 'union')[:2]
+a, b, c = (points[faces[:, i]] for i in range(3))
+print(time.process_time() - start, len(faces), np.einsum('ij,ij->i', a, np.cross(b, c)).sum() / 6)
+"""
+
 def python(script, *words):
     command = [PYTHON, "-c", script, *words]
     return subprocess.run([str(word) for word in command], check=True, capture_output=True, text=True).stdout
@@ -265,6 +282,29 @@ def volumes():
     table(["model", "volume", "in rational numbers", "equal"], rows)
 
 
+def repair(peers):
+    rows = []
+    nasty = sorted((MESH / "nasty").iterdir()) if (MESH / "nasty").is_dir() else []
+    for mesh in [*nasty, MESH / "bad_two_armadillos_overlap.ply"]:
+        if not mesh.exists():
+            continue
+        model = WORK / "repaired.goblin"
+        try:
+            seconds, _, _ = once([SPINNEY, "build", mesh, "--exact", "--repair", "-o", model])
+        except SystemExit:
+            rows.append([mesh.name, "not resolved"] + ["-"] * 6)
+            continue
+        facts = json.loads(spinney("stats", model, "--json"))
+        row = [mesh.name, f"{seconds:.2f}", facts["topology"]["faces"], f"{facts['volume']:.9g}"]
+        if "igl" not in peers:
+            rows.append([*row, "-", "-", "-", "-"])
+            continue
+        theirs, faces, volume = python(UNION, mesh).split()
+        differ = abs(facts["volume"] - float(volume)) / float(volume)
+        rows.append([*row, f"{float(theirs):.2f}", faces, f"{float(volume):.9g}", f"{differ:.1e}"])
+    table(["model", "ours, CPU s, with reading and the file", "faces", "volume", "libigl's union, CPU s", "faces", "volume", "differ"], rows)
+
+
 def main():
     start(data=False, peer="python3")
     peers = install()
@@ -277,6 +317,7 @@ def main():
         "volumes": volumes,
         "octrees": octrees,
         "points": lambda: points(peers),
+        "repair": lambda: repair(peers),
     }
     asked = [part for part in parts if part in sys.argv]
     for part in asked or parts:

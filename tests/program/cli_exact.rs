@@ -202,3 +202,34 @@ fn conditions_are_those_of_the_kind_of_file() {
     }
     assert!(refuse(&cells, &["--kind", "full"], 1).contains("no exact model"));
 }
+
+/// Two cubes that pass through each other.
+const CROSSING: &str = "OFF\n16 12 0\n0 0 0\n64 0 0\n64 64 0\n0 64 0\n0 0 64\n64 0 64\n64 64 64\n0 64 64\n\
+    32 32 32\n96 32 32\n96 96 32\n32 96 32\n32 32 96\n96 32 96\n96 96 96\n32 96 96\n\
+    4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n\
+    4 11 10 9 8\n4 12 13 14 15\n4 8 9 13 12\n4 9 10 14 13\n4 10 11 15 14\n4 11 8 12 15\n";
+
+#[test]
+fn what_passes_through_itself_is_repaired_where_that_is_asked_for() {
+    let folder = Folder::new();
+    let mesh = folder.mesh("crossing.off", CROSSING);
+    let file = folder.name("x.goblin");
+    let told = complaint(&["build", &mesh, "--exact", "-o", &file], 1);
+    assert!(told.contains("passes through itself") && told.contains("--repair"), "{told}");
+    let told = complaint(&["build", &mesh, "--exact", "--repair", "-o", &file], 0);
+    assert!(told.contains("faces divided") && told.contains("no corner was moved"), "{told}");
+    let stats: Json = serde_json::from_str(&stdout(&["stats", &file, "--json"])).unwrap();
+    assert_eq!(stats["volume"], 2.0 * 64f64.powi(3) - 32f64.powi(3));
+    // Six faces with a corner cut out, and the others of both.
+    assert_eq!(stats["topology"]["faces"], 12);
+    assert_eq!(stats["topology"]["genus"], 0);
+    let cube = folder.mesh("cube.off", CUBE);
+    let told = complaint(&["build", &cube, "--exact", "--repair", "-o", &file], 0);
+    assert!(told.contains("the surface is in order"), "{told}");
+    // It is about exact models.
+    for option in [vec!["--repair"], vec!["--close"], vec!["--grid", "1"], vec!["--boolean", "3"]] {
+        let words = [&["build", &mesh, "--cells", "8", "-o", &file][..], &option[..]].concat();
+        let told = complaint(&words, 1);
+        assert!(told.contains(option[0]) && told.contains("--exact"), "{told}");
+    }
+}

@@ -147,6 +147,10 @@ impl Args {
             if solids.exact {
                 return Ok(Import::Exact(Box::new(ExactImport::plan(inputs, solids, common)?)));
             }
+            // (Whoever asks for cells has ruled out what these options require, and is not told by their declarations.)
+            if let Some(option) = solids.of_exact_models() {
+                bail!("{option} is for exact models: add --exact, without --cells, --cell and --like");
+            }
             return Ok(Import::Solid(Box::new(solids.plan(inputs, output, common)?)));
         }
         if solids.are_given() {

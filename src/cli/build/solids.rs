@@ -122,6 +122,17 @@ impl SolidArgs {
             || *exact
     }
 
+    /// An option that was given and is for exact models alone.
+    pub(super) fn of_exact_models(&self) -> Option<&'static str> {
+        let given = [
+            ("--grid", self.grid.is_some()),
+            ("--boolean", self.boolean.is_some()),
+            ("--close", self.close),
+            ("--repair", self.repair),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
         let Common { depth, crs, memory, share, limit: _ } = common;
