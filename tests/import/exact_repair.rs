@@ -131,7 +131,7 @@ fn a_pentagram_is_its_outline() {
     let star = vec![[0, 950], [588, -809], [-951, 309], [951, 309], [-588, -809]];
     let ring: Vec<[i32; 2]> = star.into_iter().rev().collect();
     // Each face is a triangle: the caps as fans, which overlap.
-    let faces = triangles(&prism(&[ring.clone()], -100, 100));
+    let faces = triangles(&prism(&[ring], -100, 100));
     let (model, _) = repaired(&faces, 1.0 / 64.0).unwrap();
     // Even-odd leaves out the middle; by winding numbers, the whole star is inside.
     let points =
@@ -166,7 +166,7 @@ fn points_are_where_the_surface_goes_around_them() {
                 .collect();
             for octant in 0..8 {
                 let [a, b, c] = [0, 1, 2].map(|axis| corners[2 * axis + (octant >> axis & 1)]);
-                let is_even = (octant as u32).count_ones() % 2 == 0;
+                let is_even = (octant as u32).count_ones().is_multiple_of(2);
                 faces.push(vec![if is_even { vec![a, b, c] } else { vec![a, c, b] }]);
             }
         }

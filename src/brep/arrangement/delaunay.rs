@@ -67,7 +67,7 @@ mod tests {
     fn a_fan_becomes_delaunay() {
         // A fan over a convex arc, and a corner in the middle of an edge.
         let points: Vec<[f64; 2]> =
-            (0..9).map(|i| (f64::from(i) * 0.4)).map(|t| [t.cos() * 10.0, t.sin() * 7.0]).collect();
+            (0..9).map(|i| f64::from(i) * 0.4).map(|t| [t.cos() * 10.0, t.sin() * 7.0]).collect();
         let mut triangles: Vec<[u32; 3]> = (2..9).map(|i| [0, i - 1, i]).collect();
         let sum = |triangles: &[[u32; 3]]| -> f64 {
             triangles

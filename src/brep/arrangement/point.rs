@@ -60,12 +60,12 @@ impl ExactPlane {
     /// The side of a point that is known but for an error of [`ERROR`], if that is enough to tell.
     pub(super) fn side_near(&self, near: [f64; 3]) -> Option<i32> {
         let (mut height, mut size) = (0.0, 0.0);
-        for axis in 0..3 {
+        for (axis, near) in near.into_iter().enumerate() {
             let normal = self.normal[axis] as f64;
-            height += normal * (near[axis] - f64::from(self.base[axis]));
+            height += normal * (near - f64::from(self.base[axis]));
             size += normal.abs();
         }
-        (height.abs() > size * (4.0 * ERROR)).then(|| if height > 0.0 { 1 } else { -1 })
+        (height.abs() > size * (4.0 * ERROR)).then_some(if height > 0.0 { 1 } else { -1 })
     }
 
     /// Whether two planes are the same, whichever sides they are turned to.
@@ -127,8 +127,8 @@ impl ExactPoint {
         let [a, b, c] = planes;
         let crosses = [cross(b.normal, c.normal), cross(c.normal, a.normal), cross(a.normal, b.normal)];
         let mut weight = wide(0);
-        for axis in 0..3 {
-            weight += product(a.normal[axis].into(), crosses[0][axis]);
+        for (along, across) in a.normal.into_iter().zip(crosses[0]) {
+            weight += product(along.into(), across);
         }
         let mut at = [0, 1, 2].map(|axis| {
             let mut sum = wide(0);
@@ -327,8 +327,8 @@ mod tests {
             let corners = [0; 3].map(|_| [number(4), number(4), number(4)]);
             let normal = ring_normal(&corners);
             let points = corners.map(ExactPoint::of_grid);
-            for axis in 0..3 {
-                assert_eq!(turn(axis, [&points[0], &points[1], &points[2]]), normal[axis].signum() as i32);
+            for (axis, along) in normal.into_iter().enumerate() {
+                assert_eq!(turn(axis, [&points[0], &points[1], &points[2]]), along.signum() as i32);
             }
         }
     }
