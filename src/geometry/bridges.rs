@@ -1,12 +1,13 @@
 //! Faces with holes as one ring, for formats that know nothing else: bridges that are passed there and back lead to
 //! the holes, and can be taken out again.
 
+use std::cell::Cell;
 use std::collections::HashSet;
 
 use super::ears::Ears;
 use super::plane::{Plane, others};
 
-/// Most ways that are tried for a bridge to a hole that the first attempts did not reach.
+/// Most ways that are tried for bridges of a face beyond the nearest few for each hole.
 const MOST_TRIES: usize = 1 << 16;
 
 /// Corners that are tried first for a bridge.
@@ -18,7 +19,7 @@ const NEAREST: usize = 16;
 /// A bridge leads from corner to corner over the face's inside, meets nothing on its way, and is an edge of no
 /// ring; so [`split_bridges`] gives the same rings again, if no edge of the face is passed in both directions. (In
 /// faces whose rings cross there may be no such way; bridges cross something then, but can be taken out all the
-/// same.) Takes time by the product of the numbers of holes and corners.
+/// same, or where very many ways were tried.) Takes time by the product of the numbers of holes and corners.
 ///
 /// Coordinates are at most 2^31 in magnitude.
 ///
@@ -61,6 +62,8 @@ struct Bridges<'a> {
     edges: HashSet<[[i64; 2]; 2]>,
     /// Points in which several corners lie.
     shared: HashSet<[i64; 2]>,
+    /// Ways that may still be tried.
+    tries: Cell<usize>,
 }
 
 /// A bridge from a place in the ring to a place in a hole.
@@ -80,7 +83,7 @@ impl<'a> Bridges<'a> {
         let edges = edges.collect();
         let (mut taken, mut shared) = (HashSet::new(), HashSet::new());
         shared.extend(flat.iter().copied().filter(|point| !taken.insert(*point)));
-        Bridges { flat, ears: Ears::new(flat), ring, holes, edges, shared }
+        Bridges { flat, ears: Ears::new(flat), ring, holes, edges, shared, tries: Cell::new(MOST_TRIES) }
     }
 
     fn join(mut self) -> Vec<u32> {
@@ -123,14 +126,19 @@ impl<'a> Bridges<'a> {
         if nearest < ahead.len() {
             ahead.select_nth_unstable_by_key(nearest, distance);
         }
-        for range in [0..nearest, nearest..ahead.len()] {
-            ahead[range.clone()].sort_by_key(distance);
-            let bridges = ahead[range].iter().map(|&on_ring| Bridge { on_ring, hole, on_hole });
-            if let Some(found) = bridges.take(MOST_TRIES).find(is_good) {
-                return Some(found);
-            }
+        let bridge = |&on_ring: &usize| Bridge { on_ring, hole, on_hole };
+        ahead[..nearest].sort_by_key(distance);
+        if let Some(found) = ahead[..nearest].iter().map(bridge).find(is_good) {
+            return Some(found);
         }
-        None
+        ahead[nearest..].sort_by_key(distance);
+        ahead[nearest..].iter().map(bridge).take_while(|_| self.may_try()).find(is_good)
+    }
+
+    fn may_try(&self) -> bool {
+        let left = self.tries.get();
+        self.tries.set(left.saturating_sub(1));
+        left > 0
     }
 
     /// Any way to any hole. In a face whose rings do not cross there is one, as its triangles have it, if points that
@@ -141,7 +149,9 @@ impl<'a> Bridges<'a> {
         let bridges = ends.flat_map(|(hole, on_hole)| {
             (0..self.ring.len()).map(move |on_ring| Bridge { on_ring, hole, on_hole })
         });
-        bridges.take(MOST_TRIES).find(|bridge| (may_share || self.is_alone(bridge)) && self.is_free(bridge))
+        bridges
+            .take_while(|_| self.may_try())
+            .find(|bridge| (may_share || self.is_alone(bridge)) && self.is_free(bridge))
     }
 
     /// A way to the last hole, whatever it crosses, but along no edge if that can be.
@@ -151,7 +161,7 @@ impl<'a> Bridges<'a> {
         let bridges = (0..corners.len())
             .flat_map(|on_hole| (0..self.ring.len()).map(move |on_ring| Bridge { on_ring, hole, on_hole }));
         let is_new = |bridge: &Bridge| self.is_new(self.ring[bridge.on_ring], corners[bridge.on_hole]);
-        bridges.take(MOST_TRIES).find(is_new).unwrap_or(Bridge { on_ring: 0, hole, on_hole: 0 })
+        bridges.take(NEAREST).find(is_new).unwrap_or(Bridge { on_ring: 0, hole, on_hole: 0 })
     }
 
     fn is_new(&self, a: u32, b: u32) -> bool {

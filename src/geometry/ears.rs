@@ -1,30 +1,48 @@
-//! Ear clipping with exact integers: slow (the square of the number of corners), but it keeps every corner.
+//! Ear clipping with exact integers: slow (the square of the number of corners, or more), but it keeps every corner. Its work
+//! is bounded.
 
+use std::cell::Cell;
 use std::collections::HashSet;
 
 use super::triangulate::turn;
+
+/// Corners looked at for each corner of a face, before that is given up.
+const MOST_LOOKS: u64 = 4096;
 
 /// Cuts flat rings into triangles that turn counterclockwise.
 pub(super) struct Ears<'a> {
     flat: &'a [[i64; 2]],
     triangles: Vec<[u32; 3]>,
+    /// Corners that were looked at, each as often as it was.
+    looks: Cell<u64>,
 }
 
 impl<'a> Ears<'a> {
     pub(super) fn new(flat: &'a [[i64; 2]]) -> Ears<'a> {
-        Ears { flat, triangles: Vec::new() }
+        Ears { flat, triangles: Vec::new(), looks: Cell::new(0) }
     }
 
     /// Triangles of the region between a counterclockwise ring and clockwise holes.
     ///
-    /// The triangles are right if the rings do not cross; what comes out otherwise is anything, and the
-    /// caller finds out.
-    pub(super) fn cut(mut self, rings: Vec<Vec<u32>>) -> Vec<[u32; 3]> {
+    /// The triangles are right if the rings do not cross; what comes out otherwise, or when the work has become
+    /// too much, is anything, and the caller finds out.
+    pub(super) fn cut(&mut self, rings: Vec<Vec<u32>>) -> Vec<[u32; 3]> {
         let rings = self.touch_in_corners(rings);
         if let Some(ring) = self.join(rings) {
             self.clip(ring);
         }
-        self.triangles
+        std::mem::take(&mut self.triangles)
+    }
+
+    /// Corners looked at until now.
+    pub(super) fn looks(&self) -> u64 {
+        self.looks.get()
+    }
+
+    /// Counts corners that are looked at, and says whether it is time to give up.
+    fn is_too_much(&self, corners: usize) -> bool {
+        self.looks.set(self.looks.get() + corners as u64);
+        self.looks.get() > MOST_LOOKS * self.flat.len() as u64
     }
 
     fn at(&self, corner: u32) -> [i64; 2] {
@@ -85,6 +103,9 @@ impl<'a> Ears<'a> {
         holes.sort_by_key(|hole| farthest(hole));
         let mut taken: HashSet<[i64; 2]> = ring.iter().map(|&corner| self.at(corner)).collect();
         while !holes.is_empty() {
+            if self.is_too_much(holes.iter().map(Vec::len).sum()) {
+                return None;
+            }
             let touches = |hole: &[u32]| hole.iter().any(|&corner| taken.contains(&self.at(corner)));
             let mut touching = holes.iter().enumerate().filter(|(_, hole)| touches(hole));
             let touching = touching.find_map(|(i, hole)| Some((i, self.contact(&ring, hole)?)));
@@ -109,6 +130,9 @@ impl<'a> Ears<'a> {
     fn contact(&self, ring: &[u32], hole: &[u32]) -> Option<(usize, usize)> {
         for (on_hole, &corner) in hole.iter().enumerate() {
             let next = hole[(on_hole + 1) % hole.len()];
+            if self.is_too_much(ring.len()) {
+                return None;
+            }
             for (on_ring, &other) in ring.iter().enumerate() {
                 if self.at(other) == self.at(corner) && self.opens_to(ring, on_ring, next) {
                     return Some((on_ring, on_hole));
@@ -137,7 +161,9 @@ impl<'a> Ears<'a> {
                     .chain(holes.iter().map(Vec::as_slice))
                     .all(|other| !self.is_blocked(from, to, other))
         };
-        candidates.into_iter().find(is_free).map(|on_ring| (on_ring, on_hole))
+        let corners = ring.len() + holes.iter().map(Vec::len).sum::<usize>();
+        let mut candidates = candidates.into_iter().take_while(|_| !self.is_too_much(corners));
+        candidates.find(is_free).map(|on_ring| (on_ring, on_hole))
     }
 
     /// Whether a ring has a corner between two points, or an edge that crosses their segment.
@@ -198,6 +224,9 @@ impl<'a> Ears<'a> {
         let mut failures = 0;
         while ring.len() > 2 && failures < ring.len() {
             index %= ring.len();
+            if self.is_too_much(1) {
+                return;
+            }
             if self.is_ear(&ring, index) {
                 let (before, after) = ((index + ring.len() - 1) % ring.len(), (index + 1) % ring.len());
                 let ear = [ring[before], ring[index], ring[after]];
@@ -230,6 +259,9 @@ impl<'a> Ears<'a> {
         }
         let least = [0, 1].map(|i| ends[0][i].min(ends[1][i]).min(ends[2][i]));
         let most = [0, 1].map(|i| ends[0][i].max(ends[1][i]).max(ends[2][i]));
+        if self.is_too_much(ring.len()) {
+            return false;
+        }
         (0..ring.len()).all(|i| {
             let other = ring[i];
             let at = self.at(other);

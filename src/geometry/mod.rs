@@ -10,6 +10,8 @@ mod intersection;
 mod plane;
 mod polygon;
 pub(crate) mod rank;
+mod status;
+mod sweep;
 pub(crate) mod triangle;
 mod triangulate;
 

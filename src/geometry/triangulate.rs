@@ -4,6 +4,10 @@ use std::collections::HashMap;
 
 use super::ears::Ears;
 use super::plane::{Plane, others};
+use super::sweep::Sweep;
+
+/// Most corners of faces that are cut by clipping ears: their number's square and more is what that may take.
+const MOST_EARS: usize = 512;
 
 /// Twice the signed area of the triangle of three points; positive counterclockwise.
 pub(super) fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i128 {
@@ -12,6 +16,10 @@ pub(super) fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i128 {
 }
 
 /// Cuts faces into triangles; keeps its buffers from face to face.
+///
+/// The time is bounded whatever the rings do. Faces of up to 512 corners are cut by clipping ears, in a bounded number of steps per
+/// corner. Larger ones, and those that take more steps, are cut by a sweep, in a number of steps that grows as the
+/// logarithm of the number of corners per corner.
 #[derive(Default)]
 pub struct Triangulator {
     earcut: earcut::Earcut<f64>,
@@ -24,6 +32,7 @@ pub struct Triangulator {
     hole_starts: Vec<u32>,
     proposal: Vec<u32>,
     edges: Vec<([u32; 2], i8)>,
+    looks: u64,
 }
 
 impl Triangulator {
@@ -67,18 +76,37 @@ impl Triangulator {
         self.weld(points);
         let rings = self.rings(ring_ends);
         let start = out.len();
-        // The crate calculates in floating point and leaves out corners on straight lines. It proposes, and
-        // what it proposes is taken if it is exactly right; the slower way of our own keeps all corners.
-        self.propose(ring_ends, out);
-        if !self.covers(&rings, &out[start..]) {
-            out.truncate(start);
-            out.extend(Ears::new(&self.flat).cut(rings.clone()));
-            if !self.covers(&rings, &out[start..]) {
-                out.truncate(start);
-                return false;
+        if points.len() <= MOST_EARS {
+            // The crate calculates in floating point and leaves out corners on straight lines. It proposes, and
+            // what it proposes is taken if it is exactly right; the slower way of our own keeps all corners.
+            self.propose(ring_ends, out);
+            if self.covers(&rings, &out[start..]) {
+                return true;
             }
+            out.truncate(start);
+            let mut ears = Ears::new(&self.flat);
+            out.extend(ears.cut(rings.clone()));
+            self.looks += ears.looks();
+            if self.covers(&rings, &out[start..]) {
+                return true;
+            }
+            out.truncate(start);
         }
-        true
+        let mut sweep = Sweep::new(&self.flat);
+        if let Ok(triangles) = sweep.cut(&rings) {
+            out.extend(triangles);
+        }
+        self.looks += sweep.looks();
+        let covers = self.covers(&rings, &out[start..]);
+        if !covers {
+            out.truncate(start);
+        }
+        covers
+    }
+
+    /// Corners that were looked at until now by exact ways of cutting, each as often as it was: a measure of their work.
+    pub fn looks(&self) -> u64 {
+        self.looks
     }
 
     fn flatten(&mut self, points: &[[i64; 3]], plane: &Plane) {
@@ -172,5 +200,153 @@ impl Triangulator {
         self.edges
             .chunk_by(|a, b| a.0 == b.0)
             .all(|same| same.iter().map(|&(_, times)| i64::from(times)).sum::<i64>() == 0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Ring = Vec<[i64; 2]>;
+
+    fn triangulate(rings: &[Ring], triangulator: &mut Triangulator) -> Option<Vec<[u32; 3]>> {
+        let mut ends = Vec::new();
+        rings.iter().for_each(|ring| ends.push(ends.last().unwrap_or(&0) + ring.len()));
+        let points: Vec<[i64; 3]> = rings.concat().into_iter().map(|[x, y]| [x, y, 5]).collect();
+        let mut out = Vec::new();
+        triangulator.triangulate(&points, &ends, &mut out).then_some(out)
+    }
+
+    fn doubled_area(ring: &[[i64; 2]]) -> i128 {
+        (0..ring.len()).map(|i| turn([0, 0], ring[i], ring[(i + 1) % ring.len()])).sum()
+    }
+
+    /// Triangulates one ring, and checks the area and the work.
+    #[track_caller]
+    fn is_cut_quickly(mut ring: Ring) {
+        if doubled_area(&ring) < 0 {
+            ring.reverse();
+        }
+        let mut triangulator = Triangulator::new();
+        let triangles = triangulate(std::slice::from_ref(&ring), &mut triangulator).unwrap();
+        assert_eq!(triangles.len(), ring.len() - 2);
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|corner| ring[corner as usize]);
+            let doubled = turn(a, b, c);
+            assert!(doubled >= 0);
+            doubled
+        };
+        assert_eq!(triangles.iter().map(area).sum::<i128>(), doubled_area(&ring));
+        assert!(triangulator.looks() < 40 * ring.len() as u64, "{}", triangulator.looks());
+    }
+
+    const MANY: i64 = 100_000;
+
+    #[test]
+    fn combs_with_very_many_teeth() {
+        let tooth = |i: i64| [[4 * i, 10], [4 * i + 1, 100_000], [4 * i + 2, 100_000], [4 * i + 3, 10]];
+        let mut comb: Ring = (0..MANY / 4).flat_map(tooth).collect();
+        comb.extend([[MANY, 0], [0, 0]]);
+        // All teeth are crossed by one line when the comb lies.
+        is_cut_quickly(comb.iter().map(|&[x, y]| [y, -x]).collect());
+        is_cut_quickly(comb);
+        // Teeth from both sides, one between the others.
+        let mut zip: Ring = (0..MANY / 2).map(|i| [10 * i, if i % 2 == 0 { 0 } else { 1_000_000 }]).collect();
+        zip.extend((0..MANY / 2).rev().map(|i| [10 * i, if i % 2 == 0 { 7 } else { 1_000_007 }]));
+        is_cut_quickly(zip);
+    }
+
+    #[test]
+    fn spirals_and_stars_with_very_many_corners() {
+        let at = |angle: f64, radius: f64| [(radius * angle.cos()) as i64, (radius * angle.sin()) as i64];
+        let arm = |i: i64, width: f64| at(i as f64 * 0.05, 1e4 * (i as f64 * 0.05 + 10.0 + width));
+        let mut spiral: Ring = (0..MANY / 2).map(|i| arm(i, 0.0)).collect();
+        spiral.extend((0..MANY / 2).rev().map(|i| arm(i, 3.0)));
+        is_cut_quickly(spiral);
+        // A coast: rays of all lengths.
+        let length = |i: i64| 1e6 + (i * 7_368_787 % 1_000_003) as f64 * 1e3;
+        let angle = |i: i64| i as f64 / MANY as f64 * std::f64::consts::TAU;
+        is_cut_quickly((0..MANY).map(|i| at(angle(i), length(i))).collect());
+    }
+
+    /// Rings that cross, in all sizes: steps that are counted are few, and there are no triangles.
+    #[test]
+    fn what_crosses_is_found_out_soon() {
+        for corners in [40, 300, 512, 513, 16_000, MANY] {
+            let ring = |start: i64| -> Ring {
+                let corner = |i: i64| [(i * i) % 10_007, (start + i * 7919) % 10_009];
+                (start..start + corners).map(corner).collect()
+            };
+            for rings in [vec![ring(0)], vec![ring(0), ring(1), ring(2)]] {
+                let mut triangulator = Triangulator::new();
+                assert_eq!(triangulate(&rings, &mut triangulator), None);
+                let count = rings.concat().len() as u64;
+                let most = if count > MOST_EARS as u64 { 64 } else { 4096 + 512 + 64 };
+                assert!(triangulator.looks() <= most * count, "{corners}: {}", triangulator.looks());
+            }
+        }
+    }
+
+    struct Random(u64);
+
+    impl Random {
+        fn below(&mut self, end: i64) -> i64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((self.0 >> 33) % end as u64) as i64
+        }
+
+        /// Rectangles that divide one.
+        fn divided(&mut self, [x, y, right, top]: [i64; 4], out: &mut Vec<[i64; 4]>) {
+            let (wide, high) = (right - x, top - y);
+            if wide.max(high) < 2 || self.below(8) == 0 {
+                out.push([x, y, right, top]);
+            } else if wide > high {
+                let middle = x + 1 + self.below(wide - 1);
+                self.divided([x, y, middle, top], out);
+                self.divided([middle, y, right, top], out);
+            } else {
+                let middle = y + 1 + self.below(high - 1);
+                self.divided([x, y, right, middle], out);
+                self.divided([x, middle, right, top], out);
+            }
+        }
+    }
+
+    /// Rectangles as holes of a square, which touch in corners, along edges and in the midst of edges: the sweep cuts what is
+    /// left, in every slanted position.
+    #[test]
+    fn the_sweep_cuts_rings_that_touch() {
+        let mut random = Random(3);
+        let mut pieces = 0;
+        for _ in 0..2000 {
+            let side = 2 + random.below(14);
+            let mut all = Vec::new();
+            random.divided([0, 0, side, side], &mut all);
+            let mut matrix = [0; 4];
+            while matrix[0] * matrix[3] - matrix[1] * matrix[2] <= 0 {
+                matrix = [0; 4].map(|_| random.below(7) - 3);
+            }
+            let place = |[x, y]: [i64; 2]| [matrix[0] * x + matrix[1] * y, matrix[2] * x + matrix[3] * y];
+            let mut rings: Vec<Ring> = vec![vec![[0, 0], [side, 0], [side, side], [0, side]]];
+            for [x, y, right, top] in all {
+                if random.below(3) > 0 {
+                    rings.push(vec![[x, y], [x, top], [right, top], [right, y]]);
+                }
+            }
+            let rings: Vec<Ring> =
+                rings.iter().map(|ring| ring.iter().map(|&corner| place(corner)).collect()).collect();
+            let points = rings.concat();
+            let mut triangulator = Triangulator { flat: points.clone(), ..Triangulator::default() };
+            triangulator.weld(&points.iter().map(|&[x, y]| [x, y, 0]).collect::<Vec<_>>());
+            let ends: Vec<usize> = (1..=rings.len()).map(|ring| 4 * ring).collect();
+            let welded = triangulator.rings(&ends);
+            let Ok(triangles) = Sweep::new(&points).cut(&welded) else { panic!("{rings:?}") };
+            assert!(triangulator.covers(&welded, &triangles), "{rings:?}");
+            let area = triangles.iter().map(|t| t.map(|corner| points[corner as usize]));
+            let area: i128 = area.map(|[a, b, c]| turn(a, b, c)).sum();
+            assert_eq!(area, rings.iter().map(|ring| doubled_area(ring)).sum::<i128>());
+            pieces += triangles.len();
+        }
+        assert!(pieces > 20_000);
     }
 }
