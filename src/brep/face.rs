@@ -1,7 +1,8 @@
 //! Faces on a model's grid, and whatever can hand them out.
 
-use super::Grid;
+use super::{Attributes, Grid};
 use crate::Result;
+use crate::space::Crs;
 
 /// A planar face with its holes, in coordinates of the model's grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +38,16 @@ pub trait Faces {
 
     /// Names of the parts (objects, groups, materials); never empty.
     fn parts(&self) -> &[String];
+
+    /// Attributes of the parts, where there are any.
+    fn attributes(&self) -> Attributes {
+        Attributes::default()
+    }
+
+    /// The coordinate system of the world, where known.
+    fn crs(&self) -> Option<&Crs> {
+        None
+    }
 
     /// Number of faces.
     fn len(&self) -> u64;

@@ -1,6 +1,7 @@
 //! Exact models: boundary representations on an integer grid, kept as they are and not as cells.
 
 pub(crate) mod arrangement;
+pub(crate) mod attributes;
 mod build;
 mod face;
 mod grid;
@@ -10,6 +11,7 @@ pub mod questions;
 mod store;
 pub mod topology;
 
+pub use attributes::Attributes;
 pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
 
 pub use face::{Face, FaceList, Faces};

@@ -5,6 +5,8 @@ mod common;
 
 mod descriptions;
 #[cfg(feature = "mesh")]
+mod exact_attributes;
+#[cfg(feature = "mesh")]
 mod exact_build;
 #[cfg(feature = "mesh")]
 mod exact_questions;

@@ -8,7 +8,7 @@ use spinney::import::raster::{self, Pixels};
 use spinney::space::Region;
 use tempfile::TempDir;
 
-use crate::common::command::{command, complaint, stdout};
+use crate::common::command::{command, complaint, stderr, stdout};
 use crate::common::shared_data;
 
 /// A cube whose sides have 64 units.
@@ -232,4 +232,35 @@ fn what_passes_through_itself_is_repaired_where_that_is_asked_for() {
         let told = complaint(&words, 1);
         assert!(told.contains(option[0]) && told.contains("--exact"), "{told}");
     }
+}
+
+/// What a CityJSON file says of its objects is told, and left out with a word where a format has no room for it.
+#[test]
+fn attributes_are_told() {
+    let folder = Folder::new();
+    let sides = "[[[0,2,1]],[[0,1,3]],[[0,3,2]],[[1,2,3]]]";
+    let text = format!(
+        r#"{{"type":"CityJSON","version":"2.0","transform":{{"scale":[1,1,1],"translate":[0,0,0]}},
+        "metadata":{{"title":"One"}},"CityObjects":{{"r":{{"type":"Road","attributes":{{"lanes":{{"n":2}}}},
+        "geometry":[{{"type":"Solid","lod":"2","boundaries":[{sides}]}}]}},"x":{{"type":"GenericCityObject"}}}},
+        "vertices":[[0,0,0],[4,0,0],[0,4,0],[0,0,4]]}}"#
+    );
+    let mesh = folder.mesh("a.city.json", &text);
+    let file = folder.name("a.goblin");
+    let told = |arguments: &[&str]| stderr(command(arguments).assert().success());
+    let built = told(&["build", "--exact", &mesh, "-o", &file]);
+    assert!(built.contains("attributes") && built.contains("of 1 parts\n"), "{built}");
+    let info: Json = serde_json::from_str(&stdout(&["info", "--json", &file])).unwrap();
+    let road = serde_json::json!({ "type": "Road", "attributes": { "lanes": { "n": 2 } } });
+    assert_eq!(info["parts"], serde_json::json!(["r", "x"]));
+    assert_eq!(info["attributes"]["parts"], serde_json::json!([road, null]));
+    assert_eq!(info["attributes"]["files"][0]["metadata"]["title"], "One");
+    let text = stdout(&["info", &file]);
+    assert!(text.contains("attributes  of 1 parts"), "{text}");
+    let export = told(&["export", &file, &folder.name("a.ply")]);
+    assert!(export.contains("what is said of 2 parts and files"), "{export}");
+    let export = told(&["export", &file, &folder.name("b.city.json")]);
+    assert!(!export.contains("left out"), "{export}");
+    let written = std::fs::read_to_string(folder.name("b.city.json")).unwrap();
+    assert!(written.contains(r#""r":{"type":"Road","attributes":{"lanes":{"n":2}},"geometry""#), "{written}");
 }

@@ -6,9 +6,10 @@ use super::block::{Block, FaceBuffer};
 use super::pieces::Pieces;
 use super::segment::{CUT, FULL, INNER, LEAF, LeafHead, NodeKind, Rule, Segment, VOID};
 use super::summary::{NodeCounts, Summary};
-use crate::brep::{Face, Faces, Grid};
+use crate::brep::attributes::DOMAIN;
+use crate::brep::{Attributes, Face, Faces, Grid};
 use crate::io::{ReadBackend, Stamp};
-use crate::space::{Code, Dimension};
+use crate::space::{Code, Crs, Dimension};
 use crate::store::Metadata;
 use crate::store::container::{HEADER_SIZE, Section, Trailer};
 use crate::{Error, Result};
@@ -345,6 +346,16 @@ impl Faces for ExactModel {
 
     fn parts(&self) -> &[String] {
         &self.parts
+    }
+
+    fn attributes(&self) -> Attributes {
+        let mut scopes = self.metadata.scoped_tags.iter();
+        let tags = scopes.find(|(scope, _)| scope.channel.is_none() && scope.domain == DOMAIN);
+        tags.map_or_else(Attributes::default, |(_, tags)| Attributes::from_tags(tags))
+    }
+
+    fn crs(&self) -> Option<&Crs> {
+        self.metadata.frame.crs.as_ref()
     }
 
     fn len(&self) -> u64 {

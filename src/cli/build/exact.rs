@@ -83,6 +83,15 @@ fn lines(report: &ExactReport, stats: bool) -> Lines {
             .filter(|(_, count, _)| *count > 0)
             .map(|(name, count, text)| (name, format!("{count} {text}"))),
     );
+    let (parts, lost) = report.attributes;
+    if parts > 0 || lost > 0 {
+        let lost = if lost > 0 {
+            format!("; those of {lost} are LOST, as there are too many")
+        } else {
+            String::new()
+        };
+        lines.push(("attributes", format!("of {parts} parts{lost}")));
+    }
     let (boundaries, triangles) = report.closed;
     if boundaries > 0 {
         lines.push(("closed", format!("{boundaries} boundaries, with {triangles} triangles")));

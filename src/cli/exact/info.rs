@@ -33,12 +33,26 @@ fn as_json(model: &ExactModel) -> serde_json::Value {
         "nodes": nodes,
         "segments": model.segments(),
         "parts": model.parts(),
+        "attributes": attributes(model),
         "epsg": metadata.frame.crs.as_ref().and_then(|crs| crs.numbers()).map(|numbers| numbers.horizontal),
         "provenance": metadata.provenance,
         "tags": metadata.tags,
         "bytes": model.file_size(),
         "sections": sections,
     })
+}
+
+/// What is said of each part, and of the files that the model is of; nothing where nothing is said.
+fn attributes(model: &ExactModel) -> serde_json::Value {
+    let all = model.attributes();
+    if all.is_empty() {
+        return serde_json::Value::Null;
+    }
+    // (A text that is no JSON is shown as it is.)
+    let value = |text: &str| serde_json::from_str(text).unwrap_or_else(|_| json!(text));
+    let parts: Vec<_> = (0..).zip(model.parts()).map(|(part, _)| all.part(part).map(value)).collect();
+    let files: Vec<_> = all.files().iter().map(|text| value(text)).collect();
+    json!({ "parts": parts, "files": files })
 }
 
 fn as_text(model: &ExactModel) -> Result<String> {
@@ -58,6 +72,10 @@ fn as_text(model: &ExactModel) -> Result<String> {
     let names: Vec<&str> = parts.iter().take(8).map(String::as_str).collect();
     let more = if parts.len() > names.len() { ", ..." } else { "" };
     writeln!(text, "  parts       {}: {}{more}", parts.len(), names.join(", "))?;
+    let attributes = model.attributes();
+    if !attributes.is_empty() {
+        writeln!(text, "  attributes  of {} parts (told with --json)", attributes.parts().count())?;
+    }
     if let Some(crs) = &model.metadata().frame.crs {
         writeln!(text, "  crs         {crs}")?;
     }

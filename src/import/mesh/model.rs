@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use crate::Result;
+use crate::brep::Attributes;
 use crate::space::Crs;
 
 /// A planar face with its holes, as a reader hands it out.
@@ -41,6 +42,8 @@ pub struct ModelInfo {
     pub step: Option<f64>,
     /// Names of the parts: objects, groups, materials. A face's part is an index into this list; never empty.
     pub parts: Vec<String>,
+    /// Attributes of the parts, by their numbers.
+    pub attributes: Attributes,
     /// Whether faces come with colours.
     pub is_coloured: bool,
     /// Bytes of the file.

@@ -8,9 +8,11 @@ use std::path::{Path, PathBuf};
 use super::numbering::CornerNumbers;
 use super::survey::Survey;
 use super::{ExactSummary, Job, temporary_folder};
-use crate::brep::Face;
+use crate::brep::attributes::each_member;
+use crate::brep::{Attributes, Face};
 use crate::export::mesh::sink::failed;
 use crate::io::{Output, Sorter};
+use crate::space::Crs;
 use crate::{Error, Result};
 
 /// Bytes after which a run ends.
@@ -37,7 +39,11 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         separator = ",\n";
         Ok(())
     })?;
-    text("\n],\n\"CityObjects\":{")?;
+    text("\n],\n")?;
+    let attributes = job.faces.attributes();
+    let (about, mut lost_attributes) = about_file(&attributes, job.faces.crs());
+    text(&about)?;
+    text("\"CityObjects\":{")?;
     let mut surfaces = Surfaces::new(&folder)?;
     let mut found = Vec::new();
     let mut faces = 0;
@@ -55,7 +61,10 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         while next_part < until {
             let separator = if next_part == 0 { "\n" } else { ",\n" };
             let name = names.key(all.get(next_part as usize).map_or("", String::as_str));
-            text(&format!("{separator}{name}:{{\"type\":\"GenericCityObject\""))?;
+            let object = attributes.part(next_part).map(object_members);
+            lost_attributes += u64::from(object == Some(None));
+            let members = object.flatten().unwrap_or_else(|| format!("\"type\":{PLAIN}"));
+            text(&format!("{separator}{name}:{{{members}"))?;
             next_part += 1;
             if next_part < until {
                 text("}")?;
@@ -93,8 +102,63 @@ pub(super) fn write(job: &Job<'_>, mut output: Output) -> Result<ExactSummary> {
         vertices: corners.vertices,
         faces,
         lost_colours: survey.has_colours,
+        lost_attributes,
         ..ExactSummary::default()
     })
+}
+
+/// The type of objects of which nothing else is known, in JSON.
+const PLAIN: &str = "\"GenericCityObject\"";
+
+/// The members of a city object from the text about a part, without its geometry; nothing if that is no JSON.
+fn object_members(about: &str) -> Option<String> {
+    let mut members = Vec::new();
+    let mut kind = PLAIN.to_string();
+    each_member(about, |key, value| match key {
+        "type" => kind = value.into(),
+        "geometry" => {}
+        _ => members.push(member(key, value)),
+    })
+    .ok()?;
+    members.insert(0, member("type", &kind));
+    Some(members.join(","))
+}
+
+fn member(key: &str, json: &str) -> String {
+    format!("{}:{json}", serde_json::Value::from(key))
+}
+
+/// Lines with the metadata and the extensions, and the number of files of which what they say is left out.
+fn about_file(attributes: &Attributes, crs: Option<&Crs>) -> (String, u64) {
+    let (mut metadata, mut lines) = (Vec::new(), String::new());
+    let mut lost = 0;
+    // Of several files, none says what the model is.
+    if let [about] = attributes.files() {
+        let outcome = each_member(about, |key, value| match key {
+            "metadata" => {
+                let members = each_member(value, |key, value| {
+                    if !["referenceSystem", "geographicalExtent"].contains(&key) {
+                        metadata.push(member(key, value));
+                    }
+                });
+                lost = u64::from(members.is_err());
+            }
+            "extensions" => lines = format!("{},\n", member(key, value)),
+            _ => {}
+        });
+        lost |= u64::from(outcome.is_err());
+    } else {
+        lost = attributes.files().len() as u64;
+    }
+    let numbers = crs.and_then(Crs::numbers).filter(|numbers| numbers.vertical.is_none());
+    if let Some(numbers) = numbers {
+        let url = format!("https://www.opengis.net/def/crs/EPSG/0/{}", numbers.horizontal);
+        metadata.push(member("referenceSystem", &serde_json::Value::from(url).to_string()));
+    }
+    if !metadata.is_empty() {
+        lines.push_str(&format!("\"metadata\":{{{}}},\n", metadata.join(",")));
+    }
+    (lines, lost)
 }
 
 /// Numbers such that they are read as the same ones.
@@ -208,5 +272,35 @@ impl Surfaces {
             (&mut file).take(len).read_to_end(&mut bytes).map_err(failed())?;
             each(part, str::from_utf8(&bytes).unwrap_or_default())
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Texts of files that somebody made up.
+    #[test]
+    fn what_is_no_json_is_left_out() {
+        let members = |text: &str| object_members(text);
+        assert_eq!(members("{}").unwrap(), "\"type\":\"GenericCityObject\"");
+        let text = "{\"a\":[1.10],\"geometry\":[7],\"type\":\"Road\",\"type\":\"Bridge\"}";
+        assert_eq!(members(text).unwrap(), "\"type\":\"Road\",\"a\":[1.10]");
+        for wrong in ["", "{", "[]", "{\"a\":}", "{}}", "{\"a\":1},\"b\":{}"] {
+            assert_eq!(members(wrong), None, "{wrong}");
+        }
+        let tags = |texts: &[&str]| {
+            let tags = texts.iter().enumerate().map(|(i, text)| (format!("file {i}"), text.to_string()));
+            about_file(&Attributes::from_tags(&tags.collect()), None)
+        };
+        assert_eq!(tags(&[]), (String::new(), 0));
+        assert_eq!(tags(&["{}"]), (String::new(), 0));
+        let text = "{\"metadata\":{\"title\":\"x\",\"referenceSystem\":7},\"extensions\":{\"e\":1}}";
+        let expected = "\"extensions\":{\"e\":1},\n\"metadata\":{\"title\":\"x\"},\n";
+        assert_eq!(tags(&[text]), (expected.into(), 0));
+        assert_eq!(tags(&[text, text]), (String::new(), 2));
+        for wrong in ["no", "{\"metadata\":[]}"] {
+            assert_eq!(tags(&[wrong]), (String::new(), 1));
+        }
     }
 }

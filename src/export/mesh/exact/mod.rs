@@ -29,6 +29,8 @@ pub struct ExactSummary {
     pub bridged_holes: u64,
     /// Whether there were colours that are not in the file.
     pub lost_colours: bool,
+    /// Parts and files whose attributes are not in the file.
+    pub lost_attributes: u64,
     /// Whether there were parts that the file does not tell apart.
     pub lost_parts: bool,
     /// STL: corners of triangles that single precision has moved.
@@ -53,6 +55,9 @@ pub struct ExactSummary {
 /// Where holes are bridges, they and the outer ring are one ring, as
 /// [`join_rings`](crate::geometry::join_rings) makes it; [`split_bridges`](crate::geometry::split_bridges) gives the
 /// rings again. Vertices stand in the order of their coordinates, within cells of 32 x 32 x 32 steps of the grid.
+///
+/// Attributes of parts are written to CityJSON files alone. What is said of the file that the model was built from is, too, unless
+/// there were several.
 ///
 /// A part of a CityJSON file is a `Solid` with one shell if its faces are closed (every edge is passed as often in one
 /// direction as in the other, which is told from a sum of hashes), else a `MultiSurface`; names that come
@@ -83,11 +88,14 @@ pub fn export_exact(
     progress: &dyn Progress,
 ) -> Result<ExactSummary> {
     let job = Job { faces, progress, passes: if format == MeshFormat::Stl { 1 } else { 3 } };
-    match format {
-        MeshFormat::Stl => triangles::write(&job, output),
-        MeshFormat::CityJson => city_json::write(&job, output),
-        MeshFormat::Ply | MeshFormat::Obj | MeshFormat::Off => polygons::write(&job, format, output),
-    }
+    let mut summary = match format {
+        MeshFormat::CityJson => return city_json::write(&job, output),
+        MeshFormat::Stl => triangles::write(&job, output)?,
+        MeshFormat::Ply | MeshFormat::Obj | MeshFormat::Off => polygons::write(&job, format, output)?,
+    };
+    let attributes = faces.attributes();
+    summary.lost_attributes = attributes.parts().count() as u64 + attributes.files().len() as u64;
+    Ok(summary)
 }
 
 /// Faces that are gone through several times, with progress.

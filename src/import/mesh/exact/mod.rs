@@ -12,12 +12,13 @@ use self::snap::{Snapped, Snapper};
 use super::Model;
 use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, provenance};
+use crate::brep::attributes::DOMAIN;
 use crate::brep::{
-    BOOLEAN_FACES, BuildReport, Defect, DefectKind, Face, FaceList, Faces, Grid, ModelBuilder,
+    Attributes, BOOLEAN_FACES, BuildReport, Defect, DefectKind, Face, FaceList, Faces, Grid, ModelBuilder,
 };
 use crate::io::{Output, folder};
 use crate::space::{Crs, Frame, Up};
-use crate::store::Metadata;
+use crate::store::{Metadata, TagScope};
 use crate::{Error, Progress, Result};
 
 pub use self::repair::Repair;
@@ -79,6 +80,9 @@ pub struct ExactReport {
     pub cut: u64,
     /// Faces whose rings cross, which were cut into fans of triangles.
     pub fanned: u64,
+    /// Parts with attributes, and the number of parts or files whose attributes are not kept, since there are too many: see
+    /// [`Attributes::MOST_BYTES`].
+    pub attributes: (u64, u64),
     /// Boundaries that were closed, and the triangles that close them.
     pub closed: (u64, u64),
     /// What was repaired, if that was wanted.
@@ -149,7 +153,11 @@ pub fn import_exact(
         each_edge(face, |from, to| closure.add_edge(from, to));
         keep(face, &mut held, &mut builder, &path, memory)
     })?;
+    // (A name stands in the metadata with its number.)
+    let names = models.iter().flat_map(|model| &model.info().parts).map(|name| name.len() + 10);
+    let mut attributes = Attributes::beside(names.sum());
     for model in &models {
+        attributes.append(&model.info().attributes, parts.len() as u32, model.info().parts.len() as u32);
         parts.extend(model.info().parts.iter().cloned());
     }
     let Snapped { read: faces_read, mut faces, .. } = snapper.counts;
@@ -208,6 +216,13 @@ pub fn import_exact(
     if let Some(done) = &repaired {
         tags.push(("model.repaired_faces", (done.divided + done.removed).to_string()));
     }
+    if attributes.lost() > 0 {
+        tags.push(("model.lost_attributes", attributes.lost().to_string()));
+    }
+    if !attributes.is_empty() {
+        let scope = TagScope { channel: None, domain: DOMAIN.into() };
+        metadata.scoped_tags.insert(scope, attributes.to_tags());
+    }
     tags.extend(unit.iter().map(|unit| ("unit", unit.clone())));
     metadata.tags = tags.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
     let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
@@ -221,6 +236,7 @@ pub fn import_exact(
         slivers: counts.slivers,
         cut: counts.cut,
         fanned: counts.fanned,
+        attributes: (attributes.parts().count() as u64, attributes.lost()),
         closed,
         repair: repaired,
         displacement,

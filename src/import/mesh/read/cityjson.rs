@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use serde::de::{DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::de::{DeserializeSeed, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 
@@ -15,6 +15,8 @@ use super::parts::Parts;
 use super::text::{line_number, shown};
 use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
+use crate::brep::Attributes;
+use crate::brep::attributes::{ObjectText, each_member};
 use crate::space::Crs;
 use crate::{Error, Result};
 
@@ -32,7 +34,10 @@ struct Document<'a> {
     kind: Option<String>,
     version: Option<String>,
     transform: Option<Transform>,
-    metadata: Option<CityMetadata>,
+    #[serde(borrow)]
+    metadata: Option<&'a RawValue>,
+    #[serde(borrow)]
+    extensions: Option<&'a RawValue>,
     #[serde(borrow, rename = "CityObjects")]
     objects: Option<&'a RawValue>,
     #[serde(borrow)]
@@ -43,12 +48,6 @@ struct Document<'a> {
 struct Transform {
     scale: [f64; 3],
     translate: [f64; 3],
-}
-
-#[derive(Deserialize)]
-struct CityMetadata {
-    #[serde(rename = "referenceSystem")]
-    reference_system: Option<String>,
 }
 
 /// Goes through all values of a file; each comes with the transform that holds for it.
@@ -174,10 +173,43 @@ fn read_vertices(
     vertices.finish()
 }
 
-/// The names of all city objects.
+/// What a file says of itself: the reference system, and its other metadata and extensions.
+fn read_metadata(
+    source: &ModelFile,
+    document: &Document<'_>,
+    attributes: &mut Attributes,
+) -> Result<Option<Crs>> {
+    let (mut of_file, mut metadata) = (ObjectText::default(), ObjectText::default());
+    let mut reference = None;
+    if let Some(text) = document.metadata.filter(|text| text.get() != "null") {
+        each_member(text.get(), |key, value| match key {
+            "referenceSystem" => reference = Some(serde_json::from_str::<Option<String>>(value)),
+            // (That of the model is another one when corners have moved, or files come together.)
+            "geographicalExtent" => {}
+            _ => metadata.push(key, value),
+        })
+        .map_err(|error| not_json_there(source, text, &error))?;
+    }
+    let reference = reference.transpose().map_err(|error| not_json(source, 1, &error))?.flatten();
+    if !metadata.is_empty() {
+        of_file.push("metadata", &metadata.to_string());
+    }
+    if let Some(text) = document.extensions {
+        of_file.push("extensions", text.get());
+    }
+    if !of_file.is_empty() {
+        attributes.push_file(&of_file);
+    }
+    Ok(reference.and_then(|reference| Crs::parse(&reference).ok()))
+}
+
+/// The names and attributes of all city objects.
 struct ReadNames<'a> {
     source: &'a ModelFile,
     parts: &'a mut Parts,
+    attributes: &'a mut Attributes,
+    /// The part that the next object is.
+    part: &'a mut u32,
     failure: &'a mut Option<Error>,
 }
 
@@ -189,8 +221,23 @@ impl<'de> Visitor<'de> for ReadNames<'_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        while let Some((name, _)) = map.next_entry::<String, IgnoredAny>()? {
+        while let Some((name, object)) = map.next_entry::<String, &'de RawValue>()? {
             keep(self.failure, self.parts.push(self.source, name))?;
+            let mut text = ObjectText::default();
+            // The type that objects have whose type is not known says nothing.
+            let mut is_plain = true;
+            let members = each_member(object.get(), |key, value| {
+                if key != "geometry" {
+                    is_plain &= key == "type" && value == "\"GenericCityObject\"";
+                    text.push(key, value);
+                }
+            });
+            let members = members.map_err(|error| not_json_there(self.source, object, &error));
+            keep(self.failure, members)?;
+            if !is_plain {
+                self.attributes.push_part(*self.part, &text);
+            }
+            *self.part += 1;
         }
         Ok(())
     }
@@ -408,7 +455,8 @@ impl<'de> Visitor<'de> for Boundaries<'_, '_> {
 pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
     let mut bounds = VertexBounds::new();
     let mut parts = Parts::new(memory);
-    let (mut count, mut version, mut crs) = (0, None, None);
+    let mut attributes = Attributes::default();
+    let (mut count, mut part, mut version, mut crs) = (0, 0, None, None);
     // One grid for all axes and all documents.
     let mut step: Option<Option<f64>> = None;
     documents(&source, |document, transform| {
@@ -420,13 +468,12 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         read_vertices(&source, document, transform, &mut bounds, memory)?;
         if count == 1 {
             version.clone_from(&document.version);
-            let reference =
-                document.metadata.as_ref().and_then(|metadata| metadata.reference_system.as_deref());
-            crs = reference.and_then(|reference| Crs::parse(reference).ok());
+            crs = read_metadata(&source, document, &mut attributes)?;
         }
         let Some(text) = document.objects else { return Ok(()) };
         walk(&source, text, &mut None, |failure, json| {
-            json.deserialize_map(ReadNames { source: &source, parts: &mut parts, failure })
+            let (source, parts, attributes) = (&source, &mut parts, &mut attributes);
+            json.deserialize_map(ReadNames { source, parts, attributes, part: &mut part, failure })
         })
     })?;
     let bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
@@ -440,6 +487,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: Some("m".into()),
         step: step.flatten(),
         parts: parts.names(),
+        attributes,
         is_coloured: false,
         bytes: source.bytes().len() as u64,
     };

@@ -25,6 +25,7 @@ pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
         unit: model.metadata().tags.get("unit").cloned(),
         step: Some(model.grid().width()),
         parts: model.parts().to_vec(),
+        attributes: model.attributes(),
         is_coloured: model.is_coloured()?,
         bytes: model.file_size(),
     };

@@ -5,6 +5,7 @@ use super::model_file::ModelFile;
 use super::text::{Lines, line_number, real, shown, whole, words};
 use super::vertices::{Coordinates, VertexBounds, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
+use crate::brep::Attributes;
 use crate::{Error, Result};
 
 struct Off {
@@ -139,6 +140,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: None,
         step: None,
         parts: vec!["mesh".into()],
+        attributes: Attributes::default(),
         is_coloured,
         bytes: source.bytes().len() as u64,
     };

@@ -7,6 +7,7 @@ use super::text::{Lines, real, shown, words};
 use super::vertices::VertexBounds;
 use super::{Face, Model, ModelInfo};
 use crate::Result;
+use crate::brep::Attributes;
 
 /// Bytes before the first facet of a binary file: a free text and the number of facets.
 const HEADER: usize = 84;
@@ -68,6 +69,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: None,
         step: None,
         parts: parts.names(),
+        attributes: Attributes::default(),
         is_coloured: false,
         bytes: source.bytes().len() as u64,
     };

@@ -12,6 +12,7 @@ use super::text::{self, Lines, shown};
 use super::vertices::{Coordinates, Table, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
 use crate::Result;
+use crate::brep::Attributes;
 
 /// Ratio of the memory that a file takes when read at once to its length.
 const WHOLE_FACTOR: u64 = 4;
@@ -68,6 +69,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: None,
         step: None,
         parts: scan.parts.names(),
+        attributes: Attributes::default(),
         is_coloured: scan.coloured > 0 || !materials.is_empty(),
         bytes: length,
     };

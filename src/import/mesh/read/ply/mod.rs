@@ -11,6 +11,7 @@ use super::corners::{Corners, MOST_CORNERS};
 use super::model_file::ModelFile;
 use super::vertices::{Coordinates, Table, VertexBounds, VertexLayout, Vertices, VerticesBuilder};
 use super::{Face, Model, ModelInfo};
+use crate::brep::Attributes;
 use crate::{Error, Result};
 
 struct Ply {
@@ -90,6 +91,7 @@ pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
         unit: None,
         step: None,
         parts: vec!["mesh".into()],
+        attributes: Attributes::default(),
         is_coloured: vertices.table(&source).is_coloured() || faces.colour().is_some(),
         bytes: source.bytes().len() as u64,
     };
