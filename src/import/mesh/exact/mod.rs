@@ -4,7 +4,7 @@ mod boundary;
 mod repair;
 mod snap;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use self::boundary::{Boundary, Loop};
 use self::repair::repair;
@@ -141,17 +141,13 @@ pub fn import_exact(
         },
     };
     let place = folder(output.path()).to_path_buf();
-    // (Of what is held there are two lists at a time, and the builder has its own.)
-    let memory = if options.repair { options.memory / 2 } else { options.memory };
-    let mut builder = ModelBuilder::new(output, grid.clone(), memory)?.boolean_faces(options.boolean_faces);
-    // Faces that are to be repaired are held; others go straight into the file.
-    let mut held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
+    let mut target = Target::new(output, &path, &grid, options)?;
     let mut snapper = Snapper::new(grid.clone(), options.up);
     let mut closure = Closure::default();
     let mut parts = Vec::new();
     read(&mut models, &mut snapper, progress, &mut |face| {
         each_edge(face, |from, to| closure.add_edge(from, to));
-        keep(face, &mut held, &mut builder, &path, memory)
+        target.push(face)
     })?;
     // (A name stands in the metadata with its number.)
     let names = models.iter().flat_map(|model| &model.info().parts).map(|name| name.len() + 10);
@@ -160,17 +156,17 @@ pub fn import_exact(
         attributes.append(&model.info().attributes, parts.len() as u32, model.info().parts.len() as u32);
         parts.extend(model.info().parts.iter().cloned());
     }
-    let Snapped { read: faces_read, mut faces, .. } = snapper.counts;
+    let counts = snapper.counts;
+    let mut faces = counts.faces;
     let mut closed = (0, 0);
     if !closure.is_closed() {
         let mut boundary = Boundary::new(&place, options.memory / 4);
         let mut again = Snapper::new(grid.clone(), options.up);
         read(&mut models, &mut again, progress, &mut |face| {
-            let part = face.part;
             let mut added = Ok(());
             each_edge(face, |from, to| {
                 if added.is_ok() {
-                    added = boundary.add(from, to, part);
+                    added = boundary.add(from, to, face.part);
                 }
             });
             added
@@ -179,36 +175,22 @@ pub fn import_exact(
         if !options.close {
             return Err(open_surface(&path, &grid, &loops));
         }
-        for hole in &loops {
-            closed.0 += 1;
-            for corners in hole.triangles() {
-                let source = faces_read;
-                let ring_ends = &[3];
-                let colours = vec![[255; 3]; if snapper.is_coloured { 3 } else { 0 }];
-                let part = hole.part;
-                let points = &corners;
-                let face = Face { number: faces, points, ring_ends, colours: &colours, part, source };
-                keep(&face, &mut held, &mut builder, &path, memory)?;
-                faces += 1;
-                closed.1 += 1;
-            }
-        }
+        closed = target.close(&loops, counts, snapper.is_coloured)?;
+        faces += closed.1;
     }
-    let counts = snapper.counts;
-    let mut repaired = None;
-    if let Some(held) = held {
-        let (list, done) = repair(held, &path, memory, progress)?;
-        list.each(&mut |face| builder.push(face))?;
-        faces = list.len();
-        repaired = Some(done);
-    }
+    let (builder, repaired) = target.repaired(progress)?;
+    faces = repaired.as_ref().map_or(faces, |(faces, _)| *faces);
+    let repaired = repaired.map(|(_, done)| done);
     let displacement = counts.squared_displacement.sqrt();
     let mut metadata = Metadata { frame: frame(&grid, crs), ..Metadata::default() };
     metadata.class_names = (0..).zip(parts).collect();
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
     let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
     let mut tags = vec![
-        ("model.displacement", displacement.to_string()),
+        (
+            "model.displacement",
+            repaired.map_or(displacement, |done| done.displacement.max(displacement)).to_string(),
+        ),
         ("model.cut_faces", counts.cut.to_string()),
         ("model.slivers", counts.slivers.to_string()),
         ("model.closing_triangles", closed.1.to_string()),
@@ -246,26 +228,61 @@ pub fn import_exact(
     })
 }
 
-/// Keeps a face in the list, if there is one, or in the file.
-fn keep(
-    face: &Face<'_>,
-    held: &mut Option<FaceList>,
-    builder: &mut ModelBuilder,
-    path: &Path,
+/// Where faces on the grid go: straight into the file, or into a list if they are to be repaired first.
+struct Target {
+    builder: ModelBuilder,
+    held: Option<FaceList>,
+    /// Of the first model, for errors.
+    path: PathBuf,
     memory: u64,
-) -> Result<()> {
-    let Some(list) = held else { return builder.push(face) };
-    list.push(face);
-    if list.bytes() <= memory / 2 {
-        return Ok(());
+}
+
+impl Target {
+    fn new(output: Output, path: &Path, grid: &Grid, options: &ExactOptions) -> Result<Target> {
+        // (Of what is held there are two lists at a time, and the builder has its own.)
+        let memory = if options.repair { options.memory / 2 } else { options.memory };
+        let builder = ModelBuilder::new(output, grid.clone(), memory)?.boolean_faces(options.boolean_faces);
+        let held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
+        Ok(Target { builder, held, path: path.to_path_buf(), memory })
     }
-    Err(Error::TooLarge {
-        path: path.to_path_buf(),
-        what: "the faces of a surface that is to be repaired".into(),
-        needed: list.bytes(),
-        limit: memory / 2,
-        advice: "allow more with --memory".into(),
-    })
+
+    fn push(&mut self, face: &Face<'_>) -> Result<()> {
+        let Some(list) = &mut self.held else { return self.builder.push(face) };
+        list.push(face);
+        if list.bytes() <= self.memory / 2 {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: self.path.clone(),
+            what: "the faces of a surface that is to be repaired".into(),
+            needed: list.bytes(),
+            limit: self.memory / 2,
+            advice: "allow more with --memory".into(),
+        })
+    }
+
+    /// Adds triangles over boundaries, after the faces that were counted; returns numbers of both.
+    fn close(&mut self, loops: &[Loop], counts: Snapped, is_coloured: bool) -> Result<(u64, u64)> {
+        let colours = [[255; 3]; 3];
+        let colours = if is_coloured { &colours[..] } else { &[] };
+        let mut triangles = 0;
+        for hole in loops {
+            for points in hole.triangles() {
+                let (number, part, source) = (counts.faces + triangles, hole.part, counts.read);
+                self.push(&Face { number, points: &points, ring_ends: &[3], colours, part, source })?;
+                triangles += 1;
+            }
+        }
+        Ok((loops.len() as u64, triangles))
+    }
+
+    /// The builder with all faces in it, and what was repaired: the number of faces, and counts.
+    fn repaired(mut self, progress: &dyn Progress) -> Result<(ModelBuilder, Option<(u64, Repair)>)> {
+        let Some(held) = self.held else { return Ok((self.builder, None)) };
+        let (list, done) = repair(held, &self.path, self.memory, progress)?;
+        list.each(&mut |face| self.builder.push(face))?;
+        Ok((self.builder, Some((list.len(), done))))
+    }
 }
 
 /// Width of the grid that all models have their coordinates on, where they tell it.
