@@ -129,7 +129,7 @@ impl Model {
         Ok(self.get()?.len() as usize)
     }
 
-    /// What is known without looking at faces, by name.
+    /// Facts that are known without looking at faces, by name.
     #[pyo3(name = "_facts")]
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;

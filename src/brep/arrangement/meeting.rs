@@ -1,11 +1,11 @@
-//! What two triangles have in common, exactly.
+//! Common points of two triangles, exactly.
 
 use std::cmp::Ordering;
 
 use super::point::{ExactPlane, ExactPoint, cross, others};
 use crate::brep::piece::Piece;
 
-/// What two triangles have in common.
+/// Common points of two triangles.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Meeting {
     /// Nothing, or one corner of both, or one edge of both faces and the triangles beside each other: as neighbours of a

@@ -96,7 +96,7 @@ pub(super) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ExactPoint {
     pub(super) at: [I256; 3],
-    /// What the coordinates are to be divided by: positive.
+    /// Divisor of the coordinates: positive.
     pub(super) weight: I256,
     /// The point, but for [`ERROR`].
     pub(super) near: [f64; 3],

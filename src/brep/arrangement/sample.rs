@@ -14,7 +14,7 @@ pub(super) struct Sample<'a> {
     at: [I1024; 2],
     /// Positive.
     weight: I1024,
-    /// The same, if it is below 2^68, and the weight below 2^40.
+    /// Coordinates and weight once more in fewer bits, if these are below 2^68 and 2^40.
     small: Option<([i128; 2], i128)>,
     pub(super) near: [f64; 3],
 }

@@ -138,7 +138,7 @@ struct Divided {
     is_whole: bool,
 }
 
-/// What two faces have in common.
+/// Common points of two faces.
 struct Contact {
     faces: [u32; 2],
     segments: Vec<[ExactPoint; 2]>,

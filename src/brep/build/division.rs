@@ -22,7 +22,7 @@ pub(super) struct Division {
     below_middle: [i32; 3],
 }
 
-/// What a face that cuts a cell reaches, by its bounds.
+/// Reach of a face that cuts a cell, by its bounds.
 #[derive(Clone, Copy)]
 pub(super) struct Reach {
     /// Children, as bits.
@@ -55,7 +55,7 @@ impl Division {
         std::array::from_fn(|axis| self.min[axis] + if child >> axis & 1 == 1 { self.half } else { 0 })
     }
 
-    /// What a face reaches that cuts the cell and has these bounds, in grid units.
+    /// Finds the reach of a face that cuts the cell and has these bounds, in grid units.
     #[inline]
     pub(super) fn reach(&self, [low, high]: &[[i32; 3]; 2]) -> Reach {
         let mut reach = Reach { children: 0xff, spans: [[false; 2]; 3] };

@@ -42,7 +42,7 @@ fn as_json(model: &ExactModel) -> serde_json::Value {
     })
 }
 
-/// What is said of each part, and of the files that the model is of; nothing where nothing is said.
+/// Attributes of each part, and of the files that the model is of; nothing where nothing is said.
 fn attributes(model: &ExactModel) -> serde_json::Value {
     let all = model.attributes();
     if all.is_empty() {

@@ -85,7 +85,7 @@ pub struct ExactReport {
     pub attributes: (u64, u64),
     /// Boundaries that were closed, and the triangles that close them.
     pub closed: (u64, u64),
-    /// What was repaired, if that was wanted.
+    /// Counts of the repair, if one was wanted.
     pub repair: Option<Repair>,
     /// The furthest that a corner was moved to the grid, in the models' unit.
     pub displacement: f64,

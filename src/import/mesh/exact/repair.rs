@@ -8,7 +8,7 @@ use crate::brep::{Face, FaceList, Faces};
 use crate::space::Up;
 use crate::{Error, Progress, Result};
 
-/// What was done to a surface that passed through itself.
+/// Counts of the repair of a surface that passed through itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Repair {

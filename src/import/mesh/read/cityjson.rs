@@ -173,7 +173,7 @@ fn read_vertices(
     vertices.finish()
 }
 
-/// What a file says of itself: the reference system, and its other metadata and extensions.
+/// Metadata of a file: the reference system, and its other metadata and extensions.
 fn read_metadata(
     source: &ModelFile,
     document: &Document<'_>,
