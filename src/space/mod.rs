@@ -9,6 +9,7 @@ mod frame;
 mod polygon;
 mod region;
 mod up;
+mod web_mercator;
 
 pub use bounds::Bounds;
 pub(crate) use code::morton_encode;
@@ -20,3 +21,6 @@ pub use frame::Frame;
 pub use polygon::{Cover, Polygon};
 pub use region::Region;
 pub use up::Up;
+pub use web_mercator::{
+    WEB_MERCATOR, WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,
+};
