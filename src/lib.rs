@@ -113,6 +113,7 @@ pub mod value;
 use std::path::Path;
 
 pub use error::{Error, Result};
+pub(crate) use progress::PartOfWork;
 pub use progress::Progress;
 
 /// Opens a tree file of either format and any type, or a commit of one: `map.autumn@12` is commit 12 of `map.autumn`.

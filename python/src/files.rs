@@ -74,7 +74,7 @@ pub(crate) fn transform<'py>(
     });
     let inputs: Vec<PathBuf> = like.chain([path.clone()]).collect();
     check_output(&inputs, &out)?;
-    let chain = Chain { path, steps, nearest, moves };
+    let chain = Chain { steps, nearest, moves, ..Chain::of(&path) };
     let made = jobs::run(py, progress, |work| ops::transform(&chain, Output::create(&out)?, memory, work))?;
     outcome(py, &made)
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Result;
-use spinney::ops::{self, Chain, Step};
+use spinney::ops::{self, Chain, Resampling, Step, WarpOptions};
 
 use super::Global;
 use super::args::{Memory, OutputLimit, check_output, parse_step};
@@ -35,6 +35,13 @@ pub(crate) struct Args {
     /// Take the value at the centre of each new cell, also where the file's rule would average
     #[arg(long)]
     nearest: bool,
+    /// How grids in other coordinate systems (like=, grid=) get their values: nearest, bilinear, cubic, area or majority
+    /// [default: nearest or bilinear; majority or area where new cells are more than 1.5 times as large]
+    #[arg(long, value_name = "WAY", conflicts_with = "nearest")]
+    resampling: Option<Resampling>,
+    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid
+    #[arg(long)]
+    allow_ballpark: bool,
     /// Move the picture in the world as its cells are moved
     #[arg(long = "move")]
     moves: bool,
@@ -62,7 +69,9 @@ Steps:
   subtree=/031             a node becomes the root
   embed=/2                 the root becomes a node of a larger tree
   crs=DEF                  says in which coordinate system the cells lie: EPSG:NUMBER, WKT, PROJJSON or @FILE
-  like=OTHER.goblin        onto the cells of another tree, where it lies in the world
+  like=OTHER.goblin        onto the cells of another tree, where it lies in the world, also in another
+                           coordinate system
+  grid=xyz[,ZOOM]          onto the cells of web maps, in web mercator with the world as the root
 
 Examples:
   spinney transform world.goblin window=20000,5000,4096,4096 -o part.goblin
@@ -72,17 +81,20 @@ Examples:
   spinney transform bunny.goblin rotate=30,1,1,0 scale=2 -o large.goblin
   spinney transform relief.goblin depth=10 -o coarse.goblin
   spinney transform site.goblin crs=@site.wkt -o placed.goblin
-  spinney transform old.goblin like=new.goblin -o old_on_new.goblin";
+  spinney transform old.goblin like=new.goblin -o old_on_new.goblin
+  spinney transform relief.goblin grid=xyz,7 --resampling cubic -o relief_xyz.goblin";
 
 pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Args { file, steps, output: path, nearest, moves, memory, limit } = args;
+    let Args { file, steps, output: path, nearest, resampling, allow_ballpark, moves, memory, limit } = args;
     let like = steps.iter().filter_map(|step| match step {
         Step::Like(path) => Some(path.as_path()),
         _ => None,
     });
     check_output([file.as_path()].into_iter().chain(like), &path)?;
-    let chain = Chain { path: file, steps, nearest, moves };
+    let mut warp = WarpOptions::default();
+    (warp.resampling, warp.allow_ballpark) = (resampling, allow_ballpark);
+    let chain = Chain { path: file, steps, nearest, moves, warp };
     let work = Work::start(global, "cells")?;
     let outcome = ops::transform(&chain, limit.create(&path)?, memory.bytes, &work)?;
     work.finish();

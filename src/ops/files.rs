@@ -10,6 +10,7 @@ use super::operation::Operation;
 use super::step::Step;
 use super::tree_file::{TreeFile, check_form};
 use super::universe::Universe;
+use super::warp::{Resampling, WarpOptions};
 use crate::io::Output;
 use crate::space::Bounds;
 use crate::store::{BuildOptions, OpenOptions, check_room};
@@ -28,6 +29,8 @@ pub struct Chain {
     pub nearest: bool,
     /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
     pub moves: bool,
+    /// Options for steps to grids in other coordinate systems.
+    pub warp: WarpOptions,
 }
 
 /// Measures of a tree made from others.
@@ -65,7 +68,9 @@ impl Chain {
     pub fn open(&self) -> Result<View> {
         let file = Arc::new(TreeFile::open(&self.path, &OpenOptions::default())?);
         let (extent, rule) = (file.header().extent, file.header().rule);
-        let view = View::new(file, extent)?.through(&self.steps)?;
+        let nearest = Some(Resampling::Nearest).filter(|_| self.nearest);
+        let warp = WarpOptions { resampling: self.warp.resampling.or(nearest), ..self.warp };
+        let view = View::new(file, extent)?.warping(warp).through(&self.steps)?;
         if self.nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
     }
 
@@ -253,6 +258,7 @@ impl Derivation {
             }
             None => self.provenance,
         });
+        // (What a tree on another grid is made of tells what was there before.)
         let before: Result<Vec<u64>> =
             views.iter().map(|view| Ok(view.source().totals(None)?.cells)).collect();
         let before = before?;

@@ -21,6 +21,7 @@ mod step;
 mod step_text;
 mod tree_file;
 mod universe;
+mod warp;
 
 pub use affine::{Alignment, Around, Axis, Map, Sampling, View, ViewNode, align};
 pub use combine::{Combined, CombinedNode, build};
@@ -36,3 +37,4 @@ pub use patched::{Patched, PatchedNode};
 pub use step::{Step, Turn};
 pub use tree_file::{MemoryTree, TreeFile, TreeFileNode};
 pub use universe::Universe;
+pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, Warped, warp};

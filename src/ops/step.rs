@@ -7,6 +7,7 @@ use glam::DVec3;
 use super::affine::{Axis, Map, View};
 use super::data_box::data_box;
 use super::tree_file::TreeFile;
+use super::warp::WarpGrid;
 use crate::space::{Code, Crs};
 use crate::store::OpenOptions;
 use crate::tree::Source;
@@ -41,8 +42,10 @@ pub enum Step {
     Embed(String),
     /// `crs=DEF`: says in which coordinate system the cells lie, in place of what the file says; see [`Crs::parse`].
     Crs(Crs),
-    /// `like=FILE`: onto the cells of another tree, by the frames of both.
+    /// `like=FILE`: onto the cells of another tree, by the frames of both, also in another coordinate system.
     Like(PathBuf),
+    /// `grid=xyz`, `grid=xyz,ZOOM`: onto the cells of web maps, with the world as the root; see [`WarpGrid::web_mercator`].
+    WebMercator(Option<u8>),
 }
 
 /// Axis of a rotation.
@@ -85,6 +88,11 @@ impl Step {
             Step::Embed(code) => embed(view, code),
             Step::Crs(crs) => Ok(view.in_system(crs.clone())),
             Step::Like(path) => like(view, path),
+            Step::WebMercator(zoom) => {
+                let grid =
+                    WarpGrid::web_mercator(*zoom, &view.frame(false), view.extent(), view.allows_ballpark())?;
+                view.warped(&grid)
+            }
         }
     }
 }
@@ -171,6 +179,12 @@ fn like(view: View, path: &Path) -> Result<View> {
     let (there, extent) = (&other.metadata().frame, other.header().extent);
     let here = view.frame(false);
     let name = format!("the tree to be like, {}", path.display());
+    if let (Some(a), Some(b)) = (&here.crs, &there.crs)
+        && !a.is_same(b)
+        && view.form().axes() == 2
+    {
+        return view.warped(&WarpGrid { frame: there.clone(), extent });
+    }
     Crs::check_same(("this tree", here.crs.as_ref()), (&name, there.crs.as_ref()))?;
     let back = Map::from_rows(there.matrix).inverse()?;
     let map = Map::from_rows(here.matrix).then(&back);

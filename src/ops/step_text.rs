@@ -10,7 +10,7 @@ use crate::{Error, Result};
 
 /// All steps, for the message about an unknown one.
 const STEPS: &str = "window=, bbox=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
-                     tree-depth=, subtree=, embed=, crs= or like=";
+                     tree-depth=, subtree=, embed=, crs=, like= or grid=";
 
 impl FromStr for Step {
     type Err = Error;
@@ -36,6 +36,7 @@ impl FromStr for Step {
             "subtree" => step.node(Step::Subtree),
             "embed" => step.node(Step::Embed),
             "like" if !step.arguments.is_empty() => Ok(Step::Like(step.arguments.into())),
+            "grid" => step.grid(),
             _ => Err(step.wrong(STEPS)),
         }
     }
@@ -176,6 +177,14 @@ impl<'a> StepText<'a> {
         Ok(Step::Map(map))
     }
 
+    fn grid(&self) -> Result<Step> {
+        let zoom = match self.arguments.split_once(',') {
+            None if self.arguments == "xyz" => return Ok(Step::WebMercator(None)),
+            Some(("xyz", zoom)) => zoom.trim().parse().ok(),
+            _ => None,
+        };
+        zoom.map(|zoom| Step::WebMercator(Some(zoom))).ok_or_else(|| self.wrong("grid=xyz or grid=xyz,ZOOM"))
+    }
     fn level(&self, step: fn(u8) -> Step, expected: &str) -> Result<Step> {
         self.arguments.parse().map(step).map_err(|_| self.wrong(expected))
     }
@@ -237,6 +246,8 @@ impl fmt::Display for Step {
             // (In one line, as a part of the provenance; a break means no more than a space.)
             Step::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
             Step::Like(path) => write!(f, "like={}", path.display()),
+            Step::WebMercator(None) => write!(f, "grid=xyz"),
+            Step::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
         }
     }
 }
@@ -331,6 +342,8 @@ mod tests {
             "subtree=/031",
             "embed=/",
             "like=other map.goblin",
+            "grid=xyz",
+            "grid=xyz,7",
         ] {
             let step: Step = text.parse().unwrap();
             assert_eq!(step.to_string(), text);
@@ -357,7 +370,7 @@ mod tests {
         for text in ["room=7", "root=/0", "nest=/0", "spin=3"] {
             let error = text.parse::<Step>().unwrap_err().to_string();
             assert!(
-                error.contains(text) && error.contains("tree-depth=, subtree=, embed=, crs= or like="),
+                error.contains(text) && error.contains("tree-depth=, subtree=, embed=, crs=, like= or grid="),
                 "{error}"
             );
         }

@@ -1,13 +1,14 @@
-//! The base of views and edits: a tree file of either format, one with changes that are not written yet, or a
-//! tree in memory.
+//! The base of views and edits: a tree file of either format, one with changes that are not written yet, one seen on another
+//! grid, or a tree in memory.
 
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
 use super::patched::{Patched, PatchedNode};
-use crate::query::{Statistics, autumnal_statistics, source_statistics};
-use crate::space::Bounds;
+use super::warp::Warped;
+use crate::query::{Canvas, Statistics, autumnal_statistics, source_statistics};
+use crate::space::{Bounds, Code};
 use crate::store::autumnal::{self, Autumnal, Commit};
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::store::container::{HEAVY_THRESHOLD, STRIDE, reach};
@@ -27,6 +28,8 @@ pub enum TreeFile {
     Patched(Patched),
     /// A small tree in memory.
     Memory(Box<MemoryTree>),
+    /// Another file on the grid of another coordinate system.
+    Warped(Box<Warped>),
 }
 
 /// An INNER node of an open file.
@@ -40,6 +43,8 @@ pub enum TreeFileNode {
     Patched(PatchedNode),
     /// Of a tree in memory.
     Memory(<MemTree as Source>::Node),
+    /// Of one on another grid.
+    Warped(Code),
 }
 
 /// A tree in memory with the header and metadata that a file of it would have.
@@ -99,6 +104,7 @@ impl TreeFile {
             TreeFile::Autumnal(file) => file.path(),
             TreeFile::Patched(file) => file.file().path(),
             TreeFile::Memory(_) => Path::new("(memory)"),
+            TreeFile::Warped(tree) => tree.source().path(),
         }
     }
 
@@ -107,6 +113,7 @@ impl TreeFile {
         match self {
             TreeFile::Autumnal(file) => file.remark(),
             TreeFile::Patched(file) => file.file().remark(),
+            TreeFile::Warped(tree) => tree.source().remark(),
             TreeFile::Goblin(_) | TreeFile::Memory(_) => None,
         }
     }
@@ -115,6 +122,9 @@ impl TreeFile {
     pub(super) fn tell_remark(&self, progress: &dyn Progress) {
         if let Some(remark) = self.remark() {
             progress.warn(self.path(), remark);
+        }
+        if let TreeFile::Warped(tree) = self {
+            tree.remarks().iter().for_each(|remark| progress.warn(self.path(), remark));
         }
     }
 
@@ -125,6 +135,7 @@ impl TreeFile {
             TreeFile::Autumnal(file) => file.header(),
             TreeFile::Patched(file) => file.file().header(),
             TreeFile::Memory(tree) => &tree.header,
+            TreeFile::Warped(tree) => tree.header(),
         }
     }
 
@@ -135,13 +146,14 @@ impl TreeFile {
             TreeFile::Autumnal(file) => file.metadata(),
             TreeFile::Patched(file) => file.file().metadata(),
             TreeFile::Memory(tree) => &tree.metadata,
+            TreeFile::Warped(tree) => tree.metadata(),
         }
     }
 
-    /// The file's format; a tree in memory counts as published.
+    /// The file's format; a tree in memory or on another grid counts as published.
     pub fn format(&self) -> TreeFormat {
         match self {
-            TreeFile::Goblin(_) | TreeFile::Memory(_) => TreeFormat::Goblin,
+            TreeFile::Goblin(_) | TreeFile::Memory(_) | TreeFile::Warped(_) => TreeFormat::Goblin,
             TreeFile::Autumnal(_) | TreeFile::Patched(_) => TreeFormat::Autumnal,
         }
     }
@@ -151,7 +163,7 @@ impl TreeFile {
         match self {
             TreeFile::Autumnal(file) => Some(file),
             TreeFile::Patched(file) => Some(file.file()),
-            TreeFile::Goblin(_) | TreeFile::Memory(_) => None,
+            TreeFile::Goblin(_) | TreeFile::Memory(_) | TreeFile::Warped(_) => None,
         }
     }
 
@@ -223,12 +235,17 @@ impl TreeFile {
         self.statistics_with(bounds, self.header().counts_classes())
     }
 
-    /// Cells and channels of a box, as [`TreeFile::statistics`] has them, without classes: these may take longer.
+    /// Cells and channels of a box, as [`TreeFile::statistics`] has them, without classes: these may take longer. Of all of a file on
+    /// another grid those of the file.
     ///
     /// # Errors
     /// If the file is damaged there.
     pub(crate) fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
-        self.statistics_with(bounds, false)
+        match (self, bounds) {
+            // (Its own cells would have to be computed, all of them.)
+            (TreeFile::Warped(tree), None) => tree.source().totals(None),
+            _ => self.statistics_with(bounds, false),
+        }
     }
 
     fn statistics_with(&self, bounds: Option<Bounds>, count_classes: bool) -> Result<Statistics> {
@@ -236,7 +253,9 @@ impl TreeFile {
         match self {
             TreeFile::Goblin(file) => file.statistics_with(Some(bounds), count_classes),
             TreeFile::Autumnal(file) => autumnal_statistics(file, &bounds, count_classes),
-            TreeFile::Patched(_) | TreeFile::Memory(_) => source_statistics(self, &bounds, count_classes),
+            TreeFile::Patched(_) | TreeFile::Memory(_) | TreeFile::Warped(_) => {
+                source_statistics(self, &bounds, count_classes)
+            }
         }
     }
 
@@ -267,7 +286,37 @@ impl TreeFile {
                 hand_on(&found, children, file.tree.form(), |node| node_of(TreeFileNode::Memory(node)));
                 Ok(())
             }
+            (TreeFile::Warped(tree), TreeFileNode::Warped(node)) => {
+                let mut found = no_children();
+                tree.children(node, &mut found)?;
+                hand_on(&found, children, tree.form(), |node| node_of(TreeFileNode::Warped(node)));
+                Ok(())
+            }
             _ => unreachable!("{OTHER}"),
+        }
+    }
+
+    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or there is no such level.
+    pub(super) fn draw_at(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        values: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        match self {
+            TreeFile::Goblin(file) => {
+                file.window(level, bounds, Value::ZERO, values, Some(valid)).map(|_| ())
+            }
+            TreeFile::Autumnal(file) => file.window(level, bounds, Value::ZERO, values, Some(valid)),
+            _ => Canvas::new(self.form(), bounds, Value::ZERO, values, Some(valid))?.draw(
+                self,
+                self.root()?,
+                level,
+            ),
         }
     }
 }
@@ -329,6 +378,12 @@ impl From<MemTree> for TreeFile {
     }
 }
 
+impl From<Warped> for TreeFile {
+    fn from(tree: Warped) -> TreeFile {
+        TreeFile::Warped(Box::new(tree))
+    }
+}
+
 impl fmt::Debug for TreeFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_tuple("TreeFile").field(&self.path()).finish()
@@ -352,6 +407,7 @@ impl Source for TreeFile {
             TreeFile::Autumnal(file) => file.root()?.map_node(TreeFileNode::Autumnal),
             TreeFile::Patched(file) => file.root()?.map_node(TreeFileNode::Patched),
             TreeFile::Memory(file) => file.tree.root()?.map_node(TreeFileNode::Memory),
+            TreeFile::Warped(tree) => tree.root()?.map_node(TreeFileNode::Warped),
         })
     }
 
@@ -361,14 +417,10 @@ impl Source for TreeFile {
 
     fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
         match self {
-            TreeFile::Goblin(file) => {
-                file.window(file.depth(), bounds, Value::ZERO, values, Some(valid))?;
-                Ok(true)
+            TreeFile::Goblin(_) | TreeFile::Autumnal(_) => {
+                self.draw_at(self.depth(), bounds, values, valid).map(|()| true)
             }
-            TreeFile::Autumnal(file) => {
-                file.window(file.depth(), bounds, Value::ZERO, values, Some(valid))?;
-                Ok(true)
-            }
+            TreeFile::Warped(tree) => tree.draw(bounds, values, valid),
             TreeFile::Patched(_) | TreeFile::Memory(_) => Ok(false),
         }
     }
@@ -378,6 +430,7 @@ impl Source for TreeFile {
             (TreeFile::Goblin(file), TreeFileNode::Goblin(node)) => file.cells(node, levels),
             (TreeFile::Autumnal(file), TreeFileNode::Autumnal(node)) => file.cells(node, levels),
             (TreeFile::Patched(file), TreeFileNode::Patched(node)) => file.cells(node, levels),
+            (TreeFile::Warped(tree), TreeFileNode::Warped(node)) => tree.cells(node, levels),
             _ => Ok(None),
         }
     }
@@ -387,6 +440,7 @@ impl Source for TreeFile {
             TreeFile::Goblin(file) => file.check_unchanged(),
             TreeFile::Autumnal(file) => file.check_unchanged(),
             TreeFile::Patched(file) => file.check_unchanged(),
+            TreeFile::Warped(tree) => tree.check_unchanged(),
             TreeFile::Memory(_) => Ok(()),
         }
     }

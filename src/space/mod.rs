@@ -7,6 +7,7 @@ mod crs;
 mod dimension;
 mod frame;
 mod polygon;
+mod projection;
 mod region;
 mod up;
 mod web_mercator;
@@ -19,6 +20,7 @@ pub use crs::{Crs, Epsg, GeoKeys};
 pub use dimension::Dimension;
 pub use frame::Frame;
 pub use polygon::{Cover, Polygon};
+pub use projection::{PROJECTION_METHODS, Projection};
 pub use region::Region;
 pub use up::Up;
 pub use web_mercator::{

@@ -160,6 +160,8 @@ macro_rules! with_sample_type {
     };
 }
 
+pub(crate) use with_sample_type;
+
 impl SampleType {
     /// The number that the first bytes of a slice are.
     #[inline]

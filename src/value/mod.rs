@@ -14,7 +14,7 @@ mod value_type;
 
 pub(crate) use dispatch::with_native_type;
 pub use double::DoubleDouble;
-pub(crate) use erased::MAX_VALUE_SIZE;
+pub(crate) use erased::{MAX_VALUE_SIZE, with_sample_type};
 pub use erased::{Samples, Value};
 pub use palette::Palette;
 pub use rule::{Kind, Rule};

@@ -8,7 +8,7 @@ use spinney::import::mesh::{self, ExactOptions, ExactReport, Model, Repair};
 use spinney::io::Output;
 
 use super::solids::SolidArgs;
-use super::{Common, Lines};
+use super::{Common, Grid, Lines};
 
 /// Models that are open, and what is to be made of them.
 pub(super) struct ExactImport {
@@ -22,7 +22,7 @@ impl ExactImport {
     pub(super) fn plan(inputs: &[PathBuf], solids: &SolidArgs, common: &Common) -> Result<ExactImport> {
         let models = mesh::open_all(inputs, common.memory.bytes)?;
         let mut options = ExactOptions::new();
-        options.grid = solids.grid;
+        options.grid = common.grid.and_then(Grid::step);
         options.close = solids.close;
         options.repair = solids.repair;
         options.boolean_faces = solids.boolean.unwrap_or(options.boolean_faces);

@@ -12,6 +12,7 @@ use spinney::Progress;
 use spinney::import::mesh::{self, SolidImport};
 use spinney::import::raster;
 use spinney::io::Output;
+use spinney::ops::WarpOptions;
 use spinney::space::Crs;
 use spinney::store::file_is_tree;
 
@@ -70,6 +71,35 @@ struct Common {
     /// Store equal subtrees once; for .autumn files
     #[arg(long)]
     share: bool,
+    /// Pictures: xyz warps them to the grid of web maps, web mercator with the world as the root, so that tiles are nodes; takes a
+    /// temporary file beside the output. Exact models: width of the steps that corners are moved to, such as 0.001 [default: the
+    /// file's own grid, or the least power of two that leaves about 2^26 steps along the longest side]
+    #[arg(long, value_name = "xyz|WIDTH", value_parser = parse_grid)]
+    grid: Option<Grid>,
+}
+
+/// A grid that is not the input's own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Grid {
+    /// That of web maps.
+    Xyz,
+    /// Steps of this width, for exact models.
+    Steps(f64),
+}
+
+impl Grid {
+    /// The width of steps.
+    fn step(self) -> Option<f64> {
+        if let Grid::Steps(width) = self { Some(width) } else { None }
+    }
+}
+
+/// Reads a grid.
+fn parse_grid(text: &str) -> Result<Grid, String> {
+    if text == "xyz" {
+        return Ok(Grid::Xyz);
+    }
+    text.parse().map(Grid::Steps).map_err(|_| "expected xyz, or a width such as 0.001".into())
 }
 
 const EXAMPLES: &str = "\
@@ -84,6 +114,8 @@ Examples:
   spinney build part.stl -o exact.goblin --exact
   spinney build city.json -o city.goblin --cell 0.5 --attribute part
   spinney build landcover.tif -o landcover.autumn --share
+  spinney build landcover.tif -o tiles.goblin --grid xyz
+  spinney build dem.tif -o dem_tiles.goblin --grid xyz --max-zoom 12 --resampling cubic
   spinney build world.tif -o - | ssh host 'cat > world.goblin'
 
 The output appears under its name only when it is complete; until then, an older file of that name
@@ -92,6 +124,8 @@ stays.";
 /// Inputs that are open and understood, ready to be built.
 enum Import {
     Pictures(Box<raster::Import>),
+    /// Pictures on the grid of web maps: see [`WarpGrid::web_mercator`](spinney::ops::WarpGrid::web_mercator).
+    WebMap(Box<raster::Import>, Option<u8>, WarpOptions),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
 }
@@ -102,7 +136,7 @@ type Lines = Vec<(&'static str, String)>;
 impl Import {
     fn description(&self) -> &[(&'static str, String)] {
         match self {
-            Import::Pictures(import) => import.description(),
+            Import::Pictures(import) | Import::WebMap(import, ..) => import.description(),
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
         }
@@ -111,7 +145,7 @@ impl Import {
     /// Bytes that the cells would need as plain samples; unknown of solids, whose cells are no input.
     fn raw_bytes(&self) -> Option<u64> {
         match self {
-            Import::Pictures(import) => Some(import.raw_bytes()),
+            Import::Pictures(import) | Import::WebMap(import, ..) => Some(import.raw_bytes()),
             Import::Solid(_) | Import::Exact(_) => None,
         }
     }
@@ -122,6 +156,10 @@ impl Import {
             Import::Pictures(import) => {
                 import.build(output, progress)?;
                 Ok(Lines::new())
+            }
+            Import::WebMap(import, max_zoom, warp) => {
+                let made = import.build_web_mercator(max_zoom, &warp, output, progress)?;
+                Ok(vec![("grid", format!("web mercator to zoom {}, {}", made.max_zoom, made.resampling))])
             }
             Import::Solid(import) => Ok(solids.lines(&import.build(output, progress)?)),
             Import::Exact(import) => import.build(output, solids.stats, progress),
@@ -144,11 +182,14 @@ impl Args {
                     "--kind, --rule, --band, --nodata, --transform, --layer and --keep-transparent are for pictures, not for models"
                 );
             }
+            if common.grid == Some(Grid::Xyz) {
+                bail!("--grid xyz is for pictures, not for models");
+            }
             if solids.exact {
                 return Ok(Import::Exact(Box::new(ExactImport::plan(inputs, solids, common)?)));
             }
             // (Whoever asks for cells has ruled out what these options require, and is not told by their declarations.)
-            if let Some(option) = solids.of_exact_models() {
+            if let Some(option) = common.grid.map(|_| "--grid").or(solids.of_exact_models()) {
                 bail!("{option} is for exact models: add --exact, without --cells, --cell and --like");
             }
             return Ok(Import::Solid(Box::new(solids.plan(inputs, output, common)?)));
@@ -159,7 +200,20 @@ impl Args {
                 "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files"
             );
         }
-        Ok(Import::Pictures(Box::new(raster::plan(inputs, &pictures.import_options(common))?)))
+        let import = || raster::plan(inputs, &pictures.import_options(common)).map(Box::new);
+        match common.grid {
+            Some(Grid::Xyz) if common.depth.is_some() => {
+                bail!("--depth: with --grid xyz say --max-zoom, the depth less 8")
+            }
+            Some(Grid::Xyz) => Ok(Import::WebMap(import()?, pictures.max_zoom, pictures.warp_options())),
+            Some(Grid::Steps(_)) => {
+                bail!("--grid: a width is for exact models; pictures can have --grid xyz")
+            }
+            None => match pictures.of_web_grid() {
+                Some(option) => bail!("{option} is for --grid xyz"),
+                None => Ok(Import::Pictures(import()?)),
+            },
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Options of `spinney build` for pictures.
 
 use spinney::import::raster::ImportOptions;
+use spinney::ops::{Resampling, WarpOptions};
 use spinney::value::{Kind, Rule};
 
 use super::super::args::numbers;
@@ -34,12 +35,23 @@ pub(super) struct PictureArgs {
     /// [default: they are VOID]
     #[arg(long)]
     keep_transparent: bool,
+    /// With --grid xyz: the zoom whose tiles of 256 x 256 cells are the deepest [default: that whose cells are closest in size to
+    /// the picture's pixels, in its middle]
+    #[arg(long, value_name = "Z")]
+    pub(super) max_zoom: Option<u8>,
+    /// With --grid xyz: how cells get their values: nearest, bilinear, cubic, area or majority [default: nearest class or
+    /// bilinear amounts; majority or area where cells are more than 1.5 times as large as pixels]
+    #[arg(long, value_name = "WAY")]
+    resampling: Option<Resampling>,
+    /// With --grid xyz: take the datum for WGS 84 where its shift is unknown or needs a grid, which may be off by some hundred metres
+    #[arg(long)]
+    allow_ballpark: bool,
 }
 
 impl PictureArgs {
     /// Whether any of them was given, which makes no sense for models.
     pub(super) fn are_given(&self) -> bool {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent } = self;
+        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self;
         kind.is_some()
             || rule.is_some()
             || band.is_some()
@@ -47,12 +59,30 @@ impl PictureArgs {
             || transform.is_some()
             || layer.is_some()
             || *keep_transparent
+            || self.of_web_grid().is_some()
+    }
+
+    /// An option that was given and is for the grid of web maps alone.
+    pub(super) fn of_web_grid(&self) -> Option<&'static str> {
+        let given = [
+            ("--max-zoom", self.max_zoom.is_some()),
+            ("--resampling", self.resampling.is_some()),
+            ("--allow-ballpark", self.allow_ballpark),
+        ];
+        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+    }
+
+    /// The way to the grid of web maps.
+    pub(super) fn warp_options(&self) -> WarpOptions {
+        let mut options = WarpOptions::default();
+        (options.resampling, options.allow_ballpark) = (self.resampling, self.allow_ballpark);
+        options
     }
 
     /// All that is asked of an import.
     pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
-        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent } = self.clone();
-        let Common { depth, crs, memory, share, limit: _ } = common;
+        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self.clone();
+        let Common { depth, crs, memory, share, .. } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);

@@ -51,10 +51,6 @@ pub(super) struct SolidArgs {
     /// Keep the faces as they are, on a fine grid, instead of making cells: an exact model
     #[arg(long, conflicts_with_all = ["cells", "cell", "like", "depth", "surface", "boundary", "attribute", "share"])]
     pub(super) exact: bool,
-    /// Width of the grid's steps that corners are moved to, such as 0.001 [default: the file's own
-    /// grid, or the least power of two that leaves about 2^26 steps along the longest side]
-    #[arg(long, value_name = "WIDTH", requires = "exact")]
-    pub(super) grid: Option<f64>,
     /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
     /// point in common, as in the literature [default: 12]
     #[arg(long, value_name = "N", requires = "exact")]
@@ -104,7 +100,6 @@ impl SolidArgs {
             unit,
             stats,
             exact,
-            grid: _,
             close: _,
             repair: _,
             boolean: _,
@@ -124,18 +119,14 @@ impl SolidArgs {
 
     /// An option that was given and is for exact models alone.
     pub(super) fn of_exact_models(&self) -> Option<&'static str> {
-        let given = [
-            ("--grid", self.grid.is_some()),
-            ("--boolean", self.boolean.is_some()),
-            ("--close", self.close),
-            ("--repair", self.repair),
-        ];
+        let given =
+            [("--boolean", self.boolean.is_some()), ("--close", self.close), ("--repair", self.repair)];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
     /// Opens models, and plans how they become one solid.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
-        let Common { depth, crs, memory, share, limit: _ } = common;
+        let Common { depth, crs, memory, share, .. } = common;
         check_output(self.like.as_deref(), output)?;
         let models = mesh::open_all(inputs, memory.bytes)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());

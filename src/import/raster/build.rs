@@ -3,11 +3,14 @@
 use super::plan::Import;
 use super::slabs::BLOCK;
 use super::{Order, RasterInfo, RasterSlabs, spill};
+use std::sync::Arc;
+
 use crate::io::{Output, folder};
+use crate::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
 use crate::space::Dimension;
-use crate::store::build_slabs;
+use crate::store::{OpenOptions, build_slabs};
 use crate::tree::Form;
-use crate::{Progress, Result};
+use crate::{Error, PartOfWork, Progress, Result};
 
 impl Import {
     /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
@@ -31,6 +34,47 @@ impl Import {
         let form = Form::new(Dimension::Quad, self.value);
         build_slabs(form, &mut slabs, nodata, &self.options, output, progress)
     }
+
+    /// Builds the tree on the grid of web maps: see [`WarpGrid::web_mercator`]. The tree of the picture itself goes to a temporary
+    /// file in the output's folder first, so that it may come in any order.
+    ///
+    /// # Errors
+    /// As [`Import::build`]; also if the picture's coordinate system is not known or cannot be computed.
+    pub fn build_web_mercator(
+        mut self,
+        max_zoom: Option<u8>,
+        options: &WarpOptions,
+        output: Output,
+        progress: &dyn Progress,
+    ) -> Result<WebMercatorBuilt> {
+        let info = self.raster.info();
+        let (cells, extent) = (info.width * info.height, [info.width, info.height, 1]);
+        let (memory, share) = (self.memory / 4, self.options.share);
+        // Before anything is done: whether there is such a grid.
+        let frame = self.options.metadata.frame.clone();
+        let grid = WarpGrid::web_mercator(max_zoom, &frame, extent, options.allow_ballpark)?;
+        let near = folder(output.path());
+        let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
+        let temporary = temporary.map_err(Error::io(near, "make a temporary folder in"))?;
+        let native = temporary.path().join("native.goblin");
+        self.options.share = false;
+        self.build(Output::create(&native)?, &PartOfWork::new(progress, cells, 2 * cells))?;
+        let file = Arc::new(TreeFile::open(&native, &OpenOptions::default())?);
+        let warped = Warped::new(file, &frame, &grid, options)?;
+        let resampling = warped.resampling();
+        warp(warped, share, output, memory, &PartOfWork::new(progress, cells, 2 * cells))?;
+        let max_zoom = grid.extent[0].trailing_zeros() as u8 - 8;
+        Ok(WebMercatorBuilt { max_zoom, resampling })
+    }
+}
+
+/// Properties of a tree that was built on the grid of web maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WebMercatorBuilt {
+    /// The zoom of the deepest tiles, of 256 x 256 cells.
+    pub max_zoom: u8,
+    /// The way cells got their values.
+    pub resampling: Resampling,
 }
 
 /// Bytes that building from bands of rows takes: two bands, and the parts of the tree along the width that

@@ -26,6 +26,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 pub use self::bands::{select, value_type};
+pub use self::build::WebMercatorBuilt;
 pub use self::mosaic::mosaic;
 pub use self::plan::{DEFAULT_MEMORY, Import, ImportOptions, plan};
 pub use self::slabs::RasterSlabs;

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::map::Map;
 use crate::ops::tree_file::TreeFile;
+use crate::ops::warp::{WarpGrid, WarpOptions, Warped};
 use crate::space::{Crs, Frame};
 use crate::store::{Metadata, depth_for};
 use crate::tree::{Form, Source};
@@ -65,6 +66,8 @@ pub struct View {
     pub(super) lookup: Lookup,
     /// The coordinate system, where it is not the source's.
     crs: Option<Arc<Crs>>,
+    /// Options for steps to grids in other coordinate systems.
+    warp: WarpOptions,
 }
 
 /// Maps and boxes for finding a view's cells, derived from the steps.
@@ -135,6 +138,7 @@ impl View {
             depth,
             windows: Vec::new(),
             crs: None,
+            warp: WarpOptions::default(),
             sampling: Sampling::Centre,
             lookup: Lookup {
                 to_source: Map::IDENTITY,
@@ -321,6 +325,39 @@ impl View {
     /// A view of the cells as lying in this coordinate system, whatever the source says.
     pub fn in_system(self, crs: Crs) -> View {
         View { crs: Some(Arc::new(crs)), ..self }
+    }
+
+    /// Chooses how grids in other coordinate systems get their values.
+    #[must_use]
+    pub fn warping(self, warp: WarpOptions) -> View {
+        View { warp, ..self }
+    }
+
+    /// Whether datums may be taken for WGS 84: see [`WarpOptions::allow_ballpark`].
+    pub(in crate::ops) fn allows_ballpark(&self) -> bool {
+        self.warp.allow_ballpark
+    }
+
+    /// The view on a grid in another coordinate system, as a file of its own would be. Only what has its file's cells can go there.
+    ///
+    /// # Errors
+    /// If steps were taken that move cells or leave some out; else as [`Warped::new`].
+    pub fn warped(self, grid: &WarpGrid) -> Result<View> {
+        let has_its_cells = self.to_grid == Map::IDENTITY
+            && self.origin == DVec3::ZERO
+            && self.windows.is_empty()
+            && self.extent == self.source.header().extent;
+        if !has_its_cells {
+            let expected = "it as the first step (but for crs=); what others do is done to its result";
+            return Err(Error::invalid(
+                "step to a grid in another coordinate system",
+                "steps before it",
+                expected,
+            ));
+        }
+        let warped = Warped::new(self.source.clone(), &self.frame(false), grid, &self.warp)?;
+        let view = View::new(Arc::new(warped.into()), grid.extent)?;
+        Ok(View { warp: self.warp, ..view })
     }
 
     /// The source's metadata with the view's frame, and its control points at the view's cells.

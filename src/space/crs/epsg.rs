@@ -36,7 +36,7 @@ impl Epsg {
     }
 
     /// The system by its two parts, if it is compound under a number of its own.
-    pub(super) fn in_parts(self) -> Epsg {
+    pub(in crate::space) fn in_parts(self) -> Epsg {
         let find = |number| COMPOUND.binary_search_by_key(&number, |(number, ..)| *number).ok();
         match u16::try_from(self.horizontal).ok().and_then(find).map(|index| COMPOUND[index]) {
             Some((_, horizontal, vertical)) if self.vertical.is_none() => {

@@ -1,0 +1,217 @@
+//! Places in the source of a lattice of points in the target: exact at some, by polynomials between them.
+
+use super::mapping::CellMap;
+
+/// How far polynomials may be off, in cells of the source.
+const CLOSE: f64 = 1e-4;
+/// Points along a side of a part that is computed one by one.
+const FEW: usize = 4;
+
+/// Places in the source, in its cells, of points of the target in rows. Those that have none are NaN.
+pub(super) enum Lattice {
+    /// Columns depend on columns alone, and rows on rows.
+    Separable {
+        /// Of each column.
+        columns: Vec<f64>,
+        /// Of each row.
+        rows: Vec<f64>,
+    },
+    /// Any.
+    Points {
+        /// Points in a row.
+        width: usize,
+        /// Row by row.
+        points: Vec<[f64; 2]>,
+    },
+}
+
+/// A part of a lattice: its first column and row, and its size.
+type Part = ([usize; 2], [usize; 2]);
+
+impl Lattice {
+    /// The lattice with its first point at `first`, in cells of the target, and others a cell apart.
+    pub(super) fn new(map: &CellMap, first: [f64; 2], [width, height]: [usize; 2]) -> Lattice {
+        if map.is_separable() {
+            return Lattice::separable(map, first, [width, height]);
+        }
+        let mut points = vec![[f64::NAN; 2]; width * height];
+        fill(map, first, width, &mut points, ([0, 0], [width, height]));
+        if let Some(turn) = map.whole_turn() {
+            let mut near = Near::new(turn);
+            for row in points.chunks_exact_mut(width) {
+                near.move_beside(&mut row[0][0]);
+                let mut along = near;
+                row.iter_mut().for_each(|point| along.move_beside(&mut point[0]));
+            }
+        }
+        Lattice::Points { width, points }
+    }
+
+    /// The lattice of a map that takes columns to columns.
+    fn separable(map: &CellMap, first: [f64; 2], size: [usize; 2]) -> Lattice {
+        // (Where a row has no place, no column has one beside it, but in another row it may.)
+        let place = |at: f64, axis: usize| {
+            let last = size[1 - axis] - 1;
+            let mut others = [0, last / 2, last].into_iter().map(|other| other as f64);
+            let found = others.find_map(|other| {
+                let steps = if axis == 0 { [at, other] } else { [other, at] };
+                map.to_source([first[0] + steps[0], first[1] + steps[1]])
+            });
+            found.map_or(f64::NAN, |place| place[axis])
+        };
+        // Cells may be as wide as the world, where there are few of them: quarters of them are not.
+        let parts = if size[0] <= FEW { 4 } else { 1 };
+        let mut near = map.whole_turn().map(Near::new);
+        let mut columns = Vec::with_capacity(size[0]);
+        for part in 0..=(size[0] - 1) * parts {
+            let mut column = place(part as f64 / parts as f64, 0);
+            near.iter_mut().for_each(|near| near.move_beside(&mut column));
+            if part % parts == 0 {
+                columns.push(column);
+            }
+        }
+        Lattice::Separable { columns, rows: (0..size[1]).map(|row| place(row as f64, 1)).collect() }
+    }
+
+    /// The least and the greatest place along each axis; `None` if no point has one.
+    pub(super) fn bounds(&self) -> Option<([f64; 2], [f64; 2])> {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let mut meet = |axis: usize, number: f64| {
+            // (These leave out what is no number.)
+            (low[axis], high[axis]) = (low[axis].min(number), high[axis].max(number));
+        };
+        match self {
+            Lattice::Separable { columns, rows } => {
+                columns.iter().for_each(|column| meet(0, *column));
+                rows.iter().for_each(|row| meet(1, *row));
+            }
+            Lattice::Points { points, .. } => {
+                points.iter().filter(|[x, y]| x.is_finite() && y.is_finite()).for_each(|[x, y]| {
+                    meet(0, *x);
+                    meet(1, *y);
+                })
+            }
+        }
+        (low[0] <= high[0] && low[1] <= high[1]).then_some((low, high))
+    }
+
+    /// A point's place.
+    #[inline]
+    pub(super) fn at(&self, x: usize, y: usize) -> [f64; 2] {
+        match self {
+            Lattice::Separable { columns, rows } => [columns[x], rows[y]],
+            Lattice::Points { width, points } => points[y * width + x],
+        }
+    }
+}
+
+/// The column beside which the next one lies: less than half a turn of the source apart.
+#[derive(Clone, Copy)]
+struct Near {
+    turn: f64,
+    column: Option<f64>,
+}
+
+impl Near {
+    fn new(turn: i64) -> Near {
+        Near { turn: turn as f64, column: None }
+    }
+
+    /// Moves a column by whole turns to where it lies.
+    fn move_beside(&mut self, column: &mut f64) {
+        if column.is_finite() {
+            let near = *self.column.get_or_insert(*column);
+            *column += self.turn * ((near - *column) / self.turn).round();
+            self.column = Some(*column);
+        }
+    }
+}
+
+/// Fills a part: by a polynomial where it is close enough, else in four parts.
+fn fill(map: &CellMap, first: [f64; 2], stride: usize, points: &mut [[f64; 2]], (at, size): Part) {
+    let place = |x: f64, y: f64| map.to_source([first[0] + at[0] as f64 + x, first[1] + at[1] as f64 + y]);
+    let [width, height] = size;
+    if width <= FEW || height <= FEW {
+        for y in 0..height {
+            for x in 0..width {
+                let point = place(x as f64, y as f64).unwrap_or([f64::NAN; 2]);
+                points[(at[1] + y) * stride + at[0] + x] = point;
+            }
+        }
+        return;
+    }
+    let span = [(width - 1) as f64, (height - 1) as f64];
+    if let Some(patch) = Patch::new(&|[u, v]| place(u * span[0], v * span[1]), CLOSE) {
+        for y in 0..height {
+            let row = patch.row(y as f64 / span[1]);
+            let start = (at[1] + y) * stride + at[0];
+            for (x, point) in points[start..start + width].iter_mut().enumerate() {
+                let u = x as f64 / span[0];
+                *point = row.map(|[a, b, c]| a + u * (b + u * c));
+            }
+        }
+        return;
+    }
+    let (half, rest) = ([width / 2, height / 2], [width - width / 2, height - height / 2]);
+    for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+        let pick =
+            |axis: usize, second: usize| if second == 0 { (0, half[axis]) } else { (half[axis], rest[axis]) };
+        let ((x, width), (y, height)) = (pick(0, x), pick(1, y));
+        fill(map, first, stride, points, ([at[0] + x, at[1] + y], [width, height]));
+    }
+}
+
+/// A polynomial of degree two along each axis for each of the two coordinates, over the unit square.
+pub(super) struct Patch {
+    /// Factors of `u^i v^j` at `[axis][j][i]`.
+    factors: [[[f64; 3]; 3]; 2],
+}
+
+impl Patch {
+    /// The polynomial through nine places of a map of the unit square, if it is at most `close` off at five others; `None` also if
+    /// one of them has no place.
+    pub(super) fn new(place: &dyn Fn([f64; 2]) -> Option<[f64; 2]>, close: f64) -> Option<Patch> {
+        let mut values = [[[0.0; 3]; 3]; 2];
+        for (j, v) in [0.0, 0.5, 1.0].into_iter().enumerate() {
+            for (i, u) in [0.0, 0.5, 1.0].into_iter().enumerate() {
+                let [x, y] = place([u, v])?;
+                (values[0][j][i], values[1][j][i]) = (x, y);
+            }
+        }
+        let quadratic = |[a, b, c]: [f64; 3]| [a, 4.0 * b - 3.0 * a - c, 2.0 * (a + c) - 4.0 * b];
+        let factors = values.map(|rows| {
+            let rows = rows.map(quadratic);
+            let columns: [[f64; 3]; 3] =
+                std::array::from_fn(|i| quadratic([rows[0][i], rows[1][i], rows[2][i]]));
+            std::array::from_fn(|j| std::array::from_fn(|i| columns[i][j]))
+        });
+        let patch = Patch { factors };
+        for [u, v] in [[0.25, 0.25], [0.75, 0.2], [0.2, 0.75], [0.8, 0.8], [0.45, 0.4]] {
+            let (expected, [x, y]) = (place([u, v])?, patch.row(v).map(|[a, b, c]| a + u * (b + u * c)));
+            if (x - expected[0]).abs() > close || (y - expected[1]).abs() > close {
+                return None;
+            }
+        }
+        Some(patch)
+    }
+
+    /// The polynomial of each coordinate along a row.
+    #[inline]
+    fn row(&self, v: f64) -> [[f64; 3]; 2] {
+        self.factors.map(|rows| std::array::from_fn(|i| rows[0][i] + v * (rows[1][i] + v * rows[2][i])))
+    }
+
+    /// A box around all places, by the polynomial's Bernstein form.
+    pub(super) fn bounds(&self) -> ([f64; 2], [f64; 2]) {
+        let bernstein = |[a, b, c]: [f64; 3]| [a, a + b / 2.0, a + b + c];
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for (axis, rows) in self.factors.iter().enumerate() {
+            let rows = rows.map(bernstein);
+            let columns = (0..3).map(|i| bernstein([rows[0][i], rows[1][i], rows[2][i]]));
+            for number in columns.flatten() {
+                (low[axis], high[axis]) = (low[axis].min(number), high[axis].max(number));
+            }
+        }
+        (low, high)
+    }
+}

@@ -1,0 +1,62 @@
+//! Datums of definitions: how their longitudes and latitudes become those of WGS 84.
+
+use super::definition::parameter;
+
+/// The way from a definition's datum to WGS 84.
+#[derive(Debug, PartialEq)]
+pub(super) enum Datum {
+    /// None is needed: WGS 84, or a datum that is the same within a metre or two (ETRS89, NAD83, GDA2020 and others), which PROJ,
+    /// too, takes for the same where it has no grids.
+    Wgs84,
+    /// By a Helmert transformation: its three or seven numbers.
+    Shifted(String),
+    /// By a grid of shifts: its name.
+    Grid(String),
+    /// By what the datum of this name asks for.
+    Named(String),
+    /// Nobody says.
+    Unknown,
+}
+
+/// Datums by name, in definitions, that differ from WGS 84 by nothing that a Helmert transformation could tell.
+const SAME: [&str; 2] = ["WGS84", "NAD83"];
+/// Ellipsoids of datums that are tied to the whole earth, as WGS 84 is.
+const GLOBAL_ELLIPSOIDS: [&str; 2] = ["WGS84", "GRS80"];
+
+impl Datum {
+    /// The datum of a definition in PROJ's words.
+    pub(super) fn of(definition: &str) -> Datum {
+        let get = |name| parameter(definition, name);
+        match (get("nadgrids"), get("towgs84"), get("datum"), get("ellps")) {
+            (Some("@null"), ..) => Datum::Wgs84,
+            (Some(grid), ..) => Datum::Grid(grid.into()),
+            (_, Some(numbers), ..) => {
+                let is_zero = |number: &str| number.trim().parse::<f64>() == Ok(0.0);
+                if numbers.split(',').all(is_zero) { Datum::Wgs84 } else { Datum::Shifted(numbers.into()) }
+            }
+            (_, _, Some(name), _) if SAME.contains(&name) => Datum::Wgs84,
+            (_, _, Some(name), _) => Datum::Named(name.into()),
+            (_, _, None, Some(name)) if GLOBAL_ELLIPSOIDS.contains(&name) => Datum::Wgs84,
+            _ => Datum::Unknown,
+        }
+    }
+}
+
+/// The definition with its ellipsoid, but without a shift.
+pub(super) fn without(definition: &str) -> String {
+    let parts = definition.split_whitespace().map(|part| match part {
+        // The ellipsoids of datums that have names here.
+        "+datum=WGS84" => "+ellps=WGS84",
+        "+datum=NAD83" => "+ellps=GRS80",
+        "+datum=NAD27" => "+ellps=clrk66",
+        "+datum=nzgd49" => "+ellps=intl",
+        "+datum=potsdam" | "+datum=hermannskogel" => "+ellps=bessel",
+        "+datum=carthage" => "+ellps=clrk80ign",
+        "+datum=ire65" => "+ellps=mod_airy",
+        "+datum=OSGB36" => "+ellps=airy",
+        "+datum=GGRS87" => "+ellps=GRS80",
+        part if part.starts_with("+towgs84=") || part.starts_with("+nadgrids=") => "",
+        part => part,
+    });
+    parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+}
