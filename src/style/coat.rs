@@ -53,13 +53,15 @@ pub(super) struct Classes {
     pub(super) dense: Vec<[u8; 4]>,
     /// Those of other values, in ascending order.
     pub(super) sparse: Vec<(f64, [u8; 4])>,
+    /// The names of these, if they were given.
+    pub(super) names: Vec<String>,
     /// That of all others; without it each has one of its own.
     pub(super) other: Option<[u8; 4]>,
 }
 
 impl Classes {
     #[inline]
-    fn colour(&self, number: f64) -> [u8; 4] {
+    pub(super) fn colour(&self, number: f64) -> [u8; 4] {
         let index = number as usize;
         if let Some(colour) = self.dense.get(index).filter(|_| index as f64 == number) {
             return *colour;

@@ -3,7 +3,7 @@
 //! A [`Style`] is a small JSON document (`styles.md` at the top of the project says what is in it), or a name such as `viridis` or
 //! `hillshade`. A [`Painter`] is a style made ready for one tree: percentiles have become numbers, palettes tables. It paints
 //! blocks of samples, wherever they come from; equal samples (and neighbours, where these matter) give equal pixels, however
-//! a picture is cut into blocks.
+//! a picture is cut into blocks. A [`Legend`] tells what the colours mean.
 //!
 //! ```
 //! use spinney::style::{Block, Painter, Style};
@@ -27,6 +27,7 @@ mod fields;
 mod ground;
 mod indices;
 mod layer;
+mod legend;
 mod mask;
 mod painter;
 mod parse;
@@ -40,6 +41,7 @@ use std::path::Path;
 pub(crate) use self::colour::{CLAY, distinct, to_linear, to_srgb};
 pub use self::ground::Ground;
 use self::layer::Layer;
+pub use self::legend::{Key, Legend, Picture, Section, Tick};
 pub use self::painter::{Block, Painter};
 use crate::dataset::Dataset;
 use crate::{Error, Result};

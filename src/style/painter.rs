@@ -4,6 +4,7 @@ use super::Style;
 use super::blend::{Blend, share};
 use super::coat::{Coat, Rows, Scratch, stretched};
 use super::indices::Indices;
+use super::legend::Legend;
 use super::resolve::coats;
 use crate::dataset::Dataset;
 use crate::value::{SampleType, ValueType};
@@ -36,6 +37,7 @@ pub struct Painter {
     value: ValueType,
     coats: Vec<Coat>,
     void: [u8; 4],
+    title: String,
     /// The channel that is opacity, and the number that is opaque.
     alpha: Option<(usize, f64)>,
     margin: usize,
@@ -74,8 +76,9 @@ impl Painter {
             tree.metadata().alpha.map(usize::from).filter(|alpha| alpha + 1 == usize::from(value.channels));
         let margin = usize::from(coats.iter().any(Coat::needs_neighbours));
         let alpha = alpha.map(|channel| (channel, opaque));
+        let title = style.title.clone().unwrap_or_default();
         let mut painter =
-            Painter { value, coats, void: style.void, alpha, margin, table: None, indices: None };
+            Painter { value, coats, void: style.void, title, alpha, margin, table: None, indices: None };
         painter.table = painter.tabulate();
         painter.indices = painter.palette_of();
         if let (Some(table), Some(indices)) = (&mut painter.table, &painter.indices) {
@@ -151,6 +154,14 @@ impl Painter {
     /// is that of VOID.
     pub fn palette(&self) -> Option<&[[u8; 4]]> {
         self.indices.as_ref().map(|indices| &indices.colours[..])
+    }
+
+    /// The legend of what is painted of a tree, which has to be the painter's own.
+    ///
+    /// # Errors
+    /// If the tree is damaged: what classes there are may be asked of it.
+    pub fn legend(&self, tree: &Dataset) -> Result<Legend> {
+        Legend::new(&self.title, &self.coats, tree)
     }
 
     /// Paints a block: red, green, blue and straight opacity of each pixel, 8 bits each.

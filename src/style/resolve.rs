@@ -148,9 +148,10 @@ impl Resolver<'_> {
             Draw::Palette { classes, other } => (classes, *other),
             _ => (&[], None),
         };
-        let mut classes = Classes { dense: Vec::new(), sparse: Vec::new(), other };
+        let mut classes = Classes { dense: Vec::new(), sparse: Vec::new(), names: Vec::new(), other };
         if !given.is_empty() {
             classes.sparse = given.iter().map(|class| (class.value, class.colour)).collect();
+            classes.names = given.iter().map(|class| class.name.clone()).collect();
             classes.other = Some(other.unwrap_or([0; 4]));
         } else if let Some(palette) = &self.tree.metadata().palette {
             classes.dense.clone_from(&palette.colours);
