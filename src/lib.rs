@@ -80,6 +80,7 @@
 //! | [`dataset`] | a file, or a view of one, and all that can be asked of it |
 //! | [`ops`] | views (windows, scaling, rotation), set operations, edits: from files to files |
 //! | [`import`], [`export`] | picture files, meshes and arrays in and out |
+//! | `style` | how values become colours, whatever is drawn |
 //! | [`store`] | the formats, and building |
 //! | [`brep`] | exact models: planar faces on an integer grid, their files, and what can be asked of them |
 //! | [`geometry`] | polygons with holes on an integer grid: triangles, bridges, sections with octants |
@@ -107,6 +108,8 @@ mod progress;
 pub mod query;
 pub mod space;
 pub mod store;
+#[cfg(feature = "raster")]
+pub mod style;
 pub mod tree;
 pub mod value;
 

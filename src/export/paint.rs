@@ -2,6 +2,7 @@
 
 use crate::Result;
 use crate::dataset::Dataset;
+use crate::style::{CLAY, distinct, to_linear};
 use crate::value::{Kind, Palette, Rule, SampleType};
 
 /// Map from values to colours: linear red, green and blue, 0 to 1.
@@ -18,7 +19,6 @@ pub(super) enum Paint {
     Range { least: f64, range: f64 },
 }
 
-const CLAY: [f64; 3] = [0.84, 0.76, 0.67];
 /// Stops of the colour map "viridis": from dark to light, and readable without colour vision.
 const RANGE: [[f64; 3]; 5] = [
     [0.267, 0.005, 0.329],
@@ -58,25 +58,16 @@ impl Paint {
 
     pub(super) fn colour(&self, value: &[f64; 4]) -> [f64; 3] {
         match self {
-            Paint::Clay => CLAY.map(to_linear),
+            Paint::Clay => linear(CLAY),
             Paint::Channels { most, is_linear } => [0, 1, 2].map(|channel| {
                 let share = (value[channel] / most).clamp(0.0, 1.0);
                 if *is_linear { share } else { to_linear(share) }
             }),
             Paint::Palette(palette) => match palette.colours.get(value[0].max(0.0) as usize) {
-                Some([red, green, blue, _]) => {
-                    [red, green, blue].map(|sample| to_linear(f64::from(*sample) / 255.0))
-                }
-                None => CLAY.map(to_linear),
+                Some([red, green, blue, _]) => linear([*red, *green, *blue]),
+                None => linear(CLAY),
             },
-            Paint::Classes => {
-                // Numbers that follow each other are far apart on the wheel: by the golden section of it.
-                let hue = (value[0] * 0.618_033_988_75).rem_euclid(1.0) * 6.0;
-                [5.0, 3.0, 1.0].map(|shift: f64| {
-                    let sector = (shift + hue).rem_euclid(6.0);
-                    to_linear(0.85 - 0.5 * sector.min(4.0 - sector).clamp(0.0, 1.0))
-                })
-            }
+            Paint::Classes => linear(distinct(value[0])),
             Paint::Range { least, range } => {
                 let position = ((value[0] - least) / range).clamp(0.0, 1.0) * 4.0;
                 let stop = (position as usize).min(3);
@@ -89,14 +80,7 @@ impl Paint {
     }
 }
 
-/// Converts an sRGB sample, 0 to 1, to linear light (IEC 61966-2-1).
-pub(super) fn to_linear(number: f64) -> f64 {
-    if number <= 0.04045 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) }
-}
-
-/// Converts linear light to an sRGB sample, 0 to 255.
-pub(super) fn to_srgb(linear: f64) -> u8 {
-    let linear = linear.clamp(0.0, 1.0);
-    let number = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
-    (number * 255.0 + 0.5) as u8
+/// Linear light of a colour of 8 bits.
+pub(super) fn linear(colour: [u8; 3]) -> [f64; 3] {
+    colour.map(|sample| to_linear(f64::from(sample) / 255.0))
 }

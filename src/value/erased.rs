@@ -215,6 +215,21 @@ impl ValueType {
         Samples { numbers, channels: self.channels }
     }
 
+    /// Adds the samples that many values have in a channel as numbers, NaN where one is missing.
+    pub(crate) fn push_numbers(self, channel: usize, bytes: &[u8], numbers: &mut Vec<f64>) {
+        let size = self.sample.size();
+        let (first, width) = (channel * size, self.size());
+        let missing = self.missing.map(|sample| self.sample.number(&sample).to_bits());
+        let start = numbers.len();
+        with_sample_type!(self.sample, S => {
+            numbers.extend(bytes.chunks_exact(width).map(|value| S::read(&value[first..]).to_f64()));
+        });
+        if let Some(missing) = missing {
+            let absent = numbers[start..].iter_mut().filter(|number| number.to_bits() == missing);
+            absent.for_each(|number| *number = f64::NAN);
+        }
+    }
+
     /// The value whose samples are nearest to the numbers that a function has for the channels.
     #[inline]
     pub fn nearest(self, number: impl Fn(usize) -> f64) -> Value {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::super::image::Format;
-use super::super::paint::{Paint, to_linear};
+use super::super::paint::{Paint, linear};
 use super::scene::{Place, Scene, Surface};
 use super::{RenderRequest, draw};
 use crate::brep::{ExactModel, Face, FaceBuffer, Faces as _};
@@ -67,8 +67,7 @@ impl Surface for Body<'_> {
 
 /// Linear colour of a face at a place of it: between the corners' of a triangle, and their mean of others.
 fn colour_at(face: &Face<'_>, place: DVec3) -> DVec3 {
-    let linear = |colour: &[u8; 3]| DVec3::from(colour.map(|sample| to_linear(f64::from(sample) / 255.0)));
-    let colours: Vec<DVec3> = face.colours.iter().map(linear).collect();
+    let colours: Vec<DVec3> = face.colours.iter().map(|colour| linear(*colour).into()).collect();
     if let ([a, b, c], [first, second, third]) = (face.points, &colours[..]) {
         let [a, b, c] = [a, b, c].map(|point| DVec3::from(point.map(f64::from)) - place);
         let weights = [b.cross(c).length(), c.cross(a).length(), a.cross(b).length()];

@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::super::camera::Camera;
-use super::super::paint::{to_linear, to_srgb};
 use super::RenderRequest;
+use crate::style::{to_linear, to_srgb};
 use crate::{Progress, Result};
 
 /// Something that rays meet. Each thread has its own.

@@ -1,0 +1,63 @@
+//! Pictures with a palette: numbers of colours instead of colours.
+
+/// At most 256 colours, and the way from each to its number.
+#[derive(Debug)]
+pub(super) struct Indices {
+    pub(super) colours: Vec<[u8; 4]>,
+    /// Open addressing: a colour is in its own place or in one of those that follow.
+    places: Vec<Option<([u8; 4], u8)>>,
+}
+
+const PLACES: usize = 1024;
+
+impl Indices {
+    /// Numbers for colours, in the order in which they come first; `None` if there are more than 256.
+    pub(super) fn new(colours: impl IntoIterator<Item = [u8; 4]>) -> Option<Indices> {
+        let mut indices = Indices { colours: Vec::new(), places: vec![None; PLACES] };
+        for colour in colours {
+            let mut place = place(colour);
+            while indices.places[place].is_some_and(|(other, _)| other != colour) {
+                place = (place + 1) % PLACES;
+            }
+            if indices.places[place].is_none() {
+                let index = u8::try_from(indices.colours.len()).ok()?;
+                indices.places[place] = Some((colour, index));
+                indices.colours.push(colour);
+            }
+        }
+        Some(indices)
+    }
+
+    /// The number of a colour; 0 of one that there is not.
+    #[inline]
+    pub(super) fn index(&self, colour: [u8; 4]) -> u8 {
+        let mut place = place(colour);
+        while let Some((other, index)) = self.places[place] {
+            if other == colour {
+                return index;
+            }
+            place = (place + 1) % PLACES;
+        }
+        0
+    }
+}
+
+#[inline]
+fn place(colour: [u8; 4]) -> usize {
+    (u32::from_le_bytes(colour).wrapping_mul(0x9E37_79B1) >> 22) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_have_numbers() {
+        let grey = |grey: u16| [grey as u8, grey as u8, (grey >> 4) as u8, 255];
+        let indices = Indices::new((0..256).chain(0..256).map(grey)).unwrap();
+        assert_eq!(indices.colours.len(), 256);
+        assert!((0..256).all(|i| usize::from(indices.index(grey(i))) == usize::from(i)));
+        assert_eq!(indices.index([1, 2, 3, 4]), 0);
+        assert!(Indices::new((0..256).map(grey).chain([[0; 4]])).is_none());
+    }
+}

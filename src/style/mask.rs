@@ -1,0 +1,25 @@
+//! Values that a layer shows or hides.
+
+/// Ranges of values, ends included.
+pub(super) type Ranges = Vec<[f64; 2]>;
+
+/// The values that a layer shows: those in some range, or all if there is none, without those that it hides.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Mask {
+    pub(super) show: Option<Ranges>,
+    pub(super) hide: Ranges,
+}
+
+impl Mask {
+    /// Whether all values are shown.
+    pub(super) fn is_empty(&self) -> bool {
+        self.show.is_none() && self.hide.is_empty()
+    }
+
+    /// Whether a value is shown.
+    #[inline]
+    pub(super) fn shows(&self, number: f64) -> bool {
+        let is_in = |ranges: &Ranges| ranges.iter().any(|[low, high]| (*low..=*high).contains(&number));
+        self.show.as_ref().is_none_or(is_in) && !is_in(&self.hide)
+    }
+}
