@@ -27,6 +27,15 @@ pub(super) struct Options {
     triangles: bool,
 }
 
+impl Options {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let given =
+            [("--level", self.level.is_some()), ("--smooth", self.smooth), ("--triangles", self.triangles)];
+        given.iter().find(|(_, is_given)| *is_given).map(|(name, _)| *name)
+    }
+}
+
 /// Writes a mesh of an octree or of an exact model.
 pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
