@@ -5,6 +5,8 @@ mod array;
 #[cfg(feature = "raster")]
 mod camera;
 #[cfg(feature = "raster")]
+mod cog;
+#[cfg(feature = "raster")]
 pub mod image;
 #[cfg(feature = "mesh")]
 pub mod mesh;
@@ -21,6 +23,8 @@ mod window;
 pub use array::{ArrayRequest, export_array};
 #[cfg(feature = "raster")]
 pub use camera::Projection;
+#[cfg(feature = "raster")]
+pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
 #[cfg(all(feature = "raster", feature = "mesh"))]
 pub use render::render_exact;
 #[cfg(feature = "raster")]

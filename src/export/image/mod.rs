@@ -5,10 +5,11 @@ mod gdal_xml;
 mod npy;
 mod png;
 mod raw;
-mod seekable;
+pub(super) mod seekable;
 mod sidecar;
-mod tiff;
-mod tiff_tags;
+pub(super) mod tiff;
+pub(super) mod tiff_coding;
+pub(super) mod tiff_tags;
 
 use std::path::Path;
 

@@ -9,14 +9,14 @@ use crate::{Error, Result};
 
 /// An output of which bytes can be overwritten. Standard output cannot go back, so what is meant for it waits
 /// in an unnamed temporary file.
-pub(super) struct Seekable {
+pub(in crate::export) struct Seekable {
     output: Output,
     spool: Option<BufWriter<File>>,
     position: u64,
 }
 
 impl Seekable {
-    pub(super) fn new(output: Output) -> Result<Seekable> {
+    pub(in crate::export) fn new(output: Output) -> Result<Seekable> {
         let spool = match output.is_file() {
             true => None,
             false => {
@@ -28,17 +28,17 @@ impl Seekable {
         Ok(Seekable { output, spool, position: 0 })
     }
 
-    pub(super) fn path(&self) -> &Path {
+    pub(in crate::export) fn path(&self) -> &Path {
         self.output.path()
     }
 
     /// Bytes written so far.
-    pub(super) fn position(&self) -> u64 {
+    pub(in crate::export) fn position(&self) -> u64 {
         self.position
     }
 
     /// Appends bytes.
-    pub(super) fn append(&mut self, bytes: &[u8]) -> Result<()> {
+    pub(in crate::export) fn append(&mut self, bytes: &[u8]) -> Result<()> {
         let written = match &mut self.spool {
             Some(spool) => spool.write_all(bytes),
             None => self.output.write_all(bytes),
@@ -48,7 +48,7 @@ impl Seekable {
     }
 
     /// Overwrites bytes at the given offset.
-    pub(super) fn patch(&mut self, at: u64, bytes: &[u8]) -> Result<()> {
+    pub(in crate::export) fn patch(&mut self, at: u64, bytes: &[u8]) -> Result<()> {
         let patched = match &mut self.spool {
             Some(spool) => spool.flush().and_then(|()| overwrite(spool.get_mut(), at, bytes)),
             None => self.output.overwrite(at, bytes),
@@ -56,7 +56,7 @@ impl Seekable {
         patched.map_err(Error::io(self.path(), "write"))
     }
 
-    pub(super) fn commit(mut self) -> Result<()> {
+    pub(in crate::export) fn commit(mut self) -> Result<()> {
         if let Some(mut spool) = self.spool.take() {
             let path = self.output.path().to_path_buf();
             let mut copy = || -> io::Result<()> {

@@ -1,12 +1,9 @@
 //! (Geo)TIFF: compressed strips, and the directory after them, where everything is known.
 
-use std::io::Write;
-
-use flate2::Compression;
-use flate2::write::ZlibEncoder;
 use rayon::prelude::*;
 
 use super::seekable::Seekable;
+use super::tiff_coding::{Coder, Coding};
 use super::tiff_tags::{self, IfdField, tag, tag_value};
 use super::{ImageSpec, RowWriter, Rows, gdal_xml};
 use crate::io::Output;
@@ -17,7 +14,10 @@ use crate::{Error, Result};
 const STRIP_BYTES: u64 = 512 << 10;
 
 /// Size (before compression) from which on offsets may need more than 32 bits.
-const BIG_BYTES: u64 = 3_900_000_000;
+pub(in crate::export) const BIG_BYTES: u64 = 3_900_000_000;
+
+/// Level 4: little larger than 6, in much less time.
+const CODER: Coder = Coder::Deflate { level: 4 };
 
 struct Tiff {
     output: Seekable,
@@ -33,24 +33,6 @@ struct Tiff {
     tags: Vec<(u16, IfdField)>,
 }
 
-/// Transform of rows before compression.
-#[derive(Clone, Copy)]
-struct Coding {
-    predictor: Predictor,
-    sample: usize,
-    channels: usize,
-    row_bytes: usize,
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Predictor {
-    None = 1,
-    /// Samples become differences to their left neighbours.
-    Horizontal = 2,
-    /// Bytes of equal weight come together, then become differences.
-    Float = 3,
-}
-
 pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
     create_as(
         output,
@@ -64,23 +46,18 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
     if row_bytes > u64::from(u32::MAX) || spec.height > u64::from(u32::MAX) {
         return Err(Error::unsupported(output.path(), "TIFF with rows of 4 GiB, or 2^32 rows", "write .npy"));
     }
-    let predictor = match spec.value.sample {
-        _ if palette(spec).is_some() => Predictor::None, // numbers of classes: differences mean nothing
-        sample if sample.is_float() => Predictor::Float,
-        _ => Predictor::Horizontal,
-    };
-    let coding = Coding {
-        predictor,
-        sample: spec.value.sample.size(),
-        channels: usize::from(spec.value.channels),
-        row_bytes: row_bytes as usize,
-    };
+    let has_labels = palette(spec).is_some();
+    let coding = Coding::new(spec.value, row_bytes as usize, has_labels, CODER);
     let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, spec.height);
     // What has no file has no sidecar either.
     let with_classes = !output.is_file();
-    let mut tags = tags(spec, predictor, rows_per_strip);
-    let about = gdal_xml::metadata(&spec.metadata, with_classes);
-    tags.extend(about.map(|xml| (tag::GDAL_METADATA, IfdField::Ascii(xml.into_bytes()))));
+    let mut tags = sample_tags(spec, &coding);
+    tags.extend(descriptive_tags(spec, with_classes));
+    tags.extend([
+        (tag::IMAGE_WIDTH, IfdField::Long(vec![spec.width as u32])),
+        (tag::IMAGE_LENGTH, IfdField::Long(vec![spec.height as u32])),
+        (tag::ROWS_PER_STRIP, IfdField::Long(vec![rows_per_strip as u32])),
+    ]);
     let mut output = Seekable::new(output)?;
     output.append(tiff_tags::header(big).0)?;
     Ok(Box::new(Tiff {
@@ -102,8 +79,9 @@ fn palette(spec: &ImageSpec) -> Option<&Palette> {
     spec.metadata.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
 }
 
-fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16, IfdField)> {
-    use IfdField::{Long, Short};
+/// The tags that say what samples are, and how they are coded.
+pub(in crate::export) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdField)> {
+    use IfdField::Short;
     let channels = usize::from(spec.value.channels);
     let sample_format = match spec.value.sample {
         SampleType::U8 | SampleType::U16 | SampleType::U32 => tag_value::FORMAT_UNSIGNED,
@@ -119,15 +97,12 @@ fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16
         tag_value::PHOTOMETRIC_BLACK_IS_ZERO
     };
     let mut tags = vec![
-        (tag::IMAGE_WIDTH, Long(vec![spec.width as u32])),
-        (tag::IMAGE_LENGTH, Long(vec![spec.height as u32])),
         (tag::BITS_PER_SAMPLE, Short(vec![spec.value.sample.size() as u16 * 8; channels])),
-        (tag::COMPRESSION, Short(vec![tag_value::COMPRESSION_DEFLATE])),
+        (tag::COMPRESSION, Short(vec![coding.coder.number()])),
         (tag::PHOTOMETRIC_INTERPRETATION, Short(vec![photometric])),
         (tag::SAMPLES_PER_PIXEL, Short(vec![channels as u16])),
-        (tag::ROWS_PER_STRIP, Long(vec![rows_per_strip as u32])),
         (tag::PLANAR_CONFIGURATION, Short(vec![tag_value::PLANAR_CHUNKY])),
-        (tag::PREDICTOR, Short(vec![predictor as u16])),
+        (tag::PREDICTOR, Short(vec![coding.predictor as u16])),
         (tag::SAMPLE_FORMAT, Short(vec![sample_format; channels])),
     ];
     let mut extra = vec![tag_value::SAMPLE_UNSPECIFIED; channels - if is_rgb { 3 } else { 1 }];
@@ -141,66 +116,21 @@ fn tags(spec: &ImageSpec, predictor: Predictor, rows_per_strip: u64) -> Vec<(u16
         let channel = |c: usize| (0..entries).map(move |i| u16::from(colour(i)[c]) * 257);
         tags.push((tag::COLOR_MAP, Short((0..3).flat_map(channel).collect())));
     }
-    let metadata = &spec.metadata;
-    tags.extend(match &metadata.control_points {
-        Some(points) => tiff_tags::control_point_tags(points),
-        None => tiff_tags::geo_tags(&metadata.frame),
-    });
-    tags.extend(metadata.nodata.map(tiff_tags::nodata_tag));
-    tags.extend(tiff_tags::text_tags(&metadata.tags));
+    tags.extend(spec.metadata.nodata.map(tiff_tags::nodata_tag));
     tags
 }
 
-impl Coding {
-    /// A strip as it stands in the file.
-    fn compress(&self, rows: &[u8]) -> Vec<u8> {
-        let mut coded = rows.to_vec();
-        coded.chunks_exact_mut(self.row_bytes).for_each(|row| self.predict(row));
-        // Level 4: little larger than 6, in much less time.
-        let mut encoder = ZlibEncoder::new(Vec::with_capacity(rows.len() / 2), Compression::new(4));
-        encoder.write_all(&coded).and_then(|()| encoder.finish()).expect("a Vec takes all bytes")
-    }
-
-    fn predict(&self, row: &mut [u8]) {
-        let samples = self.row_bytes / self.sample;
-        match (self.predictor, self.sample) {
-            (Predictor::None, _) => {}
-            (Predictor::Float, _) => {
-                // Adobe's predictor 3 (TIFF Technical Note 3): all most significant bytes of the row first,
-                // and so on, then differences of bytes at a distance of one pixel.
-                let mut planes = vec![0; row.len()];
-                for (i, sample) in row.chunks_exact(self.sample).enumerate() {
-                    for (weight, byte) in sample.iter().rev().enumerate() {
-                        planes[weight * samples + i] = *byte;
-                    }
-                }
-                row.copy_from_slice(&planes);
-                differences(row, self.channels);
-            }
-            (Predictor::Horizontal, 1) => differences(row, self.channels),
-            (Predictor::Horizontal, 2) => {
-                let row = row.as_chunks_mut::<2>().0;
-                for i in (self.channels..samples).rev() {
-                    let left = u16::from_le_bytes(row[i - self.channels]);
-                    row[i] = u16::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
-                }
-            }
-            (Predictor::Horizontal, _) => {
-                let row = row.as_chunks_mut::<4>().0;
-                for i in (self.channels..samples).rev() {
-                    let left = u32::from_le_bytes(row[i - self.channels]);
-                    row[i] = u32::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
-                }
-            }
-        }
-    }
-}
-
-/// Subtracts from each byte the one `distance` before it, from the end, so that that one is still as it was.
-fn differences(bytes: &mut [u8], distance: usize) {
-    for i in (distance..bytes.len()).rev() {
-        bytes[i] = bytes[i].wrapping_sub(bytes[i - distance]);
-    }
+/// The tags that say where a picture lies and what is known of it.
+pub(in crate::export) fn descriptive_tags(spec: &ImageSpec, with_classes: bool) -> Vec<(u16, IfdField)> {
+    let metadata = &spec.metadata;
+    let mut tags = match &metadata.control_points {
+        Some(points) => tiff_tags::control_point_tags(points),
+        None => tiff_tags::geo_tags(&metadata.frame),
+    };
+    tags.extend(tiff_tags::text_tags(&metadata.tags));
+    let about = gdal_xml::metadata(metadata, with_classes);
+    tags.extend(about.map(|xml| (tag::GDAL_METADATA, IfdField::Ascii(xml.into_bytes()))));
+    tags
 }
 
 impl Tiff {
@@ -208,7 +138,8 @@ impl Tiff {
     fn write_strips(&mut self) -> Result<()> {
         let strip = self.rows_per_strip as usize * self.coding.row_bytes;
         let coding = self.coding;
-        let strips: Vec<Vec<u8>> = self.waiting.par_chunks(strip).map(|rows| coding.compress(rows)).collect();
+        let strips: Vec<Vec<u8>> =
+            self.waiting.par_chunks(strip).map(|rows| coding.compress(rows.to_vec())).collect();
         for strip in strips {
             self.offsets.push(self.output.position());
             self.sizes.push(strip.len() as u64);
@@ -251,7 +182,7 @@ impl RowWriter for Tiff {
         tags.push((tag::STRIP_OFFSETS, words(offsets)));
         tags.push((tag::STRIP_BYTE_COUNTS, words(sizes)));
         let at = output.position();
-        output.append(&tiff_tags::directory(tags, at, big))?;
+        output.append(&tiff_tags::directory(tags, at, 0, big))?;
         output.patch(tiff_tags::header(big).1, &tiff_tags::word(at, big))?;
         output.commit()
     }

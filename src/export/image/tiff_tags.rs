@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use crate::space::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
 /// Numbers of tags, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
-pub(super) mod tag {
+pub(in crate::export) mod tag {
+    pub(crate) const NEW_SUBFILE_TYPE: u16 = 254;
     pub(crate) const IMAGE_WIDTH: u16 = 256;
     pub(crate) const IMAGE_LENGTH: u16 = 257;
     pub(crate) const BITS_PER_SAMPLE: u16 = 258;
@@ -24,6 +25,10 @@ pub(super) mod tag {
     pub(crate) const HOST_COMPUTER: u16 = 316;
     pub(crate) const PREDICTOR: u16 = 317;
     pub(crate) const COLOR_MAP: u16 = 320;
+    pub(crate) const TILE_WIDTH: u16 = 322;
+    pub(crate) const TILE_LENGTH: u16 = 323;
+    pub(crate) const TILE_OFFSETS: u16 = 324;
+    pub(crate) const TILE_BYTE_COUNTS: u16 = 325;
     pub(crate) const EXTRA_SAMPLES: u16 = 338;
     pub(crate) const SAMPLE_FORMAT: u16 = 339;
     pub(crate) const COPYRIGHT: u16 = 33432;
@@ -38,11 +43,17 @@ pub(super) mod tag {
 }
 
 /// Values of tags, by their names in TIFF 6.0 and its supplements.
-pub(super) mod tag_value {
+pub(in crate::export) mod tag_value {
+    /// Bits of the kind of a picture in a file of several.
+    pub(crate) const SUBFILE_REDUCED: u32 = 1;
+    pub(crate) const SUBFILE_MASK: u32 = 4;
+    pub(crate) const COMPRESSION_NONE: u16 = 1;
     pub(crate) const COMPRESSION_DEFLATE: u16 = 8;
+    pub(crate) const COMPRESSION_ZSTD: u16 = 50000;
     pub(crate) const PHOTOMETRIC_BLACK_IS_ZERO: u16 = 1;
     pub(crate) const PHOTOMETRIC_RGB: u16 = 2;
     pub(crate) const PHOTOMETRIC_PALETTE: u16 = 3;
+    pub(crate) const PHOTOMETRIC_MASK: u16 = 4;
     /// A pixel's samples together.
     pub(crate) const PLANAR_CHUNKY: u16 = 1;
     pub(crate) const SAMPLE_UNSPECIFIED: u16 = 0;
@@ -68,13 +79,27 @@ mod field_type {
 }
 
 /// A tag's value.
-pub(super) enum IfdField {
+#[derive(Clone)]
+pub(in crate::export) enum IfdField {
     /// Without the NUL that ends it.
     Ascii(Vec<u8>),
     Short(Vec<u16>),
     Long(Vec<u32>),
     Double(Vec<f64>),
     Long8(Vec<u64>),
+    /// Numbers that are written later, at this place; or in the directory itself, as zeros, if there is room for them.
+    Later {
+        width: WordWidth,
+        count: u64,
+        at: u64,
+    },
+}
+
+/// Width of unsigned numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::export) enum WordWidth {
+    Four = 4,
+    Eight = 8,
 }
 
 impl IfdField {
@@ -89,25 +114,40 @@ impl IfdField {
             IfdField::Long(v) => (LONG, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
             IfdField::Double(v) => (DOUBLE, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
             IfdField::Long8(v) => (LONG8, v.len() as u64, v.iter().flat_map(|n| n.to_le_bytes()).collect()),
+            IfdField::Later { width: WordWidth::Four, count, .. } => (LONG, *count, Vec::new()),
+            IfdField::Later { width: WordWidth::Eight, count, .. } => (LONG8, *count, Vec::new()),
         }
     }
 }
 
 /// The file's first bytes, and the position in them of the directory's offset, which is filled in at the end.
-pub(super) fn header(big: bool) -> (&'static [u8], u64) {
+pub(in crate::export) fn header(big: bool) -> (&'static [u8], u64) {
     if big { (b"II\x2b\0\x08\0\0\0\0\0\0\0\0\0\0\0", 8) } else { (b"II\x2a\0\0\0\0\0", 4) }
 }
 
 /// An offset or count in the width of the file.
-pub(super) fn word(number: u64, big: bool) -> Vec<u8> {
+pub(in crate::export) fn word(number: u64, big: bool) -> Vec<u8> {
     let bytes = number.to_le_bytes();
     bytes[..if big { 8 } else { 4 }].to_vec()
 }
 
-/// The bytes of a directory that will stand at `at`, and of the values that are too long for it.
-pub(super) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, big: bool) -> Vec<u8> {
+/// Bytes of a directory's count of entries, and of an offset.
+fn widths(big: bool) -> (usize, usize) {
+    if big { (8, 8) } else { (2, 4) }
+}
+
+/// The place of the value of a tag, or of its offset, in a directory that stands at `at`.
+pub(in crate::export) fn value_place(tags: &[(u16, IfdField)], wanted: u16, at: u64, big: bool) -> u64 {
+    let before = tags.iter().filter(|(number, _)| *number < wanted).count();
+    let (count_bytes, word_bytes) = widths(big);
+    at + (count_bytes + before * (4 + 2 * word_bytes) + 4 + word_bytes) as u64
+}
+
+/// The bytes of a directory that will stand at `at`, and of the values that are too long for it. `next` is the place of
+/// the directory after it, or 0.
+pub(in crate::export) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, next: u64, big: bool) -> Vec<u8> {
     tags.sort_by_key(|(number, _)| *number);
-    let (count_bytes, word_bytes) = if big { (8, 8) } else { (2, 4) };
+    let (count_bytes, word_bytes) = widths(big);
     let entries_bytes = tags.len() * (4 + 2 * word_bytes);
     let mut entries = (tags.len() as u64).to_le_bytes()[..count_bytes].to_vec();
     let mut values = Vec::new();
@@ -117,7 +157,11 @@ pub(super) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, big: bool) -> V
         entries.extend(number.to_le_bytes());
         entries.extend(kind.to_le_bytes());
         entries.extend(word(count, big));
-        if bytes.len() <= word_bytes {
+        if let IfdField::Later { width, at, .. } = field
+            && count.saturating_mul(width as u64) > word_bytes as u64
+        {
+            entries.extend(word(at, big));
+        } else if bytes.len() <= word_bytes {
             bytes.resize(word_bytes, 0);
             entries.extend(bytes);
         } else {
@@ -127,7 +171,7 @@ pub(super) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, big: bool) -> V
             values.extend(bytes);
         }
     }
-    entries.extend(word(0, big)); // no next directory
+    entries.extend(word(next, big));
     entries.extend(values);
     entries
 }
@@ -281,7 +325,7 @@ mod tests {
     #[test]
     fn long_values_stand_behind_the_directory() {
         let tags = vec![(300, IfdField::Short(vec![7, 8, 9])), (256, IfdField::Long(vec![5]))];
-        let bytes = directory(tags, 100, false);
+        let bytes = directory(tags, 100, 0, false);
         let expected: [&[u8]; 5] = [
             &[2, 0],
             &[0, 1, 4, 0, 1, 0, 0, 0, 5, 0, 0, 0],

@@ -8,7 +8,7 @@ use crate::value::{Kind, Rule, ValueType};
 use crate::{Error, Result};
 
 /// The output's pixels in cells of the level that they are made of.
-pub(super) struct OutputGrid {
+pub(in crate::export) struct OutputGrid {
     pub(super) level: u8,
     /// Cells of the level that the pixels are made of: one layer of them.
     pub(super) source: Bounds,
@@ -39,7 +39,7 @@ impl OutputGrid {
     ///
     /// # Errors
     /// If the window is empty or outside of the tree, the tree has no such level, or the output would have no pixels.
-    pub(super) fn of(tree: &Dataset, request: &WindowRequest) -> Result<OutputGrid> {
+    pub(in crate::export) fn of(tree: &Dataset, request: &WindowRequest) -> Result<OutputGrid> {
         let depth = tree.depth();
         let across = request.across;
         let axes = match across {

@@ -3,7 +3,8 @@
 mod grid;
 mod sampler;
 
-use self::grid::{OutputGrid, row_bytes};
+pub(super) use self::grid::OutputGrid;
+use self::grid::row_bytes;
 use self::sampler::Sampler;
 pub(super) use self::sampler::number;
 use super::image::{Format, ImageSpec, create, write_sidecar};
@@ -189,14 +190,14 @@ fn has_opacity(tree: &Dataset) -> bool {
 }
 
 /// VOID cells of a window, and the number that stands for them.
-struct VoidCells {
-    may_be: bool,
+pub(super) struct VoidCells {
+    pub(super) may_be: bool,
     /// `None` if every number is in use.
-    fill: Option<f64>,
+    pub(super) fill: Option<f64>,
 }
 
 impl VoidCells {
-    fn of(tree: &Dataset, request: &WindowRequest) -> Result<VoidCells> {
+    pub(super) fn of(tree: &Dataset, request: &WindowRequest) -> Result<VoidCells> {
         if tree.header().rule == Rule::Occupancy {
             // VOID is a number there: an empty cell.
             return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or(0.0)) });
@@ -216,7 +217,8 @@ pub fn void_number(tree: &Dataset) -> Result<Option<f64>> {
     if has_opacity(tree) || tree.header().rule == Rule::Occupancy { Ok(Some(0.0)) } else { fill_for(tree) }
 }
 
-fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) -> ImageSpec {
+/// The picture of a grid.
+pub(super) fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) -> ImageSpec {
     let (value, metadata) = (tree.header().form.value, tree.metadata());
     let first = [grid.origin[0], grid.origin[1], grid.source.min[2] as f64];
     // Pixels in a frame of the deepest level's cells.

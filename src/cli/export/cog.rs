@@ -1,0 +1,73 @@
+//! A picture as a cloud-optimized GeoTIFF.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use clap::ValueEnum;
+use spinney::export::{CogCompression, CogRequest, export_cog};
+use spinney::io::Output;
+
+use super::super::args::check_output;
+use super::super::report::{Work, report_output};
+use super::super::{Global, exact};
+use super::Args;
+
+/// Options of cloud-optimized GeoTIFF.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Cloud-optimized GeoTIFF")]
+pub(super) struct Options {
+    /// Compression of tiles; nothing is lost by any [default: deflate]
+    #[arg(long, value_name = "METHOD")]
+    compression: Option<Compression>,
+    /// Number for VOID cells; where it is not given and every number is in use, a mask says which cells are VOID
+    #[arg(long, allow_hyphen_values = true)]
+    nodata: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Compression {
+    /// Every reader of TIFF knows it
+    Deflate,
+    /// Smaller and faster, for newer readers
+    Zstd,
+    None,
+}
+
+impl Options {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let nodata = self.nodata.map(|_| "--nodata");
+        self.compression.map(|_| "--compression").or(nodata)
+    }
+}
+
+/// Writes the file.
+pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    if exact::open(&args.tree.file)?.is_some() {
+        exact::refuse(&args.tree.file, &[(".tif", true)])?;
+    }
+    let tree = args.tree.open()?;
+    check_output([args.tree.file.as_path()], &args.output)?;
+    let mut request = CogRequest::new();
+    request.tile_size = args.tiles.tile_size.unwrap_or(request.tile_size);
+    request.nodata = args.cog.nodata;
+    request.compression = match args.cog.compression {
+        None | Some(Compression::Deflate) => CogCompression::Deflate,
+        Some(Compression::Zstd) => CogCompression::Zstd,
+        Some(Compression::None) => CogCompression::None,
+    };
+    let work = Work::start(global, "cells")?;
+    let output = Output::create(&args.output)?;
+    let summary = export_cog(&tree, &request, output, &work)
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    let masks = if summary.has_masks { ", with masks" } else { "" };
+    let sparse = summary.sparse_tiles;
+    global.report(
+        "tiles",
+        format_args!("{} stored, {sparse} empty, {} overviews{masks}", summary.tiles, summary.overviews),
+    );
+    report_output(global, &args.output, start);
+    Ok(())
+}

@@ -1,0 +1,65 @@
+//! The surface of a solid as a mesh.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
+use spinney::io::Output;
+
+use super::super::args::check_output;
+use super::super::report::{Work, report_output};
+use super::super::{Global, exact};
+use super::Args;
+
+/// Options of meshes.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Meshes of octrees")]
+pub(super) struct Options {
+    /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if
+    /// it is at least half full (rule occupancy), or if anything is in it (other rules)
+    #[arg(long)]
+    level: Option<u8>,
+    /// The smooth surface where cells are half full (surface nets), instead of the cells' faces
+    #[arg(long)]
+    smooth: bool,
+    /// Triangles only, in PLY, OBJ and OFF too
+    #[arg(long)]
+    triangles: bool,
+}
+
+impl Options {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let given =
+            [("--level", self.level.is_some()), ("--smooth", self.smooth), ("--triangles", self.triangles)];
+        given.iter().find(|(_, is_given)| *is_given).map(|(name, _)| *name)
+    }
+}
+
+/// Writes a mesh of an octree or of an exact model.
+pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let Options { level, smooth, triangles } = args.mesh;
+    if let Some(model) = exact::open(&args.tree.file)? {
+        let given = [
+            ("--view", args.tree.is_viewed()),
+            ("--level", level.is_some()),
+            ("--smooth", smooth),
+            ("--triangles", triangles),
+        ];
+        exact::refuse(&args.tree.file, &given)?;
+        return exact::export(&model, &args.output, format, global);
+    }
+    let tree = args.tree.open()?;
+    check_output([args.tree.file.as_path()], &args.output)?;
+    let mut request = MeshRequest::new();
+    (request.level, request.smooth, request.triangles) = (level, smooth, triangles);
+    let work = Work::start(global, "cells")?;
+    let output = Output::create(&args.output)?;
+    let summary = export_mesh(&tree, &request, output, format, &work)
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
+    report_output(global, &args.output, start);
+    Ok(())
+}

@@ -1,0 +1,131 @@
+//! `spinney export`: trees as files of other programs. Each kind of them has a module with its own options; the
+//! output's name chooses between them.
+
+mod cog;
+mod mesh;
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::{Context as _, Result, bail};
+use spinney::export::mesh::MeshFormat;
+
+use super::Global;
+use super::args::ViewedTree;
+
+/// Write a tree as a file of other programs: a cloud-optimized GeoTIFF of a picture, a mesh of a solid
+///
+/// The output's name says what is written, or else --format.
+///
+/// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the tree's statistics, palette,
+/// names and coordinate system.
+///
+/// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its coordinates are those of
+/// the world. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different
+/// sizes meet, a face has the corners of its neighbours as points of its own. Memory does not grow with the
+/// mesh.
+///
+/// Of an exact model the faces are written as they are, polygons with holes too, and as CityJSON (.city.json) as well.
+///
+/// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and has colours of
+/// faces; STL is binary, in single precision.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    tree: ViewedTree,
+    /// Output: .tif of pictures; .ply, .obj, .stl or .off of solids, of exact models .city.json, too; `-` is
+    /// standard output
+    output: PathBuf,
+    /// Format where the output's name does not say: tif, ply, obj, stl, off or city.json
+    #[arg(long)]
+    format: Option<Target>,
+    #[command(flatten)]
+    tiles: TileOptions,
+    #[command(flatten)]
+    cog: cog::Options,
+    #[command(flatten)]
+    mesh: mesh::Options,
+}
+
+/// Options of all pictures in tiles.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Pictures in tiles")]
+struct TileOptions {
+    /// Columns and rows of a tile: 256 or 512 [default: 512]
+    #[arg(long, value_name = "PIXELS", value_parser = parse_tile_size)]
+    tile_size: Option<u32>,
+}
+
+impl TileOptions {
+    /// The first option that was given.
+    fn given(&self) -> Option<&'static str> {
+        self.tile_size.map(|_| "--tile-size")
+    }
+}
+
+/// Reads the size of a tile.
+fn parse_tile_size(text: &str) -> Result<u32, &'static str> {
+    match text {
+        "256" => Ok(256),
+        "512" => Ok(512),
+        _ => Err("expected 256 or 512"),
+    }
+}
+
+const EXAMPLES: &str = "Examples:
+  spinney export world.goblin world.tif
+  spinney export world.goblin world.tif --tile-size 256 --compression zstd
+  spinney export bunny.goblin bunny.ply
+  spinney export bunny.goblin small.obj --level 6
+  spinney export bunny.goblin print.stl --smooth
+  spinney export city.goblin quarter.ply --view window=0,256,0,512,512,64
+  spinney export bunny.goblin - --format stl > bunny.stl";
+
+/// Kinds of files that are exported: a new one is a module, a line here, one in [`Target::of`] and [`FromStr`], and one in
+/// [`run`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Target {
+    Cog,
+    Mesh(MeshFormat),
+}
+
+impl Target {
+    /// The kind of a file by its name.
+    fn of(path: &Path) -> Option<Target> {
+        path.extension()?.to_str()?.parse().ok()
+    }
+}
+
+impl FromStr for Target {
+    type Err = spinney::Error;
+
+    fn from_str(name: &str) -> spinney::Result<Target> {
+        match name.to_ascii_lowercase().as_str() {
+            "tif" | "tiff" | "cog" => Ok(Target::Cog),
+            _ => name.parse().map(Target::Mesh),
+        }
+    }
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let target = args.format.or_else(|| Target::of(&args.output));
+    let target = target.with_context(|| {
+        format!("{}: unknown format; use .tif, .ply, .obj, .stl or .off, or --format", args.output.display())
+    })?;
+    let is_tiled = matches!(target, Target::Cog);
+    let is_mesh = matches!(target, Target::Mesh(_));
+    let misplaced = [
+        (is_tiled, args.tiles.given(), "pictures in tiles"),
+        (target == Target::Cog, args.cog.given(), "cloud-optimized GeoTIFF"),
+        (is_mesh, args.mesh.given(), "solids"),
+    ];
+    if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
+    {
+        bail!("{option} is for {whose}; {} is none", args.output.display());
+    }
+    match target {
+        Target::Cog => cog::run(args, global),
+        Target::Mesh(format) => mesh::run(args, format, global),
+    }
+}
