@@ -47,7 +47,7 @@ pub struct Dataset {
 /// Base of a dataset.
 enum Tree {
     /// A file of one of the two formats, no other base of views.
-    File(TreeFile),
+    File(Arc<TreeFile>),
     View(Box<Viewed>),
 }
 
@@ -82,7 +82,7 @@ impl Dataset {
     /// If the file's header says what no file can have.
     pub fn of(file: TreeFile) -> Result<Dataset> {
         if matches!(file, TreeFile::Goblin(_) | TreeFile::Autumnal(_)) {
-            return Ok(Dataset { tree: Tree::File(file) });
+            return Ok(Dataset { tree: Tree::File(Arc::new(file)) });
         }
         let extent = file.header().extent;
         Ok(Dataset::of_view(Viewed::new(View::new(Arc::new(file), extent)?, false)))
@@ -101,7 +101,7 @@ impl Dataset {
         let viewed = match self.tree {
             Tree::File(file) => {
                 let (extent, rule) = (file.header().extent, file.header().rule);
-                let view = View::new(Arc::new(file), extent)?.through(steps)?;
+                let view = View::new(file, extent)?.through(steps)?;
                 Viewed::new(view.sampled(Sampling::Area(rule))?, false)
             }
             Tree::View(viewed) => viewed.through(steps)?,
@@ -111,10 +111,20 @@ impl Dataset {
 
     fn reader(&self) -> Reader<'_> {
         match &self.tree {
-            Tree::File(TreeFile::Goblin(file)) => Reader::Goblin(file),
-            Tree::File(TreeFile::Autumnal(file)) => Reader::Autumnal(file),
-            Tree::File(_) => unreachable!("what is no file is seen through a view"),
+            Tree::File(file) => match &**file {
+                TreeFile::Goblin(file) => Reader::Goblin(file),
+                TreeFile::Autumnal(file) => Reader::Autumnal(file),
+                _ => unreachable!("what is no file is seen through a view"),
+            },
             Tree::View(viewed) => Reader::View(viewed),
+        }
+    }
+
+    /// The file, if this is no view of one: for what stands on files, such as [`Warped`](crate::ops::Warped).
+    pub fn as_file(&self) -> Option<&Arc<TreeFile>> {
+        match &self.tree {
+            Tree::File(file) => Some(file),
+            Tree::View(_) => None,
         }
     }
 
@@ -144,8 +154,11 @@ impl Dataset {
     pub fn refresh(&mut self) -> Result<bool> {
         match &mut self.tree {
             // A reader that others have, too, is not pulled away from under them.
-            Tree::File(TreeFile::Autumnal(file)) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
-            Tree::File(_) | Tree::View(_) => Ok(false),
+            Tree::File(file) => match Arc::get_mut(file) {
+                Some(TreeFile::Autumnal(file)) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
+                _ => Ok(false),
+            },
+            Tree::View(_) => Ok(false),
         }
     }
 

@@ -19,3 +19,4 @@ mod cli_pictures;
 #[cfg(unix)]
 mod cli_safety;
 mod cli_solids;
+mod cli_warp;

@@ -110,7 +110,8 @@ impl Warped {
             extent: grid.extent,
             ..header.clone()
         };
-        let content = content(&map, [extent[0], extent[1]], grid.extent);
+        let whole = ([0.0; 2], [extent[0] as f64, extent[1] as f64]);
+        let content = reached(&map, whole, 64, grid.extent);
         Ok(Warped {
             source,
             header,
@@ -153,8 +154,21 @@ impl Warped {
         self.content
     }
 
+    /// The cells that a box of cells of the source (of its deepest level) can reach: at least those; all where that is not known.
+    pub fn reached_from(&self, bounds: &Bounds) -> Bounds {
+        let shift = self.source.header().depth() - self.level;
+        let reach = self.resampling.reach();
+        let place = |cell: u64, margin: f64| cell as f64 / (1u64 << shift) as f64 + margin;
+        let low = [0, 1].map(|axis| place(bounds.min[axis], -reach - 1.0));
+        let high = [0, 1].map(|axis| place(bounds.max[axis], reach + 1.0));
+        reached(&self.map, (low, high), 8, self.header.extent).intersect(&self.content)
+    }
+
     /// A node: VOID or a LEAF where all of its image is alike.
-    pub(in crate::ops) fn node(&self, code: Code) -> Result<Child<Code>> {
+    ///
+    /// # Errors
+    /// If the source is damaged there.
+    pub fn node(&self, code: Code) -> Result<Child<Code>> {
         let cells = code.bounds(self.header.depth()).intersect(&self.content);
         if cells.is_empty() {
             return Ok(Child::Void);
@@ -325,24 +339,21 @@ fn ratio(map: &CellMap, extent: [u64; 3]) -> f64 {
     map.to_target(middle).and_then(|place| map.ratio_at(place)).unwrap_or(1.0)
 }
 
-/// The cells of the target that the source can reach: a box around the images of a lattice of its points, with as much around it as
-/// neighbours are apart; all cells where that does not tell.
-fn content(map: &CellMap, extent: [u64; 2], target: [u64; 3]) -> Bounds {
-    const STEPS: usize = 64;
+/// The cells of the target that a box of the source can reach: a box around the images of a lattice of so many of its points, with as
+/// much around it as neighbours are apart; all cells where that does not tell.
+fn reached(map: &CellMap, (from, to): ([f64; 2], [f64; 2]), steps: usize, target: [u64; 3]) -> Bounds {
     let all = Bounds::picture(target);
     if map.target_turns() {
         return all;
     }
     let point = |x: usize, y: usize| {
-        map.to_target([
-            extent[0] as f64 * x as f64 / STEPS as f64,
-            extent[1] as f64 * y as f64 / STEPS as f64,
-        ])
+        let at = |axis: usize, step: usize| from[axis] + (to[axis] - from[axis]) * step as f64 / steps as f64;
+        map.to_target([at(0, x), at(1, y)])
     };
     let (mut low, mut high, mut apart) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2], [0f64; 2]);
     let mut above: Vec<[f64; 2]> = Vec::new();
-    for y in 0..=STEPS {
-        let row: Option<Vec<[f64; 2]>> = (0..=STEPS).map(|x| point(x, y)).collect();
+    for y in 0..=steps {
+        let row: Option<Vec<[f64; 2]>> = (0..=steps).map(|x| point(x, y)).collect();
         let Some(row) = row else { return all };
         for axis in 0..2 {
             for place in &row {

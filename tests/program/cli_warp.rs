@@ -1,0 +1,185 @@
+//! Rasters on other grids of the world: `build --grid xyz`, and the steps `grid=` and `like=`.
+
+use std::fs;
+use std::path::Path;
+
+use spinney::dataset::Dataset;
+use spinney::space::{Bounds, Code, Dimension, web_mercator_depth};
+
+use crate::common::command::{command, spinney, stderr, stdout};
+
+const ELEVATION: &str = "fixtures/island_elevation.tif";
+const CLASSES: &str = "fixtures/island_classes.tif";
+
+/// A folder, and names in it.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Folder {
+        Folder(tempfile::tempdir().unwrap())
+    }
+
+    fn name(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().into()
+    }
+
+    /// A file built of an input.
+    fn built(&self, input: &str, name: &str, options: &[&str]) -> String {
+        let file = self.name(name);
+        command(&["build", "-q", input, "-o", &file]).args(options).assert().success().stderr("");
+        file
+    }
+
+    fn files(&self) -> Vec<String> {
+        let names = fs::read_dir(self.0.path()).unwrap();
+        let mut names: Vec<String> =
+            names.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+}
+
+/// All cells of a level that are not VOID, and where the first of them lies.
+fn cells(tree: &Dataset, level: u8, part: &Bounds) -> (Vec<u8>, Vec<bool>) {
+    let count = part.volume() as usize;
+    let (mut bytes, mut valid) = (vec![0; count * tree.header().form.width()], vec![false; count]);
+    tree.window(level, part, 0.0, &mut bytes, Some(&mut valid)).unwrap();
+    (bytes, valid)
+}
+
+#[test]
+fn the_world_is_the_root() {
+    let folder = Folder::new();
+    let file = folder.built(CLASSES, "tiles.goblin", &["--grid", "xyz", "--max-zoom", "11"]);
+    assert_eq!(folder.files(), ["tiles.goblin"]);
+    let tree = spinney::open(&file).unwrap();
+    assert_eq!(web_mercator_depth(&tree.metadata().frame, tree.header().extent), Some(19));
+    // The tile of zoom 8 around the island is where its quadkey says.
+    let native = spinney::open(folder.built(CLASSES, "native.goblin", &[])).unwrap();
+    let [width, height, _] = native.header().extent;
+    let middle = native.metadata().frame.to_world([width as f64 / 2.0, height as f64 / 2.0, 0.0]);
+    let projection =
+        spinney::space::Projection::new(native.metadata().frame.crs.as_ref().unwrap(), false).unwrap();
+    let place = projection.inverse([middle[0], middle[1]]).unwrap();
+    let x = ((place[0] + 180.0) / 360.0 * 256.0) as u32;
+    let y = ((1.0 - place[1].to_radians().tan().asinh() / std::f64::consts::PI) / 2.0 * 256.0) as u32;
+    let tile = Code::from_zxy(8, x, y).unwrap();
+    let inside = tile.bounds(16);
+    let (_, valid) = cells(&tree, 16, &inside);
+    assert!(valid.contains(&true), "{}", tile.quadkey());
+    // And the next ones have nothing.
+    let far = Code::from_cell(Dimension::Quad, 8, [x + 5, y, 0]).unwrap().bounds(16);
+    assert!(!cells(&tree, 16, &far).1.contains(&true));
+    assert!(
+        stdout(command(&["verify", &file])).contains("no problems")
+            || stderr(command(&["verify", &file])).is_empty()
+    );
+}
+
+#[test]
+fn bytes_depend_on_nothing_but_input_and_options() {
+    let folder = Folder::new();
+    let options = ["--grid", "xyz", "--resampling", "bilinear"];
+    let first = fs::read(folder.built(ELEVATION, "a.goblin", &options)).unwrap();
+    for (name, more) in [
+        ("b.goblin", ["--threads", "1"]),
+        ("c.goblin", ["--threads", "5"]),
+        ("d.goblin", ["--memory", "16M"]),
+    ] {
+        let file = folder.built(ELEVATION, name, &[&options[..], &more[..]].concat());
+        assert!(fs::read(file).unwrap() == first, "{more:?}");
+    }
+}
+
+#[test]
+fn transform_and_build_share_the_warper() {
+    let folder = Folder::new();
+    for (input, way) in [(ELEVATION, "cubic"), (CLASSES, "majority")] {
+        let built = folder.built(input, "built.goblin", &["--grid", "xyz", "--resampling", way]);
+        let native = folder.built(input, "native.goblin", &[]);
+        let [step, like] = ["step.goblin", "like.goblin"].map(|name| folder.name(name));
+        command(&["transform", "-q", &native, "grid=xyz", "--resampling", way, "-o", &step])
+            .assert()
+            .success();
+        let like_step = format!("like={built}");
+        command(&["transform", "-q", &native, &like_step, "--resampling", way, "-o", &like])
+            .assert()
+            .success();
+        for other in [&step, &like] {
+            let report = stdout(command(&["diff", &built, other]));
+            assert!(
+                command(&["diff", "-q", &built, other]).assert().get_output().status.success(),
+                "{report}"
+            );
+        }
+        // There and back: the island is where it was.
+        let back = folder.name("back.goblin");
+        let like_step = format!("like={native}");
+        command(&["transform", "-q", &built, &like_step, "--resampling", "nearest", "-o", &back])
+            .assert()
+            .success();
+        let (a, b) = (spinney::open(&native).unwrap(), spinney::open(&back).unwrap());
+        let picture = a.header().picture();
+        let ((_, before), (_, after)) = (cells(&a, a.depth(), &picture), cells(&b, b.depth(), &picture));
+        let differ = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+        assert!(differ * 50 < before.len(), "{differ} of {} cells came or went", before.len());
+    }
+}
+
+#[test]
+fn views_see_other_grids_without_a_file() {
+    let folder = Folder::new();
+    let native = folder.built(ELEVATION, "native.goblin", &[]);
+    let (file, seen) = (folder.name("file.npy"), folder.name("seen.npy"));
+    let xyz = folder.name("xyz.goblin");
+    command(&["transform", "-q", &native, "grid=xyz,9", "crop", "-o", &xyz]).assert().success();
+    command(&["get", "-q", &xyz, &file]).assert().success();
+    command(&["get", "-q", &native, &seen, "--view", "grid=xyz,9", "--view", "crop"]).assert().success();
+    assert!(fs::read(file).unwrap() == fs::read(seen).unwrap());
+}
+
+#[test]
+fn what_cannot_be_placed_is_refused() {
+    let folder = Folder::new();
+    let out = folder.name("out.goblin");
+    let refusal = |arguments: &[&str]| {
+        stderr(command(&["build", ELEVATION, "-o", &out]).args(arguments).assert().failure())
+    };
+    for (arguments, text) in [
+        (&["--grid", "xyz", "--crs", "EPSG:27200"][..], "nzmg"),
+        (&["--grid", "xyz", "--crs", "EPSG:4267"], "--allow-ballpark"),
+        (&["--grid", "xyz", "--max-zoom", "22"], "0 to 21"),
+        (&["--grid", "xyz", "--depth", "12"], "--max-zoom"),
+        (&["--grid", "xyz", "--resampling", "lanczos"], "nearest, bilinear, cubic, area, majority"),
+        (&["--grid", "0.5"], "xyz"),
+        (&["--grid", "wgs84"], "xyz"),
+        (&["--max-zoom", "3"], "--grid xyz"),
+        (&["--resampling", "cubic"], "--grid xyz"),
+    ] {
+        let message = refusal(arguments);
+        assert!(message.contains(text), "{arguments:?}: {message}");
+        assert_eq!(folder.files(), Vec::<String>::new());
+    }
+    let message =
+        stderr(spinney(&["build", CLASSES, "-o", &out, "--grid", "xyz", "--resampling", "area"]).failure());
+    assert!(message.contains("nearest or majority"), "{message}");
+    // A picture without a place.
+    let message =
+        stderr(spinney(&["build", "fixtures/island_rgb.png", "-o", &out, "--grid", "xyz"]).failure());
+    assert!(message.contains("--crs EPSG:NUMBER"), "{message}");
+    assert!(!Path::new(&out).exists() && folder.files().is_empty());
+    // Steps before it would be lost.
+    let native = folder.built(ELEVATION, "native.goblin", &[]);
+    let message = stderr(spinney(&["transform", &native, "rotate=3", "grid=xyz", "-o", &out]).failure());
+    assert!(message.contains("first step"), "{message}");
+}
+
+#[test]
+fn ballpark_is_told() {
+    let folder = Folder::new();
+    let out = folder.name("out.goblin");
+    let arguments =
+        ["build", ELEVATION, "-o", &out, "--grid", "xyz", "--crs", "EPSG:26728", "--allow-ballpark"];
+    let told = stderr(spinney(&arguments).success());
+    assert!(told.contains("hundred metres"), "{told}");
+}
