@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spinney::export::image::{Format, format_of};
-use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window, window_range};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
 use spinney::io::Output;
-use spinney::value::SampleType;
+use spinney::style::Style;
 
 use crate::error::invalid;
 use crate::files::check_output;
@@ -16,8 +16,8 @@ use crate::tree::Tree;
 
 #[pymethods]
 impl Tree {
-    /// Writes a part as a picture or array file. PNG of samples other than of 8 and 16 bits is stretched between
-    /// `range`, or the least and the greatest number.
+    /// Writes a part as a picture or array file. PNG of samples other than of 8 and 16 bits is in the tree's
+    /// default style, or grey between the numbers of `range`.
     #[allow(clippy::too_many_arguments)] // those of the Python function
     #[pyo3(name = "_write_window")]
     fn write_window(
@@ -55,13 +55,7 @@ impl Tree {
             None => Detail::Level(level_of(tree, level)?),
         };
         let mut request = WindowRequest::new(part, detail);
-        (request.nodata, request.range) = (nodata, range);
-        let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
-        jobs::run(py, progress, |work| {
-            if format == Format::Png && request.range.is_none() && !fits {
-                request.range = Some(window_range(tree, &request, work)?.unwrap_or([0.0, 1.0]));
-            }
-            export_window(tree, &request, Output::create(&path)?, format, work)
-        })
+        (request.nodata, request.style) = (nodata, range.map(|range| Style::stretched(tree, range)));
+        jobs::run(py, progress, |work| export_window(tree, &request, Output::create(&path)?, format, work))
     }
 }

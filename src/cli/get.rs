@@ -5,15 +5,16 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, ensure};
 use spinney::dataset::Dataset;
 use spinney::export::image::Format;
-use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window, window_range};
+use spinney::export::{ArrayRequest, Detail, WindowRequest, export_array, export_window};
 use spinney::io::Output;
 use spinney::space::Bounds;
+use spinney::style::Style;
 use spinney::value::SampleType;
 
 use super::Global;
 use super::args::{
     Cuboid, PartOptions, Slice, ViewedTree, check_output, level_of, numbers, parse_cuboid, parse_size,
-    parse_slice, picture_format,
+    parse_slice, parse_style, picture_format,
 };
 use super::report::Work;
 
@@ -21,6 +22,7 @@ const EXAMPLES: &str = "Examples:
   spinney get world.goblin overview.png --size 1024x512
   spinney get world.goblin alps.tif --bbox 5,44,17,48
   spinney get relief.goblin alps.png --bbox 5,44,17,48 --range 0,4000
+  spinney get relief.goblin alps.png --bbox 5,44,17,48 --style hillshade
   spinney get world.goblin part.npy --window 20000,5000,4096,4096 --level 12
   spinney get world.goblin - --format png --size 256x256 > tile.png
   spinney get house.goblin cut.png --slice y=120 --size 800x600
@@ -70,9 +72,12 @@ pub(crate) struct Args {
     /// Number for VOID cells
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<f64>,
-    /// Numbers that become black and white in a .png [default: values of u8 and u16 are written as they are, others
-    /// between the least and the greatest of the picture]
-    #[arg(long, value_name = "A,B", value_parser = parse_range, conflicts_with = "cells")]
+    /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or a file with it; see
+    /// styles.md [default: the values themselves; .png of others than u8 and u16: the style "default"]
+    #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with_all = ["cells", "nodata"])]
+    style: Option<Style>,
+    /// Grey between two numbers, which become black and white: short for a style
+    #[arg(long, value_name = "A,B", value_parser = parse_range, conflicts_with_all = ["cells", "style"])]
     range: Option<[f64; 2]>,
 }
 
@@ -90,11 +95,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     ensure!(!args.world || args.slice.is_some() || args.cells.is_some(), "--world is for --slice and --box");
     let is_octree = tree.header().form.axes() == 3;
     let is_array = matches!(format, Format::Npy | Format::Raw);
-    ensure!(
-        args.range.is_none() || format == Format::Png,
-        "--range is for .png; others hold the values themselves"
-    );
-    if args.cells.is_some() || is_octree && is_array && args.slice.is_none() && args.size.is_none() {
+    let style = args.style.clone().or(args.range.map(|range| Style::stretched(&tree, range)));
+    if args.cells.is_some()
+        || is_octree && is_array && args.slice.is_none() && args.size.is_none() && style.is_none()
+    {
         ensure!(is_octree, "--box: {} is a quadtree; use --window", args.tree.file.display());
         return array(args, &tree, format, global);
     }
@@ -113,12 +117,11 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     (request.across, request.nodata) = (across, args.nodata);
     let progress = Work::start(global, "pixels")?;
     let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
-    request.range = args.range;
-    if format == Format::Png && request.range.is_none() && !fits {
-        let [low, high] = window_range(&tree, &request, &progress)?.unwrap_or([0.0, 1.0]);
-        global.report("range", format_args!("{low} to {high} is written as black to white; see --range"));
-        request.range = Some([low, high]);
+    if format == Format::Png && style.is_none() && !fits {
+        let default = Style::default_for(&tree);
+        global.report("style", format_args!("{}; see --style and --range", default.json()));
     }
+    request.style = style;
     let output = Output::create(&args.output)?;
     export_window(&tree, &request, output, format, &progress)
         .with_context(|| format!("cannot write {}", args.output.display()))

@@ -15,8 +15,6 @@ mod paint;
 #[cfg(feature = "raster")]
 mod render;
 #[cfg(feature = "raster")]
-mod stretch;
-#[cfg(feature = "raster")]
 mod window;
 
 #[cfg(feature = "raster")]
@@ -30,6 +28,4 @@ pub use render::render_exact;
 #[cfg(feature = "raster")]
 pub use render::{RenderRequest, render};
 #[cfg(feature = "raster")]
-pub use window::{
-    Detail, TakeRows, WindowRequest, export_window, fill_for, void_number, window_range, window_rows,
-};
+pub use window::{Detail, TakeRows, WindowRequest, export_window, fill_for, void_number, window_rows};

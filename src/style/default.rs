@@ -11,6 +11,16 @@ pub(super) fn style(tree: &Dataset) -> Style {
     parse::of_value(&document(tree)).expect("the document is right")
 }
 
+/// Greys or colours between two numbers.
+pub(super) fn stretched(tree: &Dataset, range: [f64; 2]) -> Style {
+    let document = match tree.header().form.value.channels {
+        3.. => json!({ "draw": "rgb", "domain": range }),
+        _ => json!({ "draw": "ramp", "ramp": "grey", "domain": range }),
+    };
+    // (Numbers that are none are no JSON: they are null.)
+    parse::of_value(&document).unwrap_or_else(|_| style(tree))
+}
+
 fn document(tree: &Dataset) -> Value {
     let header = tree.header();
     let value = header.form.value;

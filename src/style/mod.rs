@@ -101,6 +101,12 @@ impl Style {
         default::style(tree)
     }
 
+    /// The style that makes greys of a tree's values, or colours of three channels or more: one number becomes black, another
+    /// white, and what lies between them what is between.
+    pub fn stretched(tree: &Dataset, range: [f64; 2]) -> Style {
+        default::stretched(tree, range)
+    }
+
     /// The names that [`Style::parse`] takes.
     pub fn names() -> Vec<&'static str> {
         parse::names()

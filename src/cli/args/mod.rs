@@ -9,6 +9,7 @@ mod operation;
 mod output;
 mod part;
 mod slice;
+mod style;
 mod viewed;
 mod words;
 
@@ -27,6 +28,7 @@ pub(crate) use operation::{OperationName, parse_operation};
 pub(crate) use output::{OutputLimit, check_output, parse_size, picture_format, same_file};
 pub(crate) use part::PartOptions;
 pub(crate) use slice::{Slice, parse_slice};
+pub(crate) use style::parse_style;
 pub(crate) use viewed::{ViewedTree, parse_step};
 pub(crate) use words::words;
 

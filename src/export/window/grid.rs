@@ -112,6 +112,32 @@ impl OutputGrid {
     }
 }
 
+impl OutputGrid {
+    /// The grid with so many more pixels on each side (left, top, right, below), as far as the tree has cells at their
+    /// centres; and how many there are.
+    pub(super) fn extended(&self, tree: &Dataset, margin: u64) -> (OutputGrid, [u64; 4]) {
+        let picture = tree.extent_at(self.level);
+        let mut grid = OutputGrid { ..*self };
+        let mut added = [0; 4];
+        for (i, pixels) in [self.width, self.height].into_iter().enumerate() {
+            let axis = self.axes[i];
+            let end = picture.max[axis] as f64;
+            let is_in = |pixel: f64| (0.0..end).contains(&(self.origin[i] + (pixel + 0.5) * self.step[i]));
+            let before = (1..=margin).take_while(|back| is_in(-(*back as f64))).count() as u64;
+            let after = (0..margin).take_while(|on| is_in((pixels + on) as f64)).count() as u64;
+            let cells = |pixels: u64| (pixels as f64 * self.step[i]).ceil() as u64;
+            grid.origin[i] -= before as f64 * self.step[i];
+            grid.source.min[axis] = grid.source.min[axis].saturating_sub(cells(before));
+            grid.source.max[axis] =
+                (grid.source.max[axis] + cells(after)).min(picture.max[axis].max(grid.source.max[axis]));
+            (added[i], added[i + 2]) = (before, after);
+        }
+        grid.width += added[0] + added[2];
+        grid.height += added[1] + added[3];
+        (grid, added)
+    }
+}
+
 /// Whether pixels of any size are means of the cells that they cover; else they are the cells at their centres.
 pub(super) fn is_averaged(tree: &Dataset) -> bool {
     let header = tree.header();

@@ -1,18 +1,19 @@
 //! A window of a tree as a picture, at any level or size, streamed in bands of rows.
 
 mod grid;
+mod painted;
 mod sampler;
 
 pub(super) use self::grid::OutputGrid;
 use self::grid::row_bytes;
+use self::painted::Painted;
 use self::sampler::Sampler;
-pub(super) use self::sampler::number;
 use super::image::{Format, ImageSpec, create, write_sidecar};
-use super::stretch::Stretch;
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::space::{Bounds, Frame};
 use crate::store::Metadata;
+use crate::style::{Painter, Style};
 use crate::value::{Rule, SampleType};
 use crate::{Error, Progress, Result};
 
@@ -30,9 +31,9 @@ pub struct WindowRequest {
     pub detail: Detail,
     /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
     pub nodata: Option<f64>,
-    /// The numbers that become black and white in a PNG of 8 bits; without them PNG takes values of u8 and u16
-    /// alone, as they are. See [`window_range`].
-    pub range: Option<[f64; 2]>,
+    /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
+    /// `u16`, has others in the tree's default style.
+    pub style: Option<Style>,
     /// Bytes to hold at a time; what one row of the output needs must fit.
     pub memory: u64,
 }
@@ -43,7 +44,7 @@ pub(super) const DEFAULT_MEMORY: u64 = 64 << 20;
 impl WindowRequest {
     /// A window seen from above, written with 64 MiB of memory.
     pub fn new(bounds: Bounds, detail: Detail) -> WindowRequest {
-        WindowRequest { bounds, across: 2, detail, nodata: None, range: None, memory: DEFAULT_MEMORY }
+        WindowRequest { bounds, across: 2, detail, nodata: None, style: None, memory: DEFAULT_MEMORY }
     }
 }
 
@@ -93,26 +94,24 @@ pub fn export_window(
     progress: &dyn Progress,
 ) -> Result<()> {
     let grid = OutputGrid::of(tree, request)?;
-    let rows = rows_at_a_time(tree, request, &grid)?;
     let void = VoidCells::of(tree, request)?;
-    let mut spec = image_spec(tree, &grid, &void);
-    let stretch = request.range.map(|ends| Stretch::new(spec.value, spec.alpha, ends));
-    if stretch.is_some() {
-        if format != Format::Png {
-            return Err(Error::invalid("range", "an output other than PNG", "PNG: others hold the values"));
-        }
-        spec.value.sample = SampleType::U8;
-        (spec.metadata.palette, spec.metadata.nodata) = (None, None);
-    }
+    let spec = image_spec(tree, &grid, &void);
     let path = output.path().to_path_buf();
+    if let Some(style) = style_of(tree, request, format) {
+        let painter = Painter::new(&style, tree, progress)?;
+        let painted = Painted::new(tree, &grid, &painter, spec, format);
+        painted.export(request, output, format, progress)?;
+        tree.check_unchanged()?;
+        return write_sidecar(&path, format, painted.metadata(), progress);
+    }
+    let rows = rows_at_a_time(tree, request, &grid)?;
     let mut writer = create(output, format, &spec)?;
     // Pictures of upright slices begin with the highest row, which is the last along the axis.
     let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
     let (width, height) = (grid.width, grid.height);
     let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or(0.0) };
     sampler.bands(rows, is_upright, progress, &mut |bytes, valid| {
-        let stretched = stretch.as_ref().map(|stretch| stretch.apply(bytes));
-        writer.write_rows(stretched.as_deref().unwrap_or(bytes), void.may_be.then_some(valid))?;
+        writer.write_rows(bytes, void.may_be.then_some(valid))?;
         progress.advance(valid.len() as u64, height.saturating_mul(width));
         Ok(())
     })?;
@@ -121,34 +120,21 @@ pub fn export_window(
     write_sidecar(&path, format, &spec.metadata, progress)
 }
 
-/// The least and the greatest finite number of a window's pixels, opacity aside, between which a picture may be
-/// stretched; `None` if there is none.
-///
-/// # Errors
-/// If [`export_window`] could not read the window either.
-pub fn window_range(
-    tree: &Dataset,
-    request: &WindowRequest,
-    progress: &dyn Progress,
-) -> Result<Option<[f64; 2]>> {
-    let grid = OutputGrid::of(tree, request)?;
-    let rows = rows_at_a_time(tree, request, &grid)?;
-    let value = tree.header().form.value;
-    let stretch = Stretch::new(value, has_opacity(tree), [0.0; 2]);
-    let mut range = None;
-    Sampler { tree, grid, fill: 0.0 }.bands(rows, false, progress, &mut |bytes, valid| {
-        let pixels = bytes.chunks_exact(value.size()).zip(valid).filter(|(_, valid)| **valid);
-        pixels.for_each(|(pixel, _)| stretch.extend(&mut range, pixel));
-        Ok(())
-    })?;
-    Ok(range)
+/// The style that an output is painted in, if it has not the values themselves.
+fn style_of(tree: &Dataset, request: &WindowRequest, format: Format) -> Option<Style> {
+    let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
+    match &request.style {
+        Some(style) => Some(style.clone()),
+        None if format == Format::Png && !fits => Some(Style::default_for(tree)),
+        None => None,
+    }
 }
 
 /// A function that takes pixels, and whether each has a value.
 pub type TakeRows<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
 
 /// Hands out a window's pixels as [`export_window`] writes them to arrays, in bands of whole rows from the first on, with
-/// a flag per pixel that is `false` where it is VOID. [`WindowRequest::range`] does not matter.
+/// a flag per pixel that is `false` where it is VOID. [`WindowRequest::style`] does not matter.
 ///
 /// # Errors
 /// If [`export_window`] could not read the window either, or `each` fails.

@@ -25,17 +25,13 @@ impl Sampler<'_> {
         progress: &dyn Progress,
         each: &mut TakeRows<'_>,
     ) -> Result<()> {
-        let OutputGrid { width, height, pixels, .. } = self.grid;
+        let OutputGrid { width, height, .. } = self.grid;
         let mut row = 0;
         while row < height {
             progress.check()?;
             let count = rows.min(height - row);
             let first = if is_upright { height - row - count } else { row };
-            let (mut bytes, mut valid) = match pixels {
-                PixelContent::Cell => self.copy(first, count)?,
-                PixelContent::Resampled => self.resample(first, count)?,
-                PixelContent::Exact => self.average(first, count, progress)?,
-            };
+            let (mut bytes, mut valid) = self.band(first, count, progress)?;
             if is_upright {
                 flip_rows(&mut bytes, width as usize * self.tree.header().form.value.size());
                 flip_rows(&mut valid, width as usize);
@@ -44,6 +40,20 @@ impl Sampler<'_> {
             row += count;
         }
         Ok(())
+    }
+
+    /// Some rows of the output, and whether each of their pixels has a value.
+    pub(super) fn band(
+        &self,
+        first: u64,
+        count: u64,
+        progress: &dyn Progress,
+    ) -> Result<(Vec<u8>, Vec<bool>)> {
+        match self.grid.pixels {
+            PixelContent::Cell => self.copy(first, count),
+            PixelContent::Resampled => self.resample(first, count),
+            PixelContent::Exact => self.average(first, count, progress),
+        }
     }
 
     /// The cells of some rows of the level, and whether each has a value.
@@ -153,7 +163,7 @@ impl Sampler<'_> {
 }
 
 /// Reverses the order of rows.
-fn flip_rows<T>(cells: &mut [T], width: usize) {
+pub(super) fn flip_rows<T>(cells: &mut [T], width: usize) {
     // Reversing all cells reverses rows, too; reversing each row puts its own cells right again.
     cells.reverse();
     cells.chunks_mut(width).for_each(<[T]>::reverse);
@@ -187,7 +197,7 @@ impl Span {
 }
 
 /// The first sample of some bytes.
-pub(in crate::export) fn number(sample: SampleType, bytes: &[u8]) -> f64 {
+fn number(sample: SampleType, bytes: &[u8]) -> f64 {
     macro_rules! read {
         ($type:ty) => {
             bytes.first_chunk().map_or(0.0, |bytes| <$type>::from_le_bytes(*bytes) as f64)

@@ -37,7 +37,7 @@ pub(super) fn picture(legend: &Legend, dot: usize) -> Picture {
 
 fn content(legend: &Legend, canvas: &mut Canvas) {
     let mut y = PADDING;
-    for _ in 0..usize::from(!legend.title.is_empty()) {
+    if !legend.title.is_empty() {
         // (Bold: twice, one dot apart.)
         canvas.text(PADDING, y, &legend.title);
         canvas.text(PADDING + 1, y, &legend.title);

@@ -10,9 +10,9 @@ use serde_json::json;
 pub use self::draw::Picture;
 use self::ticks::ticks;
 use super::coat::{Classes, Coat, Ink};
+use super::colour;
 use super::layer::{Encoding, SlopeUnit};
 use super::scale::Scale;
-use super::{Painter, colour};
 use crate::Result;
 use crate::dataset::Dataset;
 
