@@ -17,6 +17,8 @@ mod render;
 #[cfg(feature = "raster")]
 mod stretch;
 #[cfg(feature = "raster")]
+pub mod tiles;
+#[cfg(feature = "raster")]
 mod window;
 
 #[cfg(feature = "raster")]
