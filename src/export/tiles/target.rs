@@ -69,9 +69,7 @@ impl TileTarget {
                 Box::new(PmtilesSink::create(Output::create(path)?, resume.then_some(making.as_str()))?)
             }
             #[cfg(feature = "mbtiles")]
-            TileTarget::Mbtiles(path) => {
-                Box::new(MbtilesSink::create(path, &making, resume)?)
-            }
+            TileTarget::Mbtiles(path) => Box::new(MbtilesSink::create(path, &making, resume)?),
             TileTarget::Folder(folder) => {
                 Box::new(FolderSink::create(folder, resume.then_some(making.as_str()))?)
             }
