@@ -109,7 +109,7 @@ pub fn export_cog(
         let advice = "write slices of it with `spinney get`, or a mesh";
         return Err(Error::unsupported(output.path(), "an octree as a cloud-optimized GeoTIFF", advice));
     }
-    if request.tile_size % 16 != 0 || !(64..=4096).contains(&request.tile_size) {
+    if !request.tile_size.is_multiple_of(16) || !(64..=4096).contains(&request.tile_size) {
         let expected = "a multiple of 16, from 64 to 4096";
         return Err(Error::invalid("tile size", request.tile_size.to_string(), expected));
     }
