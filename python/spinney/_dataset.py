@@ -287,7 +287,7 @@ class Dataset(_native.Tree):
     ) -> None:
         """Writes a part as a picture or array file (.png, .tif, .exr, .npy, .raw), as `spinney get` does.
 
-        `shape` are rows and columns of the result, `range` the numbers that become black and white in PNG files.
+        `shape` are rows and columns of the result, `range` the numbers that become black and white in pictures.
         """
         with telling(progress) as tell:
             self._write_window(os.fspath(path), window, bbox, level, shape, exact, nodata, range, tell)

@@ -13,6 +13,7 @@ mod export;
 mod find;
 mod get;
 mod info;
+mod legend;
 mod log;
 mod point;
 mod publish;
@@ -70,6 +71,7 @@ enum Command {
     Stats(stats::Args),
     Find(find::Args),
     Render(render::Args),
+    Legend(legend::Args),
     Dump(dump::Args),
     Export(export::Args),
     Transform(transform::Args),
@@ -95,6 +97,7 @@ impl Command {
             Command::Stats(args) => stats::run(&args, global),
             Command::Find(args) => find::run(&args),
             Command::Render(args) => render::run(&args, global),
+            Command::Legend(args) => legend::run(&args, global),
             Command::Dump(args) => dump::run(&args),
             Command::Export(args) => export::run(&args, global),
             Command::Transform(args) => transform::run(args, global),

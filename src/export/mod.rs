@@ -8,6 +8,8 @@ mod camera;
 mod cog;
 #[cfg(feature = "raster")]
 pub mod image;
+#[cfg(feature = "raster")]
+mod legend;
 #[cfg(feature = "mesh")]
 pub mod mesh;
 #[cfg(feature = "raster")]
@@ -25,6 +27,8 @@ pub use array::{ArrayRequest, export_array};
 pub use camera::Projection;
 #[cfg(feature = "raster")]
 pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
+#[cfg(feature = "raster")]
+pub use legend::{LegendFormat, export_legend};
 #[cfg(all(feature = "raster", feature = "mesh"))]
 pub use render::render_exact;
 #[cfg(feature = "raster")]

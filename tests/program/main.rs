@@ -19,4 +19,5 @@ mod cli_pictures;
 #[cfg(unix)]
 mod cli_safety;
 mod cli_solids;
+mod cli_styles;
 mod cli_warp;

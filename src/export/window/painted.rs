@@ -145,11 +145,21 @@ impl<'a> Painted<'a> {
         let (pixels, _) = rgba.as_chunks::<4>();
         Ok(match channels {
             1 => pixels.iter().map(|pixel| pixel[0]).collect(),
-            2 => pixels.iter().flat_map(|pixel| [pixel[0], pixel[3]]).collect(),
-            3 => pixels.iter().flat_map(|[red, green, blue, _]| [*red, *green, *blue]).collect(),
+            2 => chosen(pixels, |pixel| [pixel[0], pixel[3]]),
+            3 => chosen(pixels, |[red, green, blue, _]| [red, green, blue]),
             _ => rgba,
         })
     }
+}
+
+/// Some samples of each pixel.
+fn chosen<const N: usize>(pixels: &[[u8; 4]], choose: impl Fn([u8; 4]) -> [u8; N]) -> Vec<u8> {
+    let mut samples = vec![0; N * pixels.len()];
+    let (chunks, _) = samples.as_chunks_mut::<N>();
+    for (chunk, pixel) in chunks.iter_mut().zip(pixels) {
+        *chunk = choose(*pixel);
+    }
+    samples
 }
 
 /// Cells of so many items each amid others that are nothing: `missing` are the columns and rows before them.
