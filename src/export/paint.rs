@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::dataset::Dataset;
-use crate::style::{CLAY, distinct, to_linear};
+use crate::style::{CLAY, distinct, to_linear, viridis};
 use crate::value::{Kind, Palette, Rule, SampleType};
 
 /// Map from values to colours: linear red, green and blue, 0 to 1.
@@ -16,17 +16,8 @@ pub(super) enum Paint {
     /// Classes without a palette.
     Classes,
     /// Amounts from the least on, this many in all.
-    Range { least: f64, range: f64 },
+    Range { least: f64, range: f64, colours: Vec<[u8; 4]> },
 }
-
-/// Stops of the colour map "viridis": from dark to light, and readable without colour vision.
-const RANGE: [[f64; 3]; 5] = [
-    [0.267, 0.005, 0.329],
-    [0.231, 0.322, 0.545],
-    [0.129, 0.569, 0.549],
-    [0.365, 0.788, 0.386],
-    [0.993, 0.906, 0.144],
-];
 
 impl Paint {
     pub(super) fn of(tree: &Dataset) -> Result<Paint> {
@@ -51,7 +42,9 @@ impl Paint {
         }
         let bounds = tree.value_bounds()?;
         Ok(match bounds.first() {
-            Some((least, most)) if least < most => Paint::Range { least: *least, range: most - least },
+            Some((least, most)) if least < most => {
+                Paint::Range { least: *least, range: most - least, colours: viridis() }
+            }
             _ => Paint::Clay,
         })
     }
@@ -68,13 +61,13 @@ impl Paint {
                 None => linear(CLAY),
             },
             Paint::Classes => linear(distinct(value[0])),
-            Paint::Range { least, range } => {
-                let position = ((value[0] - least) / range).clamp(0.0, 1.0) * 4.0;
-                let stop = (position as usize).min(3);
-                let share = position - stop as f64;
-                std::array::from_fn(|channel| {
-                    to_linear(RANGE[stop][channel] * (1.0 - share) + RANGE[stop + 1][channel] * share)
-                })
+            Paint::Range { least, range, colours } => {
+                let last = colours.len().saturating_sub(1);
+                let place = ((value[0] - least) / range * last as f64).round().clamp(0.0, last as f64);
+                match colours.get(place as usize) {
+                    Some([red, green, blue, _]) => linear([*red, *green, *blue]),
+                    None => linear(CLAY),
+                }
             }
         }
     }

@@ -36,6 +36,8 @@ mod relief;
 mod resolve;
 mod scale;
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::Path;
 
 pub(crate) use self::colour::{CLAY, distinct, to_linear, to_srgb};
@@ -56,6 +58,11 @@ pub struct Style {
     title: Option<String>,
     /// The document.
     json: String,
+}
+
+/// The colours of "viridis", from the least to the greatest number.
+pub(crate) fn viridis() -> Vec<[u8; 4]> {
+    ramps::named("viridis").unwrap_or_default()
 }
 
 /// Bytes of the longest document.
@@ -82,11 +89,10 @@ impl Style {
             }
             other => other,
         };
-        let length = std::fs::metadata(path).map_err(Error::io(path, "read"))?.len();
-        if length > LONGEST {
-            return Err(place(Error::invalid("style", format!("{length} bytes"), "at most 1 MiB")));
-        }
-        let text = std::fs::read(path).map_err(Error::io(path, "read"))?;
+        let mut text = Vec::new();
+        let file = File::open(path).map_err(Error::io(path, "open"))?;
+        // (One byte more than there may be tells that there are more, without reading them.)
+        file.take(LONGEST + 1).read_to_end(&mut text).map_err(Error::io(path, "read"))?;
         let text = String::from_utf8(text)
             .map_err(|_| place(Error::invalid("style", "bytes that are no UTF-8 text", "a JSON document")))?;
         parse::document(text.trim_start_matches('\u{feff}').trim()).map_err(place)

@@ -64,7 +64,7 @@ pub(super) fn named(name: &str) -> Result<Style> {
 /// The style of a document.
 pub(super) fn document(text: &str) -> Result<Style> {
     if text.len() as u64 > LONGEST {
-        return Err(Error::invalid("style", format!("{} bytes", text.len()), "at most 1 MiB"));
+        return Err(Error::invalid("style", "more than that", "at most 1 MiB"));
     }
     let value: Value = serde_json::from_str(text)
         .map_err(|error| Error::invalid("style", error.to_string(), "a JSON document"))?;

@@ -201,7 +201,8 @@ fn hostile_styles_are_refused_with_their_place() {
     let file = folder.path().join("bad.json");
     std::fs::write(&file, r#"{"draw": "hillshade", "sun": 1}"#).unwrap();
     let out = folder.path().join("x.png");
-    let get = ["get", "fixtures/v1/elevation.goblin", out.to_str().unwrap(), "--style", file.to_str().unwrap()];
+    let get =
+        ["get", "fixtures/v1/elevation.goblin", out.to_str().unwrap(), "--style", file.to_str().unwrap()];
     let said = complaint(&get, 2);
     assert!(said.contains("bad.json: style: got `sun`"), "{said}");
     let said = complaint(&["get", "fixtures/v1/classes.goblin", out.to_str().unwrap(), "--style", "rgb"], 1);
