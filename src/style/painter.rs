@@ -121,7 +121,11 @@ impl Painter {
             return Indices::new([self.void].into_iter().chain(table.colours.iter().copied()));
         }
         match (&self.coats[..], self.alpha) {
-            ([coat], None) => Indices::new([self.void].into_iter().chain(coat.colours()?)),
+            ([coat], None) => {
+                // (Pixels that have another channel alone are transparent.)
+                let none = self.value.missing.map(|_| [0; 4]);
+                Indices::new([self.void].into_iter().chain(none).chain(coat.colours()?))
+            }
             _ => None,
         }
     }
@@ -140,7 +144,11 @@ impl Painter {
     pub fn is_opaque(&self) -> bool {
         match &self.table {
             Some(table) => table.colours.iter().all(|colour| colour[3] == 255),
-            None => self.alpha.is_none() && self.coats.iter().any(Coat::is_opaque),
+            // (A sample may be missing in one channel alone.)
+            None => {
+                let may_lack = self.alpha.is_some() || self.value.missing.is_some();
+                !may_lack && self.coats.iter().any(Coat::is_opaque)
+            }
         }
     }
 

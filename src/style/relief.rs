@@ -86,7 +86,7 @@ impl Lamp {
             let cosine = (sin_altitude - (y * cos_azimuth - x * sin_azimuth) * cos_altitude)
                 / (1.0 + x * x + y * y).sqrt();
             // (Slopes beyond all numbers are dark.)
-            if cosine.is_nan() && !(x + y).is_nan() { 0.0 } else { cosine }
+            if cosine.is_nan() && !x.is_nan() && !y.is_nan() { 0.0 } else { cosine }
         };
         out.clear();
         match self.kind {
@@ -114,7 +114,7 @@ impl Lamp {
                         + (steep - south_west) * lamp((x + y) * diagonal)
                         + y * y * lamp(-y);
                     let share = 0.5 * sum / (steep * (1.0 + steep).sqrt());
-                    if share.is_nan() && !(x + y).is_nan() { light(0.0) } else { light(share) }
+                    if share.is_nan() && !x.is_nan() && !y.is_nan() { light(0.0) } else { light(share) }
                 }));
             }
         }
