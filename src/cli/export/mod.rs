@@ -43,9 +43,9 @@ pub(crate) struct Args {
     #[command(flatten)]
     tiles: TileOptions,
     #[command(flatten)]
-    cog: cog::Options,
+    cog: cog::CogOptions,
     #[command(flatten)]
-    mesh: mesh::Options,
+    mesh: mesh::MeshOptions,
 }
 
 /// Options of all pictures in tiles.
