@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use spinney::dataset::open;
 use spinney::export::image::{ImageSpec, create, format_of};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
+use spinney::export::{CogRequest, export_cog};
 use spinney::io::{Faults, Output};
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::Bounds;
@@ -178,6 +179,15 @@ fn pictures() {
             writer.finish()
         });
     }
+}
+
+#[test]
+fn cloud_optimized_geotiff() {
+    let folder = tempfile::tempdir().unwrap();
+    let tree = open(&noise(folder.path(), "a.goblin"), &OpenOptions::new()).unwrap();
+    let mut request = CogRequest::new();
+    (request.tile_size, request.memory) = (64, 1 << 16);
+    fails_well("t.tif", &|output| export_cog(&tree, &request, output, &()).map(|_| ()));
 }
 
 #[test]

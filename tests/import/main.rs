@@ -3,6 +3,8 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+#[cfg(feature = "raster")]
+mod cog;
 mod descriptions;
 #[cfg(feature = "mesh")]
 mod exact_attributes;

@@ -15,7 +15,7 @@ use super::Args;
 /// Options of cloud-optimized GeoTIFF.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Cloud-optimized GeoTIFF")]
-pub(super) struct Options {
+pub(super) struct CogOptions {
     /// Compression of tiles; nothing is lost by any [default: deflate]
     #[arg(long, value_name = "METHOD")]
     compression: Option<Compression>,
@@ -33,7 +33,7 @@ enum Compression {
     None,
 }
 
-impl Options {
+impl CogOptions {
     /// The first option that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
         let nodata = self.nodata.map(|_| "--nodata");

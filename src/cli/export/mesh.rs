@@ -14,7 +14,7 @@ use super::Args;
 /// Options of meshes.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Meshes of octrees")]
-pub(super) struct Options {
+pub(super) struct MeshOptions {
     /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if
     /// it is at least half full (rule occupancy), or if anything is in it (other rules)
     #[arg(long)]
@@ -27,7 +27,7 @@ pub(super) struct Options {
     triangles: bool,
 }
 
-impl Options {
+impl MeshOptions {
     /// The first option that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given =
@@ -39,7 +39,7 @@ impl Options {
 /// Writes a mesh of an octree or of an exact model.
 pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()> {
     let start = Instant::now();
-    let Options { level, smooth, triangles } = args.mesh;
+    let MeshOptions { level, smooth, triangles } = args.mesh;
     if let Some(model) = exact::open(&args.tree.file)? {
         let given = [
             ("--view", args.tree.is_viewed()),

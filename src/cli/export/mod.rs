@@ -49,11 +49,11 @@ pub(crate) struct Args {
     #[command(flatten)]
     tiles: TileOptions,
     #[command(flatten)]
-    archive: tiles::Options,
+    archive: tiles::ArchiveOptions,
     #[command(flatten)]
-    cog: cog::Options,
+    cog: cog::CogOptions,
     #[command(flatten)]
-    mesh: mesh::Options,
+    mesh: mesh::MeshOptions,
 }
 
 /// Options of all pictures in tiles.

@@ -22,7 +22,7 @@ use super::Args;
 /// Options of tiles alone.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Tiles of web maps")]
-pub(super) struct Options {
+pub(super) struct ArchiveOptions {
     /// Zooms, the first and the last: 0..6; up to that with about the file's own cells if nothing is said
     #[arg(long, value_parser = parse_zooms, value_name = "A..B")]
     zoom: Option<RangeInclusive<u8>>,
@@ -80,7 +80,7 @@ fn parse_degrees(text: &str) -> Result<[f64; 4], String> {
     numbers(text).ok_or_else(|| "west, south, east, north in degrees: 5.9,45.8,10.5,47.8".into())
 }
 
-impl Options {
+impl ArchiveOptions {
     /// The first option that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
         let all = [

@@ -43,6 +43,29 @@ impl LevelTiles {
     }
 }
 
+/// The tiles of a level that are stored: a bit for each.
+pub(super) struct StoredTiles<'a> {
+    level: &'a LevelTiles,
+    bits: Vec<u64>,
+}
+
+impl StoredTiles<'_> {
+    pub(super) fn new(level: &LevelTiles) -> StoredTiles<'_> {
+        StoredTiles { level, bits: vec![0; level.count().div_ceil(64) as usize] }
+    }
+
+    pub(super) fn insert(&mut self, number: u64) {
+        self.bits[(number / 64) as usize] |= 1 << (number % 64);
+    }
+
+    /// Whether the tile that a tile of the next level lies below is among them.
+    pub(super) fn is_above(&self, level: &LevelTiles, number: u64) -> bool {
+        let [column, row] = level.corner(number).map(|cell| cell / (2 * level.side));
+        let above = row * self.level.across() + column;
+        self.bits[(above / 64) as usize] >> (above % 64) & 1 == 1
+    }
+}
+
 /// The places of the two tables of a picture's tiles in the file.
 #[derive(Clone, Copy)]
 pub(super) struct Table {

@@ -8,10 +8,8 @@
 mod encode;
 mod layout;
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use self::encode::{EncodedTile, Encoder};
-use self::layout::{LevelTiles, Tables, lay_out};
+use self::layout::{LevelTiles, StoredTiles, Tables, lay_out};
 use super::image::seekable::Seekable;
 use super::image::tiff::BIG_BYTES;
 use super::image::tiff_coding::{Coder, Coding};
@@ -150,15 +148,16 @@ pub fn export_cog(
         batch: (request.memory / needed).min(1 << 10),
         cells: levels.iter().map(LevelTiles::cells).sum(),
         progress,
-        stored: AtomicU64::new(0),
+        stored: 0,
     };
     writer.output.append(&file.bytes)?;
     writer.reserve(file.end)?;
+    let mut above: Option<StoredTiles<'_>> = None;
     for (level, tables) in levels.iter().zip(&file.tables).rev() {
-        writer.write_level(level, tables)?;
+        above = Some(writer.write_level(level, tables, above.as_ref())?);
     }
     tree.check_unchanged()?;
-    let stored = writer.stored.into_inner();
+    let stored = writer.stored;
     writer.output.commit()?;
     write_sidecar(&path, Format::Tiff, &spec.metadata, progress)?;
     let overviews = levels.len() - 1;
@@ -220,7 +219,7 @@ struct Writer<'a> {
     /// Cells of all levels.
     cells: u64,
     progress: &'a dyn Progress,
-    stored: AtomicU64,
+    stored: u64,
 }
 
 impl Writer<'_> {
@@ -235,32 +234,44 @@ impl Writer<'_> {
         Ok(())
     }
 
-    fn write_level(&mut self, level: &LevelTiles, tables: &Tables) -> Result<()> {
+    /// Writes the tiles of a level, given those of the level above it.
+    fn write_level<'l>(
+        &mut self,
+        level: &'l LevelTiles,
+        tables: &Tables,
+        above: Option<&StoredTiles<'_>>,
+    ) -> Result<StoredTiles<'l>> {
+        let mut stored_tiles = StoredTiles::new(level);
         for first in (0..level.count()).step_by(self.batch as usize) {
             let numbers: Vec<u64> = (first..level.count().min(first + self.batch)).collect();
             let tiles = parallel::map(&numbers, |number| {
                 self.progress.check()?;
-                let tile = self.encoder.encode(level, *number)?;
+                // Where the level above has nothing, there is nothing below.
+                let may_be = above.is_none_or(|above| above.is_above(level, *number));
+                let tile = if may_be { self.encoder.encode(level, *number)? } else { None };
                 self.progress.advance(level.cells_of(*number), self.cells);
                 Ok(tile)
             });
             let tiles = tiles.into_iter().collect::<Result<Vec<Option<EncodedTile>>>>()?;
             let (mut places, mut mask_places) = (Vec::new(), Vec::new());
-            for tile in &tiles {
+            for (number, tile) in numbers.iter().zip(&tiles) {
                 let stored = tile.as_ref().map(|tile| &tile.cells);
                 places.push(self.append(stored.map(|cells| cells.as_slice()))?);
                 let mask = tile.as_ref().and_then(|tile| tile.mask.as_ref());
                 if tables.mask.is_some() {
                     mask_places.push(self.append(mask.map(|mask| mask.as_slice()))?);
                 }
-                self.stored.fetch_add(stored.map_or(0, |_| 1), Ordering::Relaxed);
+                if tile.is_some() {
+                    self.stored += 1;
+                    stored_tiles.insert(*number);
+                }
             }
             self.enter(&places, tables.cells, first)?;
             if let Some(table) = tables.mask {
                 self.enter(&mask_places, table, first)?;
             }
         }
-        Ok(())
+        Ok(stored_tiles)
     }
 
     /// Appends a tile with its length before it and its last four bytes again behind it; returns its place and length, which
