@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use spinney::Error;
 use spinney::brep::{ExactModel, is_model_file};
+use spinney::export::tiles::{is_tile_archive, verify_tiles};
 
 use super::Global;
 use super::args::DEFAULT_MEMORY;
@@ -13,16 +14,19 @@ use super::report::{Work, complain, print_text};
 
 const EXAMPLES: &str = "Examples:
   spinney verify world.goblin
+  spinney verify world.pmtiles map/
   spinney verify --quiet *.goblin || echo damaged
 
 A line of the answer has a file and `good`, or the place and kind of a damage. All files are
 checked, also after one that cannot be read; the exit code is 1 if any was not good.";
 
 /// Check every checksum and every rule of the tree
+///
+/// Of tiles that `export` wrote (.pmtiles, .mbtiles, folders): that all are there, in order, with the bytes that were written.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree files
+    /// Tree files, archives and folders of tiles
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Check the trees of the newest commits only, or of those that are named (FILE@N)
@@ -34,7 +38,9 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
     let work = Work::start(global, "cells")?;
     let mut good = true;
     for file in &args.files {
-        let verified = if is_model_file(file) {
+        let verified = if is_tile_archive(file) {
+            verify_tiles(file, &work)
+        } else if is_model_file(file) {
             ExactModel::open(file, &Default::default()).and_then(|model| model.verify(&work))
         } else {
             let tree = spinney::dataset::open(file, &Default::default());

@@ -5,13 +5,13 @@ use super::{Dataset, Reader};
 use crate::ops::TreeFile;
 use crate::query::{
     Canvas, Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneRule, ZoneStatistics,
-    autumnal_histogram, source_find, source_histogram, source_statistics, source_zonal, zonal,
+    autumnal_histogram, check_level, source_find, source_histogram, source_statistics, source_zonal, zonal,
 };
 #[cfg(feature = "raster")]
 use crate::query::{PixelGrid, PixelSums};
 use crate::space::{Bounds, Cell, Code, Polygon};
 use crate::store::LevelCounts;
-use crate::tree::Source;
+use crate::tree::{Child, Source, no_children};
 use crate::value::Value;
 use crate::{Progress, Result};
 
@@ -68,6 +68,30 @@ impl Dataset {
         }
         samples.push_values(value_type, &values);
         Ok(())
+    }
+
+    /// The state of a node: VOID or LEAF if all of its cells are that, with the value; else INNER, with a representative that
+    /// may be left out (zero). Takes a look-up, whatever is below. INNER is no promise: of a view, and within dense blocks, it may
+    /// turn out to be uniform.
+    ///
+    /// ```
+    /// use spinney::space::{Code, Dimension};
+    /// use spinney::tree::NodeState;
+    ///
+    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
+    /// assert_eq!(map.node(Code::root(Dimension::Quad))?.state(), NodeState::Inner);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the file is damaged there, or the node is deeper than the tree.
+    pub fn node(&self, code: Code) -> Result<Child<()>> {
+        check_level(code.level(), self.depth())?;
+        match self.reader() {
+            Reader::Goblin(file) => Ok(file.locate(code)?.map_node(drop)),
+            Reader::Autumnal(file) => source_node(file, code),
+            Reader::View(viewed) => source_node(viewed.view(), code),
+        }
     }
 
     /// The code of a cell of a level; `None` outside of the space.
@@ -247,6 +271,17 @@ impl Dataset {
             }
         }
     }
+}
+
+/// What a source has at a node: a step down for each level.
+fn source_node<S: Source>(source: &S, code: Code) -> Result<Child<()>> {
+    let (mut child, mut children) = (source.root()?, no_children());
+    for level in 0..code.level() {
+        let Child::Inner { node, .. } = &child else { break };
+        source.children(node, &mut children)?;
+        child = std::mem::take(&mut children[code.step(level)]);
+    }
+    Ok(child.map_node(drop))
 }
 
 /// Coordinates that are too large for any tree stay so.

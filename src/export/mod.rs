@@ -15,6 +15,8 @@ mod paint;
 #[cfg(feature = "raster")]
 mod render;
 #[cfg(feature = "raster")]
+pub mod tiles;
+#[cfg(feature = "raster")]
 mod window;
 
 #[cfg(feature = "raster")]

@@ -18,7 +18,7 @@ pub(crate) use lock::LockedFile;
 pub use output::Output;
 pub(crate) use output::folder;
 #[cfg(feature = "raster")]
-pub(crate) use output::sidecar_of;
+pub(crate) use output::{Unfinished, partial_of, sidecar_of, sync_folder};
 pub(crate) use read::FileBytes;
 pub(crate) use read::positioned_reads_are_preferred;
 pub use read::{Mapped, Positioned, ReadBackend, Stamp, prefer_positioned_reads};

@@ -85,6 +85,62 @@ impl Output {
         Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
     }
 
+    /// Starts a file at `path`, or goes on with one that was not finished: what is written stays as `path` with `.partial`
+    /// behind it until [`Output::commit`], also if it is dropped. Returns how many bytes there are already.
+    ///
+    /// # Errors
+    /// If it cannot be made or read, or is being written by somebody else.
+    #[cfg(feature = "raster")]
+    pub(crate) fn resumable(path: &Path) -> Result<(Output, u64)> {
+        let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
+        let partial = partial_of(&target);
+        let open = File::options().read(true).write(true).create(true).truncate(false).open(&partial);
+        let file = open.map_err(Error::io(&partial, "open"))?;
+        if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
+            return Err(Error::Locked { path: partial, holder: "another process".into() });
+        }
+        let there = file.metadata().map_err(Error::io(&partial, "read"))?.len();
+        let name = tempfile::TempPath::try_from_path(&partial).map_err(Error::io(&partial, "open"))?;
+        let mut file = tempfile::NamedTempFile::from_parts(file, name);
+        file.disable_cleanup(true);
+        io::Seek::seek(&mut file, io::SeekFrom::End(0)).map_err(Error::io(&partial, "read"))?;
+        let sink = Sink::File {
+            _unfinished: Unfinished(PathBuf::new()),
+            file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
+            target,
+            must_be_new: false,
+        };
+        Ok((Output { path: path.to_path_buf(), sink, written: there, most: u64::MAX }, there))
+    }
+
+    /// The file as it is before it is in its place.
+    #[cfg(feature = "raster")]
+    pub(crate) fn unfinished_path(&self) -> Option<&Path> {
+        let Sink::File { file, .. } = &self.sink else { return None };
+        Some(file.get_ref().file.path())
+    }
+
+    /// Cuts a file off behind so many bytes, and goes on there.
+    #[cfg(feature = "raster")]
+    pub(crate) fn truncate(&mut self, length: u64) -> io::Result<()> {
+        let Sink::File { file, .. } = &mut self.sink else { return Err(io::ErrorKind::Unsupported.into()) };
+        file.flush()?;
+        let file = &mut file.get_mut().file;
+        file.as_file().set_len(length)?;
+        self.written = length;
+        io::Seek::seek(file, io::SeekFrom::End(0)).map(drop)
+    }
+
+    /// Makes what was written so far durable.
+    #[cfg(feature = "raster")]
+    pub(crate) fn sync(&mut self) -> io::Result<()> {
+        let Sink::File { file, .. } = &mut self.sink else { return Ok(()) };
+        file.flush()?;
+        let TemporaryFile { file, faults } = file.get_ref();
+        faults.sync()?;
+        file.as_file().sync_data()
+    }
+
     /// Makes writing fail, and nothing be left of the file, when there would be more bytes than so many.
     #[must_use]
     pub fn with_limit(self, most: u64) -> Output {
@@ -162,7 +218,7 @@ impl Output {
     pub fn remove_unfinished() {
         let mut unfinished = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
         for path in unfinished.drain(..) {
-            let _ = std::fs::remove_file(path);
+            let _ = std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir_all(&path));
         }
     }
 
@@ -207,11 +263,11 @@ impl Output {
 /// Temporary files of this process.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// A temporary file, for [`Output::remove_unfinished`].
-struct Unfinished(PathBuf);
+/// A temporary file or folder, for [`Output::remove_unfinished`].
+pub(crate) struct Unfinished(PathBuf);
 
 impl Unfinished {
-    fn new(path: &Path) -> Unfinished {
+    pub(crate) fn new(path: &Path) -> Unfinished {
         UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
         Unfinished(path.to_path_buf())
     }
@@ -328,6 +384,14 @@ fn remove_left_behind(folder: &Path, prefix: &str) {
     }
 }
 
+/// The place of a file, or folder, that can be gone on with before it is finished.
+#[cfg(feature = "raster")]
+pub(crate) fn partial_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(SUFFIX);
+    name.into()
+}
+
 /// The folder a path lies in.
 pub(crate) fn folder(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
@@ -342,6 +406,6 @@ pub(crate) fn sidecar_of(path: &Path) -> PathBuf {
 }
 
 /// Makes a rename in a folder durable.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }

@@ -48,6 +48,15 @@ pub(crate) fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io
     Ok(())
 }
 
+/// Makes everything on the disk of a folder durable, where the system can do that at once; elsewhere nothing.
+#[cfg(feature = "raster")]
+pub(crate) fn sync_all_below(folder: &Path) -> io::Result<()> {
+    #[cfg(target_os = "linux")]
+    rustix::fs::syncfs(File::open(folder)?)?;
+    let _ = folder;
+    Ok(())
+}
+
 /// Device and inode of a file; `None` where the system has no such numbers.
 pub(super) fn device_and_inode(metadata: &Metadata) -> Option<(u64, u64)> {
     #[cfg(unix)]
@@ -95,7 +104,7 @@ pub(super) fn free_space(folder: &Path) -> Option<u64> {
 
 /// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
 #[cfg(unix)]
-pub(super) fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
+pub(crate) fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
     use std::os::unix::fs::PermissionsExt;
     let mode = match std::fs::metadata(target) {
         Ok(existing) => existing.permissions().mode() & 0o777,
@@ -111,6 +120,6 @@ pub(super) fn set_output_permissions(file: &File, target: &Path) -> io::Result<(
 
 /// Gives a temporary file the permissions of the file whose place it will take, or those of a new file.
 #[cfg(not(unix))]
-pub(super) fn set_output_permissions(_: &File, _: &Path) -> io::Result<()> {
+pub(crate) fn set_output_permissions(_: &File, _: &Path) -> io::Result<()> {
     Ok(())
 }

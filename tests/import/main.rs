@@ -39,3 +39,5 @@ mod raster_tiff_hostile;
 mod real_rasters;
 #[cfg(feature = "raster")]
 mod sidecars;
+#[cfg(feature = "raster")]
+mod tiles;

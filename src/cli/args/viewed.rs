@@ -26,6 +26,11 @@ impl ViewedTree {
         !self.steps.is_empty()
     }
 
+    /// The steps as text: another one for other steps.
+    pub(crate) fn steps_text(&self) -> String {
+        if self.steps.is_empty() { String::new() } else { format!(", view {:?}", self.steps) }
+    }
+
     /// Opens the file, once, with or without steps.
     pub(crate) fn open(&self) -> anyhow::Result<Dataset> {
         let tree = open(&self.file)?;

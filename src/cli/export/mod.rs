@@ -3,22 +3,28 @@
 
 mod cog;
 mod mesh;
+mod tiles;
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use spinney::export::mesh::MeshFormat;
+use spinney::export::tiles::TileTarget;
 
 use super::Global;
 use super::args::ViewedTree;
 
-/// Write a tree as a file of other programs: a cloud-optimized GeoTIFF of a picture, a mesh of a solid
+/// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, a mesh of a solid
 ///
 /// The output's name says what is written, or else --format.
 ///
 /// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the tree's statistics, palette,
 /// names and coordinate system.
+///
+/// Tiles are squares of the world in web mercator, zoom by zoom: an archive (.pmtiles, .mbtiles), or a folder with a file
+/// for each, by a pattern with {z}, {x} and {y}. Empty tiles are left out, and equal ones are stored once. Memory does not grow with
+/// their number. An interrupted export leaves nothing, or, with --resume, what the next one goes on with.
 ///
 /// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its coordinates are those of
 /// the world. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different
@@ -34,14 +40,16 @@ use super::args::ViewedTree;
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .tif of pictures; .ply, .obj, .stl or .off of solids, of exact models .city.json, too; `-` is
-    /// standard output
+    /// Output: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of pictures; .ply, .obj, .stl or .off of
+    /// solids, of exact models .city.json, too; `-` is standard output
     output: PathBuf,
     /// Format where the output's name does not say: tif, ply, obj, stl, off or city.json
     #[arg(long)]
     format: Option<Target>,
     #[command(flatten)]
     tiles: TileOptions,
+    #[command(flatten)]
+    archive: tiles::ArchiveOptions,
     #[command(flatten)]
     cog: cog::CogOptions,
     #[command(flatten)]
@@ -52,7 +60,7 @@ pub(crate) struct Args {
 #[derive(clap::Args)]
 #[command(next_help_heading = "Pictures in tiles")]
 struct TileOptions {
-    /// Columns and rows of a tile: 256 or 512 [default: 512]
+    /// Columns and rows of a tile: 256 or 512 [default: 512 in .tif, else 256]
     #[arg(long, value_name = "PIXELS", value_parser = parse_tile_size)]
     tile_size: Option<u32>,
 }
@@ -76,6 +84,9 @@ fn parse_tile_size(text: &str) -> Result<u32, &'static str> {
 const EXAMPLES: &str = "Examples:
   spinney export world.goblin world.tif
   spinney export world.goblin world.tif --tile-size 256 --compression zstd
+  spinney export world.goblin world.pmtiles --attribution '(c) Survey'
+  spinney export world.goblin alps.mbtiles --zoom 4..12 --bbox 5.9,45.8,10.5,47.8 --tile-format webp
+  spinney export dem.goblin 'map/{z}/{x}/{y}.png' --style hillshade
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
   spinney export bunny.goblin print.stl --smooth
@@ -109,23 +120,29 @@ impl FromStr for Target {
 }
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let tiles = if args.format.is_none() { TileTarget::of(&args.output)? } else { None };
     let target = args.format.or_else(|| Target::of(&args.output));
-    let target = target.with_context(|| {
-        format!("{}: unknown format; use .tif, .ply, .obj, .stl or .off, or --format", args.output.display())
-    })?;
-    let is_tiled = matches!(target, Target::Cog);
-    let is_mesh = matches!(target, Target::Mesh(_));
+    if tiles.is_none() && target.is_none() {
+        bail!(
+            "{}: unknown format; use .tif, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl or \
+             .off, or --format",
+            args.output.display()
+        );
+    }
+    let target = target.filter(|_| tiles.is_none());
     let misplaced = [
-        (is_tiled, args.tiles.given(), "pictures in tiles"),
-        (target == Target::Cog, args.cog.given(), "cloud-optimized GeoTIFF"),
-        (is_mesh, args.mesh.given(), "solids"),
+        (tiles.is_some() || target == Some(Target::Cog), args.tiles.given(), "pictures in tiles"),
+        (tiles.is_some(), args.archive.given(), "tiles of web maps"),
+        (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
+        (matches!(target, Some(Target::Mesh(_))), args.mesh.given(), "solids"),
     ];
     if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
     {
         bail!("{option} is for {whose}; {} is none", args.output.display());
     }
-    match target {
-        Target::Cog => cog::run(args, global),
-        Target::Mesh(format) => mesh::run(args, format, global),
+    match (tiles, target) {
+        (Some(tiles), _) => tiles::run(args, &tiles, global),
+        (None, Some(Target::Mesh(format))) => mesh::run(args, format, global),
+        (None, _) => cog::run(args, global),
     }
 }

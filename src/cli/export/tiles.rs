@@ -1,0 +1,139 @@
+//! `spinney export` to tiles: archives, and folders of files.
+
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+use spinney::export::tiles::{
+    TileEncoding, TileFormat, TilePainter, TileRequest, TileTarget, XyzTiles, export_tiles, update_tiles,
+};
+
+use spinney::style::Style;
+
+use super::super::Global;
+use super::super::args::{check_output, numbers, parse_style};
+use super::super::report::{Work, report_output};
+use super::Args;
+
+/// Options of tiles alone.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Tiles of web maps")]
+pub(super) struct ArchiveOptions {
+    /// Zooms, the first and the last: 0..6; up to that with about the file's own cells if nothing is said
+    #[arg(long, value_parser = parse_zooms, value_name = "A..B")]
+    zoom: Option<RangeInclusive<u8>>,
+    /// West, south, east and north in degrees: tiles that have nothing of it are left out
+    #[arg(long, value_parser = parse_degrees, allow_hyphen_values = true, value_name = "W,S,E,N")]
+    bbox: Option<[f64; 4]>,
+    /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or a file with it; see styles.md
+    /// [default: the file's own]
+    #[arg(long, value_name = "STYLE", value_parser = parse_style)]
+    style: Option<Style>,
+    /// Kind of tiles in an archive: png, webp, jpg, npy or tif (the last two have the samples as they are)
+    #[arg(long, value_name = "FORMAT")]
+    tile_format: Option<TileFormat>,
+    /// Effort of PNG, from 1 (fast) to 9 (small)
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=9))]
+    effort: Option<u8>,
+    /// Quality of JPEG, from 1 to 100 (85 if nothing is said); also of WebP in programs built with libwebp, which is without loss
+    /// otherwise
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=100))]
+    quality: Option<u8>,
+    /// Name of the map; the file's if nothing is said
+    #[arg(long)]
+    name: Option<String>,
+    /// Whose data the map has, as text or HTML
+    #[arg(long)]
+    attribution: Option<String>,
+    /// Leave what an interrupted export has done as X.partial, and go on with it
+    #[arg(long)]
+    resume: bool,
+    /// Bring what was exported from an older commit of the file up to date: only what edits have touched is drawn. The output
+    /// itself, or of .pmtiles another archive that the rest is copied from
+    #[arg(long, value_name = "OLD", num_args = 0..=1, conflicts_with = "resume")]
+    update: Option<Option<PathBuf>>,
+    /// The file that the archive was made of, if it is no commit of the same file
+    #[arg(long, value_name = "FILE", requires = "update")]
+    since: Option<PathBuf>,
+}
+
+fn parse_zooms(text: &str) -> Result<RangeInclusive<u8>, String> {
+    let (first, last) = text.split_once("..").unwrap_or((text, text));
+    let number = |text: &str| text.trim().trim_start_matches('=').parse::<u8>();
+    match (number(first), number(last)) {
+        (Ok(first), Ok(last)) if first <= last => Ok(first..=last),
+        _ => Err("two zooms such as 0..6, or one".into()),
+    }
+}
+
+fn parse_degrees(text: &str) -> Result<[f64; 4], String> {
+    numbers(text).ok_or_else(|| "west, south, east, north in degrees: 5.9,45.8,10.5,47.8".into())
+}
+
+impl ArchiveOptions {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        let all = [
+            ("--zoom", self.zoom.is_some()),
+            ("--bbox", self.bbox.is_some()),
+            ("--style", self.style.is_some()),
+            ("--tile-format", self.tile_format.is_some()),
+            ("--effort", self.effort.is_some()),
+            ("--quality", self.quality.is_some()),
+            ("--name", self.name.is_some()),
+            ("--attribution", self.attribution.is_some()),
+            ("--resume", self.resume),
+            ("--update", self.update.is_some()),
+            ("--since", self.since.is_some()),
+        ];
+        all.into_iter().find(|(_, is_given)| *is_given).map(|(option, _)| option)
+    }
+}
+
+pub(super) fn run(args: &Args, target: &TileTarget, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let options = &args.archive;
+    let tree = args.tree.open()?;
+    check_output([args.tree.file.as_path()], target.path())?;
+    let mut request = TileRequest::new(&tree)?;
+    let format = match (options.tile_format, target.format()) {
+        (Some(asked), Some(named)) if asked != named => {
+            bail!("--tile-format: the names of tiles end in .{}", named.extension())
+        }
+        (asked, named) => asked.or(named).unwrap_or_default(),
+    };
+    request.encoding = TileEncoding { format, effort: options.effort, quality: options.quality };
+    request.zooms = options.zoom.clone();
+    request.degrees = options.bbox;
+    request.side = args.tiles.tile_size.unwrap_or(256) as usize;
+    request.resume = options.resume;
+    request.options = args.tree.steps_text();
+    request.name = options.name.clone().unwrap_or(request.name);
+    request.attribution = options.attribution.clone().unwrap_or_default();
+    let tiles = XyzTiles::new(&tree).with_context(|| {
+        format!("{}: tiles need a tree whose root is the world in web mercator", args.tree.file.display())
+    })?;
+    let style = options.style.clone().unwrap_or_else(|| Style::default_for(&tree));
+    let work = Work::start(global, "tiles")?;
+    let painter = TilePainter::new(&style, &tree, &work)?;
+    if !format.is_array() {
+        request.legend = painter.painter().legend(&tree)?.svg();
+    }
+    let stored = match &options.update {
+        None => export_tiles(&tiles, &painter, &request, target, &work),
+        Some(_) if args.tree.is_viewed() => bail!("--update: of a view, make the archive anew"),
+        Some(old) => {
+            let (old, since) = (old.as_deref(), options.since.as_deref());
+            update_tiles(&tree, &tiles, &painter, &request, target, old, since, &work)
+        }
+    };
+    let stored = stored.with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    global.report("tiles", format_args!("{}, {} of them different", stored.tiles, stored.contents));
+    if options.update.is_some() && stored.copied > 0 {
+        global.report("copied", format_args!("{}", stored.copied));
+    }
+    report_output(global, target.path(), start);
+    Ok(())
+}

@@ -1,0 +1,429 @@
+//! Tiles in archives and folders, against the windows of the trees they come from.
+
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use spinney::dataset::{Dataset, open};
+use spinney::export::tiles::{
+    Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, XyzTiles,
+    export_pmtiles, export_tiles, update_tiles, verify_tiles,
+};
+use spinney::io::{Faults, Output};
+use spinney::ops::{Edit, FillRegion, convert, edit};
+use spinney::space::{Bounds, web_mercator};
+use spinney::store::Metadata;
+use spinney::store::autumnal::Note;
+use spinney::style::Style;
+use spinney::value::{Kind, Palette, Rule};
+use spinney::{Error, Progress, Result};
+
+use crate::common::{Cells, QUAD, options, value, write_cells};
+
+/// A world of 2^depth cells a side: noise in places, patches, and an empty and a uniform quarter.
+fn world(path: &Path, depth: u8) -> Dataset {
+    let side = 1u64 << depth;
+    let mut cells = Cells::random(QUAD, 5, [side, side, 1], 7, true);
+    for y in 0..side {
+        for x in 0..side {
+            let at = (y * side + x) as usize;
+            if x >= side / 2 && y < side / 2 {
+                cells.cells[at] = None;
+            } else if x >= side / 2 {
+                cells.cells[at] = Some(value(QUAD.value, 3));
+            }
+        }
+    }
+    let colours = (0..=255u8).map(|number| [number, 255 - number, number.wrapping_mul(7), 255]).collect();
+    let metadata = Metadata {
+        frame: web_mercator(depth),
+        palette: Some(Palette { colours }),
+        nodata: Some(250.0),
+        ..Metadata::default()
+    };
+    write_cells(path, &cells, &options(Rule::Majority, Kind::Categorical, depth).metadata(metadata));
+    open(path, &Default::default()).unwrap()
+}
+
+fn painter(map: &Dataset) -> TilePainter {
+    TilePainter::new(&Style::default_for(map), map, &()).unwrap()
+}
+
+fn export(map: &Dataset, request: &TileRequest, target: &str) -> Result<spinney::export::tiles::Stored> {
+    let target = TileTarget::of(target.as_ref())?.unwrap();
+    export_tiles(&XyzTiles::new(map).unwrap(), &painter(map), request, &target, &())
+}
+
+/// Values and flags of a tile as the tree has them.
+fn window(map: &Dataset, tile: TileId, side: u64) -> (Vec<u8>, Vec<bool>) {
+    let level = tile.zoom + side.trailing_zeros() as u8;
+    let (x, y) = (u64::from(tile.column) * side, u64::from(tile.row) * side);
+    let bounds = Bounds { min: [x, y, 0], max: [x + side, y + side, 1] };
+    let (mut values, mut valid) = (vec![0; (side * side) as usize], vec![false; (side * side) as usize]);
+    map.window(level, &bounds, 250.0, &mut values, Some(&mut valid)).unwrap();
+    (values, valid)
+}
+
+/// Red, green, blue and opacity of a PNG file's pixels.
+fn decoded(bytes: &[u8]) -> Vec<[u8; 4]> {
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!(info.color_type.samples(), 4);
+    pixels.as_chunks::<4>().0.to_vec()
+}
+
+fn tiles(zooms: std::ops::RangeInclusive<u8>) -> impl Iterator<Item = TileId> {
+    let zoom_tiles = |zoom: u8| {
+        let side = 1u32 << zoom;
+        (0..side * side).map(move |at| TileId { zoom, column: at % side, row: at / side })
+    };
+    zooms.flat_map(zoom_tiles)
+}
+
+#[test]
+fn tiles_are_the_nodes_of_the_tree() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = world(&folder.path().join("w.goblin"), 11);
+    for side in [256, 512] {
+        let archive = folder.path().join(format!("{side}.pmtiles"));
+        let mut request = TileRequest::new(&map).unwrap();
+        request.side = side;
+        let stored = export(&map, &request, archive.to_str().unwrap()).unwrap();
+        let archive = Pmtiles::open(&archive).unwrap();
+        assert_eq!(archive.verify(&()).unwrap(), []);
+        let zooms = 0..=if side == 256 { 3 } else { 2 };
+        let (mut found, mut contents) = (0, BTreeMap::new());
+        for tile in tiles(zooms) {
+            let (values, valid) = window(&map, tile, side as u64);
+            let bytes = archive.tile(tile).unwrap();
+            assert_eq!(bytes.is_some(), valid.contains(&true), "{tile:?}");
+            let Some(bytes) = bytes else { continue };
+            let palette = &map.metadata().palette.as_ref().unwrap().colours;
+            let colour =
+                |(value, valid): (&u8, &bool)| if *valid { palette[usize::from(*value)] } else { [0; 4] };
+            let expected: Vec<_> = values.iter().zip(&valid).map(colour).collect();
+            let mut seen = decoded(&bytes);
+            // (What cannot be seen has any colour.)
+            seen.iter_mut().filter(|pixel| pixel[3] == 0).for_each(|pixel| *pixel = [0; 4]);
+            assert!(seen == expected, "{tile:?}");
+            found += 1;
+            contents.insert(bytes, ());
+        }
+        assert_eq!((stored.tiles, stored.contents), (found, contents.len() as u64));
+        assert!(stored.contents < stored.tiles);
+        assert_eq!(archive.tile(TileId { zoom: 4, column: 0, row: 0 }).unwrap(), None);
+    }
+}
+
+#[test]
+fn archives_and_folders_have_the_same_tiles() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = world(&folder.path().join("w.goblin"), 10);
+    for (format, end) in [
+        (TileFormat::Png, "png"),
+        (TileFormat::Webp, "webp"),
+        (TileFormat::Npy, "npy"),
+        (TileFormat::Tiff, "tif"),
+        (TileFormat::Jpeg, "jpg"),
+    ] {
+        let mut request = TileRequest::new(&map).unwrap();
+        request.encoding = TileEncoding { format, ..TileEncoding::default() };
+        let name = |end: &str| format!("{}/{end}", folder.path().display());
+        let archive = name(&format!("{end}.pmtiles"));
+        let stored = export(&map, &request, &archive).unwrap();
+        let pattern = name(&format!("{end}/{{z}}/{{x}}/{{y}}.{end}"));
+        assert_eq!(export(&map, &request, &pattern).unwrap().tiles, stored.tiles);
+        assert_eq!(verify_tiles(name(end).as_ref(), &()).unwrap(), []);
+        let archive = Pmtiles::open(archive.as_ref()).unwrap();
+        for tile in tiles(0..=2) {
+            let TileId { zoom, column, row } = tile;
+            let file = std::fs::read(name(&format!("{end}/{zoom}/{column}/{row}.{end}"))).ok();
+            assert_eq!(file, archive.tile(tile).unwrap(), "{tile:?}");
+            if format == TileFormat::Npy
+                && let Some(file) = file
+            {
+                assert_eq!(file[file.len() - (1 << 16)..], window(&map, tile, 256).0);
+            }
+        }
+        #[cfg(feature = "mbtiles")]
+        {
+            let database = name(&format!("{end}.mbtiles"));
+            assert_eq!(export(&map, &request, &database).unwrap().tiles, stored.tiles);
+            assert_eq!(verify_tiles(database.as_ref(), &()).unwrap(), []);
+        }
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 16);
+}
+
+#[test]
+fn zooms_and_boxes_leave_tiles_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = world(&folder.path().join("w.goblin"), 11);
+    let path = folder.path().join("t.pmtiles");
+    let mut request = TileRequest::new(&map).unwrap();
+    request.zooms = Some(1..=2);
+    // A part of the north-western quarter that is below one tile of zoom 2, and touches no other.
+    request.degrees = Some([-170.0, 70.0, -100.0, 75.0]);
+    let stored = export(&map, &request, path.to_str().unwrap()).unwrap();
+    let archive = Pmtiles::open(&path).unwrap();
+    let there: Vec<_> = tiles(0..=3).filter(|tile| archive.tile(*tile).unwrap().is_some()).collect();
+    assert_eq!(there, [TileId { zoom: 1, column: 0, row: 0 }, TileId { zoom: 2, column: 0, row: 0 }]);
+    assert_eq!((stored.tiles, archive.verify(&()).unwrap()), (2, vec![]));
+    // One zoom deeper than the cells: each is four pixels.
+    request.zooms = Some(4..=4);
+    request.degrees = Some([-179.0, 84.0, -178.0, 84.5]);
+    request.encoding.format = TileFormat::Npy;
+    export(&map, &request, path.to_str().unwrap()).unwrap();
+    let deep = Pmtiles::open(&path).unwrap().tile(TileId { zoom: 4, column: 0, row: 0 }).unwrap().unwrap();
+    let (values, _) = window(&map, TileId { zoom: 3, column: 0, row: 0 }, 256);
+    let deep = &deep[deep.len() - (1 << 16)..];
+    for (x, y) in [(0, 0), (1, 0), (17, 101), (254, 255), (255, 255)] {
+        assert_eq!(deep[y * 256 + x], values[y / 2 * 256 + x / 2], "{x}, {y}");
+    }
+    for bad in [[10.0, 0.0, 5.0, 1.0], [0.0, 0.0, 400.0, 1.0]] {
+        request.degrees = Some(bad);
+        assert!(matches!(export(&map, &request, path.to_str().unwrap()), Err(Error::Invalid { .. })));
+    }
+}
+
+/// Interrupts after so many questions.
+struct Patience(AtomicU64);
+
+impl Progress for Patience {
+    fn interrupted(&self) -> bool {
+        self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).is_err()
+    }
+}
+
+/// Every tile of a world of 2^depth cells a side, each with a number of its own: more tiles than there are between checkpoints.
+fn many(path: &Path, depth: u8) -> Dataset {
+    let side = 1u64 << depth;
+    let mut cells = Cells::random(QUAD, 5, [side, side, 1], 7, false);
+    for (at, cell) in cells.cells.iter_mut().enumerate() {
+        let at = at as u64;
+        *cell = Some(value(QUAD.value, (at % 41 + at / side % 5) % 200));
+    }
+    let metadata = Metadata { frame: web_mercator(depth), ..Metadata::default() };
+    write_cells(path, &cells, &options(Rule::Mean, Kind::Continuous, depth).metadata(metadata));
+    open(path, &Default::default()).unwrap()
+}
+
+#[test]
+fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = many(&folder.path().join("w.goblin"), 9);
+    let source = XyzTiles::new(&map).unwrap();
+    let painter = painter(&map);
+    let mut request = TileRequest::new(&map).unwrap();
+    // Deeper than its cells: thousands of tiles of few bytes.
+    request.zooms = Some(0..=6);
+    let ends = if cfg!(feature = "mbtiles") { &["pmtiles", "mbtiles"][..] } else { &["pmtiles"][..] };
+    for end in ends {
+        let whole = folder.path().join(format!("whole.{end}"));
+        let bytes: Vec<Vec<u8>> = [1, 2, 8]
+            .into_iter()
+            .map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| export(&map, &request, whole.to_str().unwrap()).unwrap());
+                std::fs::read(&whole).unwrap()
+            })
+            .collect();
+        assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{end}");
+        request.resume = true;
+        let part = folder.path().join(format!("part.{end}"));
+        let target = TileTarget::of(&part).unwrap().unwrap();
+        let mut starts = 0;
+        loop {
+            starts += 1;
+            let patience = Patience(AtomicU64::new(4500));
+            match export_tiles(&source, &painter, &request, &target, &patience) {
+                Ok(_) => break,
+                Err(Error::Interrupted) => assert!(!part.exists() && starts < 20),
+                Err(other) => panic!("{other}"),
+            }
+            // It does not go on with other options.
+            let mut other = request.clone();
+            other.side = 512;
+            assert!(matches!(
+                export_tiles(&source, &painter, &other, &target, &()),
+                Err(Error::Unsupported { .. })
+            ));
+        }
+        assert!(starts > 1);
+        request.resume = false;
+        assert!(std::fs::read(&part).unwrap() == bytes[0], "{end} after {starts} starts");
+        assert_eq!(verify_tiles(&part, &()).unwrap(), []);
+        // Without that nothing is left.
+        let gone = folder.path().join(format!("gone.{end}"));
+        let target = TileTarget::of(&gone).unwrap().unwrap();
+        let patience = Patience(AtomicU64::new(100));
+        let interrupted = export_tiles(&source, &painter, &request, &target, &patience);
+        assert!(matches!(interrupted, Err(Error::Interrupted)));
+    }
+    let pattern = folder.path().join("gone/{z}/{x}/{y}.png");
+    let target = TileTarget::of(&pattern).unwrap().unwrap();
+    let interrupted = export_tiles(&source, &painter, &request, &target, &Patience(AtomicU64::new(100)));
+    assert!(matches!(interrupted, Err(Error::Interrupted)));
+    let left: Vec<_> =
+        std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left.len(), 1 + 2 * ends.len(), "{left:?}");
+}
+
+#[test]
+fn an_update_is_like_doing_it_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("w.autumn");
+    let goblin = folder.path().join("w.goblin");
+    drop(world(&goblin, 11));
+    convert(&goblin, false, Output::create(&path).unwrap(), 64 << 20, &()).unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let map = open(&path, &Default::default()).unwrap();
+    let targets = |part: &str| {
+        let mut all = vec![name(&format!("{part}.pmtiles")), name(&format!("{part}/{{z}}/{{x}}/{{y}}.png"))];
+        if cfg!(feature = "mbtiles") {
+            all.push(name(&format!("{part}.mbtiles")));
+        }
+        all
+    };
+    for target in targets("a") {
+        export(&map, &TileRequest::new(&map).unwrap(), &target).unwrap();
+    }
+    // A hole, a spot in what was empty, and a new uniform tile.
+    let regions = [
+        ([100, 100], [300, 420], None),
+        ([1500, 200], [1503, 204], Some(5.0)),
+        ([512, 1024], [768, 1280], Some(6.0)),
+    ];
+    for (min, max, number) in regions {
+        let bounds = Bounds { min: [min[0], min[1], 0], max: [max[0], max[1], 1] };
+        let edits = [Ok(Edit::Fill(FillRegion::Box(bounds), number.map(|number: f64| vec![number])))];
+        edit(&path, edits, Note { time: Some(1), author: "test".into(), message: "t".into() }, 64 << 20, &())
+            .unwrap();
+    }
+    let map = open(&path, &Default::default()).unwrap();
+    let source = XyzTiles::new(&map).unwrap();
+    let painter = painter(&map);
+    let request = TileRequest::new(&map).unwrap();
+    for (target, again) in targets("a").into_iter().zip(targets("b")) {
+        let to = TileTarget::of(target.as_ref()).unwrap().unwrap();
+        let stored = update_tiles(&map, &source, &painter, &request, &to, None, None, &()).unwrap();
+        let anew = export(&map, &request, &again).unwrap();
+        assert_eq!(stored.tiles, anew.tiles, "{target}");
+        assert_eq!(verify_tiles(to.path(), &()).unwrap(), [], "{target}");
+        let other = TileTarget::of(again.as_ref()).unwrap().unwrap();
+        match &to {
+            TileTarget::Pmtiles(_) => {
+                assert!(stored.copied > 0);
+                assert!(std::fs::read(to.path()).unwrap() == std::fs::read(other.path()).unwrap());
+            }
+            TileTarget::Folder(_) => {
+                for TileId { zoom, column, row } in tiles(0..=3) {
+                    let [here, there] = ["a", "b"]
+                        .map(|part| std::fs::read(name(&format!("{part}/{zoom}/{column}/{row}.png"))).ok());
+                    assert!(here == there, "{zoom}/{column}/{row}");
+                }
+                let [here, there] = ["a", "b"]
+                    .map(|part| std::fs::read_to_string(name(&format!("{part}/tiles.json"))).unwrap());
+                assert_eq!(here, there);
+            }
+            #[allow(unreachable_patterns)]
+            _ => assert_eq!(stored.contents, anew.contents),
+        }
+        // What was made with other options is not mixed.
+        let mut smaller = request.clone();
+        smaller.encoding.effort = Some(9);
+        let refused = update_tiles(&map, &source, &painter, &smaller, &to, None, None, &());
+        assert!(matches!(refused, Err(Error::Invalid { .. })), "{target}");
+    }
+}
+
+/// A disk that is full after so many bytes.
+struct Full(AtomicU64);
+
+impl Faults for Full {
+    fn write(&self, length: usize) -> std::io::Result<usize> {
+        let take = |left: u64| left.checked_sub(length as u64);
+        let taken = self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take);
+        taken.map(|_| length).map_err(|_| std::io::ErrorKind::StorageFull.into())
+    }
+
+    fn sync(&self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_full_disk_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = world(&folder.path().join("w.goblin"), 10);
+    let (source, painter) = (XyzTiles::new(&map).unwrap(), painter(&map));
+    let request = TileRequest::new(&map).unwrap();
+    let path = folder.path().join("t.pmtiles");
+    let length =
+        export_pmtiles(&source, &painter, &request, Output::create(&path).unwrap(), &()).unwrap().bytes;
+    std::fs::remove_file(&path).unwrap();
+    // (The start is written twice.)
+    for room in [0, 1000, 20_000, length - 10, length + 10, length + 16_000] {
+        let output = Output::create(&path).unwrap().with_faults(std::sync::Arc::new(Full(room.into())));
+        let done = export_pmtiles(&source, &painter, &request, output, &());
+        let is_full =
+            matches!(&done, Err(Error::Io { cause, .. }) if cause.kind() == std::io::ErrorKind::StorageFull);
+        assert_eq!(is_full, room <= length + 10, "{room} of {length}: {done:?}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), if is_full { 1 } else { 2 });
+    }
+}
+
+#[test]
+fn damage_is_found_and_hostile_archives_end_soon() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = world(&folder.path().join("w.goblin"), 10);
+    let path = folder.path().join("t.pmtiles");
+    export(&map, &TileRequest::new(&map).unwrap(), path.to_str().unwrap()).unwrap();
+    let good = std::fs::read(&path).unwrap();
+    let check = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        verify_tiles(&path, &()).map(|findings| findings.len())
+    };
+    // Any bit of the tiles, and each byte of the header and the root directory.
+    for at in (16_384..good.len() - 2000).step_by(97) {
+        let mut bad = good.clone();
+        bad[at] ^= 4;
+        assert!(!matches!(check(&bad), Ok(0)), "byte {at}");
+    }
+    for at in 0..400 {
+        for with in [0, 0x7f, 0xff] {
+            let mut bad = good.clone();
+            bad[at] = with;
+            let _ = check(&bad);
+        }
+    }
+    for length in [0, 7, 126, 127, 16_384, good.len() - 1] {
+        assert!(check(&good[..length]).is_err(), "{length} bytes");
+    }
+    #[cfg(feature = "mbtiles")]
+    {
+        let path = folder.path().join("t.mbtiles");
+        export(&map, &TileRequest::new(&map).unwrap(), path.to_str().unwrap()).unwrap();
+        let good = std::fs::read(&path).unwrap();
+        for at in (0..good.len()).step_by(1009) {
+            let mut bad = good.clone();
+            bad[at] ^= 0x55;
+            std::fs::write(&path, &bad).unwrap();
+            let _ = verify_tiles(&path, &());
+        }
+        std::fs::write(&path, &good[..good.len() / 2]).unwrap();
+        assert!(!matches!(verify_tiles(&path, &()).as_deref(), Ok([])));
+    }
+    let base = folder.path().join("f");
+    let pattern = folder.path().join("f/{z}/{x}/{y}.png");
+    export(&map, &TileRequest::new(&map).unwrap(), pattern.to_str().unwrap()).unwrap();
+    std::fs::write(base.join("1/0/stranger.png"), b"?").unwrap();
+    assert_eq!(verify_tiles(&base, &()).unwrap().len(), 1);
+    std::fs::remove_file(base.join("1/0/stranger.png")).unwrap();
+    std::fs::remove_file(base.join("1/0/0.png")).unwrap();
+    assert_eq!(verify_tiles(&base, &()).unwrap().len(), 1);
+}
