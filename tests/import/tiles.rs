@@ -389,12 +389,12 @@ fn damage_is_found_and_hostile_archives_end_soon() {
         verify_tiles(&path, &()).map(|findings| findings.len())
     };
     // Any bit of the tiles, and each byte of the header and the root directory.
-    for at in (16_384..good.len() - 2000).step_by(97) {
+    for at in (16_384..good.len() - 2000).step_by(1997) {
         let mut bad = good.clone();
         bad[at] ^= 4;
         assert!(!matches!(check(&bad), Ok(0)), "byte {at}");
     }
-    for at in 0..400 {
+    for at in (0..400).step_by(3) {
         for with in [0, 0x7f, 0xff] {
             let mut bad = good.clone();
             bad[at] = with;
@@ -409,7 +409,7 @@ fn damage_is_found_and_hostile_archives_end_soon() {
         let path = folder.path().join("t.mbtiles");
         export(&map, &TileRequest::new(&map).unwrap(), path.to_str().unwrap()).unwrap();
         let good = std::fs::read(&path).unwrap();
-        for at in (0..good.len()).step_by(1009) {
+        for at in (0..good.len()).step_by(9973) {
             let mut bad = good.clone();
             bad[at] ^= 0x55;
             std::fs::write(&path, &bad).unwrap();

@@ -68,8 +68,8 @@ impl MbtilesSink {
         let safety = if resume { "NORMAL" } else { "OFF" };
         let settings = format!(
             "PRAGMA page_size = 4096; PRAGMA journal_mode = {}; PRAGMA synchronous = {safety}; \
-             PRAGMA locking_mode = EXCLUSIVE; PRAGMA secure_delete = ON; PRAGMA cache_size = -32768; PRAGMA temp_store = MEMORY;",
-            if resume { "TRUNCATE" } else { "OFF" }
+             PRAGMA secure_delete = ON; PRAGMA cache_size = -32768; PRAGMA temp_store = MEMORY;",
+            if resume { "DELETE" } else { "OFF" }
         );
         let set = connection.execute_batch(&settings);
         set.map_err(failed(&place, "start"))?;
