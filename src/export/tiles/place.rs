@@ -43,7 +43,7 @@ impl TileId {
         let (mut x, mut y, mut along) = (self.column, self.row, 0);
         for bit in (0..self.zoom).rev() {
             let (right, down) = (x >> bit & 1, y >> bit & 1);
-            along = along << 2 | u64::from(3 * right ^ down);
+            along = along << 2 | u64::from((3 * right) ^ down);
             if down == 0 {
                 if right == 1 {
                     // (Only bits below this one count from here on.)
