@@ -41,3 +41,4 @@ mod real_rasters;
 mod sidecars;
 #[cfg(feature = "raster")]
 mod tiles;
+mod warped_tiles;

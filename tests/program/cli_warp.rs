@@ -176,3 +176,29 @@ fn ballpark_is_told() {
     let told = stderr(spinney(&arguments).success());
     assert!(told.contains("hundred metres"), "{told}");
 }
+
+#[test]
+fn tiles_are_exported_from_any_grid() {
+    let folder = Folder::new();
+    let native = folder.built(CLASSES, "native.goblin", &[]);
+    let archive = folder.name("island.pmtiles");
+    spinney(&["export", "-q", &native, &archive]).success();
+    spinney(&["verify", &archive]).success();
+    let again = folder.name("again.pmtiles");
+    spinney(&["export", "-q", &native, &again, "--threads", "3"]).success();
+    assert!(fs::read(&archive).unwrap() == fs::read(&again).unwrap());
+    // A zoom at which the island is in a part of one tile.
+    let pattern = folder.name("tiles/{z}/{x}/{y}.png");
+    spinney(&["export", "-q", &native, &pattern, "--zoom", "0..2"]).success();
+    for zoom in 0..3 {
+        let columns = fs::read_dir(folder.name(&format!("tiles/{zoom}"))).unwrap().count();
+        assert_eq!(columns, 1, "zoom {zoom}");
+    }
+    let xyz = folder.built(CLASSES, "xyz.goblin", &["--grid", "xyz"]);
+    let refusal = stderr(spinney(&["export", &xyz, &archive, "--resampling", "majority"]).failure());
+    assert!(refusal.contains("grid of web maps already"), "{refusal}");
+    let plain = folder.built("fixtures/island_rgb.png", "plain.goblin", &[]);
+    let refusal = stderr(spinney(&["export", &plain, &folder.name("plain.pmtiles")]).failure());
+    assert!(refusal.contains("crs=EPSG:NUMBER"), "{refusal}");
+    assert!(!Path::new(&folder.name("plain.pmtiles")).exists());
+}

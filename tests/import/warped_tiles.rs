@@ -1,0 +1,81 @@
+//! Tiles of rasters on any grid, against the nodes of trees that were warped.
+
+use std::path::Path;
+
+use spinney::dataset::Dataset;
+use spinney::export::tiles::{Content, TileId, TileRange, TileSamples, TileSource, WarpedTiles, XyzTiles};
+use spinney::import::raster;
+use spinney::io::Output;
+use spinney::ops::{Chain, Resampling, Step, WarpOptions, transform};
+use spinney::space::{Code, Dimension, Projection};
+
+/// A fixture's own tree, and its tree on the grid of web maps down to a zoom.
+fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (Dataset, Dataset) {
+    let [native, warped] = ["native.goblin", "warped.goblin"].map(|name| folder.join(name));
+    let import = raster::plan(&[input.into()], &Default::default()).unwrap();
+    import.build(Output::create(&native).unwrap(), &()).unwrap();
+    let mut chain = Chain::of(&native);
+    chain.steps = vec![Step::WebMercator(Some(zoom))];
+    chain.warp.resampling = Some(way);
+    transform(&chain, Output::create(&warped).unwrap(), 64 << 20, &()).unwrap();
+    (spinney::open(native).unwrap(), spinney::open(warped).unwrap())
+}
+
+#[test]
+fn tiles_of_other_grids_are_those_of_the_warped_tree() {
+    let folder = tempfile::tempdir().unwrap();
+    for (input, way, zoom) in [
+        ("fixtures/island_classes.tif", Resampling::Nearest, 12),
+        ("fixtures/island_elevation.tif", Resampling::Bilinear, 12),
+        ("fixtures/island_elevation.tif", Resampling::Area, 11),
+    ] {
+        let (native, warped) = native_and_warped(input, way, zoom, folder.path());
+        let mut options = WarpOptions::default();
+        options.resampling = Some(way);
+        let frame = &native.metadata().frame;
+        let ours = WarpedTiles::new(native.as_file().unwrap(), frame, 256, Some(zoom), &options).unwrap();
+        let expected = XyzTiles::new(&warped).unwrap();
+        let range = TileRange::of_degrees(zoom, ours.degrees());
+        let (mut drawn, mut detailed) = (0, 0);
+        for row in range.min[1] - 1..=range.max[1] {
+            for column in range.min[0] - 1..=range.max[0] {
+                let tile = TileId { zoom, column, row };
+                let [mut a, mut b] = [TileSamples::default(), TileSamples::default()];
+                ours.tile(tile, 256, 1, &mut a).unwrap();
+                expected.tile(tile, 256, 1, &mut b).unwrap();
+                assert!(a.valid == b.valid && a.values == b.values, "{input} {way} {tile:?}");
+                // What is said without drawing is true, and tiles beyond the borders are empty.
+                let value = a.valid.contains(&true);
+                match ours.content(tile).unwrap() {
+                    Content::Empty => assert!(!a.valid[258 + 1..258 + 257].contains(&true), "{tile:?}"),
+                    Content::Uniform(_) => assert!(value),
+                    Content::Detail => detailed += 1,
+                }
+                drawn += u32::from(value);
+            }
+        }
+        assert!(drawn > 3 && detailed > 3, "{input}: {drawn} tiles, {detailed} of them with detail");
+    }
+}
+
+#[test]
+fn blocks_of_other_grids_know_their_tiles() {
+    let folder = tempfile::tempdir().unwrap();
+    let (native, _) = native_and_warped("fixtures/island_classes.tif", Resampling::Nearest, 8, folder.path());
+    let frame = &native.metadata().frame;
+    let zoom = 13;
+    let tiles =
+        WarpedTiles::new(native.as_file().unwrap(), frame, 256, Some(zoom), &WarpOptions::default()).unwrap();
+    let projection = Projection::new(frame.crs.as_ref().unwrap(), false).unwrap();
+    for cell in [[3u32, 5, 0], [100, 90, 0], [180, 60, 0]] {
+        let block = Code::from_cell(Dimension::Quad, native.depth(), cell).unwrap();
+        let [x, y, _] = frame.to_world([f64::from(cell[0]) + 0.5, f64::from(cell[1]) + 0.5, 0.0]);
+        let [longitude, latitude] = projection.inverse([x, y]).unwrap();
+        for zoom in [0, 5, zoom] {
+            let there = TileRange::of_degrees(zoom, [longitude, latitude, longitude + 1e-9, latitude + 1e-9]);
+            let told = tiles.tiles_of(block, zoom);
+            assert_eq!(told.intersect(&there), there, "{cell:?} at zoom {zoom}");
+            assert!((0..2).all(|axis| told.max[axis] - told.min[axis] <= 3), "{told:?}");
+        }
+    }
+}
