@@ -73,6 +73,18 @@ impl Lattice {
         Lattice::Separable { columns, rows: (0..size[1]).map(|row| place(row as f64, 1)).collect() }
     }
 
+    /// Multiplies all places: for cells of another size.
+    pub(super) fn scale(&mut self, factor: f64) {
+        match self {
+            Lattice::Separable { columns, rows } => {
+                columns.iter_mut().chain(rows).for_each(|number| *number *= factor);
+            }
+            Lattice::Points { points, .. } => {
+                points.as_flattened_mut().iter_mut().for_each(|number| *number *= factor)
+            }
+        }
+    }
+
     /// The least and the greatest place along each axis; `None` if no point has one.
     pub(super) fn bounds(&self) -> Option<([f64; 2], [f64; 2])> {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);

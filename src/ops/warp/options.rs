@@ -103,7 +103,7 @@ pub struct WarpOptions {
     /// Takes datums for WGS 84 whose shift to it is unknown or needs a grid: see
     /// [`Projection::new`](crate::space::Projection::new).
     pub allow_ballpark: bool,
-    /// Takes values from the source's coarsest level with at least two cells along each side of a cell (one where the way is of no
+    /// Takes the values of each block from the coarsest level of the source with at least two cells along each side of a cell (one where the way is of no
     /// area), instead of always from its cells: for overviews.
     pub from_levels: bool,
 }

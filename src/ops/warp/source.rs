@@ -36,8 +36,9 @@ pub struct Warped {
     metadata: Metadata,
     map: CellMap,
     resampling: Resampling,
-    /// The level of the source that is read, and its cells along each axis.
-    level: u8,
+    /// Levels above the source's cells that blocks are read from at most: 0 if only cells are.
+    coarsest: u8,
+    /// Cells of the source along each axis.
     extent: [u64; 2],
     /// The cells that can have a value.
     content: Bounds,
@@ -69,21 +70,13 @@ impl Warped {
         }
         let (kind, extent) = (header.kind, header.extent);
         let map = CellMap::new(&grid.frame, frame, extent[0], options.allow_ballpark)?;
-        let ratio = ratio(&map, extent);
-        let resampling = options.resampling.unwrap_or(Resampling::usual(kind, ratio));
+        let ratios = ratios(&map, extent);
+        let middle = ratios.first().copied().unwrap_or(1.0);
+        let resampling = options.resampling.unwrap_or(Resampling::usual(kind, middle));
         resampling.check(kind)?;
-        // Source cells along a side of a cell that are left at the coarser level.
-        let least = if resampling.is_of_area() { 2.0 } else { 1.0 };
-        let coarser =
-            if options.from_levels { (ratio / least).log2().floor().clamp(0.0, 63.0) as u8 } else { 0 };
-        let level = header.depth() - coarser.min(header.depth());
-        let shift = header.depth() - level;
-        let extent = extent.map(|cells| cells.div_ceil(1 << shift));
-        let map = if shift == 0 {
-            map
-        } else {
-            CellMap::new(&grid.frame, &frame.coarser(shift), extent[0], options.allow_ballpark)?
-        };
+        // Cells of coarser levels are so many times as large, at most, as a power of two.
+        let most = ratios.iter().copied().fold(1.0, f64::max);
+        let coarsest = if options.from_levels { coarser(resampling, most).min(header.depth()) } else { 0 };
         let depth = depth_for(grid.extent);
         let most = Dimension::Quad.max_depth();
         if depth > most || grid.extent.contains(&0) || grid.extent[2] != 1 {
@@ -118,7 +111,7 @@ impl Warped {
             metadata,
             map,
             resampling,
-            level,
+            coarsest,
             extent: [extent[0], extent[1]],
             content,
         })
@@ -156,11 +149,9 @@ impl Warped {
 
     /// The cells that a box of cells of the source (of its deepest level) can reach: at least those; all where that is not known.
     pub fn reached_from(&self, bounds: &Bounds) -> Bounds {
-        let shift = self.source.header().depth() - self.level;
-        let reach = self.resampling.reach();
-        let place = |cell: u64, margin: f64| cell as f64 / (1u64 << shift) as f64 + margin;
-        let low = [0, 1].map(|axis| place(bounds.min[axis], -reach - 1.0));
-        let high = [0, 1].map(|axis| place(bounds.max[axis], reach + 1.0));
+        let margin = self.margin();
+        let low = [0, 1].map(|axis| bounds.min[axis] as f64 - margin);
+        let high = [0, 1].map(|axis| bounds.max[axis] as f64 + margin);
         reached(&self.map, (low, high), 8, self.header.extent).intersect(&self.content)
     }
 
@@ -177,7 +168,7 @@ impl Warped {
         let is_cell = code.level() == self.header.depth();
         if is_cell {
             let mut block = CellBlock::void(1, self.header.form.width());
-            self.draw_part(&cells, [0, 0], 1, &mut block)?;
+            self.draw_block(&cells, &mut block)?;
             let value = Value::from_bytes(&block.values);
             return Ok(Child::uniform(block.present[0].then_some(value)));
         }
@@ -203,11 +194,9 @@ impl Warped {
             && is_inside(rows, self.extent[1])
             && cells == code.bounds(self.header.depth())
         {
-            // In cells of the deepest level.
-            let shift = self.source.header().depth() - self.level;
             let bounds = Bounds {
-                min: [(columns.0 as u64) << shift, (rows.0 as u64) << shift, 0],
-                max: [(columns.1 as u64) << shift, (rows.1 as u64) << shift, 1],
+                min: [columns.0 as u64, rows.0 as u64, 0],
+                max: [columns.1 as u64, rows.1 as u64, 1],
             };
             if let Some(value) = uniform(&self.source, &bounds)? {
                 return Ok(Child::uniform(value));
@@ -220,12 +209,12 @@ impl Warped {
     /// The source's value for a node as large as a part of the target, whose image has so many cells along a side, in its middle.
     /// (What stores the tree makes averages anew.)
     fn in_the_middle(&self, place: &dyn Fn([f64; 2]) -> Option<[f64; 2]>, side: f64) -> Result<Value> {
-        let shift = (side.max(1.0).log2() as u8).min(self.level);
+        let shift = (side.max(1.0).log2() as u8).min(self.source.header().depth());
         let middles = [[0.5, 0.5], [0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]];
         for [x, y] in middles.into_iter().filter_map(place) {
             let cell = [floor(x) >> shift, floor(y) >> shift];
             let extent = self.extent.map(|cells| cells.div_ceil(1 << shift));
-            let source = WindowSource { file: &self.source, level: self.level - shift, extent, turn: None };
+            let source = WindowSource { file: &self.source, level: self.level(shift), extent, turn: None };
             let window = Window::read(&source, cell, [1, 1])?;
             if window.valid[0] {
                 return Ok(Value::from_bytes(&window.bytes));
@@ -242,47 +231,81 @@ impl Warped {
         };
         let close = COARSE * size + 0.01;
         let (low, high) = Patch::new(place, close)?.bounds();
-        let margin = 4.0 * close + self.resampling.reach() + 1.0;
+        let margin = 4.0 * close + self.margin();
         Some((low.map(|number| number - margin), high.map(|number| number + margin)))
     }
 
-    /// Draws the cells of a box, in rows of `stride` cells, from a cell of the block on.
-    fn draw_part(&self, cells: &Bounds, at: [usize; 2], stride: usize, block: &mut CellBlock) -> Result<()> {
+    /// Source cells around the image of a part that count for it.
+    fn margin(&self) -> f64 {
+        (self.resampling.reach() + 1.0) * (1u64 << self.coarsest) as f64
+    }
+
+    /// The level of the source so many levels above its cells.
+    fn level(&self, shift: u8) -> u8 {
+        self.source.header().depth() - shift
+    }
+
+    /// Levels above the source's cells that a block of the target is read from.
+    fn coarser_for(&self, cells: &Bounds) -> u8 {
+        if self.coarsest == 0 {
+            return 0;
+        }
+        let at = |axis: usize, part: f64| {
+            cells.min[axis] as f64 + part * (cells.max[axis] - cells.min[axis]) as f64
+        };
+        // (Where cells of the target are smallest decides: towards the poles, in web mercator.)
+        let ratios = [0.125, 0.5, 0.875].map(|part| self.map.ratio_at([at(0, 0.5), at(1, part)]));
+        let ratio = ratios.into_iter().flatten().fold(f64::INFINITY, f64::min);
+        if ratio.is_finite() { coarser(self.resampling, ratio).min(self.coarsest) } else { 0 }
+    }
+
+    /// Draws the cells of a box from a level of the source, in rows of `stride` cells, from a cell of the block on.
+    fn draw_part(
+        &self,
+        cells: &Bounds,
+        shift: u8,
+        at: [usize; 2],
+        stride: usize,
+        block: &mut CellBlock,
+    ) -> Result<()> {
         let [width, height, _] = cells.size().map(|cells| cells as usize);
         let first = [cells.min[0] as f64, cells.min[1] as f64];
         let by_area = self.resampling.is_of_area();
-        let lattice = match by_area {
+        let mut lattice = match by_area {
             true => Lattice::new(&self.map, first, [width + 1, height + 1]),
             false => Lattice::new(&self.map, first.map(|number| number + 0.5), [width, height]),
         };
+        lattice.scale(1.0 / (1u64 << shift) as f64);
         let Some((low, high)) = lattice.bounds() else { return Ok(()) };
         let reach = self.resampling.reach();
+        let extent = self.extent.map(|cells| cells.div_ceil(1 << shift));
+        // (Where a turn is no whole number of coarser cells, these are VOID behind the seam.)
+        let turn = self.map.whole_turn().filter(|turn| turn % (1 << shift) == 0).map(|turn| turn >> shift);
         let range = |axis: usize| {
             let most = 1e15;
             let (low, high) = (low[axis].clamp(-most, most), high[axis].clamp(-most, most));
             (floor(low - reach), floor(high + reach) + 1)
         };
         let (columns, rows) = (range(0), range(1));
-        let beyond = |(start, end): (i64, i64), axis: usize| end <= 0 || start >= self.extent[axis] as i64;
-        let turn = self.map.whole_turn();
+        let beyond = |(start, end): (i64, i64), axis: usize| end <= 0 || start >= extent[axis] as i64;
         if beyond(rows, 1) || turn.is_none() && beyond(columns, 0) {
             return Ok(());
         }
         let size = [columns.1 - columns.0, rows.1 - rows.0].map(|cells| cells as u64);
         if size[0].saturating_mul(size[1]) > MOST_READ {
             if width * height == 1 {
-                return self.draw_large(&lattice, at[1] * stride + at[0], block);
+                return self.draw_large((low, high), shift, at[1] * stride + at[0], block);
             }
             for child in 0..4 {
                 let part = cells.child(Dimension::Quad, child);
                 if !part.is_empty() {
                     let from = [0, 1].map(|axis| at[axis] + (part.min[axis] - cells.min[axis]) as usize);
-                    self.draw_part(&part, from, stride, block)?;
+                    self.draw_part(&part, shift, from, stride, block)?;
                 }
             }
             return Ok(());
         }
-        let source = WindowSource { file: &self.source, level: self.level, extent: self.extent, turn };
+        let source = WindowSource { file: &self.source, level: self.level(shift), extent, turn };
         let window = Window::read(&source, [columns.0, rows.0], size.map(|cells| cells as usize))?;
         if width == stride && at == [0, 0] && block.present.len() == width * height {
             self.resample(&window, &lattice, [width, height], block);
@@ -301,16 +324,18 @@ impl Warped {
         Ok(())
     }
 
-    /// Gives a cell that is larger than what may be read the value at its middle.
-    fn draw_large(&self, lattice: &Lattice, index: usize, block: &mut CellBlock) -> Result<()> {
-        let Some((low, high)) = lattice.bounds() else { return Ok(()) };
+    /// Gives a cell that is larger than what may be read the value in the middle of its image.
+    fn draw_large(
+        &self,
+        (low, high): ([f64; 2], [f64; 2]),
+        shift: u8,
+        index: usize,
+        block: &mut CellBlock,
+    ) -> Result<()> {
         let place = [0, 1].map(|axis| floor(low[axis].midpoint(high[axis])));
-        let source = WindowSource {
-            file: &self.source,
-            level: self.level,
-            extent: self.extent,
-            turn: self.map.whole_turn(),
-        };
+        let extent = self.extent.map(|cells| cells.div_ceil(1 << shift));
+        let turn = self.map.whole_turn().filter(|_| shift == 0);
+        let source = WindowSource { file: &self.source, level: self.level(shift), extent, turn };
         let window = Window::read(&source, place, [1, 1])?;
         let bytes_each = self.header.form.width();
         block.present[index] = window.valid[0];
@@ -333,10 +358,20 @@ impl Warped {
     }
 }
 
-/// Cells of the source along a side of a cell of the target, in the middle of the source: the root of their number.
-fn ratio(map: &CellMap, extent: [u64; 3]) -> f64 {
-    let middle = [extent[0] as f64 / 2.0, extent[1] as f64 / 2.0];
-    map.to_target(middle).and_then(|place| map.ratio_at(place)).unwrap_or(1.0)
+/// Cells of the source along a side of a cell of the target (the root of their number) in several places: first in the middle of
+/// the source.
+fn ratios(map: &CellMap, extent: [u64; 3]) -> Vec<f64> {
+    let steps = [0.5, 0.1, 0.3, 0.7, 0.9];
+    let places = steps.into_iter().flat_map(|v| steps.into_iter().map(move |u| [u, v]));
+    let ratio = |[u, v]: [f64; 2]| map.ratio_at(map.to_target([extent[0] as f64 * u, extent[1] as f64 * v])?);
+    places.filter_map(ratio).collect()
+}
+
+/// Levels above the source's cells whose cells are fine enough for target cells that have so many source cells along a side: two of them,
+/// or one where the way of resampling is of no area.
+fn coarser(resampling: Resampling, ratio: f64) -> u8 {
+    let least = if resampling.is_of_area() { 2.0 } else { 1.0 };
+    (ratio / least).log2().floor().clamp(0.0, 63.0) as u8
 }
 
 /// The cells of the target that a box of the source can reach: a box around the images of a lattice of so many of its points, with as
@@ -426,17 +461,20 @@ impl Source for Warped {
 }
 
 impl Warped {
-    /// Draws a box of cells, in parts that are no larger than blocks.
+    /// Draws a box of cells, in parts that lie in one block of the tree each: what a cell gets does not depend on the box.
     fn draw_block(&self, bounds: &Bounds, block: &mut CellBlock) -> Result<()> {
-        let side = 1 << BLOCK_LEVELS;
+        let side = 1u64 << BLOCK_LEVELS;
         let stride = bounds.size()[0] as usize;
         let inside = bounds.intersect(&self.content);
-        for y in (inside.min[1]..inside.max[1]).step_by(side) {
-            for x in (inside.min[0]..inside.max[0]).step_by(side) {
-                let end = [x + side as u64, y + side as u64, 1];
-                let part = Bounds { min: [x, y, 0], max: end }.intersect(&inside);
-                let at = [(x - bounds.min[0]) as usize, (y - bounds.min[1]) as usize];
-                self.draw_part(&part, at, stride, block)?;
+        if inside.is_empty() {
+            return Ok(());
+        }
+        for y in inside.min[1] / side..inside.max[1].div_ceil(side) {
+            for x in inside.min[0] / side..inside.max[0].div_ceil(side) {
+                let whole = Bounds { min: [x * side, y * side, 0], max: [(x + 1) * side, (y + 1) * side, 1] };
+                let part = whole.intersect(&inside);
+                let at = [0, 1].map(|axis| (part.min[axis] - bounds.min[axis]) as usize);
+                self.draw_part(&part, self.coarser_for(&whole), at, stride, block)?;
             }
         }
         Ok(())
