@@ -93,4 +93,17 @@ check(made("wide", classes[:7, :]), "--compression", "none")
 check(made("dot", classes[:1, :1]))
 for name in ["classes", "elevation", "rgb"]:
     check(pathlib.Path(shutil.copy(fixtures / f"{name}.goblin", folder / f"fixture_{name}.goblin")))
+# Every number in use, and VOID: masks.
+full = made("full", (rows * 31 + columns * 17).astype("uint8"), None, None, "--rule", "majority")
+edited = folder / "full.autumn"
+run("transform", full, "-o", edited)
+run("edit", edited, "fill", "--window", "100,200,700,600", "--void")
+out = folder / "masked.tif"
+run("export", edited, out, "--tile-size", "256")
+assert cog_validate(str(out), strict=True)[0]
+with rasterio.open(out) as file:
+    shown = file.dataset_mask() > 0
+    assert file.nodata is None and not shown[200:800, 100:800].any()
+    assert shown.sum() == shown.size - 600 * 700
+    assert (file.read(1)[shown] == (rows * 31 + columns * 17).astype("uint8")[shown]).all()
 print("cloud-optimized GeoTIFF is as others read it")

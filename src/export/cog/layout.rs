@@ -99,7 +99,8 @@ pub(super) fn lay_out(
 ) -> Beginning {
     let mut bytes = tiff_tags::header(big).0.to_vec();
     bytes.extend(ghost(has_masks).bytes());
-    bytes.resize(bytes.len().next_multiple_of(8), 0);
+    // (Validators want the first directory at the first even place.)
+    bytes.resize(bytes.len().next_multiple_of(2), 0);
     let first = word(bytes.len() as u64, big);
     let place = tiff_tags::header(big).1 as usize;
     bytes[place..place + first.len()].copy_from_slice(&first);
