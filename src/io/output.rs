@@ -114,7 +114,7 @@ impl Output {
     }
 
     /// The file as it is before it is in its place.
-    #[cfg(feature = "raster")]
+    #[cfg(feature = "mbtiles")]
     pub(crate) fn unfinished_path(&self) -> Option<&Path> {
         let Sink::File { file, .. } = &self.sink else { return None };
         Some(file.get_ref().file.path())
