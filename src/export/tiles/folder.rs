@@ -70,8 +70,9 @@ impl TileFolder {
     /// The folder that [`TileFolder::parse`] made of a pattern, as its document says.
     fn open(base: &Path) -> Result<(TileFolder, Own)> {
         let path = base.join(DOCUMENT);
-        let corrupt =
-            |found: &str| Error::corrupt(&path, "document", found, "the TileJSON of an export of ours");
+        let corrupt = |found: &str| {
+            Error::corrupt(path.as_path(), "document", found, "the TileJSON of an export of ours")
+        };
         let length = fs::metadata(&path).map_err(Error::io(&path, "read"))?.len();
         if length > MOST_DOCUMENT {
             return Err(corrupt("more than 16 MiB"));

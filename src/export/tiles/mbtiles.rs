@@ -49,7 +49,7 @@ fn failed(path: &Path, doing: &'static str) -> impl FnOnce(rusqlite::Error) -> E
             Error::Io { path, doing, cause: std::io::Error::new(std::io::ErrorKind::StorageFull, error) }
         }
         Some(rusqlite::ErrorCode::DatabaseCorrupt | rusqlite::ErrorCode::NotADatabase) => {
-            Error::corrupt(path, "database", error.to_string(), "an SQLite database")
+            Error::corrupt(path.as_path(), "database", error.to_string(), "an SQLite database")
         }
         _ => Error::Io { path, doing, cause: std::io::Error::other(error) },
     }

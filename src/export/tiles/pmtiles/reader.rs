@@ -72,7 +72,8 @@ impl Pmtiles {
     }
 
     fn bad(&self, place: &str, found: impl Into<String>, expected: &str) -> Error {
-        Error::corrupt(&self.path, place, found, expected)
+        let found: String = found.into();
+        Error::corrupt(self.path.as_path(), place, found, expected)
     }
 
     /// The bytes of a part of the file, which must be in it and not too long.
