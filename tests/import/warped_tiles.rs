@@ -54,7 +54,7 @@ fn tiles_of_other_grids_are_those_of_the_warped_tree() {
                 drawn += u32::from(value);
             }
         }
-        assert!(drawn > 3 && detailed > 3, "{input}: {drawn} tiles, {detailed} of them with detail");
+        assert!(drawn > 1 && detailed > 1, "{input}: {drawn} tiles, {detailed} of them with detail");
     }
 }
 

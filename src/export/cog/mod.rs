@@ -128,7 +128,6 @@ pub fn export_cog(
         });
     }
     let coder = match request.compression {
-        // (Of GDAL's default levels the first; the second is 9 there, which takes three times as long for 2 % less.)
         CogCompression::Deflate => Coder::Deflate { level: 6 },
         CogCompression::Zstd => Coder::Zstd { level: 6 },
         CogCompression::None => Coder::Stored,

@@ -25,17 +25,24 @@ pub(super) enum Lattice {
     },
 }
 
-/// A part of a lattice: its first column and row, and its size.
-type Part = ([usize; 2], [usize; 2]);
+/// A part of a block's points: its first column and row, and its size.
+pub(super) type Part = ([usize; 2], [usize; 2]);
 
 impl Lattice {
-    /// The lattice with its first point at `first`, in cells of the target, and others a cell apart.
-    pub(super) fn new(map: &CellMap, first: [f64; 2], [width, height]: [usize; 2]) -> Lattice {
+    /// A part of the lattice of a block, whose first point is `first`, in cells of the target, and others a cell apart. A point's place
+    /// does not depend on the part that is asked for.
+    pub(super) fn new(map: &CellMap, first: [f64; 2], block: [usize; 2], part: Part) -> Lattice {
+        let (at, [width, height]) = part;
         if map.is_separable() {
-            return Lattice::separable(map, first, [width, height]);
+            return Lattice::separable(
+                map,
+                [0, 1].map(|axis| first[axis] + at[axis] as f64),
+                [width, height],
+            );
         }
-        let mut points = vec![[f64::NAN; 2]; width * height];
-        fill(map, first, width, &mut points, ([0, 0], [width, height]));
+        let mut filling = Filling { map, first, part, points: vec![[f64::NAN; 2]; width * height] };
+        filling.fill(([0, 0], block));
+        let mut points = filling.points;
         if let Some(turn) = map.whole_turn() {
             let mut near = Near::new(turn);
             for row in points.chunks_exact_mut(width) {
@@ -139,37 +146,59 @@ impl Near {
     }
 }
 
-/// Fills a part: by a polynomial where it is close enough, else in four parts.
-fn fill(map: &CellMap, first: [f64; 2], stride: usize, points: &mut [[f64; 2]], (at, size): Part) {
-    let place = |x: f64, y: f64| map.to_source([first[0] + at[0] as f64 + x, first[1] + at[1] as f64 + y]);
-    let [width, height] = size;
-    if width <= FEW || height <= FEW {
-        for y in 0..height {
-            for x in 0..width {
-                let point = place(x as f64, y as f64).unwrap_or([f64::NAN; 2]);
-                points[(at[1] + y) * stride + at[0] + x] = point;
-            }
+/// Points of a block, of which a part is being computed.
+struct Filling<'a> {
+    map: &'a CellMap,
+    /// The block's first point.
+    first: [f64; 2],
+    part: Part,
+    /// Places of the part's points.
+    points: Vec<[f64; 2]>,
+}
+
+impl Filling<'_> {
+    /// Fills what a rectangle of the block has of the part: by a polynomial where it is close enough, else in four parts.
+    fn fill(&mut self, (at, size): Part) {
+        let (start, wanted) = self.part;
+        let from = [0, 1].map(|axis| at[axis].max(start[axis]));
+        let end = [0, 1].map(|axis| (at[axis] + size[axis]).min(start[axis] + wanted[axis]));
+        if from[0] >= end[0] || from[1] >= end[1] {
+            return;
         }
-        return;
-    }
-    let span = [(width - 1) as f64, (height - 1) as f64];
-    if let Some(patch) = Patch::new(&|[u, v]| place(u * span[0], v * span[1]), CLOSE) {
-        for y in 0..height {
-            let row = patch.row(y as f64 / span[1]);
-            let start = (at[1] + y) * stride + at[0];
-            for (x, point) in points[start..start + width].iter_mut().enumerate() {
-                let u = x as f64 / span[0];
-                *point = row.map(|[a, b, c]| a + u * (b + u * c));
+        let (map, first) = (self.map, self.first);
+        let place =
+            |x: f64, y: f64| map.to_source([first[0] + at[0] as f64 + x, first[1] + at[1] as f64 + y]);
+        let [width, height] = size;
+        let few = width <= FEW || height <= FEW;
+        let span = [(width - 1) as f64, (height - 1) as f64];
+        let patch = if few { None } else { Patch::new(&|[u, v]| place(u * span[0], v * span[1]), CLOSE) };
+        if few || patch.is_some() {
+            for y in from[1]..end[1] {
+                let row = (y - start[1]) * wanted[0] + from[0] - start[0];
+                let down = (y - at[1]) as f64;
+                let polynomials = patch.as_ref().map(|patch| patch.row(down / span[1]));
+                for (x, point) in (from[0]..end[0]).zip(&mut self.points[row..]) {
+                    let along = (x - at[0]) as f64;
+                    *point = match polynomials {
+                        Some(row) => {
+                            let u = along / span[0];
+                            row.map(|[a, b, c]| a + u * (b + u * c))
+                        }
+                        None => place(along, down).unwrap_or([f64::NAN; 2]),
+                    };
+                }
             }
+            return;
         }
-        return;
-    }
-    let (half, rest) = ([width / 2, height / 2], [width - width / 2, height - height / 2]);
-    for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-        let pick =
-            |axis: usize, second: usize| if second == 0 { (0, half[axis]) } else { (half[axis], rest[axis]) };
-        let ((x, width), (y, height)) = (pick(0, x), pick(1, y));
-        fill(map, first, stride, points, ([at[0] + x, at[1] + y], [width, height]));
+        let (half, rest) = ([width / 2, height / 2], [width - width / 2, height - height / 2]);
+        for (x, y) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let pick = |axis: usize, second: usize| match second {
+                0 => (at[axis], half[axis]),
+                _ => (at[axis] + half[axis], rest[axis]),
+            };
+            let ((x, width), (y, height)) = (pick(0, x), pick(1, y));
+            self.fill(([x, y], [width, height]));
+        }
     }
 }
 

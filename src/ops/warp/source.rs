@@ -259,22 +259,22 @@ impl Warped {
         if ratio.is_finite() { coarser(self.resampling, ratio).min(self.coarsest) } else { 0 }
     }
 
-    /// Draws the cells of a box from a level of the source, in rows of `stride` cells, from a cell of the block on.
+    /// Draws some cells of a block from a level of the source, in rows of `stride` cells, from a cell of the block on.
     fn draw_part(
         &self,
-        cells: &Bounds,
+        (whole, cells): (&Bounds, &Bounds),
         shift: u8,
         at: [usize; 2],
         stride: usize,
         block: &mut CellBlock,
     ) -> Result<()> {
         let [width, height, _] = cells.size().map(|cells| cells as usize);
-        let first = [cells.min[0] as f64, cells.min[1] as f64];
-        let by_area = self.resampling.is_of_area();
-        let mut lattice = match by_area {
-            true => Lattice::new(&self.map, first, [width + 1, height + 1]),
-            false => Lattice::new(&self.map, first.map(|number| number + 0.5), [width, height]),
-        };
+        // Corners of cells, or their centres.
+        let (more, centre) = if self.resampling.is_of_area() { (1, 0.0) } else { (0, 0.5) };
+        let first = [0, 1].map(|axis| whole.min[axis] as f64 + centre);
+        let points = [0, 1].map(|axis| (whole.max[axis] - whole.min[axis]) as usize + more);
+        let start = [0, 1].map(|axis| (cells.min[axis] - whole.min[axis]) as usize);
+        let mut lattice = Lattice::new(&self.map, first, points, (start, [width + more, height + more]));
         lattice.scale(1.0 / (1u64 << shift) as f64);
         let Some((low, high)) = lattice.bounds() else { return Ok(()) };
         let reach = self.resampling.reach();
@@ -300,7 +300,7 @@ impl Warped {
                 let part = cells.child(Dimension::Quad, child);
                 if !part.is_empty() {
                     let from = [0, 1].map(|axis| at[axis] + (part.min[axis] - cells.min[axis]) as usize);
-                    self.draw_part(&part, shift, from, stride, block)?;
+                    self.draw_part((whole, &part), shift, from, stride, block)?;
                 }
             }
             return Ok(());
@@ -474,7 +474,7 @@ impl Warped {
                 let whole = Bounds { min: [x * side, y * side, 0], max: [(x + 1) * side, (y + 1) * side, 1] };
                 let part = whole.intersect(&inside);
                 let at = [0, 1].map(|axis| (part.min[axis] - bounds.min[axis]) as usize);
-                self.draw_part(&part, self.coarser_for(&whole), at, stride, block)?;
+                self.draw_part((&whole, &part), self.coarser_for(&whole), at, stride, block)?;
             }
         }
         Ok(())
