@@ -103,7 +103,7 @@ fn transform_and_build_share_the_warper() {
             .assert()
             .success();
         for other in [&step, &like] {
-            assert_eq!(stdout(&["diff", "-q", &built, other]), "", "{other}");
+            assert!(stdout(&["diff", "-q", &built, other]).contains("blocks     0,"), "{other}");
         }
         // There and back: the island is where it was.
         let back = folder.name("back.goblin");
@@ -172,7 +172,7 @@ fn ballpark_is_told() {
     let folder = Folder::new();
     let out = folder.name("out.goblin");
     let arguments =
-        ["build", ELEVATION, "-o", &out, "--grid", "xyz", "--crs", "EPSG:26728", "--allow-ballpark"];
+        ["build", ELEVATION, "-o", &out, "--grid", "xyz", "--crs", "EPSG:26716", "--allow-ballpark"];
     let told = stderr(spinney(&arguments).success());
     assert!(told.contains("hundred metres"), "{told}");
 }
