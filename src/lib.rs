@@ -116,6 +116,7 @@ pub mod value;
 use std::path::Path;
 
 pub use error::{Error, Result};
+#[cfg(feature = "raster")]
 pub(crate) use progress::PartOfWork;
 pub use progress::Progress;
 

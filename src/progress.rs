@@ -1,6 +1,7 @@
 //! Progress of long work, and its interruption.
 
 use std::path::Path;
+#[cfg(feature = "raster")]
 use std::sync::{Mutex, PoisonError};
 
 use crate::{Error, Result};
@@ -33,6 +34,7 @@ impl Progress for () {}
 
 /// One of several parts of long work, each of which counts units of its own: to whoever waits for all of it, a part has `share` of
 /// `total` units.
+#[cfg(feature = "raster")]
 pub(crate) struct PartOfWork<'a> {
     whole: &'a dyn Progress,
     share: u64,
@@ -41,12 +43,14 @@ pub(crate) struct PartOfWork<'a> {
     done: Mutex<u64>,
 }
 
+#[cfg(feature = "raster")]
 impl<'a> PartOfWork<'a> {
     pub(crate) fn new(whole: &'a dyn Progress, share: u64, total: u64) -> PartOfWork<'a> {
         PartOfWork { whole, share, total, done: Mutex::new(0) }
     }
 }
 
+#[cfg(feature = "raster")]
 impl Progress for PartOfWork<'_> {
     fn advance(&self, done: u64, total: u64) {
         let mut before = self.done.lock().unwrap_or_else(PoisonError::into_inner);

@@ -6,10 +6,12 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use spinney::dataset::{Dataset, open};
+use spinney::export::image::Format;
 use spinney::export::tiles::{
     Pmtiles, TileEncoding, TileFormat, TileId, TilePainter, TileRequest, TileTarget, XyzTiles,
     export_pmtiles, export_tiles, update_tiles, verify_tiles,
 };
+use spinney::export::{Detail, WindowRequest, export_window};
 use spinney::io::{Faults, Output};
 use spinney::ops::{Edit, FillRegion, convert, edit};
 use spinney::space::{Bounds, web_mercator};
@@ -426,4 +428,82 @@ fn damage_is_found_and_hostile_archives_end_soon() {
     std::fs::remove_file(base.join("1/0/stranger.png")).unwrap();
     std::fs::remove_file(base.join("1/0/0.png")).unwrap();
     assert_eq!(verify_tiles(&base, &()).unwrap().len(), 1);
+}
+
+/// All files below a folder, with their bytes.
+fn files(folder: &Path) -> BTreeMap<std::path::PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut pending = vec![folder.to_path_buf()];
+    while let Some(next) = pending.pop() {
+        for entry in std::fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            match path.is_dir() {
+                true => pending.push(path),
+                false => {
+                    let bytes = std::fs::read(&path).unwrap();
+                    found.insert(path.strip_prefix(folder).unwrap().to_path_buf(), bytes);
+                }
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn an_interrupted_folder_goes_on_to_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = many(&folder.path().join("w.goblin"), 9);
+    let (source, painter) = (XyzTiles::new(&map).unwrap(), painter(&map));
+    let mut request = TileRequest::new(&map).unwrap();
+    request.zooms = Some(0..=5);
+    let target = |name: &str| {
+        TileTarget::of(&folder.path().join(name).join("{z}").join("{x}").join("{y}.png")).unwrap().unwrap()
+    };
+    export_tiles(&source, &painter, &request, &target("whole"), &()).unwrap();
+    request.resume = true;
+    let mut starts = 0;
+    loop {
+        starts += 1;
+        match export_tiles(&source, &painter, &request, &target("part"), &Patience(AtomicU64::new(1200))) {
+            Ok(_) => break,
+            Err(Error::Interrupted) => assert!(starts < 20 && !folder.path().join("part").exists()),
+            Err(other) => panic!("{other}"),
+        }
+    }
+    assert!(starts > 1);
+    let [whole, part] = ["whole", "part"].map(|name| files(&folder.path().join(name)));
+    assert!(whole == part, "{} and {} files after {starts} starts", whole.len(), part.len());
+    assert_eq!(verify_tiles(&folder.path().join("part"), &()).unwrap(), []);
+}
+
+#[test]
+fn light_on_a_relief_has_no_seams_between_tiles() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = many(&folder.path().join("w.goblin"), 10);
+    let style = Style::parse(r#"{"draw": "hillshade", "z": 100}"#).unwrap();
+    let painter = TilePainter::new(&style, &map, &()).unwrap();
+    let target = TileTarget::of(&folder.path().join("{z}/{x}/{y}.png")).unwrap().unwrap();
+    let mut request = TileRequest::new(&map).unwrap();
+    request.zooms = Some(2..=2);
+    export_tiles(&XyzTiles::new(&map).unwrap(), &painter, &request, &target, &()).unwrap();
+    let whole = folder.path().join("whole.png");
+    let mut window = WindowRequest::new(map.header().picture(), Detail::Level(10));
+    window.style = Some(style);
+    export_window(&map, &window, Output::create(&whole).unwrap(), Format::Png, &()).unwrap();
+    let whole = decoded(&std::fs::read(whole).unwrap());
+    let mut greys = std::collections::BTreeSet::new();
+    for (column, row) in (0..4).flat_map(|row| (0..4).map(move |column| (column, row))) {
+        let tile = decoded(&std::fs::read(folder.path().join(format!("2/{column}/{row}.png"))).unwrap());
+        for (at, pixel) in tile.iter().enumerate() {
+            let (x, y) = (column * 256 + at % 256, row * 256 + at / 256);
+            // (A picture of the whole world ends at its west and east, where tiles go on.)
+            if x > 0 && x < 1023 {
+                let expected = whole[y * 1024 + x];
+                let is_close = pixel.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 1);
+                assert!(is_close, "{column}/{row} at {x},{y}: {pixel:?}, not {expected:?}");
+                greys.insert(pixel[0]);
+            }
+        }
+    }
+    assert!(greys.len() > 10, "{greys:?}");
 }

@@ -1,6 +1,6 @@
 //! Tiles: pictures or arrays of squares of the world, zoom by zoom, as web maps ask for them; in archives and in folders.
 //!
-//! [`export_tiles`] walks down from the root ([`walk`]): what is empty is skipped, and of what is uniform one tile is drawn,
+//! [`export_tiles`] walks down from the root (`walk.rs`): what is empty is skipped, and of what is uniform one tile is drawn,
 //! however many there are. All others are drawn from a [`TileSource`], painted by a [`TilePainter`] and encoded, on all threads,
 //! and handed to the archive in the order of their numbers, so that the bytes do not depend on threads.
 //!
