@@ -65,12 +65,14 @@ impl Projection {
         if crs.numbers().is_some_and(|epsg| epsg.in_parts().horizontal == WEB_MERCATOR) {
             return Ok(Projection { form: Form::WebMercator, remark: None });
         }
-        let invalid =
-            |found: String, expected: String| Error::invalid(format!("projection of {crs}"), found, expected);
+        let invalid = |found: String, expected: String| {
+            Error::invalid(format!("coordinate system {crs}"), found, expected)
+        };
         let definition = definition::proj_string(crs).map_err(|found| {
             invalid(
                 found,
-                "a system that can be projected; `gdalwarp` brings rasters into one, such as EPSG:3857"
+                "one of the EPSG registry, with its number; if it is one of these, say so with `spinney build --crs` or the step \
+                 crs= of `spinney transform`, otherwise bring the raster into one"
                     .into(),
             )
         })?;
