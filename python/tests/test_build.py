@@ -197,7 +197,9 @@ def test_exceptions_of_sources_and_callbacks_come_out(tmp_path: Path) -> None:
 
 
 ENDLESS = """
-import sys, numpy as np, spinney
+import signal, sys, numpy as np, spinney
+# (Jobs in the background inherit that interrupts are ignored.)
+signal.signal(signal.SIGINT, signal.default_int_handler)
 class Endless:
     shape, dtype = (1 << 20, 1 << 20), np.dtype("u1")
     def __getitem__(self, key):
