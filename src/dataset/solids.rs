@@ -67,7 +67,7 @@ impl Dataset {
     ///
     /// # Errors
     /// If the tree is a quadtree or has no such level, or its values cannot be carried.
-    pub fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + '_>> {
+    pub fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + Send + '_>> {
         let rule = self.header().rule;
         Ok(match self.reader() {
             Reader::Goblin(file) => Box::new(SourceBlocks::new(file, level, rule, carry)?),

@@ -5,6 +5,8 @@ mod faults;
 mod file_id;
 mod lock;
 mod output;
+#[cfg(feature = "mesh")]
+mod output_folder;
 pub(crate) mod platform;
 mod read;
 mod sorter;
@@ -19,6 +21,8 @@ pub use output::Output;
 pub(crate) use output::folder;
 #[cfg(feature = "raster")]
 pub(crate) use output::{Unfinished, partial_of, sidecar_of, sync_folder};
+#[cfg(feature = "mesh")]
+pub use output_folder::OutputFolder;
 pub(crate) use read::FileBytes;
 pub(crate) use read::positioned_reads_are_preferred;
 pub use read::{Mapped, Positioned, ReadBackend, Stamp, prefer_positioned_reads};

@@ -115,6 +115,11 @@ pub trait CellBlocks {
     /// If the tree is damaged there.
     fn block(&mut self, block: [i64; 3]) -> Result<Arc<Block>>;
 
+    /// The axes along which there is nothing but empty cells behind the last blocks.
+    fn ends(&self) -> [bool; 3] {
+        [true; 3]
+    }
+
     /// Makes sure that the file behind the blocks is what it was: see [`Source::check_unchanged`].
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 
 mod cog;
 mod mesh;
+mod models;
 mod tiles;
 
 use std::path::{Path, PathBuf};
@@ -99,11 +100,17 @@ const EXAMPLES: &str = "Examples:
 enum Target {
     Cog,
     Mesh(MeshFormat),
+    /// 3D Tiles.
+    Tileset,
+    Glb,
 }
 
 impl Target {
     /// The kind of a file by its name.
     fn of(path: &Path) -> Option<Target> {
+        if path.file_name()? == "tileset.json" {
+            return Some(Target::Tileset);
+        }
         path.extension()?.to_str()?.parse().ok()
     }
 }
@@ -114,6 +121,8 @@ impl FromStr for Target {
     fn from_str(name: &str) -> spinney::Result<Target> {
         match name.to_ascii_lowercase().as_str() {
             "tif" | "tiff" | "cog" => Ok(Target::Cog),
+            "3dtiles" => Ok(Target::Tileset),
+            "glb" => Ok(Target::Glb),
             _ => name.parse().map(Target::Mesh),
         }
     }
@@ -130,11 +139,12 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         );
     }
     let target = target.filter(|_| tiles.is_none());
+    let is_solid = matches!(target, Some(Target::Mesh(_) | Target::Tileset | Target::Glb));
     let misplaced = [
         (tiles.is_some() || target == Some(Target::Cog), args.tiles.given(), "pictures in tiles"),
         (tiles.is_some(), args.archive.given(), "tiles of web maps"),
         (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
-        (matches!(target, Some(Target::Mesh(_))), args.mesh.given(), "solids"),
+        (is_solid, args.mesh.given(), "solids"),
     ];
     if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
     {
@@ -143,6 +153,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     match (tiles, target) {
         (Some(tiles), _) => tiles::run(args, &tiles, global),
         (None, Some(Target::Mesh(format))) => mesh::run(args, format, global),
+        (None, Some(Target::Tileset)) => models::run(args, true, global),
+        (None, Some(Target::Glb)) => models::run(args, false, global),
         (None, _) => cog::run(args, global),
     }
 }

@@ -19,6 +19,7 @@
 mod arrays;
 mod exact;
 mod faces;
+mod models;
 mod nets;
 mod numbers;
 mod obj;
@@ -41,6 +42,7 @@ use crate::{Error, Progress, Result};
 
 pub use arrays::SurfaceMesh;
 pub use exact::{ExactSummary, export_exact};
+pub use models::{ModelSummary, export_glb, export_tileset};
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 

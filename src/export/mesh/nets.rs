@@ -4,6 +4,7 @@
 //! A cube is named by its last corner, so that all it needs lies in its block and in the layer of cells
 //! before that, and the quadrangles that a cube closes join cubes that were there before it.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -35,6 +36,7 @@ pub(super) fn write(
         vertices: vec![0; CELLS * CELLS * CELLS],
         found: Vec::new(),
         used: Vec::new(),
+        before: HashMap::new(),
     };
     visit(blocks, Reach::Nets, progress, |blocks, block| nets.write_block(blocks, block))
 }
@@ -49,6 +51,8 @@ struct Nets<'a, 'b> {
     found: Vec<Vertex>,
     /// Indices of the cubes that have a vertex.
     used: Vec<usize>,
+    /// Blocks before those of a part, whose vertices belong to its surface as well.
+    before: HashMap<[i64; 3], CellLayer>,
 }
 
 /// A block and the layer of cells before it.
@@ -61,8 +65,8 @@ struct CellLayer {
 }
 
 impl CellLayer {
-    fn read(blocks: &mut dyn CellBlocks, at: [u32; 3], has_coverage: bool) -> Result<CellLayer> {
-        let before = |step: i64| [0, 1, 2].map(|axis| i64::from(at[axis]) - (step >> axis & 1));
+    fn read(blocks: &mut dyn CellBlocks, at: [i64; 3], has_coverage: bool) -> Result<CellLayer> {
+        let before = |step: i64| [0, 1, 2].map(|axis: usize| at[axis] - (step >> axis & 1));
         let blocks: Result<Vec<_>> = (0..8).map(|step| blocks.block(before(step))).collect();
         let blocks = blocks?;
         let mut solid = vec![0; WIDE * WIDE];
@@ -112,6 +116,16 @@ impl CellLayer {
         ((any | any >> 1) & !(all & all >> 1)) as u32
     }
 
+    /// The direction in which coverage decreases most within a cube.
+    fn normal(&self, first: [usize; 3]) -> [f64; 3] {
+        let corner = |i: usize| [0, 1, 2].map(|axis| first[axis] + (i >> axis & 1));
+        let coverage: [f64; 8] = std::array::from_fn(|i| self.coverage(corner(i)));
+        let along =
+            |axis: usize| (0..8).map(|i| if i >> axis & 1 == 0 { coverage[i] } else { -coverage[i] }).sum();
+        let normal = DVec3::new(along(0), along(1), along(2));
+        normal.normalize_or_zero().to_array()
+    }
+
     /// The mean of the points where a cube's edges cross half coverage, interpolated linearly; from its first
     /// corner, in cells.
     fn middle(&self, first: [usize; 3]) -> [f64; 3] {
@@ -136,7 +150,7 @@ impl CellLayer {
 
 impl Nets<'_, '_> {
     fn write_block(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3]) -> Result<()> {
-        let field = CellLayer::read(blocks, block, self.has_coverage)?;
+        let field = CellLayer::read(blocks, block.map(i64::from), self.has_coverage)?;
         for z in 0..CELLS {
             for y in 0..CELLS {
                 let mut mixed = field.mixed(y, z);
@@ -144,7 +158,7 @@ impl Nets<'_, '_> {
                     let x = mixed.trailing_zeros() as usize;
                     mixed &= mixed - 1;
                     self.write_vertex(&field, block, [x, y, z])?;
-                    self.write_faces(&field, block, [x, y, z])?;
+                    self.write_faces(blocks, &field, block, [x, y, z])?;
                 }
             }
         }
@@ -156,10 +170,7 @@ impl Nets<'_, '_> {
 
     fn write_vertex(&mut self, field: &CellLayer, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
         let name = name(block, cube.map(|cube| cube as i64));
-        let middle = field.middle(cube);
-        // The first corner is the centre of the cell before the one that gives the name.
-        let at = std::array::from_fn(|axis| f64::from(name[axis]) - 0.5 + middle[axis]);
-        let vertex = self.mesh.vertex(at)?;
+        let vertex = self.vertex_at(field, name, cube)?;
         self.found.push(vertex);
         let index = index_of(cube);
         self.vertices[index] = self.found.len() as u32;
@@ -172,8 +183,22 @@ impl Nets<'_, '_> {
         Ok(())
     }
 
+    /// Writes the vertex of a cube with a name, which is one of the field's.
+    fn vertex_at(&mut self, field: &CellLayer, name: [u32; 3], cube: [usize; 3]) -> Result<Vertex> {
+        let middle = field.middle(cube);
+        // The first corner is the centre of the cell before the one that gives the name. (-1 is 2^32 - 1.)
+        let at = std::array::from_fn(|axis| f64::from(name[axis] as i32) - 0.5 + middle[axis]);
+        self.mesh.smooth_vertex(at, field.normal(cube))
+    }
+
     /// The quadrangles around the edges that meet in a cube's first corner: all cubes around them are there.
-    fn write_faces(&mut self, field: &CellLayer, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
+    fn write_faces(
+        &mut self,
+        blocks: &mut dyn CellBlocks,
+        field: &CellLayer,
+        block: [u32; 3],
+        cube: [usize; 3],
+    ) -> Result<()> {
         let is_solid = field.is_solid(cube);
         for axis in 0..3 {
             let mut end = cube;
@@ -182,11 +207,11 @@ impl Nets<'_, '_> {
                 continue;
             }
             let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-            let around = |back: [i64; 2]| {
+            let mut around = |back: [i64; 2]| {
                 let mut cube = cube.map(|cube| cube as i64);
                 cube[b] -= back[0];
                 cube[c] -= back[1];
-                self.vertex(block, cube)
+                self.vertex(blocks, block, cube)
             };
             let ring = [around([1, 1])?, around([0, 1])?, around([0, 0])?, around([1, 0])?];
             let attribute = field.attribute(if is_solid { cube } else { end });
@@ -211,10 +236,14 @@ impl Nets<'_, '_> {
         triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle.into_iter(), attribute))
     }
 
-    /// The vertex of a cube that was there before.
-    fn vertex(&self, block: [u32; 3], cube: [i64; 3]) -> Result<Vertex> {
+    /// The vertex of a cube that was there before, or lies before the blocks of a part.
+    fn vertex(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3], cube: [i64; 3]) -> Result<Vertex> {
         let known = if cube.contains(&-1) {
-            self.shared.get(name(block, cube))
+            let name = name(block, cube);
+            match self.shared.get(name) {
+                None if name.contains(&u32::MAX) => Some(self.vertex_before(blocks, block, cube, name)?),
+                known => known,
+            }
         } else {
             let known = self.vertices[index_of(cube.map(|cube| cube as usize))].checked_sub(1);
             known.map(|known| self.found[known as usize])
@@ -222,9 +251,29 @@ impl Nets<'_, '_> {
         // Only a source that gives other cells when asked again can get here.
         known.ok_or_else(|| Error::invalid("tree", "cells that change while they are read", "others"))
     }
+
+    /// Writes the vertex of a cube in a block before those of a part. (Cubes beside the first block of the space are empty.)
+    fn vertex_before(
+        &mut self,
+        blocks: &mut dyn CellBlocks,
+        block: [u32; 3],
+        cube: [i64; 3],
+        name: [u32; 3],
+    ) -> Result<Vertex> {
+        let at = std::array::from_fn(|axis| i64::from(block[axis]) - i64::from(cube[axis] < 0));
+        let field = match self.before.remove(&at) {
+            Some(field) => field,
+            None => CellLayer::read(blocks, at, self.has_coverage)?,
+        };
+        let cube = cube.map(|cube| cube.rem_euclid(CELLS as i64) as usize);
+        let vertex = self.vertex_at(&field, name, cube)?;
+        self.before.insert(at, field);
+        self.shared.put(name, vertex, u64::MAX);
+        Ok(vertex)
+    }
 }
 
-/// The cell that gives a cube its name: its last corner.
+/// The cell that gives a cube its name: its last corner; -1 is 2^32 - 1.
 fn name(block: [u32; 3], cube: [i64; 3]) -> [u32; 3] {
     std::array::from_fn(|axis| (i64::from(block[axis] * SIDE) + cube[axis]) as u32)
 }

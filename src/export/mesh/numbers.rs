@@ -21,9 +21,9 @@ pub(super) struct Shared {
     due: BTreeMap<u64, Vec<u64>>,
 }
 
-/// A point of the grid as a number: 21 bits per axis hold coordinates up to 2^19, the far border included.
+/// A point of the grid as a number: 21 bits per axis hold coordinates up to 2^19, the far border included, and -1.
 fn key(point: [u32; 3]) -> u64 {
-    point.into_iter().fold(0, |key, cell| key << 21 | u64::from(cell))
+    point.into_iter().fold(0, |key, cell| key << 21 | u64::from(cell.wrapping_add(1)))
 }
 
 impl Shared {

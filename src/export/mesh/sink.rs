@@ -26,6 +26,10 @@ pub(super) trait Sink {
     fn coloured_vertex(&mut self, at: [f64; 3], _colour: [u8; 3]) -> Result<()> {
         self.vertex(at)
     }
+    /// The next vertex of a smooth surface, with a normal of no particular length.
+    fn smooth_vertex(&mut self, at: [f64; 3], _normal: [f64; 3]) -> Result<()> {
+        self.vertex(at)
+    }
     /// The name of the part that the following faces belong to, for formats that have parts.
     fn part(&mut self, _name: &str) -> Result<()> {
         Ok(())
@@ -58,6 +62,14 @@ impl<'a> Mesh<'a> {
     pub(super) fn vertex(&mut self, cells: [f64; 3]) -> Result<Vertex> {
         let vertex = Vertex { index: self.summary.vertices, at: self.frame.to_world(cells) };
         self.sink.vertex(vertex.at)?;
+        self.summary.vertices += 1;
+        Ok(vertex)
+    }
+
+    /// Writes a vertex of a smooth surface at a point in cell coordinates, with a normal in these.
+    pub(super) fn smooth_vertex(&mut self, cells: [f64; 3], normal: [f64; 3]) -> Result<Vertex> {
+        let vertex = Vertex { index: self.summary.vertices, at: self.frame.to_world(cells) };
+        self.sink.smooth_vertex(vertex.at, normal)?;
         self.summary.vertices += 1;
         Ok(vertex)
     }

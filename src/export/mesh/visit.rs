@@ -26,7 +26,11 @@ pub(super) fn visit(
     // The last is on top.
     let mut pending = match reach {
         Reach::Faces => vec![(0, [0; 3])],
-        Reach::Nets => (0..8).rev().map(|step| (0, child([0; 3], step))).collect(),
+        Reach::Nets => {
+            let ends = blocks.ends();
+            let is_ours = |step: &u32| (0..3).all(|axis| step >> axis & 1 == 0 || ends[axis]);
+            (0..8).rev().filter(is_ours).map(|step| (0, child([0; 3], step))).collect()
+        }
     };
     while let Some((level, node)) = pending.pop() {
         let inside = node.iter().all(|cell| *cell < 1 << level);
@@ -51,7 +55,8 @@ fn child(node: [u32; 3], step: u32) -> [u32; 3] {
 }
 
 impl Reach {
-    fn wants(self, blocks: &mut dyn CellBlocks, level: u8, node: [u32; 3]) -> Result<bool> {
+    /// Whether a surface may pass through a node.
+    pub(super) fn wants(self, blocks: &mut dyn CellBlocks, level: u8, node: [u32; 3]) -> Result<bool> {
         let node = node.map(i64::from);
         let state = blocks.state(level, node)?;
         if state == BlockState::Mixed {

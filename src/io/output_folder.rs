@@ -1,0 +1,117 @@
+//! Writing a folder of files so that nobody ever sees half of it.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::output::{folder, sync_folder};
+use crate::{Error, Result};
+
+/// Destination of many files: a new folder that appears whole or not at all.
+///
+/// Files are written below a temporary name beside the target, which the folder takes in [`OutputFolder::commit`]. Dropping
+/// it without that removes everything.
+pub struct OutputFolder {
+    path: PathBuf,
+    work: tempfile::TempDir,
+}
+
+impl OutputFolder {
+    /// Starts a folder.
+    ///
+    /// # Errors
+    /// If there is something of that name, other than an empty folder, or no folder can be made beside it.
+    pub fn create(path: &Path) -> Result<OutputFolder> {
+        check_free(path)?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let work =
+            tempfile::Builder::new().prefix(&format!(".{name}.")).suffix(".partial").tempdir_in(folder(path));
+        let work = work.map_err(Error::io(path, "create a temporary folder beside the target"))?;
+        Ok(OutputFolder { path: path.to_path_buf(), work })
+    }
+
+    /// The final path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes a file, whose name has `/` between folders. May be called by many threads at a time.
+    ///
+    /// # Errors
+    /// If that fails.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
+        let path = self.work.path().join(name);
+        let write = || match fs::write(&path, bytes) {
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => {
+                fs::create_dir_all(folder(&path))?;
+                fs::write(&path, bytes)
+            }
+            done => done,
+        };
+        write().map_err(Error::io(self.path.join(name), "write"))
+    }
+
+    /// Puts the folder in its place.
+    ///
+    /// # Errors
+    /// If that fails, or something of that name has appeared meanwhile. Nothing is left then.
+    pub fn commit(self) -> Result<()> {
+        check_free(&self.path)?;
+        let put = || {
+            set_usual_permissions(self.work.path())?;
+            if self.path.exists() {
+                fs::remove_dir(&self.path)?;
+            }
+            fs::rename(self.work.path(), &self.path)
+        };
+        put().map_err(Error::io(&self.path, "put in place"))?;
+        // (There is nothing of its name any more that it could remove.)
+        let _ = self.work.keep();
+        sync_folder(folder(&self.path)).map_err(Error::io(&self.path, "sync the folder"))
+    }
+}
+
+/// Fails if there is something that would be replaced.
+fn check_free(path: &Path) -> Result<()> {
+    let is_free = match fs::read_dir(path) {
+        Ok(mut entries) => entries.next().is_none(),
+        Err(cause) => cause.kind() == io::ErrorKind::NotFound,
+    };
+    if is_free {
+        return Ok(());
+    }
+    let advice = "nothing was written; choose another name, or remove what is there";
+    Err(Error::unsupported(path, "replacing a folder that is not empty, or a file", advice))
+}
+
+/// Makes a temporary folder as open as others are.
+fn set_usual_permissions(path: &Path) -> io::Result<()> {
+    // A folder made the usual way tells what that is.
+    let like = path.join(".permissions");
+    fs::create_dir(&like)?;
+    let permissions = fs::metadata(&like)?.permissions();
+    fs::remove_dir(&like)?;
+    fs::set_permissions(path, permissions)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn appears_whole_or_not_at_all() {
+        let parent = tempfile::tempdir().unwrap();
+        let path = parent.path().join("out");
+        let started = OutputFolder::create(&path).unwrap();
+        started.write("a/b/c.txt", b"1").unwrap();
+        assert!(!path.exists());
+        drop(started);
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 0);
+        let started = OutputFolder::create(&path).unwrap();
+        started.write("a/b/c.txt", b"1").unwrap();
+        started.commit().unwrap();
+        assert_eq!(fs::read(path.join("a/b/c.txt")).unwrap(), b"1");
+        assert_eq!(fs::read_dir(parent.path()).unwrap().count(), 1);
+        assert!(OutputFolder::create(&path).is_err(), "it is not empty");
+    }
+}
