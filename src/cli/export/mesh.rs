@@ -18,10 +18,10 @@ pub(super) struct MeshOptions {
     /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if
     /// it is at least half full (rule occupancy), or if anything is in it (other rules)
     #[arg(long)]
-    level: Option<u8>,
+    pub(super) level: Option<u8>,
     /// The smooth surface where cells are half full (surface nets), instead of the cells' faces
     #[arg(long)]
-    smooth: bool,
+    pub(super) smooth: bool,
     /// Triangles only, in PLY, OBJ and OFF too
     #[arg(long)]
     triangles: bool,

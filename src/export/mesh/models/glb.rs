@@ -60,11 +60,6 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Bytes of the model so far.
-    pub(super) fn bytes(&self) -> usize {
-        self.bin.len()
-    }
-
     /// Adds the surface of a tile whose first cell, and cells, are those of the deepest level.
     pub(super) fn push(&mut self, surface: &Surface, origin: [f64; 3], cell: f64) {
         let corners = &surface.corners;

@@ -18,7 +18,6 @@ use self::glb::{Model, ModelAttribute};
 use self::part::Part;
 use self::subtree::{SUBTREE_LEVELS, Tiles, place, subtrees};
 use self::surface::{Surface, surface};
-use super::numbers::z_order;
 use super::visit::Reach;
 use super::{MeshRequest, Precision};
 use crate::dataset::Dataset;

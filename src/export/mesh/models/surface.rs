@@ -42,7 +42,10 @@ pub(super) fn surface(blocks: &mut dyn CellBlocks, smooth: bool, with_attribute:
     // Nobody waits for a single tile.
     let quiet: &dyn Progress = &();
     match smooth {
-        true => nets::write(blocks, blocks.carry() == Carry::Coverage, &mut mesh, quiet)?,
+        true => {
+            let is_coverage = blocks.carry() == Carry::Coverage;
+            nets::write(blocks, is_coverage, &mut mesh, quiet)?;
+        }
         false => faces::write(blocks, &mut mesh, quiet)?,
     }
     mesh.finish()?;
