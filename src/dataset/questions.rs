@@ -273,7 +273,7 @@ impl Dataset {
     }
 }
 
-/// What a source has at a node: a step down for each level.
+/// State of a node of a source: a step down for each level.
 fn source_node<S: Source>(source: &S, code: Code) -> Result<Child<()>> {
     let (mut child, mut children) = (source.root()?, no_children());
     for level in 0..code.level() {

@@ -57,7 +57,7 @@ fn filled(cells: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     })
 }
 
-/// What the light is computed with.
+/// Numbers that the light is computed with.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp {
     kind: LightKind,

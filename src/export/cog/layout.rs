@@ -150,7 +150,7 @@ pub(super) fn lay_out(
     Beginning { big, bytes, end: tables_at, tables }
 }
 
-/// What GDAL's readers look for behind the header, to make use of the layout.
+/// Text that GDAL's readers look for behind the header, to make use of the layout.
 fn ghost(has_masks: bool) -> String {
     // (The blank is room for a YES where the NO is, for programs that edit the file.)
     let mut text = "LAYOUT=IFDS_BEFORE_DATA\nBLOCK_ORDER=ROW_MAJOR\nBLOCK_LEADER=SIZE_AS_UINT4\n\

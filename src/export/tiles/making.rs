@@ -1,4 +1,4 @@
-//! What an archive says of itself: metadata for maps, and how it was made.
+//! Metadata of archives: for maps, and how they were made.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value as Json, json};
@@ -84,7 +84,7 @@ impl Digest {
     }
 }
 
-/// What is said of an archive as a whole.
+/// Metadata of an archive as a whole.
 #[derive(Clone, Debug)]
 pub(super) struct About {
     pub(super) format: TileFormat,
@@ -118,7 +118,7 @@ impl About {
         self.zooms[0]
     }
 
-    /// What is ours, as JSON.
+    /// Our own part, as JSON.
     pub(super) fn own(&self, tiles: u64, digest: Digest) -> Own {
         Own { making: self.making.clone(), tiles, digest: digest.text() }
     }

@@ -281,7 +281,7 @@ impl MbtilesEdit {
     }
 }
 
-/// What an archive says of its making.
+/// Description of how an archive was made.
 fn own(connection: &Connection, path: &Path) -> Result<Own> {
     let text: Option<String> = connection
         .query_row("SELECT value FROM metadata WHERE name = 'spinney'", [], |row| row.get(0))

@@ -70,7 +70,7 @@ use crate::parallel;
 use crate::store::Finding;
 use crate::{Error, Progress, Result};
 
-/// What is exported, and what is said of it.
+/// Request for an export: its extent, and the metadata.
 #[derive(Clone, Debug)]
 pub struct TileRequest {
     /// Zooms; from 0 to that with about the source's own cells if nothing is said.
@@ -260,7 +260,7 @@ type Made = Result<Option<Arc<Encoded>>>;
 type Copied<'a> = dyn Fn(&Run) -> Result<Option<Made>> + Sync + 'a;
 
 /// Draws all runs that the sink does not have yet and hands them to it, a batch being written while the next one is drawn.
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments)] // the parts of one piece of work
 fn write(
     source: &dyn TileSource,
     extent: &Extent,

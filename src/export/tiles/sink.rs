@@ -1,4 +1,4 @@
-//! What takes tiles: an archive, or a folder.
+//! Takers of tiles: archives, and folders.
 
 use super::encode::Encoded;
 use super::making::About;

@@ -1,4 +1,4 @@
-//! What tiles are made of: samples on the grid of web mercator.
+//! Samples that tiles are made of, on the grid of web mercator.
 
 use super::place::{MAX_ZOOM, TileId, TileRange};
 use crate::dataset::Dataset;
@@ -7,7 +7,7 @@ use crate::tree::Child;
 use crate::value::{Value, ValueType};
 use crate::{Error, Result};
 
-/// What is known of a tile without drawing it, and so of all tiles below it.
+/// Knowledge of a tile without drawing it, and so of all tiles below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Content {
     /// Nothing is there.
@@ -62,7 +62,7 @@ pub trait TileSource: Sync {
     /// West, south, east and north of the source in degrees.
     fn degrees(&self) -> [f64; 4];
 
-    /// What is known of a tile without drawing it. Never draws, and takes microseconds; `Detail` is always right.
+    /// Tells what is known of a tile without drawing it. Takes microseconds; `Detail` is always right.
     ///
     /// # Errors
     /// If the source cannot be read.

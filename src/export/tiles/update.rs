@@ -151,7 +151,7 @@ enum Old {
 ///
 /// # Errors
 /// Those of [`export_tiles`](super::export_tiles); if the archive was made with other options, by another program, or of another file.
-#[allow(clippy::too_many_arguments)]
+#[allow(clippy::too_many_arguments)] // those of an export, and the old archive
 pub fn update_tiles(
     tree: &Dataset,
     source: &dyn TileSource,

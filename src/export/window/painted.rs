@@ -72,7 +72,7 @@ impl<'a> Painted<'a> {
         Painted { tree, grid, around, painter, ground, samples, spec }
     }
 
-    /// What is said of the picture.
+    /// Metadata of the picture.
     pub(super) fn metadata(&self) -> &Metadata {
         &self.spec.metadata
     }

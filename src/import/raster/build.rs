@@ -39,7 +39,7 @@ impl Import {
     /// file in the output's folder first, so that it may come in any order.
     ///
     /// # Errors
-    /// As [`Import::build`]; also if the picture's coordinate system is not known or cannot be computed.
+    /// Those of [`Import::build`]; also if the picture's coordinate system is not known or cannot be computed.
     pub fn build_web_mercator(
         mut self,
         max_zoom: Option<u8>,

@@ -167,7 +167,7 @@ impl Outline {
     }
 }
 
-/// What shares add up to.
+/// Sums of shares by value.
 #[derive(Default)]
 struct Sums {
     values: Vec<(Value, f64)>,

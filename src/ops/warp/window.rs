@@ -17,7 +17,7 @@ pub(super) struct Window {
     pub(super) valid: Vec<bool>,
 }
 
-/// What a window is read from.
+/// File that a window is read from.
 pub(super) struct WindowSource<'a> {
     pub(super) file: &'a TreeFile,
     /// The level, and its cells along each axis.

@@ -128,7 +128,7 @@ const ACCENTS: [(&str, &str, [u8; 2]); 6] = [
     ("å", "a", [0x04, 0x0a]),
 ];
 
-/// What is drawn for a letter that there is not.
+/// Box drawn for a letter that there is not.
 const UNKNOWN: Glyph = [0x1f, 0x11, 0x11, 0x11, 0x11, 0x11, 0x1f, 0, 0];
 
 /// The dots of a letter: a byte per row, the leftmost in bit 4. Capitals lose their accents.

@@ -16,7 +16,7 @@ use super::scale::Scale;
 use crate::Result;
 use crate::dataset::Dataset;
 
-/// What the colours of a picture mean: a section for each layer.
+/// Meaning of a picture's colours: a section for each layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Legend {
     /// Title of the whole; may be empty.

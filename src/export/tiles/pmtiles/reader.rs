@@ -150,7 +150,7 @@ impl Pmtiles {
         Err(self.bad("directory", "directories below directories without an end", "at most four"))
     }
 
-    /// What the archive says of its making, if it is one of ours.
+    /// Description of how the archive was made, if it is one of ours.
     pub(in crate::export::tiles) fn own(&self) -> Option<Own> {
         serde_json::from_value(self.metadata.get("spinney")?.clone()).ok()
     }
