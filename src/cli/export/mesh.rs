@@ -24,7 +24,7 @@ pub(super) struct MeshOptions {
     pub(super) smooth: bool,
     /// Triangles only, in PLY, OBJ and OFF too
     #[arg(long)]
-    triangles: bool,
+    pub(super) triangles: bool,
 }
 
 impl MeshOptions {

@@ -2,8 +2,8 @@
 //! output's name chooses between them.
 
 mod cog;
+mod gltf;
 mod mesh;
-mod models;
 mod tiles;
 
 use std::path::{Path, PathBuf};
@@ -55,6 +55,8 @@ pub(crate) struct Args {
     cog: cog::CogOptions,
     #[command(flatten)]
     mesh: mesh::MeshOptions,
+    #[command(flatten)]
+    gltf: gltf::GltfArgs,
 }
 
 /// Options of all pictures in tiles.
@@ -145,6 +147,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         (tiles.is_some(), args.archive.given(), "tiles of web maps"),
         (target == Some(Target::Cog), args.cog.given(), "cloud-optimized GeoTIFF"),
         (is_solid, args.mesh.given(), "solids"),
+        (matches!(target, Some(Target::Tileset | Target::Glb)), args.gltf.given(), "3D Tiles and glTF"),
     ];
     if let Some((_, Some(option), whose)) = misplaced.iter().find(|(fits, given, _)| !fits && given.is_some())
     {
@@ -153,8 +156,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     match (tiles, target) {
         (Some(tiles), _) => tiles::run(args, &tiles, global),
         (None, Some(Target::Mesh(format))) => mesh::run(args, format, global),
-        (None, Some(Target::Tileset)) => models::run(args, true, global),
-        (None, Some(Target::Glb)) => models::run(args, false, global),
+        (None, Some(Target::Tileset)) => gltf::write_tileset(args, global),
+        (None, Some(Target::Glb)) => gltf::write_glb(args, global),
         (None, _) => cog::run(args, global),
     }
 }

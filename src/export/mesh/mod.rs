@@ -1,4 +1,5 @@
-//! The surface of an octree as a mesh: PLY, OBJ, STL or OFF; and exact models, as CityJSON too (`exact/`).
+//! The surface of an octree as a mesh: PLY, OBJ, STL or OFF; exact models, as CityJSON too (`exact/`);
+//! and octrees for viewers, as glTF and 3D Tiles (`gltf/`).
 //!
 //! Two surfaces can be had. The *faces* of the cells, merged to rectangles, enclose exactly the solid cells.
 //! The *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
@@ -19,7 +20,7 @@
 mod arrays;
 mod exact;
 mod faces;
-mod models;
+mod gltf;
 mod nets;
 mod numbers;
 mod obj;
@@ -42,7 +43,7 @@ use crate::{Error, Progress, Result};
 
 pub use arrays::SurfaceMesh;
 pub use exact::{ExactSummary, export_exact};
-pub use models::{ModelSummary, export_glb, export_tileset};
+pub use gltf::{GltfOptions, TilesetSummary, export_glb, export_tileset};
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 

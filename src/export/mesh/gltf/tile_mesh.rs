@@ -1,4 +1,4 @@
-//! The triangles of a tile in memory, with a normal and the attribute of the cell behind them at each corner.
+//! A tile's triangles in memory, with a normal and the attribute of the cell behind them at each corner.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -7,10 +7,10 @@ use std::rc::Rc;
 use glam::DVec3;
 
 use super::super::sink::{Mesh, Sink, Vertex};
-use super::super::{faces, nets};
-use crate::query::cell_blocks::{Carry, CellBlocks};
+use super::super::write_surface;
+use crate::Result;
+use crate::query::cell_blocks::CellBlocks;
 use crate::space::Frame;
-use crate::{Progress, Result};
 
 /// Steps of quantised coordinates to a cell, and cells from their origin to that of the tile: enough for the smooth surface,
 /// which begins up to two cells before. Tiles side by side have the same lattice, and so meet without cracks.
@@ -19,7 +19,7 @@ pub(super) const MARGIN: f64 = 2.0;
 
 /// A corner of triangles.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct Corner {
+pub(super) struct TileCorner {
     /// Steps from the tile's origin, less the margin.
     pub(super) at: [u16; 3],
     /// In parts of 127.
@@ -29,37 +29,41 @@ pub(super) struct Corner {
 
 /// Triangles of a tile, counterclockwise seen from outside.
 #[derive(Default)]
-pub(super) struct Surface {
-    pub(super) corners: Vec<Corner>,
+pub(super) struct TileMesh {
+    pub(super) corners: Vec<TileCorner>,
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
-/// Makes the surface of the cells of a part.
-pub(super) fn surface(blocks: &mut dyn CellBlocks, smooth: bool, with_attribute: bool) -> Result<Surface> {
-    let made = Rc::new(RefCell::new(Collecting { with_attribute, ..Collecting::default() }));
-    let frame = Frame::identity();
-    let mut mesh = Mesh::new(Box::new(Collector(Rc::clone(&made))), &frame, true);
-    // Nobody waits for a single tile.
-    let quiet: &dyn Progress = &();
-    match smooth {
-        true => {
-            let is_coverage = blocks.carry() == Carry::Coverage;
-            nets::write(blocks, is_coverage, &mut mesh, quiet)?;
-        }
-        false => faces::write(blocks, &mut mesh, quiet)?,
+impl TileMesh {
+    /// The surface of a tile's cells.
+    pub(super) fn of(cells: &mut dyn CellBlocks, smooth: bool, with_attribute: bool) -> Result<TileMesh> {
+        let made = Rc::new(RefCell::new(Collecting { with_attribute, ..Collecting::default() }));
+        let frame = Frame::identity();
+        let mesh = Mesh::new(Box::new(Collector(Rc::clone(&made))), &frame, true);
+        // Nobody waits for a single tile.
+        write_surface(cells, mesh, smooth, &())?;
+        Ok(std::mem::take(&mut made.borrow_mut().mesh))
     }
-    mesh.finish()?;
-    Ok(std::mem::take(&mut made.borrow_mut().surface))
+
+    /// The attributes of the corners.
+    pub(super) fn attributes(&self) -> impl Iterator<Item = u32> {
+        self.corners.iter().map(|corner| corner.attribute)
+    }
+
+    /// About as many bytes as it has in a file.
+    pub(super) fn bytes(&self) -> usize {
+        24 * self.corners.len() + 12 * self.triangles.len()
+    }
 }
 
 /// A surface that is being made.
 #[derive(Default)]
 struct Collecting {
     with_attribute: bool,
-    surface: Surface,
+    mesh: TileMesh,
     /// Normals of the smooth surface by vertex.
     normals: Vec<DVec3>,
-    known: HashMap<Corner, u32>,
+    known: HashMap<TileCorner, u32>,
 }
 
 struct Collector(Rc<RefCell<Collecting>>);
@@ -85,17 +89,17 @@ impl Sink for Collector {
                 collecting.normals.get(index as usize).copied().filter(|normal| *normal != DVec3::ZERO);
             let normal = (smooth.unwrap_or(flat) * 127.0).round().to_array().map(|number| number as i8);
             let at = at.map(|cells| ((cells + MARGIN) * STEPS).round() as u16);
-            let corner = Corner { at, normal, attribute };
-            let next = collecting.surface.corners.len() as u32;
+            let corner = TileCorner { at, normal, attribute };
+            let next = collecting.mesh.corners.len() as u32;
             let number = *collecting.known.entry(corner).or_insert(next);
             if number == next {
-                collecting.surface.corners.push(corner);
+                collecting.mesh.corners.push(corner);
             }
             number
         });
         // Corners of a sliver may be rounded to one place.
         if triangle[0] != triangle[1] && triangle[1] != triangle[2] && triangle[2] != triangle[0] {
-            collecting.surface.triangles.push(triangle);
+            collecting.mesh.triangles.push(triangle);
         }
         Ok(())
     }

@@ -1,0 +1,89 @@
+//! Octrees for viewers: 3D Tiles and binary glTF.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, ensure};
+use spinney::dataset::Dataset;
+use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb, export_tileset};
+use spinney::io::{Output, OutputFolder};
+
+use super::super::args::check_output;
+use super::super::report::{Work, report_output};
+use super::super::{Global, exact};
+use super::Args;
+
+/// Options of glTF.
+#[derive(clap::Args)]
+#[command(next_help_heading = "3D Tiles and glTF")]
+pub(super) struct GltfArgs {
+    /// Compress vertices and triangles (EXT_meshopt_compression): smaller, for readers that know it
+    #[arg(long)]
+    meshopt: bool,
+}
+
+impl GltfArgs {
+    /// The first option that was given.
+    pub(super) fn given(&self) -> Option<&'static str> {
+        self.meshopt.then_some("--meshopt")
+    }
+
+    fn options(&self) -> GltfOptions {
+        let mut options = GltfOptions::new();
+        options.meshopt = self.meshopt;
+        options
+    }
+}
+
+/// The tree, what is asked of it, and the work to show.
+fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshRequest, Work)> {
+    if exact::open(&args.tree.file)?.is_some() {
+        exact::refuse(&args.tree.file, &[(what, true)])?;
+    }
+    ensure!(!args.mesh.triangles, "{what} has triangles anyway: leave out --triangles");
+    let tree = args.tree.open()?;
+    check_output([args.tree.file.as_path()], &args.output)?;
+    let mut request = MeshRequest::new();
+    (request.level, request.smooth) = (args.mesh.level, args.mesh.smooth);
+    Ok((tree, request, Work::start(global, "tiles")?))
+}
+
+/// Writes a tileset of 3D Tiles (`x/tileset.json`).
+pub(super) fn write_tileset(args: &Args, global: &Global) -> Result<()> {
+    let begin = Instant::now();
+    let (tree, request, work) = start(args, "3D Tiles", global)?;
+    let folder = args.output.parent().filter(|folder| *folder != Path::new(""));
+    let name = args.output.display();
+    let folder = folder.with_context(|| format!("{name}: name the folder, too, as in x/tileset.json"))?;
+    let folder = OutputFolder::create(folder)?;
+    let summary = export_tileset(&tree, &request, &args.gltf.options(), folder, &work)
+        .with_context(|| format!("cannot write {name}"))?;
+    work.finish();
+    let (tiles, levels, triangles) = (summary.tiles, summary.levels, summary.triangles);
+    global.report("tiles", format_args!("{tiles} in {levels} levels, {triangles} triangles"));
+    match (summary.deviation, &tree.metadata().frame.crs) {
+        (Some(deviation), _) => {
+            global.report("place", format_args!("on the globe, within {deviation:.3} m"));
+        }
+        (None, Some(crs)) => {
+            global
+                .report("place", format_args!("in coordinates of {crs}, which cannot be put onto the globe"));
+        }
+        (None, None) => {}
+    }
+    report_output(global, &args.output, begin);
+    Ok(())
+}
+
+/// Writes one level as binary glTF.
+pub(super) fn write_glb(args: &Args, global: &Global) -> Result<()> {
+    let begin = Instant::now();
+    let (tree, request, work) = start(args, ".glb", global)?;
+    let output = Output::create(&args.output)?;
+    let triangles = export_glb(&tree, &request, &args.gltf.options(), output, &work)
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    global.report("mesh", format_args!("{triangles} triangles"));
+    report_output(global, &args.output, begin);
+    Ok(())
+}

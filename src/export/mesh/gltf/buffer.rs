@@ -1,0 +1,151 @@
+//! The binary part of glTF: views of bytes, of which vertices and triangles can be compressed (EXT_meshopt_compression).
+
+use serde_json::{Map, Value as Json, json};
+
+/// Purposes of views: attributes of vertices, and their numbers.
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+/// The extension, whose buffers and views say how others are compressed.
+const MESHOPT: &str = "EXT_meshopt_compression";
+
+/// Views that are being made, all of one buffer.
+pub(super) struct Buffer {
+    meshopt: bool,
+    bytes: Vec<u8>,
+    /// Bytes of the buffer that there would be without compression.
+    plain: usize,
+    views: Vec<Json>,
+}
+
+impl Buffer {
+    pub(super) fn new(meshopt: bool) -> Buffer {
+        Buffer { meshopt, bytes: Vec::new(), plain: 0, views: Vec::new() }
+    }
+
+    /// The extension that readers must know.
+    pub(super) fn extension(&self) -> Option<&'static str> {
+        self.meshopt.then_some(MESHOPT)
+    }
+
+    /// The number of a view of an attribute of vertices, with so many bytes each.
+    pub(super) fn vertices(&mut self, bytes: &[u8], stride: usize) -> usize {
+        let view = json!({ "target": ARRAY_BUFFER, "byteStride": stride });
+        match self.meshopt {
+            true => {
+                self.compressed(bytes.len(), stride, "ATTRIBUTES", view, meshopt::vertices(bytes, stride))
+            }
+            false => self.plain(bytes, view),
+        }
+    }
+
+    /// The number of a view of triangles, as numbers of 16 bits if vertices are few.
+    pub(super) fn triangles(&mut self, triangles: &[[u32; 3]], is_small: bool) -> usize {
+        let view = json!({ "target": ELEMENT_ARRAY_BUFFER });
+        let numbers = triangles.as_flattened();
+        let size = if is_small { 2 } else { 4 };
+        if self.meshopt {
+            return self.compressed(
+                numbers.len() * size,
+                size,
+                "TRIANGLES",
+                view,
+                meshopt::triangles(numbers),
+            );
+        }
+        let bytes: Vec<u8> = match is_small {
+            true => numbers.iter().flat_map(|number| (*number as u16).to_le_bytes()).collect(),
+            false => numbers.iter().flat_map(|number| number.to_le_bytes()).collect(),
+        };
+        self.plain(&bytes, view)
+    }
+
+    /// The number of a view of a column of a table.
+    pub(super) fn table(&mut self, bytes: &[u8]) -> usize {
+        self.plain(bytes, json!({}))
+    }
+
+    /// Adds buffers and views to a file's root; returns the bytes of its only buffer that has any.
+    pub(super) fn finish(self, root: &mut Map<String, Json>) -> Vec<u8> {
+        if self.bytes.is_empty() {
+            return self.bytes;
+        }
+        let mut buffers = vec![json!({ "byteLength": self.bytes.len() })];
+        if self.meshopt {
+            // It stands for the bytes that readers make of the first one's.
+            buffers
+                .push(json!({ "byteLength": self.plain, "extensions": { MESHOPT: { "fallback": true } } }));
+        }
+        root.insert("buffers".into(), buffers.into());
+        root.insert("bufferViews".into(), self.views.into());
+        self.bytes
+    }
+
+    fn plain(&mut self, bytes: &[u8], view: Json) -> usize {
+        let first = self.append(bytes);
+        self.view(view, 0, first, bytes.len())
+    }
+
+    fn compressed(
+        &mut self,
+        length: usize,
+        stride: usize,
+        mode: &str,
+        mut view: Json,
+        bytes: Vec<u8>,
+    ) -> usize {
+        let first = self.append(&bytes);
+        view["extensions"] = json!({ MESHOPT: { "buffer": 0, "byteOffset": first, "byteLength": bytes.len(),
+            "byteStride": stride, "count": length / stride, "mode": mode } });
+        let first = self.plain;
+        self.plain = (first + length).next_multiple_of(8);
+        self.view(view, 1, first, length)
+    }
+
+    fn append(&mut self, bytes: &[u8]) -> usize {
+        let first = self.bytes.len();
+        self.bytes.extend_from_slice(bytes);
+        // (Columns of tables begin at multiples of eight.)
+        self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
+        first
+    }
+
+    fn view(&mut self, mut view: Json, buffer: u32, first: usize, length: usize) -> usize {
+        view["buffer"] = buffer.into();
+        view["byteOffset"] = first.into();
+        view["byteLength"] = length.into();
+        self.views.push(view);
+        self.views.len() - 1
+    }
+}
+
+/// The codecs of meshoptimizer.
+#[cfg(feature = "meshopt")]
+mod meshopt {
+    use meshoptimizer_rs::Workspace;
+    use meshoptimizer_rs::codec::{IndexEncoding, VertexEncoding, encode_index_buffer, encode_vertex_buffer};
+
+    pub(super) fn vertices(bytes: &[u8], stride: usize) -> Vec<u8> {
+        // The extension has version 0 alone.
+        let encoding = VertexEncoding::new(0, 0).expect("there is such a version");
+        let (count, mut workspace) = (bytes.len() / stride, Workspace::default());
+        encode_vertex_buffer(bytes, count, stride, encoding, &mut workspace).expect("strides are 4 and 8")
+    }
+
+    pub(super) fn triangles(numbers: &[u32]) -> Vec<u8> {
+        let mut workspace = Workspace::default();
+        encode_index_buffer(numbers, IndexEncoding::DEFAULT, &mut workspace)
+            .expect("triangles have three corners")
+    }
+}
+
+/// Options are refused before.
+#[cfg(not(feature = "meshopt"))]
+mod meshopt {
+    pub(super) fn vertices(_: &[u8], _: usize) -> Vec<u8> {
+        unreachable!("refused without the feature")
+    }
+
+    pub(super) fn triangles(_: &[u32]) -> Vec<u8> {
+        unreachable!("refused without the feature")
+    }
+}
