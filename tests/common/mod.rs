@@ -5,6 +5,7 @@ pub mod brep_file;
 pub mod command;
 #[cfg(feature = "mesh")]
 pub mod exact;
+pub mod gltf_file;
 pub mod mesh_file;
 pub mod octree;
 pub mod reference;

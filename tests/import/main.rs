@@ -17,6 +17,7 @@ mod exact_repair;
 mod exact_round_trips;
 #[cfg(feature = "mesh")]
 mod exact_searches;
+mod gltf;
 mod import;
 #[cfg(feature = "mesh")]
 mod mesh_exact;

@@ -21,6 +21,7 @@ mod arrays;
 mod exact;
 mod faces;
 mod gltf;
+mod net_normals;
 mod nets;
 mod numbers;
 mod obj;

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::net_normals::NetNormals;
 use super::numbers::{Shared, z_order};
 use super::sink::{Mesh, Vertex};
 use super::visit::{Reach, visit};
@@ -62,10 +63,18 @@ struct CellLayer {
     /// Solid cells: bit x of row `z * WIDE + y`.
     solid: Vec<u64>,
     has_coverage: bool,
+    /// Normals of vertices, if they are wanted.
+    normals: Option<NetNormals>,
 }
 
 impl CellLayer {
-    fn read(blocks: &mut dyn CellBlocks, at: [i64; 3], has_coverage: bool) -> Result<CellLayer> {
+    fn read(
+        blocks: &mut dyn CellBlocks,
+        at: [i64; 3],
+        has_coverage: bool,
+        with_normals: bool,
+    ) -> Result<CellLayer> {
+        let normals = if with_normals { Some(NetNormals::read(blocks, at, has_coverage)?) } else { None };
         let before = |step: i64| [0, 1, 2].map(|axis: usize| at[axis] - (step >> axis & 1));
         let blocks: Result<Vec<_>> = (0..8).map(|step| blocks.block(before(step))).collect();
         let blocks = blocks?;
@@ -78,7 +87,7 @@ impl CellLayer {
                 solid[z * WIDE + y] = u64::from(own) << 1 | u64::from(before >> (CELLS - 1));
             }
         }
-        Ok(CellLayer { blocks, solid, has_coverage })
+        Ok(CellLayer { blocks, solid, has_coverage, normals })
     }
 
     fn is_solid(&self, [x, y, z]: [usize; 3]) -> bool {
@@ -116,16 +125,6 @@ impl CellLayer {
         ((any | any >> 1) & !(all & all >> 1)) as u32
     }
 
-    /// The direction in which coverage decreases most within a cube.
-    fn normal(&self, first: [usize; 3]) -> [f64; 3] {
-        let corner = |i: usize| [0, 1, 2].map(|axis| first[axis] + (i >> axis & 1));
-        let coverage: [f64; 8] = std::array::from_fn(|i| self.coverage(corner(i)));
-        let along =
-            |axis: usize| (0..8).map(|i| if i >> axis & 1 == 0 { coverage[i] } else { -coverage[i] }).sum();
-        let normal = DVec3::new(along(0), along(1), along(2));
-        normal.normalize_or_zero().to_array()
-    }
-
     /// The mean of the points where a cube's edges cross half coverage, interpolated linearly; from its first
     /// corner, in cells.
     fn middle(&self, first: [usize; 3]) -> [f64; 3] {
@@ -150,7 +149,8 @@ impl CellLayer {
 
 impl Nets<'_, '_> {
     fn write_block(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3]) -> Result<()> {
-        let field = CellLayer::read(blocks, block.map(i64::from), self.has_coverage)?;
+        let field =
+            CellLayer::read(blocks, block.map(i64::from), self.has_coverage, self.mesh.wants_normals())?;
         for z in 0..CELLS {
             for y in 0..CELLS {
                 let mut mixed = field.mixed(y, z);
@@ -188,7 +188,10 @@ impl Nets<'_, '_> {
         let middle = field.middle(cube);
         // The first corner is the centre of the cell before the one that gives the name. (-1 is 2^32 - 1.)
         let at = std::array::from_fn(|axis| f64::from(name[axis] as i32) - 0.5 + middle[axis]);
-        self.mesh.smooth_vertex(at, field.normal(cube))
+        if let Some(normals) = &field.normals {
+            self.mesh.normal(normals.at(cube))?;
+        }
+        self.mesh.vertex(at)
     }
 
     /// The quadrangles around the edges that meet in a cube's first corner: all cubes around them are there.
@@ -263,7 +266,7 @@ impl Nets<'_, '_> {
         let at = std::array::from_fn(|axis| i64::from(block[axis]) - i64::from(cube[axis] < 0));
         let field = match self.before.remove(&at) {
             Some(field) => field,
-            None => CellLayer::read(blocks, at, self.has_coverage)?,
+            None => CellLayer::read(blocks, at, self.has_coverage, self.mesh.wants_normals())?,
         };
         let cube = cube.map(|cube| cube.rem_euclid(CELLS as i64) as usize);
         let vertex = self.vertex_at(&field, name, cube)?;

@@ -26,9 +26,13 @@ pub(super) trait Sink {
     fn coloured_vertex(&mut self, at: [f64; 3], _colour: [u8; 3]) -> Result<()> {
         self.vertex(at)
     }
-    /// The next vertex of a smooth surface, with a normal of no particular length.
-    fn smooth_vertex(&mut self, at: [f64; 3], _normal: [f64; 3]) -> Result<()> {
-        self.vertex(at)
+    /// Whether vertices of smooth surfaces are to have normals.
+    fn wants_normals(&self) -> bool {
+        false
+    }
+    /// The normal of the next vertex, in cell coordinates.
+    fn normal(&mut self, _normal: [f64; 3]) -> Result<()> {
+        Ok(())
     }
     /// The name of the part that the following faces belong to, for formats that have parts.
     fn part(&mut self, _name: &str) -> Result<()> {
@@ -66,12 +70,14 @@ impl<'a> Mesh<'a> {
         Ok(vertex)
     }
 
-    /// Writes a vertex of a smooth surface at a point in cell coordinates, with a normal in these.
-    pub(super) fn smooth_vertex(&mut self, cells: [f64; 3], normal: [f64; 3]) -> Result<Vertex> {
-        let vertex = Vertex { index: self.summary.vertices, at: self.frame.to_world(cells) };
-        self.sink.smooth_vertex(vertex.at, normal)?;
-        self.summary.vertices += 1;
-        Ok(vertex)
+    /// Whether vertices of smooth surfaces are to have normals.
+    pub(super) fn wants_normals(&self) -> bool {
+        self.sink.wants_normals()
+    }
+
+    /// Writes the normal of the next vertex, in cell coordinates.
+    pub(super) fn normal(&mut self, normal: [f64; 3]) -> Result<()> {
+        self.sink.normal(normal)
     }
 
     /// Writes a face, counterclockwise in cell coordinates, as it is.

@@ -15,7 +15,8 @@ pub(super) struct Subtree {
 }
 
 impl Subtree {
-    /// A subtree of tiles of so many levels, which come in order of levels and in Z order within each, and of subtrees below.
+    /// A subtree with room for so many levels of tiles, which come in order of levels and in Z order within each, and with
+    /// subtrees below.
     /// Tiles without content that lead to none are left out, but for the root of all.
     pub(super) fn of(root: Tile, levels: u8, mut tiles: Vec<(Tile, bool)>, children: Vec<Tile>) -> Subtree {
         // From below, since that a tile is needed follows from the next level's.

@@ -1,7 +1,6 @@
 //! A tile's triangles in memory, with a normal and the attribute of the cell behind them at each corner.
 
 use std::cell::RefCell;
-use std::collections::HashMap;
 use std::rc::Rc;
 
 use glam::DVec3;
@@ -18,7 +17,7 @@ pub(super) const STEPS: f64 = 512.0;
 pub(super) const MARGIN: f64 = 2.0;
 
 /// A corner of triangles.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) struct TileCorner {
     /// Steps from the tile's origin, less the margin.
     pub(super) at: [u16; 3],
@@ -61,44 +60,73 @@ impl TileMesh {
 struct Collecting {
     with_attribute: bool,
     mesh: TileMesh,
-    /// Normals of the smooth surface by vertex.
-    normals: Vec<DVec3>,
-    known: HashMap<TileCorner, u32>,
+    /// Vertices of the surface, and the last corner that each has become: a vertex has a corner for each of its normals and
+    /// attributes.
+    vertices: Vec<TileVertex>,
+    /// Corners before those of the mesh, of the same vertex each.
+    before: Vec<Option<u32>>,
+    /// The normal of the next vertex.
+    normal: DVec3,
+}
+
+struct TileVertex {
+    at: [u16; 3],
+    /// Zero if that of its faces is meant.
+    normal: DVec3,
+    last: Option<u32>,
+}
+
+impl Collecting {
+    /// The corner of a vertex in a face.
+    fn corner(&mut self, vertex: usize, flat: DVec3, attribute: u32) -> u32 {
+        let TileVertex { at, normal, last } = &mut self.vertices[vertex];
+        let normal = if *normal == DVec3::ZERO { flat } else { *normal };
+        let normal = (normal * 127.0).round().to_array().map(|number| number as i8);
+        let corner = TileCorner { at: *at, normal, attribute };
+        let mut known = *last;
+        while let Some(number) = known {
+            if self.mesh.corners[number as usize] == corner {
+                return number;
+            }
+            known = self.before[number as usize];
+        }
+        let number = self.mesh.corners.len() as u32;
+        self.mesh.corners.push(corner);
+        self.before.push(last.replace(number));
+        number
+    }
 }
 
 struct Collector(Rc<RefCell<Collecting>>);
 
 impl Sink for Collector {
-    fn vertex(&mut self, _: [f64; 3]) -> Result<()> {
+    fn vertex(&mut self, at: [f64; 3]) -> Result<()> {
+        let collecting = &mut *self.0.borrow_mut();
+        let at = at.map(|cells| ((cells + MARGIN) * STEPS).round() as u16);
+        let normal = std::mem::take(&mut collecting.normal);
+        collecting.vertices.push(TileVertex { at, normal, last: None });
         Ok(())
     }
 
-    fn smooth_vertex(&mut self, _: [f64; 3], normal: [f64; 3]) -> Result<()> {
-        self.0.borrow_mut().normals.push(normal.into());
+    fn wants_normals(&self) -> bool {
+        true
+    }
+
+    fn normal(&mut self, normal: [f64; 3]) -> Result<()> {
+        self.0.borrow_mut().normal = normal.into();
         Ok(())
     }
 
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         let collecting = &mut *self.0.borrow_mut();
-        let [a, b, c] = [0, 1, 2].map(|corner| DVec3::from(corners[corner].at));
+        let [a, b, c] = [0, 1, 2].map(|corner: usize| DVec3::from(corners[corner].at));
         let flat = (b - a).cross(c - a).normalize_or_zero();
         let attribute = if collecting.with_attribute { attribute } else { 0 };
-        let triangle = [0, 1, 2].map(|corner: usize| {
-            let Vertex { index, at } = corners[corner];
-            let smooth =
-                collecting.normals.get(index as usize).copied().filter(|normal| *normal != DVec3::ZERO);
-            let normal = (smooth.unwrap_or(flat) * 127.0).round().to_array().map(|number| number as i8);
-            let at = at.map(|cells| ((cells + MARGIN) * STEPS).round() as u16);
-            let corner = TileCorner { at, normal, attribute };
-            let next = collecting.mesh.corners.len() as u32;
-            let number = *collecting.known.entry(corner).or_insert(next);
-            if number == next {
-                collecting.mesh.corners.push(corner);
-            }
-            number
-        });
+        let triangle =
+            [0, 1, 2].map(|corner: usize| collecting.corner(corners[corner].index as usize, flat, attribute));
         // Corners of a sliver may be rounded to one place.
-        if triangle[0] != triangle[1] && triangle[1] != triangle[2] && triangle[2] != triangle[0] {
+        let [a, b, c] = triangle.map(|corner| collecting.mesh.corners[corner as usize].at);
+        if a != b && b != c && c != a {
             collecting.mesh.triangles.push(triangle);
         }
         Ok(())

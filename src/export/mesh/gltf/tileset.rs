@@ -137,7 +137,7 @@ impl<'a> TilesetWriter<'a, '_> {
         for tiles in tiles.chunk_by(|a, b| a.level == b.level) {
             made.extend(self.contents(tiles)?);
         }
-        let subtree = Subtree::of(root, levels, made, children);
+        let subtree = Subtree::of(root, self.subtree_levels, made, children);
         if subtree.is_empty() {
             return Ok(false);
         }
