@@ -251,7 +251,7 @@ impl System {
                 (methods::Kind::Scale, Unit::Scale(factor)) => (value * factor, 1e3),
                 _ => return Err(format!("{} in another kind of unit", unknown())),
             };
-            if !(value.abs() <= most) {
+            if !(-most..=most).contains(&value) {
                 return Err(format!("{} with the value {value:?}", unknown()));
             }
             if values.iter().any(|(word, _)| *word == role.word()) {
