@@ -38,7 +38,7 @@ const USER_DEFINED: u16 = 32767;
 const GREENWICH: u16 = 8901;
 
 /// Methods by their numbers, and by a name that definitions have.
-const METHODS: [(u16, &str); 22] = [
+const METHODS: [(u16, &str); 21] = [
     (1, "Transverse_Mercator"),
     (3, "Hotine_Oblique_Mercator"),
     (7, "Mercator"),
@@ -54,7 +54,6 @@ const METHODS: [(u16, &str); 22] = [
     (17, "Equirectangular"),
     (18, "Cassini_Soldner"),
     (19, "Gnomonic"),
-    (20, "Miller_Cylindrical"),
     (21, "Orthographic"),
     (22, "Polyconic"),
     (23, "Robinson"),

@@ -155,7 +155,6 @@ const METHODS: &[Method] = &[
         Role("lat_0", Angle, Only(0.0), NAT_LAT), Role("lat_ts", Angle, Or(0.0), PARALLEL_1), LON_0], FALSE]),
     method(&["platecarree"], Plain("+proj=eqc"), &[MERIDIAN, FALSE]),
     method(&["equalearth"], Plain("+proj=eqearth"), &[MERIDIAN, FALSE]),
-    method(&["millercylindrical"], Plain("+proj=mill"), &[MERIDIAN, FALSE]),
     method(&["mollweide"], Plain("+proj=moll"), &[MERIDIAN, FALSE]),
     method(&["robinson"], Plain("+proj=robin"), &[MERIDIAN, FALSE]),
     method(&["sinusoidal"], Plain("+proj=sinu"), &[MERIDIAN, FALSE]),
