@@ -1,8 +1,9 @@
-//! Places in coordinate systems: reads lines of a system, a longitude and a latitude (degrees, WGS 84), and prints the coordinates there, and
-//! the longitude and latitude that these are.
+//! Places in coordinate systems: reads lines of a system (by its number or its definition), a longitude and a latitude (degrees, WGS 84), and
+//! prints the coordinates there, and the longitude and latitude that these are.
 //!
 //! ```sh
 //! echo 'EPSG:3035 10 52' | cargo run --example project
+//! echo '+proj=laea +lat_0=52 +lon_0=10 +datum=WGS84 10 52' | cargo run --example project
 //! ```
 
 use std::io::{self, BufRead, Write};
@@ -15,8 +16,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut out = io::stdout().lock();
     for line in io::stdin().lock().lines() {
         let line = line?;
-        let mut words = line.split_whitespace();
-        let (Some(name), Some(longitude), Some(latitude)) = (words.next(), words.next(), words.next()) else {
+        let mut words = line.trim_end().rsplitn(3, char::is_whitespace);
+        let (Some(latitude), Some(longitude), Some(name)) = (words.next(), words.next(), words.next()) else {
             return Err(format!("{line}: expected a system, a longitude and a latitude").into());
         };
         let place = [longitude.parse()?, latitude.parse()?];
@@ -28,7 +29,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
         };
         match projection {
-            Err(error) => writeln!(out, "{error}")?,
+            Err(error) => writeln!(out, "{}", error.to_string().replace('\n', " "))?,
             Ok(projection) => match projection.forward(place) {
                 None => writeln!(out, "nowhere")?,
                 Some(point) => {

@@ -2,15 +2,21 @@
 
     benches/peers/projections.py            # 10^5 points in 27 systems, the largest distance in each
     benches/peers/projections.py --verify   # every system of EPSG, five points each; prints the ranges of src/space/projection/verified.rs
+    benches/peers/projections.py --datums   # every geographic system, sixty points each; prints the names of .../datum_names.rs
+    benches/peers/projections.py --definitions [--every N]   # systems of EPSG and Esri without their numbers, in all forms
 
-Needs pyproj (`pip install pyproj`). Distances are in metres on the ground; PROJ has no grids of shifts here.
+The last one takes definitions, strips all identifiers from them, and compares with what PROJ makes of the same text: each must be within a
+millimetre, or refused; it fails if one is wrong. Needs pyproj (`pip install pyproj`). Distances are in metres on the ground; PROJ has no grids of shifts here.
 """
 
 import argparse
+import collections
+import json
 import math
 import random
 import re
 import subprocess
+import sys
 import time
 import warnings
 from pathlib import Path
@@ -23,6 +29,11 @@ SYSTEMS = [4326, 4258, 4269, 3857, 32632, 32733, 25833, 3035, 3034, 2154, 5070, 
            26912, 2056, 21781, 31370, 3067, 8857, 2180, 3006, 5041]
 
 
+PROGRAM = ["cargo", "run", "--quiet", "--release", "--example", "project", "--"]
+# A shift that no datum has.
+SHIFT = "+towgs84=100.5,-50.25,30.125,0.1,-0.2,0.3,4"
+
+
 def points_of(crs, count, random_):
     """Places in a system's area."""
     area = crs.area_of_use
@@ -32,9 +43,9 @@ def points_of(crs, count, random_):
         yield (longitude + 180) % 360 - 180, random_.uniform(max(area.south, -85), min(area.north, 85))
 
 
-def ours(lines):
+def ours(lines, *options):
     """What the example makes of places."""
-    command = ["cargo", "run", "--quiet", "--release", "--example", "project", "--", "--allow-ballpark"]
+    command = [*PROGRAM, *options]
     begin = time.perf_counter()
     done = subprocess.run(command, input="\n".join(lines) + "\n", capture_output=True, text=True, check=True, cwd=PROJECT)
     return done.stdout.splitlines(), time.perf_counter() - begin
@@ -67,7 +78,7 @@ def compare(codes, count):
                 work.append((code, crs, place, transformer.transform(*place)))
         except (pyproj.exceptions.ProjError, AttributeError, IndexError):
             continue
-    answers, seconds = ours(f"EPSG:{code} {place[0]!r} {place[1]!r}" for code, _, place, _ in work)
+    answers, seconds = ours((f"EPSG:{code} {place[0]!r} {place[1]!r}" for code, _, place, _ in work), "--allow-ballpark")
     worst = {}
     for (code, crs, place, expected), answer in zip(work, answers, strict=True):
         there, back = distance(crs, place, expected, answer)
@@ -76,12 +87,159 @@ def compare(codes, count):
     return worst, len(work), seconds
 
 
+# Names by which PROJ shifts in some places alone.
+BY_PLACE = {"pulkovo1995", "sjtskjtsk03", "systemoftheunifiedtrigonometricalcadastralnetworkjtsk03"}
+
+
+def known_datums():
+    """Names of datums, as the code has them, whose systems agree; and a system for each."""
+    random_ = random.Random(11)
+    kinds = [pyproj.enums.PJType.GEOGRAPHIC_2D_CRS]
+    systems, work = {}, []
+    for info in query_crs_info(auth_name="EPSG", pj_types=kinds, allow_deprecated=True):
+        crs = pyproj.CRS.from_epsg(int(info.code))
+        if int(info.code) < 32768 and crs.area_of_use and crs.axis_info[0].unit_name == "degree":
+            systems[int(info.code)] = (crs, info.deprecated)
+            transformer = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True)
+            places = [place for place in points_of(crs, 60, random_) if info.code != "4269" or not in_islands(place)]
+            work += [(int(info.code), place, transformer.transform(*place)) for place in places]
+    answers, _ = ours(f"EPSG:{code} {place[0]!r} {place[1]!r}" for code, place, _ in work)
+    bad = set()
+    for (code, place, expected), answer in zip(work, answers, strict=True):
+        if not distance(systems[code][0], place, expected, answer)[0] < 1e-3:
+            bad.add(code)
+    names = collections.defaultdict(list)
+    for code, (crs, deprecated) in systems.items():
+        own = {crs.datum.name}
+        for version in ["WKT1_GDAL", "WKT1_ESRI"]:
+            own.update(re.findall(r'DATUM\["([^"]+)"', text_of(crs, version) or ""))
+        for name in {re.sub("[^a-z0-9]", "", re.sub("^D_| ensemble$", "", name).lower()) for name in own}:
+            names[name].append((deprecated, code))
+    for name, found in sorted(names.items()):
+        # Systems in use decide, if there is one.
+        found = [one for one in sorted(found) if not one[0]] or sorted(found)
+        if name not in BY_PLACE and not any(code in bad for _, code in found):
+            yield name, found[0][1]
+
+
+def in_islands(place):
+    """Hawaii and the Aleutian Islands, where PROJ shifts NAD83 by 0.8 m."""
+    return (place[0] < -150 or place[0] > 170) and (place[1] < 30 or 50 < place[1] < 57)
+
+
+def text_of(crs, form):
+    """A system in a form; `None` if it has none."""
+    try:
+        if form == "PROJJSON":
+            return crs.to_json()
+        return crs.to_proj4() if form == "PROJ" else crs.to_wkt(form)
+    except pyproj.exceptions.ProjError:
+        return None
+
+
+def stripped(text):
+    """A definition without identifiers, at any depth."""
+    if text.startswith("{"):
+        def strip(value):
+            if isinstance(value, dict):
+                return {name: strip(inner) for name, inner in value.items() if name not in ("id", "ids")}
+            return [strip(inner) for inner in value] if isinstance(value, list) else value
+
+        return json.dumps(strip(json.loads(text)))
+    return re.sub(r',(AUTHORITY|ID)\["[^"]*",("[^"]*"|[0-9.]+)(,[^\[\]]*|,URI\[[^\]]*\])*\]', "", text)
+
+
+def definitions(every):
+    """Systems in all forms without identifiers: form, name, text, and the system itself."""
+    kinds = [pyproj.enums.PJType.PROJECTED_CRS, pyproj.enums.PJType.GEOGRAPHIC_2D_CRS]
+    forms = ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2015", "WKT2_2019", "PROJJSON", "PROJ"]
+    for authority in ["EPSG", "ESRI"]:
+        infos = query_crs_info(auth_name=authority, pj_types=kinds, allow_deprecated=True)
+        for info in infos[::every]:
+            crs = pyproj.CRS.from_authority(authority, info.code)
+            if crs.area_of_use is None:
+                continue
+            name = f"{authority}:{info.code}"
+            for form in forms:
+                text = text_of(crs, form)
+                if text:
+                    yield form, name, stripped(text), crs
+            plain = text_of(crs, "PROJ")
+            if not plain or "nadgrids" in plain or "towgs84" in plain:
+                continue
+            plain = plain.replace("+datum=WGS84", "+ellps=WGS84").replace("+datum=NAD83", "+ellps=GRS80")
+            if "+datum" in plain:
+                continue
+            try:
+                shifted = pyproj.CRS(plain.replace(" +no_defs", f" {SHIFT} +no_defs"))
+            except pyproj.exceptions.ProjError:
+                continue
+            for form in forms:
+                text = text_of(shifted, form)
+                if text and form != "WKT1_ESRI":
+                    yield f"{form} shifted", name, stripped(text), crs
+
+
+def check_definitions(every):
+    """Whether any definition gives coordinates that PROJ does not give."""
+    random_ = random.Random(5)
+    work = []
+    for form, name, text, crs in definitions(every):
+        try:
+            own = pyproj.CRS(text)
+            transformer = pyproj.Transformer.from_crs("EPSG:4326", own, always_xy=True)
+        except pyproj.exceptions.ProjError:
+            continue
+        is_nad83 = "4269" in (crs.geodetic_crs.to_json() if crs.geodetic_crs else "")
+        for place in points_of(crs, 5, random_):
+            expected = transformer.transform(*place)
+            if all(map(math.isfinite, expected)) and not (is_nad83 and in_islands(place)):
+                work.append((form, name, " ".join(text.split()), own, place, expected))
+    answers, _ = ours(f"{text} {place[0]!r} {place[1]!r}" for _, _, text, _, place, _ in work)
+    found = collections.defaultdict(dict)
+    for (form, name, text, own, place, expected), answer in zip(work, answers, strict=True):
+        there, _ = distance(own, place, expected, answer)
+        is_refused = len(answer.split()) > 4
+        kind = "refused" if is_refused else "same" if there < 1e-3 else "wrong"
+        before = found[form].get(name, (None, 0, None))
+        if not before[0] or (not is_refused and there > before[1]):
+            found[form][name] = (kind, there, f"{text}\n    {place}: {expected}, not {answer}")
+    wrong = 0
+    for form, systems in found.items():
+        counts = collections.Counter(kind for kind, _, _ in systems.values())
+        worst = max((there for kind, there, _ in systems.values() if kind == "same"), default=0)
+        print(f"{form:18} {counts['same']} the same (within {worst:.1e} m), {counts['refused']} refused, {counts['wrong']} wrong")
+        for name, (kind, there, text) in systems.items():
+            if kind == "wrong":
+                wrong += 1
+                print(f"{name} as {form}: {there:.2e} m off\n    {text}")
+    reasons = collections.Counter()
+    for (_, _, _, _, _, _), answer in zip(work, answers, strict=True):
+        if len(answer.split()) > 4:
+            reasons[re.sub(r"^.*?: found | expected .*$", "", answer)[:90]] += 1
+    for reason, count in reasons.most_common(40):
+        print(f"    {count:6} places refused: {reason}")
+    return wrong
+
+
 def main():
+    global PROGRAM
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--verify", action="store_true")
+    parser.add_argument("--datums", action="store_true")
+    parser.add_argument("--definitions", action="store_true")
+    parser.add_argument("--every", type=int, default=8, metavar="N", help="take every Nth system only")
+    parser.add_argument("--program", help="the example's program, if it is built already")
     options = parser.parse_args()
+    PROGRAM = [options.program] if options.program else PROGRAM
     warnings.filterwarnings("ignore")
     print(f"pyproj {pyproj.__version__}, PROJ {pyproj.proj_version_str}")
+    if options.definitions:
+        sys.exit(check_definitions(options.every) > 0)
+    if options.datums:
+        text = " ".join(f'("{name}", {code}),'.replace(" ", "\0") for name, code in known_datums())
+        print("\n".join(re.findall(r".{1,124}(?:\s+|$)", text)).replace("\0", " "))
+        return
     if not options.verify:
         worst, count, seconds = compare(SYSTEMS, 100_000 // len(SYSTEMS) + 1)
         for code, (there, back) in worst.items():

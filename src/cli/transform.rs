@@ -68,7 +68,7 @@ Steps:
   tree-depth=N             a deeper root over the same cells, so that the tree has N levels
   subtree=/031             a node becomes the root
   embed=/2                 the root becomes a node of a larger tree
-  crs=DEF                  says in which coordinate system the cells lie: EPSG:NUMBER, WKT, PROJJSON or @FILE
+  crs=DEF                  says in which coordinate system the cells lie: EPSG:NUMBER, WKT, PROJJSON, '+proj=...' or @FILE
   like=OTHER.goblin        onto the cells of another tree, where it lies in the world, also in another
                            coordinate system
   grid=xyz[,ZOOM]          onto the cells of web maps, in web mercator with the world as the root

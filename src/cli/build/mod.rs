@@ -60,8 +60,8 @@ struct Common {
     /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the picture]
     #[arg(long, value_name = "N")]
     depth: Option<u8>,
-    /// Coordinate system of the input: EPSG:NUMBER, EPSG:NUMBER+NUMBER with heights, WKT or PROJJSON, or @FILE
-    /// that has one of these [default: from the file]
+    /// Coordinate system of the input: EPSG:NUMBER, EPSG:NUMBER+NUMBER with heights, WKT, PROJJSON,
+    /// or '+proj=...'; or @FILE that has one of these [default: from the file]
     #[arg(long, value_name = "DEF", value_parser = parse_crs)]
     crs: Option<Crs>,
     #[command(flatten)]

@@ -187,23 +187,24 @@ impl GeoKeys {
         entries.find_map(|entry| kind(self.value(entry)))
     }
 
-    fn number(&self, wanted: u16) -> Option<u16> {
+    pub(in crate::space) fn number(&self, wanted: u16) -> Option<u16> {
         self.find(wanted, |value| if let KeyValue::Number(number) = value { Some(number) } else { None })
     }
 
-    fn double(&self, wanted: u16) -> Option<f64> {
-        self.find(
-            wanted,
-            |value| if let KeyValue::Doubles([first, ..]) = value { Some(*first) } else { None },
-        )
+    pub(in crate::space) fn double(&self, wanted: u16) -> Option<f64> {
+        self.doubles_of(wanted)?.first().copied()
     }
 
-    fn text(&self, wanted: u16) -> Option<String> {
+    pub(in crate::space) fn doubles_of(&self, wanted: u16) -> Option<&[f64]> {
+        self.find(wanted, |value| if let KeyValue::Doubles(values) = value { Some(values) } else { None })
+    }
+
+    pub(in crate::space) fn text(&self, wanted: u16) -> Option<String> {
         self.find(wanted, |value| if let KeyValue::Text(text) = value { Some(plain(text)) } else { None })
     }
 
     /// A key's number, if it is one of a registry.
-    fn registered(&self, wanted: u16) -> Option<u16> {
+    pub(in crate::space) fn registered(&self, wanted: u16) -> Option<u16> {
         // (0 is undefined.)
         self.number(wanted).filter(|number| (1..USER_DEFINED).contains(number))
     }

@@ -2,6 +2,7 @@
 
 mod epsg;
 mod geo_keys;
+mod proj_string;
 mod projjson;
 mod registry;
 mod wkt;
@@ -12,6 +13,11 @@ use serde::{Deserialize, Serialize};
 
 pub use self::epsg::Epsg;
 pub use self::geo_keys::GeoKeys;
+pub(super) use self::proj_string::{
+    metres as metres_of_unit, parse as parse_proj_string, value as proj_value,
+};
+pub(super) use self::projjson::parse as parse_projjson;
+pub(super) use self::wkt::{WktNode, parse as parse_wkt};
 use crate::{Error, Result};
 
 /// Bytes of a definition in one text; real ones have a few thousand.
@@ -28,6 +34,8 @@ pub enum Crs {
     Wkt(String),
     /// In PROJ's JSON.
     ProjJson(String),
+    /// In PROJ's words, `+proj=...`.
+    Proj(String),
 }
 
 impl Crs {
@@ -36,14 +44,15 @@ impl Crs {
         Crs::Epsg(Epsg::new(number))
     }
 
-    /// Reads a definition: `EPSG:4326`, `EPSG:4326+5773`, the like as URN or URL, WKT or PROJJSON.
+    /// Reads a definition: `EPSG:4326`, `EPSG:4326+5773`, the like as URN or URL, WKT, PROJJSON, or PROJ's words
+    /// (`+proj=utm +zone=32 +datum=WGS84`).
     ///
     /// # Errors
     /// If the text is none of these, or too long.
     pub fn parse(text: &str) -> Result<Crs> {
         let text = text.trim_start_matches('\u{feff}').trim_matches(|c: char| c.is_whitespace() || c == '\0');
         let invalid = |found: String, expected: &str| Error::invalid("coordinate system", found, expected);
-        let forms = "EPSG:4326, EPSG:4326+5773, WKT, or PROJJSON";
+        let forms = "EPSG:4326, EPSG:4326+5773, WKT, PROJJSON, or +proj=...";
         if let Some(epsg) = parse_numbers(text) {
             return Ok(Crs::Epsg(epsg));
         }
@@ -51,6 +60,12 @@ impl Crs {
             projjson::parse(text)
                 .map_err(|found| invalid(found, "the PROJJSON of a coordinate system, of at most 1 MiB"))?;
             return Ok(Crs::ProjJson(text.into()));
+        }
+        if text.starts_with('+') {
+            proj_string::parse(text).map_err(|found| {
+                invalid(found, "PROJ's words of a coordinate system, each once, of at most 1 MiB")
+            })?;
+            return Ok(Crs::Proj(text.into()));
         }
         if text.contains(['[', '(']) {
             wkt::parse(text)
@@ -67,13 +82,14 @@ impl Crs {
             Crs::GeoKeys(keys) => keys.epsg(),
             Crs::Wkt(text) => wkt::parse(text).ok()?.epsg(),
             Crs::ProjJson(text) => projjson::epsg(&projjson::parse(text).ok()?),
+            Crs::Proj(_) => None,
         }
     }
 
     /// The name that the definition gives the system.
     pub fn name(&self) -> Option<String> {
         let name = match self {
-            Crs::Epsg(_) => None,
+            Crs::Epsg(_) | Crs::Proj(_) => None,
             Crs::GeoKeys(keys) => keys.name(),
             Crs::Wkt(text) => wkt::parse(text).ok()?.name(),
             Crs::ProjJson(text) => projjson::name(&projjson::parse(text).ok()?),
@@ -81,13 +97,14 @@ impl Crs {
         name.filter(|name| !name.is_empty())
     }
 
-    /// The form of the definition: "EPSG", "GeoTIFF keys", "WKT" or "PROJJSON".
+    /// The form of the definition: "EPSG", "GeoTIFF keys", "WKT", "PROJJSON" or "PROJ string".
     pub fn form(&self) -> &'static str {
         match self {
             Crs::Epsg(_) => "EPSG",
             Crs::GeoKeys(_) => "GeoTIFF keys",
             Crs::Wkt(_) => "WKT",
             Crs::ProjJson(_) => "PROJJSON",
+            Crs::Proj(_) => "PROJ string",
         }
     }
 
@@ -96,7 +113,7 @@ impl Crs {
         match self {
             Crs::Epsg(epsg) => epsg.to_string(),
             Crs::GeoKeys(keys) => keys.to_string(),
-            Crs::Wkt(text) | Crs::ProjJson(text) => text.clone(),
+            Crs::Wkt(text) | Crs::ProjJson(text) | Crs::Proj(text) => text.clone(),
         }
     }
 
@@ -108,6 +125,7 @@ impl Crs {
             Crs::GeoKeys(keys) => keys.unit(),
             Crs::Wkt(text) => wkt::parse(text).ok()?.unit(),
             Crs::ProjJson(text) => projjson::unit(&projjson::parse(text).ok()?),
+            Crs::Proj(text) => proj_string::unit(text),
         }
         .or_else(|| self.numbers()?.unit())
     }
@@ -131,6 +149,7 @@ impl Crs {
             Crs::GeoKeys(keys) => Some(keys.normalised()),
             Crs::Wkt(text) => wkt::parse(text).ok().map(|node| node.normalised()),
             Crs::ProjJson(text) => projjson::parse(text).ok().map(|value| projjson::normalised(&value)),
+            Crs::Proj(text) => proj_string::normalised(text),
         };
         format!("{} {}", self.form(), text.unwrap_or_else(|| self.definition()))
     }

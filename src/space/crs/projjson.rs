@@ -9,7 +9,7 @@ const TOLD: [&str; 8] =
     ["$schema", "usages", "scope", "area", "bbox", "vertical_extent", "temporal_extent", "remarks"];
 
 /// Reads the definition of a coordinate system. An error says what was found.
-pub(super) fn parse(text: &str) -> Result<Value, String> {
+pub(in crate::space) fn parse(text: &str) -> Result<Value, String> {
     if text.len() > MOST {
         return Err(format!("{} bytes", text.len()));
     }

@@ -66,6 +66,7 @@ fn definitions_are_told_apart_by_their_forms() {
         ("https://www.opengis.net/def/crs/EPSG/0/7415", numbers(7415, None)),
         (LAEA, Crs::Wkt(LAEA.into())),
         (JSON, Crs::ProjJson(JSON.into())),
+        (" +proj=utm  +zone=32 ", Crs::Proj("+proj=utm  +zone=32".into())),
     ];
     for (text, crs) in forms {
         assert_eq!(parsed(text), crs, "{text}");
@@ -79,7 +80,7 @@ fn definitions_are_told_apart_by_their_forms() {
         "ESRI:102008",
         "urn:ogc:def:crs,crs:EPSG::28992,crs:EPSG::5709x",
         "https://www.opengis.net/def/crs/OGC/0/CRS84",
-        "+proj=utm +zone=32",
+        "proj=utm +zone=32",
     ] {
         assert!(refused(text).contains("WKT"), "{text}");
     }
@@ -93,6 +94,18 @@ fn definitions_are_told_apart_by_their_forms() {
         "GEOGCS[\"a\"] b",
     ] {
         assert!(refused(text).contains("the WKT of a coordinate system"), "{text}");
+    }
+    for text in [
+        "+",
+        "+proj",
+        "+zone=32",
+        "+proj=",
+        "+proj=utm zone=32",
+        "+proj=utm +zone=1 +zone=1",
+        "+proj=utm +zone=\"1",
+        "+proj=a=b",
+    ] {
+        assert!(refused(text).contains("PROJ's words"), "{text}");
     }
     for text in ["{", "{}", "{\"type\":\"Ellipsoid\"}", "{\"type\":1}"] {
         assert!(refused(text).contains("PROJJSON"), "{text}");

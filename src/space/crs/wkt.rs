@@ -29,7 +29,7 @@ const TOLD: [&str; 7] = ["USAGE", "SCOPE", "AREA", "BBOX", "VERTICALEXTENT", "TI
 
 /// A keyword with what stands in its brackets.
 #[derive(Debug, PartialEq)]
-pub(super) struct WktNode {
+pub(in crate::space) struct WktNode {
     /// In capitals.
     keyword: String,
     items: Vec<Item>,
@@ -46,7 +46,7 @@ enum Item {
 }
 
 /// Reads the definition of a coordinate system. An error says what was found.
-pub(super) fn parse(text: &str) -> Result<WktNode, String> {
+pub(in crate::space) fn parse(text: &str) -> Result<WktNode, String> {
     if text.len() > MOST {
         return Err(format!("{} bytes", text.len()));
     }
@@ -145,20 +145,44 @@ impl Parser<'_> {
 }
 
 impl WktNode {
-    fn is_crs(&self) -> bool {
+    pub(in crate::space) fn keyword(&self) -> &str {
+        &self.keyword
+    }
+
+    pub(in crate::space) fn is_crs(&self) -> bool {
         self.is(&LINEAR) || self.is(&ANGULAR) || self.is(&COMPOUND) || self.is(&[BOUND])
     }
 
-    fn is(&self, keywords: &[&str]) -> bool {
+    pub(in crate::space) fn is(&self, keywords: &[&str]) -> bool {
         keywords.contains(&self.keyword.as_str())
     }
 
-    fn nodes(&self) -> impl Iterator<Item = &WktNode> {
+    pub(in crate::space) fn nodes(&self) -> impl Iterator<Item = &WktNode> {
         self.items.iter().filter_map(|item| if let Item::WktNode(node) = item { Some(node) } else { None })
     }
 
-    fn child(&self, keywords: &[&str]) -> Option<&WktNode> {
+    pub(in crate::space) fn child(&self, keywords: &[&str]) -> Option<&WktNode> {
         self.nodes().find(|node| node.is(keywords))
+    }
+
+    /// The texts in quotes.
+    pub(in crate::space) fn texts(&self) -> impl Iterator<Item = &str> {
+        self.items
+            .iter()
+            .filter_map(|item| if let Item::Text(text) = item { Some(text.as_str()) } else { None })
+    }
+
+    pub(in crate::space) fn numbers(&self) -> impl Iterator<Item = f64> {
+        self.items
+            .iter()
+            .filter_map(|item| if let Item::Number(number) = item { Some(*number) } else { None })
+    }
+
+    /// The names without quotes, in capitals.
+    pub(in crate::space) fn words(&self) -> impl Iterator<Item = &str> {
+        self.items
+            .iter()
+            .filter_map(|item| if let Item::Word(word) = item { Some(word.as_str()) } else { None })
     }
 
     pub(super) fn name(&self) -> Option<String> {
@@ -218,7 +242,7 @@ impl WktNode {
 
     /// The number behind a unit's name.
     fn factor(&self) -> Option<f64> {
-        self.items.iter().find_map(|item| if let Item::Number(number) = item { Some(*number) } else { None })
+        self.numbers().next()
     }
 
     /// Text that is the same however the definition is written.

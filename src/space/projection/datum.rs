@@ -3,7 +3,7 @@
 use super::definition::parameter;
 
 /// The way from a definition's datum to WGS 84.
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) enum Datum {
     /// None is needed: WGS 84, or a datum that is the same within a metre or two (ETRS89, NAD83, GDA2020 and others), which PROJ,
     /// too, takes for the same where it has no grids.
@@ -14,6 +14,8 @@ pub(super) enum Datum {
     Grid(String),
     /// By what the datum of this name asks for.
     Named(String),
+    /// By what this one asks for, which is none of those that were compared with PROJ.
+    Unlisted(String),
     /// Nobody says.
     Unknown,
 }
@@ -38,6 +40,15 @@ impl Datum {
             (_, _, Some(name), _) => Datum::Named(name.into()),
             (_, _, None, Some(name)) if GLOBAL_ELLIPSOIDS.contains(&name) => Datum::Wgs84,
             _ => Datum::Unknown,
+        }
+    }
+
+    /// PROJ's words for the shift.
+    pub(super) fn words(&self) -> Option<String> {
+        match self {
+            Datum::Shifted(numbers) => Some(format!("+towgs84={numbers}")),
+            Datum::Named(name) => Some(format!("+datum={name}")),
+            Datum::Wgs84 | Datum::Grid(_) | Datum::Unlisted(_) | Datum::Unknown => None,
         }
     }
 }

@@ -1,15 +1,24 @@
 //! Projections: coordinates of one system as those of another, by way of longitude and latitude in WGS 84.
 
 mod datum;
+mod datum_names;
 mod definition;
+mod geo_keys;
+mod methods;
+mod proj_string;
+mod projjson;
+mod shift;
+mod system;
 #[cfg(test)]
 mod tests;
 mod verified;
+mod wkt;
 
 use proj4rs::Proj;
 use proj4rs::transform::transform;
 
 use self::datum::Datum;
+use self::definition::Definition;
 use self::verified::is_verified;
 use super::{Crs, WEB_MERCATOR};
 use crate::{Error, Result};
@@ -45,8 +54,10 @@ pub const PROJECTION_METHODS: [&str; 27] = [
 ];
 
 impl Projection {
-    /// The projection that a definition asks for. Those of the EPSG registry are within a
-    /// millimetre of PROJ's, those with a shifted datum within a centimetre.
+    /// The projection that a definition asks for: by a number of the EPSG registry, or whole, in any form. Coordinates are within a
+    /// millimetre of PROJ's, those of systems by number with a shifted datum within a centimetre. The datum of a definition without a
+    /// number is taken by its name, if it is one of those that were compared with PROJ's, or by the shift that the definition tells.
+    ///
     /// `allow_ballpark` takes those, too, that are not: the datum is taken for WGS 84 where the shift to it is unknown or needs a grid,
     /// which may be off by some hundred metres.
     ///
@@ -68,24 +79,24 @@ impl Projection {
         let invalid = |found: String, expected: String| {
             Error::invalid(format!("coordinate system {crs}"), found, expected)
         };
-        let definition = definition::proj_string(crs).map_err(|found| {
+        let Definition { words, datum } = definition::read(crs).map_err(|found| {
             invalid(
                 found,
-                "one of the EPSG registry, with its number; if it is one of these, say so with `spinney build --crs` or the step \
-                 crs= of `spinney transform`, otherwise bring the raster into one"
+                "one whose parts are known; if it is one of the EPSG registry, say so with `spinney build --crs EPSG:NUMBER` or the \
+                 step crs=EPSG:NUMBER of `spinney transform`, otherwise bring the raster into one"
                     .into(),
             )
         })?;
-        let method = definition::parameter(&definition, "proj").unwrap_or("none");
+        let method = definition::parameter(&words, "proj").unwrap_or("none");
         if !PROJECTION_METHODS.contains(&method) {
             let methods = PROJECTION_METHODS.join(", ");
             return Err(invalid(format!("the method {method}"), format!("one of {methods}")));
         }
-        let datum = Datum::of(&definition);
         let number = crs.numbers().map(|epsg| epsg.in_parts().horizontal);
         let unsure = match &datum {
             Datum::Unknown => Some("a datum whose shift to WGS 84 is not known".into()),
             _ if number.is_some_and(is_verified) => None,
+            Datum::Unlisted(name) => Some(format!("the datum {name}, whose shift to WGS 84 is not known")),
             Datum::Grid(name) => Some(format!("a datum that is shifted to WGS 84 by the grid {name}")),
             Datum::Named(name) => Some(format!("the datum {name}, whose shift to WGS 84 needs a grid")),
             Datum::Wgs84 | Datum::Shifted(_) if number.is_some() => {
@@ -95,25 +106,26 @@ impl Projection {
         };
         let remark = match unsure {
             Some(found) if !allow_ballpark => {
-                let expected = "a system whose shift is known, or --allow-ballpark, which may be off by some hundred metres";
+                let expected = "a system whose shift is known, which its EPSG number may tell, or --allow-ballpark, which may be off by \
+                                some hundred metres";
                 return Err(invalid(found, expected.into()));
             }
             Some(found) => Some(format!("{found}; places may be off by some hundred metres")),
             None => None,
         };
-        let shifts = match datum {
-            Datum::Shifted(_) => true,
-            // (Some that have a name are shifted by numbers that it stands for.)
-            Datum::Named(_) => Proj::from_proj_string(&definition).is_ok(),
-            Datum::Wgs84 | Datum::Grid(_) | Datum::Unknown => false,
+        let shifted = datum.words().map(|shift| format!("{words} {shift}"));
+        // (Some datums that have a name are shifted by numbers that it stands for, others need grids.)
+        let shifted = match datum {
+            Datum::Named(_) => shifted.filter(|text| Proj::from_proj_string(text).is_ok()),
+            _ => shifted,
         };
-        let definition = if shifts { definition } else { datum::without(&definition) };
         let open = |text: &str| {
             Proj::from_proj_string(text).map_err(|error| {
                 invalid(format!("`{text}`: {error}"), "a definition that makes sense".into())
             })
         };
-        let proj = open(&definition)?;
+        let (definition, shifts) = (shifted.as_ref().unwrap_or(&words), shifted.is_some());
+        let proj = open(definition)?;
         let form = match proj.is_latlong() && !shifts && proj.from_greenwich() == 0.0 {
             true => Form::Degrees,
             false => Form::Other(Box::new(proj), Box::new(open("+proj=longlat +datum=WGS84 +no_defs")?)),
