@@ -6,15 +6,15 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::Result;
-use crate::query::cell_blocks::{Block, CellBlocks, SIDE};
+use crate::query::cell_blocks::{Block, Carried, CellBlocks, SIDE};
 
 const CELLS: i64 = SIDE as i64;
 /// Cells along an edge of a block, the two before them, and the one behind.
 const WIDE: usize = SIDE as usize + 3;
 
 /// Weights of the four cells along an axis: those of a binomial, and of its derivative.
-const SMOOTH: [f64; 4] = [1.0, 3.0, 3.0, 1.0];
-const SLOPE: [f64; 4] = [1.0, 1.0, -1.0, -1.0];
+const SMOOTH: [i32; 4] = [1, 3, 3, 1];
+const SLOPE: [i32; 4] = [1, 1, -1, -1];
 
 /// Coverage in a block and around it.
 pub(super) struct NetNormals {
@@ -33,22 +33,30 @@ impl NetNormals {
         // Number of the neighbour along an axis, and the cell there.
         let place = |cell: usize| {
             let cell = cell as i64 - 2;
-            ((cell.div_euclid(CELLS) + 1) as usize, cell.rem_euclid(CELLS) as u32)
+            ((cell.div_euclid(CELLS) + 1) as usize, cell.rem_euclid(CELLS) as usize)
         };
         let mut coverage = Vec::with_capacity(WIDE * WIDE * WIDE);
         for z in 0..WIDE {
             let (block_z, z) = place(z);
             for y in 0..WIDE {
                 let (block_y, y) = place(y);
-                let row: [&Block; 3] =
-                    std::array::from_fn(|block_x| &*around[block_x + 3 * block_y + 9 * block_z]);
-                coverage.extend((0..WIDE).map(|x| {
-                    let (block_x, x) = place(x);
-                    match has_coverage {
-                        true => row[block_x].attribute([x, y, z]) as u8,
-                        false => u8::from(row[block_x].is_solid([x, y, z])) * u8::MAX,
+                let row = z * SIDE as usize + y;
+                let first = 3 * block_y + 9 * block_z;
+                for (block, cells) in around[first..first + 3].iter().zip([30..32, 0..32, 0..1]) {
+                    match &block.carried {
+                        _ if !has_coverage => {
+                            let solid = block.solid[row];
+                            coverage.extend(cells.map(|x| if solid >> x & 1 > 0 { u8::MAX } else { 0 }));
+                        }
+                        Carried::Same(attribute) => {
+                            coverage.extend(std::iter::repeat_n(*attribute as u8, cells.len()));
+                        }
+                        Carried::Each(attributes) => {
+                            let row = &attributes[row * SIDE as usize..][cells];
+                            coverage.extend(row.iter().map(|attribute| *attribute as u8));
+                        }
                     }
-                }));
+                }
             }
         }
         Ok(NetNormals { coverage })
@@ -57,20 +65,18 @@ impl NetNormals {
     /// The normal at a cube of cells, by the first of them from the layer before the block; zero where coverage is the same all
     /// around.
     pub(super) fn at(&self, first: [usize; 3]) -> [f64; 3] {
-        let mut sum = DVec3::ZERO;
+        let mut sum = [0; 3];
         for z in 0..4 {
             for y in 0..4 {
                 let row = ((first[2] + z) * WIDE + first[1] + y) * WIDE + first[0];
-                for (x, coverage) in self.coverage[row..row + 4].iter().enumerate() {
-                    let slope = DVec3::new(
-                        SLOPE[x] * SMOOTH[y] * SMOOTH[z],
-                        SMOOTH[x] * SLOPE[y] * SMOOTH[z],
-                        SMOOTH[x] * SMOOTH[y] * SLOPE[z],
-                    );
-                    sum += slope * f64::from(*coverage);
-                }
+                let row = &self.coverage[row..row + 4];
+                let weigh = |weights: [i32; 4]| (0..4).map(|x| weights[x] * i32::from(row[x])).sum::<i32>();
+                let (smooth, slope) = (weigh(SMOOTH), weigh(SLOPE));
+                sum[0] += slope * SMOOTH[y] * SMOOTH[z];
+                sum[1] += smooth * SLOPE[y] * SMOOTH[z];
+                sum[2] += smooth * SMOOTH[y] * SLOPE[z];
             }
         }
-        sum.normalize_or_zero().to_array()
+        DVec3::from_array(sum.map(f64::from)).normalize_or_zero().to_array()
     }
 }

@@ -39,7 +39,7 @@ pub struct TilesetSummary {
 /// A tree whose coordinate system is known is put onto the globe, by the affine map that touches it in the middle of the tree;
 /// others keep the coordinates of their world, with z upwards.
 ///
-/// Memory: for each thread the blocks around the tile that it makes (64 MiB at most); nothing grows with the number of tiles.
+/// Memory: for each thread blocks around the tiles that it makes (128 MiB at most); nothing grows with the number of tiles.
 ///
 /// # Errors
 /// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if the folder is there already and
@@ -71,6 +71,7 @@ pub fn export_tileset(
             ..TilesetSummary::default()
         },
         maker,
+        finest: Pool::new(),
         options,
         output: &output,
         progress,
@@ -104,6 +105,8 @@ struct TilesetWriter<'a, 'b> {
     unit: f64,
     subtree_levels: u8,
     summary: TilesetSummary,
+    /// Blocks of the finest cells.
+    finest: Pool<Blocks<'a>>,
     /// Tiles to be made.
     total: u64,
 }
@@ -151,12 +154,15 @@ impl<'a> TilesetWriter<'a, '_> {
 
     /// Writes the contents of tiles of a level; returns which have any.
     fn contents(&mut self, tiles: &[Tile]) -> Result<Vec<(Tile, bool)>> {
-        let (pool, this) = (Pool::new(), &*self);
+        // Neighbours among the finest, which are most, share blocks across subtrees.
+        let is_finest = tiles.iter().all(|tile| tile.level + 1 == self.maker.tile_levels());
+        let (own, this) = (Pool::new(), &*self);
+        let pool = if is_finest { &self.finest } else { &own };
         let mut made = Vec::new();
         for batch in tiles.chunks(BATCH) {
             let counts = parallel::map(batch, |tile| {
                 this.progress.check()?;
-                let count = this.content(&pool, *tile)?;
+                let count = this.content(pool, *tile)?;
                 this.progress.advance(1, this.total);
                 Ok(count)
             });

@@ -1,0 +1,132 @@
+// 3D Tiles and binary glTF as readers in JavaScript see them: gltf-validator, 3d-tiles-tools, loaders.gl.
+//
+//     NODE_FOLDER=FOLDER node tests/referees/gltf.mjs FOLDER_OF_A_TILESET...
+//
+// NODE_FOLDER has the packages. A tileset X is compared with X.meshopt beside it, if there is one.
+
+import assert from 'node:assert/strict';
+import fs from 'node:fs';
+import http from 'node:http';
+import { createRequire } from 'node:module';
+import path from 'node:path';
+
+const require = createRequire(path.join(process.env.NODE_FOLDER, 'node_modules/'));
+const validator = require('gltf-validator');
+const { TilesetSources, TilesetTraverser, TilesetSourceResourceResolver } = require('3d-tiles-tools');
+const { load, parse } = require('@loaders.gl/core');
+const { Tiles3DLoader } = require('@loaders.gl/3d-tiles');
+const { GLTFLoader, postProcessGLTF } = require('@loaders.gl/gltf');
+
+const below = (folder) =>
+  fs.readdirSync(folder, { recursive: true }).filter((name) => name.endsWith('.glb')).sort();
+
+/** Complaints of the validator, but that it does not know the compression. */
+async function validate(file) {
+  const { issues } = await validator.validateBytes(new Uint8Array(fs.readFileSync(file)), { maxIssues: 20 });
+  const known = ['UNSUPPORTED_EXTENSION', 'UNUSED_OBJECT'];
+  const isKnown = ({ code, message, pointer }) =>
+    known.includes(code) && (message.includes('meshopt') || pointer.startsWith('/buffers'));
+  assert.deepEqual(issues.messages.filter((message) => !isKnown(message)), [], file);
+}
+
+/** Tiles by the traversal of 3d-tiles-tools: what they hold, and their boxes. */
+async function traverse(folder) {
+  const source = await TilesetSources.createAndOpen(folder);
+  const json = JSON.parse((await source.getValue('tileset.json')).toString());
+  const resolver = new TilesetSourceResourceResolver('.', source);
+  const contents = new Map();
+  await new TilesetTraverser('.', resolver).traverse(json, async (traversed) => {
+    const tile = traversed.asFinalTile();
+    const parent = traversed.getParent()?.asFinalTile();
+    // (The tile that tells of the implicit ones is the first of them, too.)
+    if (tile.implicitTiling) return true;
+    if (parent && !parent.implicitTiling) assert.equal(parent.geometricError, 2 * tile.geometricError);
+    for (const content of traversed.getFinalContents()) {
+      contents.set(content.uri, tile.boundingVolume.box);
+    }
+    return true;
+  });
+  await source.close();
+  return contents;
+}
+
+/** Corners of all triangles of a file below its root, and their normals. */
+async function triangles(file) {
+  const gltf = postProcessGLTF(await parse(fs.readFileSync(file), GLTFLoader, { worker: false }));
+  const found = [];
+  for (const node of gltf.nodes.filter((node) => node.mesh)) {
+    const { attributes, indices } = node.mesh.primitives[0];
+    // Strides are wider than elements where those are not multiples of four bytes.
+    const at = (attribute, vertex) => {
+      const { value, components, bytesPerElement, bytesPerComponent } = attribute;
+      const stride = (attribute.bufferView?.byteStride ?? bytesPerElement) / bytesPerComponent;
+      const width = value.length >= stride * attribute.count - (stride - components) ? stride : components;
+      return [...value.subarray(vertex * width, vertex * width + 3)];
+    };
+    for (let i = 0; i < indices.value.length; i += 3) {
+      found.push([...indices.value.subarray(i, i + 3)].map((vertex) => ({
+        at: at(attributes.POSITION, vertex).map((x, axis) => x * node.scale[axis] + node.translation[axis]),
+        normal: at(attributes.NORMAL, vertex),
+      })));
+    }
+  }
+  return found;
+}
+
+/** The same text for the same triangles, whichever of their corners comes first. */
+function written(triangle) {
+  const corners = triangle.map(({ at, normal }) => [...at, ...normal].join(' '));
+  const first = corners.indexOf(corners.toSorted()[0]);
+  return [0, 1, 2].map((i) => corners[(first + i) % 3]).join(', ');
+}
+
+/** The tree of tiles that loaders.gl makes of the subtrees. */
+async function loaded(folder) {
+  const server = http.createServer((request, response) => {
+    const file = path.join(folder, new URL(request.url, 'http://x').pathname);
+    response.statusCode = fs.existsSync(file) ? 200 : 404;
+    response.end(response.statusCode === 200 ? fs.readFileSync(file) : undefined);
+  });
+  await new Promise((resolve) => server.listen(0, '127.0.0.1', resolve));
+  const base = `http://127.0.0.1:${server.address().port}/`;
+  const { root } = await load(`${base}tileset.json`, Tiles3DLoader, { worker: false });
+  server.close();
+  const contents = [];
+  const walk = (tile) => {
+    if (tile.contentUrl) contents.push(tile.contentUrl.slice(base.length));
+    tile.children?.forEach(walk);
+  };
+  walk(root);
+  return contents;
+}
+
+for (const folder of process.argv.slice(2)) {
+  const files = below(folder);
+  for (const file of files) await validate(path.join(folder, file));
+  const contents = await traverse(folder);
+  assert.deepEqual([...contents.keys()].sort(), files, `3d-tiles-tools: ${folder}`);
+  assert.deepEqual((await loaded(folder)).sort(), files, `loaders.gl: ${folder}`);
+  let count = 0;
+  for (const file of files) {
+    const all = await triangles(path.join(folder, file));
+    count += all.length;
+    // Boxes have axes along those of the tileset; contents are as long as their root's matrix says.
+    const gltf = await parse(fs.readFileSync(path.join(folder, file)), GLTFLoader, { worker: false });
+    const unit = gltf.json.nodes[0].matrix[0];
+    const box = contents.get(file);
+    for (const { at } of all.flat()) {
+      for (const axis of [0, 1, 2]) {
+        const off = Math.abs(at[axis] * unit - box[axis]) - box[3 + 4 * axis];
+        assert.ok(off <= 1e-9 * Math.abs(box[3 + 4 * axis]), `${folder}/${file}: ${at} is not in ${box}`);
+      }
+    }
+    const compressed = path.join(`${folder}.meshopt`, file);
+    if (fs.existsSync(compressed)) {
+      await validate(compressed);
+      const others = (await triangles(compressed)).map(written).sort();
+      assert.deepEqual(others, all.map(written).sort(), compressed);
+    }
+  }
+  const besides = fs.existsSync(`${folder}.meshopt`) ? ', the same as compressed ones' : '';
+  console.log(`${path.basename(folder)}: ${files.length} contents, ${count} triangles${besides}`);
+}
