@@ -1,7 +1,8 @@
 //! Takers of tiles: archives, and folders.
 
 use super::encode::Encoded;
-use super::making::About;
+use super::making::{About, Own};
+use super::place::TileId;
 use super::walk::Run;
 use crate::Result;
 
@@ -17,6 +18,18 @@ pub(super) trait TileSink: Send {
     fn checkpoint(&mut self) -> Result<()>;
 
     /// Completes the archive and puts it in its place.
+    fn finish(self: Box<Self>, about: &About) -> Result<Stored>;
+}
+
+/// Archive or folder whose tiles are replaced in place.
+pub(super) trait TileEdit {
+    /// What it says of how it was made.
+    fn own(&self) -> &Own;
+
+    /// Replaces a tile; `None` removes it.
+    fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()>;
+
+    /// Completes the change.
     fn finish(self: Box<Self>, about: &About) -> Result<Stored>;
 }
 

@@ -10,7 +10,7 @@ use super::making::{Own, SourceState};
 use super::mbtiles::MbtilesEdit;
 use super::place::{TileId, TileRange};
 use super::pmtiles::Pmtiles;
-use super::sink::Stored;
+use super::sink::{Stored, TileEdit};
 use super::source::{Content, TileSource};
 use super::target::TileTarget;
 use super::walk::{Extent, Run, Walk};
@@ -135,12 +135,10 @@ fn changes(
     })
 }
 
-/// Archive that is updated.
+/// Tiles that are updated: an archive that is written anew, or what is changed in place.
 enum Old {
-    Pmtiles(Pmtiles),
-    #[cfg(feature = "mbtiles")]
-    Mbtiles(MbtilesEdit),
-    Folder(FolderEdit),
+    Pmtiles(Box<Pmtiles>),
+    InPlace(Box<dyn TileEdit>),
 }
 
 /// Brings tiles that were exported from an older state of a tree up to date: draws those that the differences touch, and copies
@@ -169,17 +167,15 @@ pub fn update_tiles(
         Error::unsupported(place, "an update of one of these from another", advice)
     };
     let opened = match target {
-        TileTarget::Pmtiles(_) => Old::Pmtiles(Pmtiles::open(place)?),
+        TileTarget::Pmtiles(_) => Old::Pmtiles(Box::new(Pmtiles::open(place)?)),
         _ if old.is_some_and(|old| old != target.path()) => return Err(in_place()),
         #[cfg(feature = "mbtiles")]
-        TileTarget::Mbtiles(path) => Old::Mbtiles(MbtilesEdit::open(path)?),
-        TileTarget::Folder(folder) => Old::Folder(FolderEdit::open(folder.base())?),
+        TileTarget::Mbtiles(path) => Old::InPlace(Box::new(MbtilesEdit::open(path)?)),
+        TileTarget::Folder(folder) => Old::InPlace(Box::new(FolderEdit::open(folder.base())?)),
     };
     let own = match &opened {
         Old::Pmtiles(archive) => archive.own(),
-        #[cfg(feature = "mbtiles")]
-        Old::Mbtiles(edit) => Some(edit.own().clone()),
-        Old::Folder(edit) => Some(edit.own().clone()),
+        Old::InPlace(edit) => Some(edit.own().clone()),
     };
     let own: Own = own.ok_or_else(|| {
         let advice = "only what `spinney export` wrote says how it was made; make it anew";
@@ -216,42 +212,20 @@ pub fn update_tiles(
             };
             write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
         }
-        #[cfg(feature = "mbtiles")]
-        Old::Mbtiles(mut edit) => {
-            redraw(
-                source,
-                &extent,
-                &encoder,
-                &touched,
-                &mut |tile, made| edit.replace(tile, made),
-                progress,
-            )?;
-            edit.finish(&about)
-        }
-        Old::Folder(mut edit) => {
-            redraw(
-                source,
-                &extent,
-                &encoder,
-                &touched,
-                &mut |tile, made| edit.replace(tile, made),
-                progress,
-            )?;
+        Old::InPlace(mut edit) => {
+            redraw(source, &extent, &encoder, &touched, edit.as_mut(), progress)?;
             edit.finish(&about)
         }
     }
 }
 
-/// Takes the place of a tile.
-type Replace<'a> = dyn FnMut(TileId, Option<&Encoded>) -> Result<()> + 'a;
-
-/// Draws the tiles that are touched, and hands them out in order.
+/// Draws the tiles that are touched, and replaces them in order.
 fn redraw(
     source: &dyn TileSource,
     extent: &Extent,
     encoder: &TileEncoder<'_>,
     touched: &Touched,
-    replace: &mut Replace<'_>,
+    edit: &mut dyn TileEdit,
     progress: &dyn Progress,
 ) -> Result<()> {
     let all = touched.all();
@@ -266,7 +240,7 @@ fn redraw(
             encoder.encode(&Run { first: tile.number(), count: 1, uniform })
         });
         for (tile, made) in tiles.iter().zip(made) {
-            replace(*tile, made?.as_deref())?;
+            edit.replace(*tile, made?.as_deref())?;
             progress.advance(1, all.len() as u64);
         }
     }
