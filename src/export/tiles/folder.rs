@@ -9,7 +9,7 @@ use super::journal::{Checkpoint, Entry, Journal};
 use super::making::{About, Digest, Own};
 use super::place::TileId;
 use super::sink::{Stored, TileEdit, TileSink};
-use super::walk::Run;
+use super::walk::TileRun;
 use crate::io::{Unfinished, folder, partial_of, sync_folder};
 use crate::store::Finding;
 use crate::{Error, Progress, Result};
@@ -170,7 +170,7 @@ impl TileSink for FolderSink {
         self.at.runs
     }
 
-    fn push(&mut self, run: &Run, tile: Option<&Encoded>) -> Result<()> {
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
         self.at.runs += 1;
         let Some(tile) = tile else { return Ok(()) };
         for number in run.first..run.first + run.count {

@@ -10,7 +10,7 @@ use super::journal::other_export;
 use super::making::{About, Digest, Own};
 use super::place::{MAX_ZOOM, TileId};
 use super::sink::{Stored, TileEdit, TileSink};
-use super::walk::Run;
+use super::walk::TileRun;
 use crate::io::Output;
 use crate::store::Finding;
 use crate::{Error, Progress, Result};
@@ -167,7 +167,7 @@ impl TileSink for MbtilesSink {
         self.runs
     }
 
-    fn push(&mut self, run: &Run, tile: Option<&Encoded>) -> Result<()> {
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
         self.runs += 1;
         let Some(tile) = tile else { return Ok(()) };
         let tiles = (run.first..run.first + run.count)

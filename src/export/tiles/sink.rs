@@ -3,7 +3,7 @@
 use super::encode::Encoded;
 use super::making::{About, Own};
 use super::place::TileId;
-use super::walk::Run;
+use super::walk::TileRun;
 use crate::Result;
 
 /// Takes tiles in the order of their numbers.
@@ -12,7 +12,7 @@ pub(super) trait TileSink: Send {
     fn done(&self) -> u64;
 
     /// Takes a run; `None` if nothing is in it.
-    fn push(&mut self, run: &Run, tile: Option<&Encoded>) -> Result<()>;
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()>;
 
     /// Makes what was taken durable, so that an export can go on from here.
     fn checkpoint(&mut self) -> Result<()>;

@@ -9,7 +9,7 @@ use crate::{Error, Result};
 
 /// Knowledge of a tile without drawing it, and so of all tiles below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Content {
+pub enum TileContent {
     /// Nothing is there.
     Empty,
     /// All of its cells have this value.
@@ -18,12 +18,12 @@ pub enum Content {
     Detail,
 }
 
-impl<N> From<Child<N>> for Content {
-    fn from(node: Child<N>) -> Content {
+impl<N> From<Child<N>> for TileContent {
+    fn from(node: Child<N>) -> TileContent {
         match node {
-            Child::Void => Content::Empty,
-            Child::Leaf(value) => Content::Uniform(value),
-            Child::Inner { .. } => Content::Detail,
+            Child::Void => TileContent::Empty,
+            Child::Leaf(value) => TileContent::Uniform(value),
+            Child::Inner { .. } => TileContent::Detail,
         }
     }
 }
@@ -119,7 +119,7 @@ pub trait TileSource: Sync {
     ///
     /// # Errors
     /// If the source cannot be read.
-    fn content(&self, tile: TileId) -> Result<Content>;
+    fn content(&self, tile: TileId) -> Result<TileContent>;
 
     /// The samples of a tile of `side` cells a side, with `margin` cells around it. What is beyond the poles is VOID.
     ///
@@ -166,7 +166,7 @@ impl TileSource for XyzTiles<'_> {
         TileRange::world(0).degrees(0)
     }
 
-    fn content(&self, tile: TileId) -> Result<Content> {
+    fn content(&self, tile: TileId) -> Result<TileContent> {
         let TileId { zoom, column, row } = tile;
         let level = zoom.min(self.depth);
         let cell = [column, row, 0].map(|at| at >> (zoom - level));

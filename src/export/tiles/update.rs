@@ -11,9 +11,9 @@ use super::mbtiles::MbtilesEdit;
 use super::place::{TileId, TileRange};
 use super::pmtiles::Pmtiles;
 use super::sink::{Stored, TileEdit};
-use super::source::{Content, TileSource};
+use super::source::{TileContent, TileSource};
 use super::target::TileTarget;
-use super::walk::{Extent, Run, Walk};
+use super::walk::{TileExtent, TileRun, TileWalk};
 use super::{Made, TilePainter, TileRequest, plan, write};
 use crate::dataset::Dataset;
 use crate::ops::{TreeFile, diff};
@@ -201,9 +201,9 @@ pub fn update_tiles(
     progress.check()?;
     match opened {
         Old::Pmtiles(archive) => {
-            let total = Walk::new(source, &extent).count(progress)?;
+            let total = TileWalk::new(source, &extent).count(progress)?;
             let sink = target.sink(&about, request.resume)?;
-            let copied = |run: &Run| -> Result<Option<Made>> {
+            let copied = |run: &TileRun| -> Result<Option<Made>> {
                 let tile = TileId::from_number(run.first).expect("a run of tiles");
                 if run.uniform.is_some() || touched.contains(tile) {
                     return Ok(None);
@@ -222,7 +222,7 @@ pub fn update_tiles(
 /// Draws the tiles that are touched, and replaces them in order.
 fn redraw(
     source: &dyn TileSource,
-    extent: &Extent,
+    extent: &TileExtent,
     encoder: &TileEncoder<'_>,
     touched: &Touched,
     edit: &mut dyn TileEdit,
@@ -233,11 +233,11 @@ fn redraw(
         let made: Vec<Made> = parallel::map(tiles, |tile| {
             progress.check()?;
             let uniform = match source.content(*tile)? {
-                Content::Empty => return Ok(None),
-                Content::Uniform(value) if extent.margin == 0 => Some(value),
+                TileContent::Empty => return Ok(None),
+                TileContent::Uniform(value) if extent.margin == 0 => Some(value),
                 _ => None,
             };
-            encoder.encode(&Run { first: tile.number(), count: 1, uniform })
+            encoder.encode(&TileRun { first: tile.number(), count: 1, uniform })
         });
         for (tile, made) in tiles.iter().zip(made) {
             edit.replace(*tile, made?.as_deref())?;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::place::{MAX_ZOOM, TileId, TileRange};
-use super::source::{Content, TileSamples, TileSource};
+use super::source::{TileContent, TileSamples, TileSource};
 use crate::ops::{TreeFile, WarpGrid, WarpOptions, Warped};
 use crate::space::{Bounds, Code, Dimension, Frame, Projection, WEB_MERCATOR_LATITUDE, web_mercator};
 use crate::tree::Source as _;
@@ -91,7 +91,7 @@ impl TileSource for WarpedTiles {
         self.degrees
     }
 
-    fn content(&self, tile: TileId) -> Result<Content> {
+    fn content(&self, tile: TileId) -> Result<TileContent> {
         let TileId { zoom, column, row } = tile;
         let code = Code::from_zxy(zoom, column, row);
         let code =
