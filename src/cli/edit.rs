@@ -135,7 +135,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     // A picture becomes a tree before the file is locked: others can edit it meanwhile.
     let picture = match &change {
         Change::Paste(paste) if !file_is_tree(&paste.patch) => {
-            Some(Picture::import(&paste.patch, &file, memory, &work)?)
+            Some(PastedPicture::import(&paste.patch, &file, memory, &work)?)
         }
         _ => None,
     };
@@ -170,7 +170,7 @@ impl Change {
     }
 
     /// Changes to a tree, and a message about them. A picture to be pasted has been imported already.
-    fn edits(self, tree: &Dataset, picture: Option<&Picture>) -> Result<(Edits, String)> {
+    fn edits(self, tree: &Dataset, picture: Option<&PastedPicture>) -> Result<(Edits, String)> {
         let (edit, message) = match self {
             Change::Paste(Paste { patch, at, steps, where_valid, .. }) => {
                 let path = picture.map_or(patch.as_path(), |picture| &picture.tree);
@@ -201,14 +201,14 @@ impl Change {
 }
 
 /// A picture as a tree that can be pasted, in a folder that goes when this does.
-struct Picture {
+struct PastedPicture {
     tree: PathBuf,
     _folder: tempfile::TempDir,
 }
 
-impl Picture {
+impl PastedPicture {
     /// Makes a tree like that in a file of a picture.
-    fn import(path: &Path, file: &Path, memory: u64, work: &Work) -> Result<Picture> {
+    fn import(path: &Path, file: &Path, memory: u64, work: &Work) -> Result<PastedPicture> {
         let like = open(file)?;
         let header = like.header();
         ensure!(
@@ -225,7 +225,7 @@ impl Picture {
             tempfile::Builder::new().prefix("spinney-").tempdir_in(beside.unwrap_or(Path::new(".")))?;
         let tree = folder.path().join("patch.goblin");
         raster::plan(&[path.to_path_buf()], &options)?.build(Output::create(&tree)?, work)?;
-        Ok(Picture { tree, _folder: folder })
+        Ok(PastedPicture { tree, _folder: folder })
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result, bail};
 use spinney::export::{LegendFormat, export_legend};
 use spinney::io::Output;
-use spinney::style::{Painter, Style};
+use spinney::style::{Style, StylePainter};
 
 use super::Global;
 use super::args::{ViewedTree, check_output, parse_style};
@@ -47,7 +47,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     };
     let style = args.style.clone().unwrap_or_else(|| Style::default_for(&tree));
     let progress = Work::start(global, "cells")?;
-    let legend = Painter::new(&style, &tree, &progress)?.legend(&tree)?;
+    let legend = StylePainter::new(&style, &tree, &progress)?.legend(&tree)?;
     tree.check_unchanged()?;
     export_legend(&legend, Output::create(&args.output)?, format)
         .with_context(|| format!("cannot write {}", args.output.display()))

@@ -1,17 +1,17 @@
 //! Styles: how values become colours, whatever is drawn: pictures, tiles, legends.
 //!
 //! A [`Style`] is a small JSON document (`styles.md` at the top of the project says what is in it), or a name such as `viridis` or
-//! `hillshade`. A [`Painter`] is a style made ready for one tree: percentiles have become numbers, palettes tables. It paints
+//! `hillshade`. A [`StylePainter`] is a style made ready for one tree: percentiles have become numbers, palettes tables. It paints
 //! blocks of samples, wherever they come from; equal samples (and neighbours, where these matter) give equal pixels, however
 //! a picture is cut into blocks. A [`Legend`] tells what the colours mean.
 //!
 //! ```
-//! use spinney::style::{Block, Painter, Style};
+//! use spinney::style::{SampleBlock, StylePainter, Style};
 //!
 //! let map = spinney::open("fixtures/v1/classes.goblin")?;
 //! let style = Style::parse(r##"{"draw": "palette", "classes": [{"value": 4, "color": "#228b22", "name": "Forest"}]}"##)?;
-//! let painter = Painter::new(&style, &map, &())?;
-//! let block = Block { width: 2, height: 1, margin: 0, bytes: &[4, 9], valid: &[true; 2], ground: &[[1.0; 2]] };
+//! let painter = StylePainter::new(&style, &map, &())?;
+//! let block = SampleBlock { width: 2, height: 1, margin: 0, bytes: &[4, 9], valid: &[true; 2], ground: &[[1.0; 2]] };
 //! let mut rgba = [0; 8];
 //! painter.paint(&block, &mut rgba)?;
 //! assert_eq!(rgba, [0x22, 0x8b, 0x22, 255, 0, 0, 0, 0]);
@@ -43,8 +43,8 @@ use std::path::Path;
 pub(crate) use self::colour::{CLAY, distinct, to_linear, to_srgb};
 pub use self::ground::Ground;
 use self::layer::Layer;
-pub use self::legend::{Key, Legend, Picture, Section, Tick};
-pub use self::painter::{Block, Painter};
+pub use self::legend::{Key, Legend, LegendImage, Section, Tick};
+pub use self::painter::{SampleBlock, StylePainter};
 use crate::dataset::Dataset;
 use crate::{Error, Result};
 

@@ -12,12 +12,12 @@ use crate::{Error, Progress, Result};
 
 /// A rectangle of samples to be painted, with the cells around it that painting needs.
 #[derive(Clone, Copy, Debug)]
-pub struct Block<'a> {
+pub struct SampleBlock<'a> {
     /// Columns and rows of the picture.
     pub width: usize,
     /// Rows of the picture.
     pub height: usize,
-    /// Cells beyond each side that the samples have, at least [`Painter::margin`].
+    /// Cells beyond each side that the samples have, at least [`StylePainter::margin`].
     pub margin: usize,
     /// Samples of the tree's type, margin included: rows from the top, a pixel's samples together, little-endian.
     pub bytes: &'a [u8],
@@ -33,7 +33,7 @@ pub struct Block<'a> {
 /// A pixel's colour depends on its own samples, and of reliefs on those of its eight neighbours: not on the block that it is
 /// painted in.
 #[derive(Debug)]
-pub struct Painter {
+pub struct StylePainter {
     value: ValueType,
     coats: Vec<Coat>,
     void: [u8; 4],
@@ -42,13 +42,13 @@ pub struct Painter {
     alpha: Option<(usize, f64)>,
     margin: usize,
     /// Colours of all values, where these are few.
-    table: Option<Table>,
+    table: Option<ColourTable>,
     indices: Option<Indices>,
 }
 
 /// Colours of values of one sample of at most 16 bits, by the bits of the sample.
 #[derive(Debug)]
-struct Table {
+struct ColourTable {
     colours: Vec<[u8; 4]>,
     /// The numbers of the colours in the palette.
     indices: Vec<u8>,
@@ -57,14 +57,14 @@ struct Table {
 /// Numbers that are held at a time: blocks are painted in strips of rows.
 const NUMBERS: usize = 1 << 15;
 
-impl Painter {
+impl StylePainter {
     /// Makes a style ready for a tree.
     ///
     /// Percentiles are computed if the style has any, from at most 4 Mi cells.
     ///
     /// # Errors
     /// If the tree has not the channels that the style speaks of, or is damaged, or on interruption.
-    pub fn new(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<Painter> {
+    pub fn new(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<StylePainter> {
         let value = tree.header().form.value;
         let coats = coats(style, tree, progress)?;
         let opaque = match value.sample {
@@ -78,7 +78,7 @@ impl Painter {
         let alpha = alpha.map(|channel| (channel, opaque));
         let title = style.title.clone().unwrap_or_default();
         let mut painter =
-            Painter { value, coats, void: style.void, title, alpha, margin, table: None, indices: None };
+            StylePainter { value, coats, void: style.void, title, alpha, margin, table: None, indices: None };
         painter.table = painter.tabulate();
         painter.indices = painter.palette_of();
         if let (Some(table), Some(indices)) = (&mut painter.table, &painter.indices) {
@@ -88,7 +88,7 @@ impl Painter {
     }
 
     /// The colours of all values, if a sample of at most 16 bits decides.
-    fn tabulate(&self) -> Option<Table> {
+    fn tabulate(&self) -> Option<ColourTable> {
         let bits = match self.value.sample {
             SampleType::U8 => 8,
             SampleType::U16 | SampleType::I16 => 16,
@@ -102,7 +102,7 @@ impl Painter {
             values.clone().flat_map(|value| value.to_le_bytes().into_iter().take(bits / 8)).collect();
         let valid = vec![true; values.len()];
         let mut rgba = vec![0; 4 * values.len()];
-        let block = Block {
+        let block = SampleBlock {
             width: values.len(),
             height: 1,
             margin: 0,
@@ -111,7 +111,7 @@ impl Painter {
             ground: &[[1.0; 2]],
         };
         self.paint(&block, &mut rgba).ok()?;
-        Some(Table { colours: rgba.as_chunks::<4>().0.to_vec(), indices: Vec::new() })
+        Some(ColourTable { colours: rgba.as_chunks::<4>().0.to_vec(), indices: Vec::new() })
     }
 
     /// The palette, if it is known and has at most 256 colours.
@@ -158,7 +158,7 @@ impl Painter {
         (alpha == 0 || red == green && green == blue) && self.coats.iter().all(Coat::is_grey)
     }
 
-    /// All colours of pictures, if they are known and at most 256: [`Painter::paint_indices`] writes numbers of them. The first
+    /// All colours of pictures, if they are known and at most 256: [`StylePainter::paint_indices`] writes numbers of them. The first
     /// is that of VOID.
     pub fn palette(&self) -> Option<&[[u8; 4]]> {
         self.indices.as_ref().map(|indices| &indices.colours[..])
@@ -176,7 +176,7 @@ impl Painter {
     ///
     /// # Errors
     /// If a buffer has the wrong size, or the margin is too small.
-    pub fn paint(&self, block: &Block<'_>, rgba: &mut [u8]) -> Result<()> {
+    pub fn paint(&self, block: &SampleBlock<'_>, rgba: &mut [u8]) -> Result<()> {
         self.check(block, rgba.len(), 4)?;
         let (out, _) = rgba.as_chunks_mut::<4>();
         match &self.table {
@@ -192,7 +192,7 @@ impl Painter {
     ///
     /// # Errors
     /// If there is no palette, a buffer has the wrong size, or the margin is too small.
-    pub fn paint_indices(&self, block: &Block<'_>, out: &mut [u8]) -> Result<()> {
+    pub fn paint_indices(&self, block: &SampleBlock<'_>, out: &mut [u8]) -> Result<()> {
         self.check(block, out.len(), 1)?;
         let Some(indices) = &self.indices else {
             return Err(Error::invalid("palette", "a style of more than 256 colours", "one of fewer"));
@@ -209,8 +209,8 @@ impl Painter {
     }
 
     /// Makes sure that a block's buffers have their sizes.
-    fn check(&self, block: &Block<'_>, out: usize, bytes: usize) -> Result<()> {
-        let Block { width, height, margin, .. } = *block;
+    fn check(&self, block: &SampleBlock<'_>, out: usize, bytes: usize) -> Result<()> {
+        let SampleBlock { width, height, margin, .. } = *block;
         let wrong = |what: &str, found: String, expected: String| Err(Error::invalid(what, found, expected));
         if margin < self.margin {
             return wrong("margin", margin.to_string(), format!("at least {}", self.margin));
@@ -241,8 +241,8 @@ impl Painter {
     }
 
     /// Writes for each pixel what a table says of its value.
-    fn look_up<T: Copy>(&self, block: &Block<'_>, table: &[T], void: T, out: &mut [T]) {
-        let Block { width, margin, bytes, valid, .. } = *block;
+    fn look_up<T: Copy>(&self, block: &SampleBlock<'_>, table: &[T], void: T, out: &mut [T]) {
+        let SampleBlock { width, margin, bytes, valid, .. } = *block;
         let size = self.value.size();
         let columns = width + 2 * margin;
         for (row, out) in out.chunks_exact_mut(width.max(1)).enumerate() {
@@ -262,8 +262,8 @@ impl Painter {
     }
 
     /// Hands out the colours of a block's pixels, row by row, with the number of the first pixel.
-    fn compute(&self, block: &Block<'_>, each: &mut dyn FnMut(usize, &[[u8; 4]])) {
-        let Block { width, height, margin, bytes, valid, ground } = *block;
+    fn compute(&self, block: &SampleBlock<'_>, each: &mut dyn FnMut(usize, &[[u8; 4]])) {
+        let SampleBlock { width, height, margin, bytes, valid, ground } = *block;
         if width == 0 {
             return;
         }
@@ -366,9 +366,9 @@ mod tests {
         let open =
             |name: &str| dataset::open(format!("fixtures/v1/{name}").as_ref(), &Default::default()).unwrap();
         let tree = open("classes.goblin");
-        let painter = Painter::new(&Style::default_for(&tree), &tree, &()).unwrap();
+        let painter = StylePainter::new(&Style::default_for(&tree), &tree, &()).unwrap();
         let palette = &tree.metadata().palette.as_ref().unwrap().colours;
-        let block = Block {
+        let block = SampleBlock {
             width: 3,
             height: 1,
             margin: 0,
@@ -387,9 +387,9 @@ mod tests {
     #[test]
     fn buffers_have_their_sizes() {
         let tree = dataset::open("fixtures/v1/classes.goblin".as_ref(), &Default::default()).unwrap();
-        let painter = Painter::new(&Style::parse("hillshade").unwrap(), &tree, &()).unwrap();
+        let painter = StylePainter::new(&Style::parse("hillshade").unwrap(), &tree, &()).unwrap();
         assert_eq!(painter.margin(), 1);
-        let block = Block {
+        let block = SampleBlock {
             width: 2,
             height: 1,
             margin: 1,
@@ -399,12 +399,12 @@ mod tests {
         };
         painter.paint(&block, &mut [0; 8]).unwrap();
         for wrong in [
-            Block { margin: 0, ..block },
-            Block { width: 3, ..block },
-            Block { width: usize::MAX, ..block },
-            Block { bytes: &[0; 11], ..block },
-            Block { valid: &[true; 11], ..block },
-            Block { ground: &[], ..block },
+            SampleBlock { margin: 0, ..block },
+            SampleBlock { width: 3, ..block },
+            SampleBlock { width: usize::MAX, ..block },
+            SampleBlock { bytes: &[0; 11], ..block },
+            SampleBlock { valid: &[true; 11], ..block },
+            SampleBlock { ground: &[], ..block },
         ] {
             assert!(painter.paint(&wrong, &mut [0; 8]).is_err(), "{wrong:?}");
         }

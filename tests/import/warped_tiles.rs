@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use spinney::dataset::Dataset;
-use spinney::export::tiles::{Content, TileId, TileRange, TileSamples, TileSource, WarpedTiles, XyzTiles};
+use spinney::export::tiles::{
+    TileContent, TileId, TileRange, TileSamples, TileSource, WarpedTiles, XyzTiles,
+};
 use spinney::import::raster;
 use spinney::io::Output;
 use spinney::ops::{Chain, Resampling, Step, WarpOptions, transform};
@@ -47,9 +49,9 @@ fn tiles_of_other_grids_are_those_of_the_warped_tree() {
                 // What is said without drawing is true, and tiles beyond the borders are empty.
                 let value = a.valid.contains(&true);
                 match ours.content(tile).unwrap() {
-                    Content::Empty => assert!(!a.valid[258 + 1..258 + 257].contains(&true), "{tile:?}"),
-                    Content::Uniform(_) => assert!(value),
-                    Content::Detail => detailed += 1,
+                    TileContent::Empty => assert!(!a.valid[258 + 1..258 + 257].contains(&true), "{tile:?}"),
+                    TileContent::Uniform(_) => assert!(value),
+                    TileContent::Detail => detailed += 1,
                 }
                 drawn += u32::from(value);
             }

@@ -6,7 +6,7 @@ use std::process::Command;
 use spinney::dataset::Dataset;
 use spinney::import::raster::{self, Pixels};
 use spinney::space::{Bounds, Region};
-use spinney::style::{Block, Painter, Style};
+use spinney::style::{SampleBlock, Style, StylePainter};
 use spinney::value::{Kind, Rule, SampleType, Value};
 
 use crate::common::command::{command, complaint, stdout};
@@ -22,7 +22,7 @@ fn samples(path: &Path) -> Vec<u8> {
 }
 
 /// A part of a tree painted by the library, with the neighbours that there are.
-fn painted(tree: &Dataset, painter: &Painter, part: Bounds) -> Vec<[u8; 4]> {
+fn painted(tree: &Dataset, painter: &StylePainter, part: Bounds) -> Vec<[u8; 4]> {
     let margin = painter.margin();
     let extent = tree.header().extent;
     let (width, height) = (part.size()[0] as usize, part.size()[1] as usize);
@@ -40,8 +40,14 @@ fn painted(tree: &Dataset, painter: &Painter, part: Bounds) -> Vec<[u8; 4]> {
             valid.extend(flag);
         }
     }
-    let block =
-        Block { width, height, margin: margin as usize, bytes: &bytes, valid: &valid, ground: &[[1.0; 2]] };
+    let block = SampleBlock {
+        width,
+        height,
+        margin: margin as usize,
+        bytes: &bytes,
+        valid: &valid,
+        ground: &[[1.0; 2]],
+    };
     let mut rgba = vec![0; 4 * width * height];
     painter.paint(&block, &mut rgba).unwrap();
     if let Some(palette) = painter.palette() {
@@ -75,7 +81,7 @@ fn every_tree_is_painted_in_every_style() {
             ] {
                 let tree = dataset(&Cells::random(form, 5, [13, 11, depth], 100, true), rule, kind);
                 for style in &styles {
-                    let painter = match Painter::new(style, &tree, &()) {
+                    let painter = match StylePainter::new(style, &tree, &()) {
                         Ok(painter) => painter,
                         Err(error) => {
                             // (Colours need three channels.)
@@ -100,7 +106,7 @@ fn every_tree_is_painted_in_every_style() {
                     }
                     painter.legend(&tree).unwrap();
                 }
-                let default = Painter::new(&Style::default_for(&tree), &tree, &()).unwrap();
+                let default = StylePainter::new(&Style::default_for(&tree), &tree, &()).unwrap();
                 assert_eq!(default.margin(), 0);
             }
         }
@@ -266,9 +272,10 @@ fn reliefs_are_those_of_gdaldem() {
     }
     // As gdaldem has it: so many metres a degree along both axes.
     let metres = 0.000_833_333_333_333_333_4 * 111_120.0;
-    let block = Block { width, height, margin: 1, bytes: &framed, valid: &flags, ground: &[[metres; 2]] };
+    let block =
+        SampleBlock { width, height, margin: 1, bytes: &framed, valid: &flags, ground: &[[metres; 2]] };
     let paint = |style: &str| {
-        let painter = Painter::new(&Style::parse(style).unwrap(), &tree, &()).unwrap();
+        let painter = StylePainter::new(&Style::parse(style).unwrap(), &tree, &()).unwrap();
         let mut rgba = vec![0; 4 * width * height];
         painter.paint(&block, &mut rgba).unwrap();
         rgba

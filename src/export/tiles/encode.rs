@@ -6,9 +6,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::paint::{TilePainter, TilePixels};
 use super::place::TileId;
-use super::png::{Picture, PngEncoder};
+use super::png::{PngEncoder, PngPixels};
 use super::source::{TileSamples, TileSource};
-use super::walk::Run;
+use super::walk::TileRun;
 use crate::export::image::array_header;
 use crate::parallel::Pool;
 use crate::value::{Value, ValueType};
@@ -147,7 +147,7 @@ impl<'a> TileEncoder<'a> {
     }
 
     /// The tile of a run; `None` if nothing is in it, as only drawing tells.
-    pub(super) fn encode(&self, run: &Run) -> Result<Option<Arc<Encoded>>> {
+    pub(super) fn encode(&self, run: &TileRun) -> Result<Option<Arc<Encoded>>> {
         let tile = TileId::from_number(run.first).expect("a run of tiles");
         let Some(value) = run.uniform else {
             return Ok(self.with_scratch(|scratch| self.drawn(tile, scratch))?.map(Arc::new));
@@ -212,9 +212,9 @@ impl<'a> TileEncoder<'a> {
         let mut bytes = Vec::new();
         match (self.encoding.format, self.painter.palette()) {
             (TileFormat::Png, Some(colours)) => {
-                png.encode(Picture::Indexed(&pixels.indices, colours), side, &mut bytes);
+                png.encode(PngPixels::Indexed(&pixels.indices, colours), side, &mut bytes);
             }
-            (TileFormat::Png, None) => png.encode(Picture::Colours(&pixels.colours), side, &mut bytes),
+            (TileFormat::Png, None) => png.encode(PngPixels::Colours(&pixels.colours), side, &mut bytes),
             (format, palette) => {
                 if let Some(colours) = palette {
                     pixels.colours.clear();

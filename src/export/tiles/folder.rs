@@ -8,8 +8,8 @@ use super::encode::Encoded;
 use super::journal::{Checkpoint, Entry, Journal};
 use super::making::{About, Digest, Own};
 use super::place::TileId;
-use super::sink::{Stored, TileSink};
-use super::walk::Run;
+use super::sink::{Stored, TileEdit, TileSink};
+use super::walk::TileRun;
 use crate::io::{Unfinished, folder, partial_of, sync_folder};
 use crate::store::Finding;
 use crate::{Error, Progress, Result};
@@ -170,7 +170,7 @@ impl TileSink for FolderSink {
         self.at.runs
     }
 
-    fn push(&mut self, run: &Run, tile: Option<&Encoded>) -> Result<()> {
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
         self.at.runs += 1;
         let Some(tile) = tile else { return Ok(()) };
         for number in run.first..run.first + run.count {
@@ -238,13 +238,14 @@ impl FolderEdit {
         let bad = || Error::corrupt(base, "document", "no hash", "that of all tiles");
         Ok(FolderEdit { folder, digest: digest.ok_or_else(bad)?, own })
     }
+}
 
-    pub(super) fn own(&self) -> &Own {
+impl TileEdit for FolderEdit {
+    fn own(&self) -> &Own {
         &self.own
     }
 
-    /// Replaces a tile, or removes it.
-    pub(super) fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()> {
+    fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()> {
         let path = self.folder.base.join(self.folder.name(tile));
         let old = match fs::read(&path) {
             Ok(bytes) => Some(bytes),
@@ -275,7 +276,7 @@ impl FolderEdit {
         Ok(())
     }
 
-    pub(super) fn finish(self, about: &About) -> Result<Stored> {
+    fn finish(self: Box<Self>, about: &About) -> Result<Stored> {
         let base = self.folder.base();
         crate::io::platform::sync_all_below(base).map_err(Error::io(base, "sync"))?;
         let document = about.tile_json(&self.folder.pattern, self.own.tiles, self.digest);

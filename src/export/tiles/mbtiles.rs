@@ -9,8 +9,8 @@ use super::encode::Encoded;
 use super::journal::other_export;
 use super::making::{About, Digest, Own};
 use super::place::{MAX_ZOOM, TileId};
-use super::sink::{Stored, TileSink};
-use super::walk::Run;
+use super::sink::{Stored, TileEdit, TileSink};
+use super::walk::TileRun;
 use crate::io::Output;
 use crate::store::Finding;
 use crate::{Error, Progress, Result};
@@ -167,7 +167,7 @@ impl TileSink for MbtilesSink {
         self.runs
     }
 
-    fn push(&mut self, run: &Run, tile: Option<&Encoded>) -> Result<()> {
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
         self.runs += 1;
         let Some(tile) = tile else { return Ok(()) };
         let tiles = (run.first..run.first + run.count)
@@ -234,13 +234,14 @@ impl MbtilesEdit {
         connection.execute_batch("BEGIN IMMEDIATE").map_err(failed(path, "lock"))?;
         Ok(MbtilesEdit { path: path.to_path_buf(), connection, own, digest })
     }
+}
 
-    pub(super) fn own(&self) -> &Own {
+impl TileEdit for MbtilesEdit {
+    fn own(&self) -> &Own {
         &self.own
     }
 
-    /// Replaces a tile, or removes it.
-    pub(super) fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()> {
+    fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()> {
         let number = tile.number();
         let at = params![tile.zoom, tile.column, tms_row(tile)];
         let found: Option<String> = self
@@ -262,7 +263,7 @@ impl MbtilesEdit {
         Ok(())
     }
 
-    pub(super) fn finish(self, about: &About) -> Result<Stored> {
+    fn finish(self: Box<Self>, about: &About) -> Result<Stored> {
         let wrong = || failed(&self.path, "write");
         let run = |statements: &str| self.connection.execute_batch(statements).map_err(wrong());
         // (Contents that no tile has any more.)

@@ -54,7 +54,7 @@ pub use paint::TilePainter;
 pub use place::{MAX_ZOOM, TileId, TileRange};
 pub use pmtiles::Pmtiles;
 pub use sink::Stored;
-pub use source::{Content, TileSamples, TileSource, XyzTiles};
+pub use source::{TileContent, TileSamples, TileSource, XyzTiles};
 pub use target::TileTarget;
 pub use update::update_tiles;
 pub use warped::WarpedTiles;
@@ -63,7 +63,7 @@ use self::encode::{Encoded, TileEncoder};
 use self::making::About;
 use self::pmtiles::PmtilesSink;
 use self::sink::TileSink;
-use self::walk::{Extent, Run, Walk};
+use self::walk::{TileExtent, TileRun, TileWalk};
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::parallel;
@@ -171,7 +171,7 @@ pub fn export_tiles(
     progress: &dyn Progress,
 ) -> Result<Stored> {
     let (extent, about, encoder) = plan(source, painter, request)?;
-    let total = Walk::new(source, &extent).count(progress)?;
+    let total = TileWalk::new(source, &extent).count(progress)?;
     let sink = target.sink(&about, request.resume)?;
     write(source, &extent, &encoder, None, sink, &about, total, progress)
 }
@@ -191,7 +191,7 @@ pub fn export_pmtiles(
         return Err(Error::invalid("resume", "an output", "a target, which has a name"));
     }
     let (extent, about, encoder) = plan(source, painter, request)?;
-    let total = Walk::new(source, &extent).count(progress)?;
+    let total = TileWalk::new(source, &extent).count(progress)?;
     let sink = Box::new(PmtilesSink::create(output, None)?);
     write(source, &extent, &encoder, None, sink, &about, total, progress)
 }
@@ -201,7 +201,7 @@ fn plan<'a>(
     source: &'a dyn TileSource,
     painter: &'a TilePainter,
     request: &TileRequest,
-) -> Result<(Extent, About, TileEncoder<'a>)> {
+) -> Result<(TileExtent, About, TileEncoder<'a>)> {
     let side = request.side;
     if !matches!(side, 256 | 512) {
         return Err(Error::invalid("size of tiles", side.to_string(), "256 or 512"));
@@ -250,20 +250,20 @@ fn plan<'a>(
         legend: request.legend.clone(),
         making: Making { source: request.source.clone(), options },
     };
-    Ok((Extent { zooms, degrees, margin: encoder.margin() }, about, encoder))
+    Ok((TileExtent { zooms, degrees, margin: encoder.margin() }, about, encoder))
 }
 
 /// A tile of a run, or that nothing is in it.
 type Made = Result<Option<Arc<Encoded>>>;
 
 /// Takes a run from elsewhere; `None` if it must be drawn.
-type Copied<'a> = dyn Fn(&Run) -> Result<Option<Made>> + Sync + 'a;
+type Copied<'a> = dyn Fn(&TileRun) -> Result<Option<Made>> + Sync + 'a;
 
 /// Draws all runs that the sink does not have yet and hands them to it, a batch being written while the next one is drawn.
 #[allow(clippy::too_many_arguments)] // the parts of one piece of work
 fn write(
     source: &dyn TileSource,
-    extent: &Extent,
+    extent: &TileExtent,
     encoder: &TileEncoder<'_>,
     copied: Option<&Copied<'_>>,
     mut sink: Box<dyn TileSink>,
@@ -271,7 +271,7 @@ fn write(
     total: u64,
     progress: &dyn Progress,
 ) -> Result<Stored> {
-    let mut walk = Walk::new(source, extent);
+    let mut walk = TileWalk::new(source, extent);
     let mut runs = sink.done();
     for _ in 0..runs {
         progress.advance(walk.next_run()?.map_or(0, |run| run.count), total);
@@ -279,7 +279,7 @@ fn write(
     let bytes = (about.side + 2 * extent.margin).pow(2) * (source.value_type().size() + 4);
     let batch = (BATCH / bytes).clamp(8, 256);
     let copies = AtomicU64::new(0);
-    let draw_one = |run: &Run| -> Made {
+    let draw_one = |run: &TileRun| -> Made {
         progress.check()?;
         if let Some(copied) = copied
             && let Some(made) = copied(run)?
@@ -289,8 +289,8 @@ fn write(
         }
         encoder.encode(run)
     };
-    let draw = |runs: &[Run]| -> Vec<Made> { parallel::map(runs, draw_one) };
-    let mut drawn: (Vec<Run>, Vec<Made>) = (Vec::new(), Vec::new());
+    let draw = |runs: &[TileRun]| -> Vec<Made> { parallel::map(runs, draw_one) };
+    let mut drawn: (Vec<TileRun>, Vec<Made>) = (Vec::new(), Vec::new());
     loop {
         let next = walk.next_runs(batch)?;
         if next.is_empty() && drawn.0.is_empty() {

@@ -4,7 +4,7 @@ use super::place::TileId;
 use super::source::TileSamples;
 use crate::dataset::Dataset;
 use crate::space::web_mercator;
-use crate::style::{Block, Ground, Painter, Style};
+use crate::style::{Ground, SampleBlock, Style, StylePainter};
 use crate::{Progress, Result};
 
 /// Pixels of a tile; its rows follow each other without a margin.
@@ -21,7 +21,7 @@ pub(super) struct TilePixels {
 /// Tiles without any value are left out, also if the style has a colour for VOID.
 #[derive(Debug)]
 pub struct TilePainter {
-    painter: Painter,
+    painter: StylePainter,
     palette: Option<Box<[[u8; 4]; 256]>>,
     document: String,
 }
@@ -30,9 +30,9 @@ impl TilePainter {
     /// Makes a style ready.
     ///
     /// # Errors
-    /// Those of [`Painter::new`].
+    /// Those of [`StylePainter::new`].
     pub fn new(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
-        let painter = Painter::new(style, tree, progress)?;
+        let painter = StylePainter::new(style, tree, progress)?;
         let palette = painter.palette().map(|colours| {
             let mut all = Box::new([[0; 4]; 256]);
             all.iter_mut().zip(colours).for_each(|(to, from)| *to = *from);
@@ -44,7 +44,7 @@ impl TilePainter {
     }
 
     /// The painter.
-    pub fn painter(&self) -> &Painter {
+    pub fn painter(&self) -> &StylePainter {
         &self.painter
     }
 
@@ -74,7 +74,7 @@ impl TilePainter {
             let first = f64::from(tile.row) * side as f64;
             Ground::new(&web_mercator(depth), 1 << depth).rows(first, side)
         };
-        let block = Block {
+        let block = SampleBlock {
             width: side,
             height: side,
             margin,

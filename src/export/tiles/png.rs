@@ -5,7 +5,7 @@ use flate2::{Compress, Compression, Crc, FlushCompress};
 
 /// Pixels of a tile.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Picture<'a> {
+pub(super) enum PngPixels<'a> {
     /// Numbers of colours: red, green, blue and opacity.
     Indexed(&'a [u8], &'a [[u8; 4]; 256]),
     /// Red, green, blue and opacity of each pixel.
@@ -44,15 +44,15 @@ impl PngEncoder {
     }
 
     /// Writes a picture of so many columns to `png`.
-    pub(super) fn encode(&mut self, picture: Picture<'_>, width: usize, png: &mut Vec<u8>) {
+    pub(super) fn encode(&mut self, picture: PngPixels<'_>, width: usize, png: &mut Vec<u8>) {
         png.clear();
         png.extend(b"\x89PNG\r\n\x1a\n");
         self.rows.clear();
         match picture {
-            Picture::Indexed(indices, colours) => self.indexed(indices, colours, width, png),
-            Picture::Colours(pixels) => self.colours(pixels, width, png),
+            PngPixels::Indexed(indices, colours) => self.indexed(indices, colours, width, png),
+            PngPixels::Colours(pixels) => self.colours(pixels, width, png),
         }
-        if self.is_fast && matches!(picture, Picture::Colours(_)) {
+        if self.is_fast && matches!(picture, PngPixels::Colours(_)) {
             chunk(png, *b"IDAT", &fdeflate::compress_to_vec(&self.rows));
             chunk(png, *b"IEND", &[]);
             return;
@@ -219,7 +219,7 @@ mod tests {
             // (A width that is no whole number of bytes.)
             let indices: Vec<u8> = (0..37 * 5).map(|at| 200 + (at * at % count) as u8).collect();
             let mut png = Vec::new();
-            encoder.encode(Picture::Indexed(&indices, &colours), 37, &mut png);
+            encoder.encode(PngPixels::Indexed(&indices, &colours), 37, &mut png);
             let (pixels, kind, depth) = decoded(&png);
             let expected: Vec<_> = indices.iter().map(|index| colours[usize::from(*index)]).collect();
             assert_eq!(pixels, expected, "{count} colours");
@@ -248,7 +248,7 @@ mod tests {
         ];
         for (pixels, kind) in cases {
             let mut png = Vec::new();
-            encoder.encode(Picture::Colours(&pixels), 64, &mut png);
+            encoder.encode(PngPixels::Colours(&pixels), 64, &mut png);
             let (found, found_kind, _) = decoded(&png);
             assert!(found == pixels, "{kind:?}");
             assert_eq!(found_kind, kind);

@@ -1,8 +1,9 @@
 //! Takers of tiles: archives, and folders.
 
 use super::encode::Encoded;
-use super::making::About;
-use super::walk::Run;
+use super::making::{About, Own};
+use super::place::TileId;
+use super::walk::TileRun;
 use crate::Result;
 
 /// Takes tiles in the order of their numbers.
@@ -11,12 +12,24 @@ pub(super) trait TileSink: Send {
     fn done(&self) -> u64;
 
     /// Takes a run; `None` if nothing is in it.
-    fn push(&mut self, run: &Run, tile: Option<&Encoded>) -> Result<()>;
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()>;
 
     /// Makes what was taken durable, so that an export can go on from here.
     fn checkpoint(&mut self) -> Result<()>;
 
     /// Completes the archive and puts it in its place.
+    fn finish(self: Box<Self>, about: &About) -> Result<Stored>;
+}
+
+/// Archive or folder whose tiles are replaced in place.
+pub(super) trait TileEdit {
+    /// What it says of how it was made.
+    fn own(&self) -> &Own;
+
+    /// Replaces a tile; `None` removes it.
+    fn replace(&mut self, tile: TileId, made: Option<&Encoded>) -> Result<()>;
+
+    /// Completes the change.
     fn finish(self: Box<Self>, about: &About) -> Result<Stored>;
 }
 

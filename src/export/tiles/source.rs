@@ -9,13 +9,23 @@ use crate::{Error, Result};
 
 /// Knowledge of a tile without drawing it, and so of all tiles below it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Content {
+pub enum TileContent {
     /// Nothing is there.
     Empty,
     /// All of its cells have this value.
     Uniform(Value),
     /// It must be drawn. It may turn out to be uniform.
     Detail,
+}
+
+impl<N> From<Child<N>> for TileContent {
+    fn from(node: Child<N>) -> TileContent {
+        match node {
+            Child::Void => TileContent::Empty,
+            Child::Leaf(value) => TileContent::Uniform(value),
+            Child::Inner { .. } => TileContent::Detail,
+        }
+    }
 }
 
 /// The samples of a tile with some cells around it: `side` rows of `side` cells, north first.
@@ -49,6 +59,49 @@ impl TileSamples {
             self.valid.fill(true);
         }
     }
+
+    /// Draws a tile of `side` cells a side, with `margin` cells around it, by boxes of the world's cells at the tile's zoom: its columns
+    /// go on behind the antimeridian, its rows end at the poles. `draw` gives each cell of a box its value of `width` bytes.
+    ///
+    /// # Errors
+    /// Those of `draw`.
+    pub(super) fn draw(
+        &mut self,
+        tile: TileId,
+        (side, margin): (usize, usize),
+        width: usize,
+        draw: impl Fn(&Bounds, &mut [u8], &mut [bool]) -> Result<()>,
+    ) -> Result<()> {
+        let all = side + 2 * margin;
+        self.start(all, width);
+        let world = (side as i64) << tile.zoom;
+        let first = [tile.column, tile.row].map(|at| i64::from(at) * side as i64 - margin as i64);
+        let rows = first[1].max(0)..(first[1] + all as i64).min(world);
+        let mut column = 0;
+        while column < all {
+            let west = (first[0] + column as i64).rem_euclid(world);
+            let columns = (all - column).min((world - west) as usize);
+            let bounds = Bounds {
+                min: [west as u64, rows.start as u64, 0],
+                max: [west as u64 + columns as u64, rows.end as u64, 1],
+            };
+            if bounds.size() == [all as u64, all as u64, 1] {
+                return draw(&bounds, &mut self.values, &mut self.valid);
+            }
+            let cells = bounds.volume() as usize;
+            let (mut values, mut valid) = (vec![0; cells * width], vec![false; cells]);
+            draw(&bounds, &mut values, &mut valid)?;
+            for (row, y) in rows.clone().enumerate() {
+                let to = (y - first[1]) as usize * all + column;
+                let from = row * columns..(row + 1) * columns;
+                self.valid[to..to + columns].copy_from_slice(&valid[from.clone()]);
+                let bytes = &values[from.start * width..from.end * width];
+                self.values[to * width..(to + columns) * width].copy_from_slice(bytes);
+            }
+            column += columns;
+        }
+        Ok(())
+    }
 }
 
 /// Samples of the world's tiles, from whatever grid they come.
@@ -66,7 +119,7 @@ pub trait TileSource: Sync {
     ///
     /// # Errors
     /// If the source cannot be read.
-    fn content(&self, tile: TileId) -> Result<Content>;
+    fn content(&self, tile: TileId) -> Result<TileContent>;
 
     /// The samples of a tile of `side` cells a side, with `margin` cells around it. What is beyond the poles is VOID.
     ///
@@ -113,61 +166,45 @@ impl TileSource for XyzTiles<'_> {
         TileRange::world(0).degrees(0)
     }
 
-    fn content(&self, tile: TileId) -> Result<Content> {
+    fn content(&self, tile: TileId) -> Result<TileContent> {
         let TileId { zoom, column, row } = tile;
         let level = zoom.min(self.depth);
         let cell = [column, row, 0].map(|at| at >> (zoom - level));
         let code = Code::from_cell(Dimension::Quad, level, cell);
         let code =
             code.ok_or_else(|| Error::invalid("tile", format!("{zoom}/{column}/{row}"), "one of the world"))?;
-        Ok(match self.tree.node(code)? {
-            Child::Void => Content::Empty,
-            Child::Leaf(value) => Content::Uniform(value),
-            Child::Inner { .. } => Content::Detail,
-        })
+        Ok(self.tree.node(code)?.into())
     }
 
     fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()> {
         let width = self.value_type().size();
-        let all = side + 2 * margin;
-        samples.start(all, width);
         // The level with the tile's cells, or, where the tree ends above it, the deepest.
         let wanted = tile.zoom + side.trailing_zeros() as u8;
         let level = wanted.min(self.depth);
         let shift = wanted - level;
-        // Columns go on behind the antimeridian; rows end at the poles.
-        let world = 1i64 << wanted;
-        let first = [tile.column, tile.row].map(|at| i64::from(at) * side as i64 - margin as i64);
-        let rows = first[1].max(0)..(first[1] + all as i64).min(world);
-        let mut column = 0;
-        while column < all {
-            let west = (first[0] + column as i64).rem_euclid(world);
-            let columns = (all - column).min((world - west) as usize);
-            let from = [west as u64, rows.start as u64];
-            let to = [west as u64 + columns as u64, rows.end as u64];
-            let bounds = Bounds {
-                min: [from[0] >> shift, from[1] >> shift, 0],
-                max: [((to[0] - 1) >> shift) + 1, ((to[1] - 1) >> shift) + 1, 1],
-            };
-            if shift == 0 && bounds.size() == [all as u64, all as u64, 1] {
-                return self.tree.window(level, &bounds, 0.0, &mut samples.values, Some(&mut samples.valid));
+        samples.draw(tile, (side, margin), width, |cells, values, valid| {
+            if shift == 0 {
+                return self.tree.window(level, cells, 0.0, values, Some(valid));
             }
-            let [across, down, _] = bounds.size().map(|cells| cells as usize);
-            let (mut values, mut valid) = (vec![0; across * down * width], vec![false; across * down]);
-            self.tree.window(level, &bounds, 0.0, &mut values, Some(&mut valid))?;
-            for y in from[1]..to[1] {
-                let row = ((y >> shift) - bounds.min[1]) as usize * across;
-                let into = (y as i64 - first[1]) as usize * all + column;
-                for x in from[0]..to[0] {
-                    let cell = row + ((x >> shift) - bounds.min[0]) as usize;
-                    let at = into + (x - from[0]) as usize;
-                    samples.valid[at] = valid[cell];
-                    samples.values[at * width..][..width].copy_from_slice(&values[cell * width..][..width]);
+            let coarse = Bounds {
+                min: cells.min.map(|at| at >> shift),
+                max: cells.max.map(|at| ((at - 1) >> shift) + 1),
+            };
+            let across = coarse.size()[0] as usize;
+            let count = coarse.volume() as usize;
+            let (mut from, mut is_there) = (vec![0; count * width], vec![false; count]);
+            self.tree.window(level, &coarse, 0.0, &mut from, Some(&mut is_there))?;
+            let mut to = values.chunks_exact_mut(width).zip(valid);
+            for y in cells.min[1]..cells.max[1] {
+                let row = ((y >> shift) - coarse.min[1]) as usize * across;
+                for (x, (value, valid)) in (cells.min[0]..cells.max[0]).zip(&mut to) {
+                    let cell = row + ((x >> shift) - coarse.min[0]) as usize;
+                    *valid = is_there[cell];
+                    value.copy_from_slice(&from[cell * width..][..width]);
                 }
             }
-            column += columns;
-        }
-        Ok(())
+            Ok(())
+        })
     }
 
     fn tiles_of(&self, block: Code, zoom: u8) -> TileRange {

@@ -10,10 +10,10 @@ use super::making::{Own, SourceState};
 use super::mbtiles::MbtilesEdit;
 use super::place::{TileId, TileRange};
 use super::pmtiles::Pmtiles;
-use super::sink::Stored;
-use super::source::{Content, TileSource};
+use super::sink::{Stored, TileEdit};
+use super::source::{TileContent, TileSource};
 use super::target::TileTarget;
-use super::walk::{Extent, Run, Walk};
+use super::walk::{TileExtent, TileRun, TileWalk};
 use super::{Made, TilePainter, TileRequest, plan, write};
 use crate::dataset::Dataset;
 use crate::ops::{TreeFile, diff};
@@ -135,12 +135,10 @@ fn changes(
     })
 }
 
-/// Archive that is updated.
+/// Tiles that are updated: an archive that is written anew, or what is changed in place.
 enum Old {
-    Pmtiles(Pmtiles),
-    #[cfg(feature = "mbtiles")]
-    Mbtiles(MbtilesEdit),
-    Folder(FolderEdit),
+    Pmtiles(Box<Pmtiles>),
+    InPlace(Box<dyn TileEdit>),
 }
 
 /// Brings tiles that were exported from an older state of a tree up to date: draws those that the differences touch, and copies
@@ -169,17 +167,15 @@ pub fn update_tiles(
         Error::unsupported(place, "an update of one of these from another", advice)
     };
     let opened = match target {
-        TileTarget::Pmtiles(_) => Old::Pmtiles(Pmtiles::open(place)?),
+        TileTarget::Pmtiles(_) => Old::Pmtiles(Box::new(Pmtiles::open(place)?)),
         _ if old.is_some_and(|old| old != target.path()) => return Err(in_place()),
         #[cfg(feature = "mbtiles")]
-        TileTarget::Mbtiles(path) => Old::Mbtiles(MbtilesEdit::open(path)?),
-        TileTarget::Folder(folder) => Old::Folder(FolderEdit::open(folder.base())?),
+        TileTarget::Mbtiles(path) => Old::InPlace(Box::new(MbtilesEdit::open(path)?)),
+        TileTarget::Folder(folder) => Old::InPlace(Box::new(FolderEdit::open(folder.base())?)),
     };
     let own = match &opened {
         Old::Pmtiles(archive) => archive.own(),
-        #[cfg(feature = "mbtiles")]
-        Old::Mbtiles(edit) => Some(edit.own().clone()),
-        Old::Folder(edit) => Some(edit.own().clone()),
+        Old::InPlace(edit) => Some(edit.own().clone()),
     };
     let own: Own = own.ok_or_else(|| {
         let advice = "only what `spinney export` wrote says how it was made; make it anew";
@@ -205,9 +201,9 @@ pub fn update_tiles(
     progress.check()?;
     match opened {
         Old::Pmtiles(archive) => {
-            let total = Walk::new(source, &extent).count(progress)?;
+            let total = TileWalk::new(source, &extent).count(progress)?;
             let sink = target.sink(&about, request.resume)?;
-            let copied = |run: &Run| -> Result<Option<Made>> {
+            let copied = |run: &TileRun| -> Result<Option<Made>> {
                 let tile = TileId::from_number(run.first).expect("a run of tiles");
                 if run.uniform.is_some() || touched.contains(tile) {
                     return Ok(None);
@@ -216,42 +212,20 @@ pub fn update_tiles(
             };
             write(source, &extent, &encoder, Some(&copied), sink, &about, total, progress)
         }
-        #[cfg(feature = "mbtiles")]
-        Old::Mbtiles(mut edit) => {
-            redraw(
-                source,
-                &extent,
-                &encoder,
-                &touched,
-                &mut |tile, made| edit.replace(tile, made),
-                progress,
-            )?;
-            edit.finish(&about)
-        }
-        Old::Folder(mut edit) => {
-            redraw(
-                source,
-                &extent,
-                &encoder,
-                &touched,
-                &mut |tile, made| edit.replace(tile, made),
-                progress,
-            )?;
+        Old::InPlace(mut edit) => {
+            redraw(source, &extent, &encoder, &touched, edit.as_mut(), progress)?;
             edit.finish(&about)
         }
     }
 }
 
-/// Takes the place of a tile.
-type Replace<'a> = dyn FnMut(TileId, Option<&Encoded>) -> Result<()> + 'a;
-
-/// Draws the tiles that are touched, and hands them out in order.
+/// Draws the tiles that are touched, and replaces them in order.
 fn redraw(
     source: &dyn TileSource,
-    extent: &Extent,
+    extent: &TileExtent,
     encoder: &TileEncoder<'_>,
     touched: &Touched,
-    replace: &mut Replace<'_>,
+    edit: &mut dyn TileEdit,
     progress: &dyn Progress,
 ) -> Result<()> {
     let all = touched.all();
@@ -259,14 +233,14 @@ fn redraw(
         let made: Vec<Made> = parallel::map(tiles, |tile| {
             progress.check()?;
             let uniform = match source.content(*tile)? {
-                Content::Empty => return Ok(None),
-                Content::Uniform(value) if extent.margin == 0 => Some(value),
+                TileContent::Empty => return Ok(None),
+                TileContent::Uniform(value) if extent.margin == 0 => Some(value),
                 _ => None,
             };
-            encoder.encode(&Run { first: tile.number(), count: 1, uniform })
+            encoder.encode(&TileRun { first: tile.number(), count: 1, uniform })
         });
         for (tile, made) in tiles.iter().zip(made) {
-            replace(*tile, made?.as_deref())?;
+            edit.replace(*tile, made?.as_deref())?;
             progress.advance(1, all.len() as u64);
         }
     }

@@ -4,13 +4,13 @@
 use std::ops::RangeInclusive;
 
 use super::place::{TileId, TileRange, first_number};
-use super::source::{Content, TileSource};
+use super::source::{TileContent, TileSource};
 use crate::value::Value;
 use crate::{Progress, Result};
 
 /// Tiles that follow each other: one that must be drawn, or many that are equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Run {
+pub(super) struct TileRun {
     /// Number of the first: [`TileId::number`].
     pub(super) first: u64,
     pub(super) count: u64,
@@ -20,7 +20,7 @@ pub(super) struct Run {
 
 /// The extent of a walk.
 #[derive(Clone, Debug)]
-pub(super) struct Extent {
+pub(super) struct TileExtent {
     pub(super) zooms: RangeInclusive<u8>,
     /// West, south, east, north; tiles that have nothing of it are left out.
     pub(super) degrees: [f64; 4],
@@ -29,18 +29,18 @@ pub(super) struct Extent {
 }
 
 /// A walk that is under way.
-pub(super) struct Walk<'a> {
+pub(super) struct TileWalk<'a> {
     source: &'a dyn TileSource,
-    extent: Extent,
+    extent: TileExtent,
     zoom: u8,
     range: TileRange,
     /// Nodes that are to be visited, the next one last.
     pending: Vec<TileId>,
 }
 
-impl<'a> Walk<'a> {
-    pub(super) fn new(source: &'a dyn TileSource, extent: &Extent) -> Walk<'a> {
-        let mut walk = Walk {
+impl<'a> TileWalk<'a> {
+    pub(super) fn new(source: &'a dyn TileSource, extent: &TileExtent) -> TileWalk<'a> {
+        let mut walk = TileWalk {
             source,
             extent: extent.clone(),
             zoom: *extent.zooms.start(),
@@ -57,7 +57,7 @@ impl<'a> Walk<'a> {
     }
 
     /// The next tiles that are not empty.
-    pub(super) fn next_run(&mut self) -> Result<Option<Run>> {
+    pub(super) fn next_run(&mut self) -> Result<Option<TileRun>> {
         loop {
             while let Some(node) = self.pending.pop() {
                 if let Some(run) = self.visit(node)? {
@@ -73,7 +73,7 @@ impl<'a> Walk<'a> {
     }
 
     /// The next so many runs, or those that are left.
-    pub(super) fn next_runs(&mut self, most: usize) -> Result<Vec<Run>> {
+    pub(super) fn next_runs(&mut self, most: usize) -> Result<Vec<TileRun>> {
         let mut runs = Vec::with_capacity(most);
         while runs.len() < most
             && let Some(run) = self.next_run()?
@@ -83,19 +83,19 @@ impl<'a> Walk<'a> {
         Ok(runs)
     }
 
-    fn visit(&mut self, node: TileId) -> Result<Option<Run>> {
+    fn visit(&mut self, node: TileId) -> Result<Option<TileRun>> {
         let below = TileRange::below(node, self.zoom);
         if self.range.intersect(&below).is_empty() {
             return Ok(None);
         }
         let content = self.source.content(node)?;
         // (Beside something, a margin of nothing does not matter: what is VOID stays so.)
-        if content == Content::Empty {
+        if content == TileContent::Empty {
             return Ok(None);
         }
         if node.zoom == self.zoom {
             let uniform = self.settled(node, content)?;
-            return Ok(Some(Run { first: node.number(), count: 1, uniform }));
+            return Ok(Some(TileRun { first: node.number(), count: 1, uniform }));
         }
         let along = node.along_curve();
         if self.range.contains(&below)
@@ -103,7 +103,7 @@ impl<'a> Walk<'a> {
         {
             let shift = 2 * (self.zoom - node.zoom);
             let first = first_number(self.zoom) + (along << shift);
-            return Ok(Some(Run { first, count: 1 << shift, uniform: Some(value) }));
+            return Ok(Some(TileRun { first, count: 1 << shift, uniform: Some(value) }));
         }
         // The children's part of the curve, in its order.
         let children = (0..4).rev().map(|step| TileId::on_curve(node.zoom + 1, along << 2 | step));
@@ -112,8 +112,8 @@ impl<'a> Walk<'a> {
     }
 
     /// The value of all cells of a tile, and of those around it that matter.
-    fn settled(&self, tile: TileId, content: Content) -> Result<Option<Value>> {
-        let Content::Uniform(value) = content else { return Ok(None) };
+    fn settled(&self, tile: TileId, content: TileContent) -> Result<Option<Value>> {
+        let TileContent::Uniform(value) = content else { return Ok(None) };
         if self.extent.margin == 0 {
             return Ok(Some(value));
         }

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use super::place::{MAX_ZOOM, TileId, TileRange};
-use super::source::{Content, TileSamples, TileSource};
+use super::source::{TileContent, TileSamples, TileSource};
 use crate::ops::{TreeFile, WarpGrid, WarpOptions, Warped};
 use crate::space::{Bounds, Code, Dimension, Frame, Projection, WEB_MERCATOR_LATITUDE, web_mercator};
-use crate::tree::{Child, Source as _};
+use crate::tree::Source as _;
 use crate::value::ValueType;
 use crate::{Error, Result};
 
@@ -91,52 +91,20 @@ impl TileSource for WarpedTiles {
         self.degrees
     }
 
-    fn content(&self, tile: TileId) -> Result<Content> {
+    fn content(&self, tile: TileId) -> Result<TileContent> {
         let TileId { zoom, column, row } = tile;
         let code = Code::from_zxy(zoom, column, row);
         let code =
             code.ok_or_else(|| Error::invalid("tile", format!("{zoom}/{column}/{row}"), "one of the world"))?;
-        Ok(match self.at(zoom)?.node(code)? {
-            Child::Void => Content::Empty,
-            Child::Leaf(value) => Content::Uniform(value),
-            Child::Inner { .. } => Content::Detail,
-        })
+        Ok(self.at(zoom)?.node(code)?.into())
     }
 
     fn tile(&self, tile: TileId, side: usize, margin: usize, samples: &mut TileSamples) -> Result<()> {
         let warped = self.at(tile.zoom)?;
-        let width = self.value_type().size();
-        let all = side + 2 * margin;
-        samples.start(all, width);
-        // Columns go on behind the antimeridian; rows end at the poles.
-        let world = (side as i64) << tile.zoom;
-        let first = [tile.column, tile.row].map(|at| i64::from(at) * side as i64 - margin as i64);
-        let rows = first[1].max(0)..(first[1] + all as i64).min(world);
-        let mut column = 0;
-        while column < all {
-            let west = (first[0] + column as i64).rem_euclid(world);
-            let columns = (all - column).min((world - west) as usize);
-            let bounds = Bounds {
-                min: [west as u64, rows.start as u64, 0],
-                max: [west as u64 + columns as u64, rows.end as u64, 1],
-            };
-            if bounds.size() == [all as u64, all as u64, 1] {
-                warped.draw(&bounds, &mut samples.values, &mut samples.valid)?;
-                return Ok(());
-            }
-            let cells = bounds.volume() as usize;
-            let (mut values, mut valid) = (vec![0; cells * width], vec![false; cells]);
-            warped.draw(&bounds, &mut values, &mut valid)?;
-            for (row, y) in rows.clone().enumerate() {
-                let to = (y - first[1]) as usize * all + column;
-                let from = row * columns..(row + 1) * columns;
-                samples.valid[to..to + columns].copy_from_slice(&valid[from.clone()]);
-                let bytes = &values[from.start * width..from.end * width];
-                samples.values[to * width..(to + columns) * width].copy_from_slice(bytes);
-            }
-            column += columns;
-        }
-        Ok(())
+        samples.draw(tile, (side, margin), self.value_type().size(), |cells, values, valid| {
+            // (It draws any box.)
+            warped.draw(cells, values, valid).map(|_| ())
+        })
     }
 
     fn tiles_of(&self, block: Code, zoom: u8) -> TileRange {

@@ -13,7 +13,7 @@ use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::space::{Bounds, Frame};
 use crate::store::Metadata;
-use crate::style::{Painter, Style};
+use crate::style::{Style, StylePainter};
 use crate::value::{Rule, SampleType};
 use crate::{Error, Progress, Result};
 
@@ -98,7 +98,7 @@ pub fn export_window(
     let spec = image_spec(tree, &grid, &void);
     let path = output.path().to_path_buf();
     if let Some(style) = style_of(tree, request, format) {
-        let painter = Painter::new(&style, tree, progress)?;
+        let painter = StylePainter::new(&style, tree, progress)?;
         let painted = Painted::new(tree, &grid, &painter, spec, format);
         painted.export(request, output, format, progress)?;
         tree.check_unchanged()?;

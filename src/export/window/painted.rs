@@ -8,7 +8,7 @@ use super::sampler::{Sampler, flip_rows};
 use crate::dataset::Dataset;
 use crate::io::Output;
 use crate::store::Metadata;
-use crate::style::{Block, Ground, Painter};
+use crate::style::{Ground, SampleBlock, StylePainter};
 use crate::value::{Palette, SampleType, ValueType};
 use crate::{Progress, Result};
 
@@ -19,7 +19,7 @@ pub(super) struct Painted<'a> {
     grid: OutputGrid,
     /// How many there are of these: left, above, right, below.
     around: [u64; 4],
-    painter: &'a Painter,
+    painter: &'a StylePainter,
     ground: Ground,
     samples: Samples,
     spec: ImageSpec,
@@ -39,7 +39,7 @@ impl<'a> Painted<'a> {
     pub(super) fn new(
         tree: &'a Dataset,
         grid: &OutputGrid,
-        painter: &'a Painter,
+        painter: &'a StylePainter,
         mut spec: ImageSpec,
         format: Format,
     ) -> Painted<'a> {
@@ -133,8 +133,14 @@ impl<'a> Painted<'a> {
         };
         let valid = if framed { frame(&valid, columns, 1, sides, missing) } else { valid };
         let ground = self.ground.rows(first as f64, height);
-        let block =
-            Block { width, height, margin: margin as usize, bytes: &bytes, valid: &valid, ground: &ground };
+        let block = SampleBlock {
+            width,
+            height,
+            margin: margin as usize,
+            bytes: &bytes,
+            valid: &valid,
+            ground: &ground,
+        };
         let Samples::Channels(channels) = self.samples else {
             let mut indices = vec![0; width * height];
             self.painter.paint_indices(&block, &mut indices)?;

@@ -23,84 +23,127 @@ fn interpolate_samples<S: Sample>(
     is_cubic: bool,
     block: &mut CellBlock,
 ) {
-    let bytes_each = window.value.size();
-    // (NaN is a sample that is missing, of several channels.)
-    let has_all = window.value.missing.is_none()
-        && (window.value.channels == 1 || !S::TYPE.is_float())
-        && window.valid.iter().all(|valid| *valid);
-    if has_all && !is_cubic {
-        return full_linear::<S>(window, lattice, [width, height], block);
-    }
     let samples = Samples::<S>::new(window);
-    for y in 0..height {
-        for x in 0..width {
-            let [column, row] = lattice.at(x, y);
-            if !(column.is_finite() && row.is_finite()) {
-                continue;
-            }
-            let Some(nearest) = window.present(floor(column), floor(row)) else { continue };
-            let index = y * width + x;
-            let value = &mut block.values[index * bytes_each..(index + 1) * bytes_each];
-            // Between centres.
-            let (column, row) = (column - 0.5, row - 0.5);
-            let (first, top) = (floor(column), floor(row));
-            let (u, v) = (column - first as f64, row - top as f64);
-            for (channel, bytes) in value.chunks_exact_mut(S::TYPE.size()).enumerate() {
-                let cubic = if is_cubic { samples.cubic([first, top], [u, v], channel) } else { None };
-                let sample = match cubic.or_else(|| samples.linear([first, top], [u, v], channel)) {
-                    // (Means of integers are rounded as those of whole cells are; what cubic convolution overshoots is cut off.)
-                    Some(number) if S::TYPE.is_float() => S::from_f64_lossy(number),
-                    Some(number) => S::from_f64_lossy((number + 0.5).floor()),
-                    // (A sample that is missing in all cells around.)
-                    None => samples.raw(nearest, channel),
+    let (bytes_each, size) = (window.value.size(), S::TYPE.size());
+    let mut store = |y: usize, row: &[f64]| {
+        let cells = y * width..(y + 1) * width;
+        let values = &mut block.values[cells.start * bytes_each..cells.end * bytes_each];
+        let present = &mut block.present[cells];
+        for (channel, row) in row.chunks_exact(width).enumerate() {
+            let cells = values.chunks_exact_mut(bytes_each).zip(&mut *present);
+            for (x, (number, (value, present))) in row.iter().zip(cells).enumerate() {
+                let sample = if number.is_nan() {
+                    match samples.careful(lattice.at(x, y), is_cubic, channel) {
+                        Some(sample) => sample,
+                        None => continue,
+                    }
+                } else {
+                    rounded(*number)
                 };
-                sample.write(bytes);
+                sample.write(&mut value[channel * size..]);
+                *present = true;
             }
-            block.present[index] = true;
         }
+    };
+    let grid = Grid { origin: window.origin, size: window.size, numbers: samples.numbers() };
+    if is_cubic {
+        grid.convolve(lattice, [width, height], keys, &mut store);
+    } else {
+        grid.convolve(lattice, [width, height], |t| [1.0 - t, t], &mut store);
     }
 }
 
-/// Linear interpolation where no sample of the window is missing.
-fn full_linear<S: Sample>(
-    window: &Window,
-    lattice: &Lattice,
-    [width, height]: [usize; 2],
-    block: &mut CellBlock,
-) {
-    let (bytes_each, size) = (window.value.size(), S::TYPE.size());
-    let stride = window.size[0] * bytes_each;
-    for y in 0..height {
-        for x in 0..width {
-            let [column, row] = lattice.at(x, y);
-            // (What has no place is NaN, which is neither.)
-            let (column, row) = (column - window.origin[0] as f64 - 0.5, row - window.origin[1] as f64 - 0.5);
-            if !(column >= 0.0 && row >= 0.0) {
-                continue;
+/// The sample closest to a number; means of integers are rounded as those of whole cells are, and what cubic convolution overshoots
+/// is cut off.
+#[inline]
+fn rounded<S: Sample>(number: f64) -> S {
+    S::from_f64_lossy(if S::TYPE.is_float() { number } else { floor(number + 0.5) as f64 })
+}
+
+/// Numbers of a window, NaN where there is none: rows of one channel after the other.
+struct Grid {
+    /// First column and row.
+    origin: [i64; 2],
+    /// Columns and rows.
+    size: [usize; 2],
+    numbers: Vec<f64>,
+}
+
+/// Neighbours along an axis that count for a place: the first one's index, and their weights.
+#[derive(Clone, Copy)]
+struct Taps<const N: usize> {
+    first: usize,
+    weights: [f64; N],
+}
+
+impl<const N: usize> Taps<N> {
+    /// The weighted sum of the neighbours in a row.
+    #[inline]
+    fn sum(&self, row: &[f64]) -> f64 {
+        row[self.first..][..N].iter().zip(self.weights).map(|(number, weight)| number * weight).sum()
+    }
+}
+
+impl Grid {
+    /// Sums up the `N` neighbours along each axis of the places of a lattice, with weights for a place so far behind the first one of
+    /// the middle pair. Hands out rows of sums, of one channel after the other, which are NaN where a neighbour is, or there is no
+    /// place.
+    fn convolve<const N: usize>(
+        &self,
+        lattice: &Lattice,
+        [width, height]: [usize; 2],
+        weights: impl Fn(f64) -> [f64; N],
+        store: &mut dyn FnMut(usize, &[f64]),
+    ) {
+        let taps = |place: f64, axis: usize| {
+            let place = place - 0.5 - self.origin[axis] as f64 - (N / 2 - 1) as f64;
+            // (What has no place is NaN.)
+            let first = place as usize;
+            let is_inside = place >= 0.0 && first <= self.size[axis].checked_sub(N)?;
+            is_inside.then(|| Taps { first, weights: weights(place - first as f64) })
+        };
+        let (stride, cells) = (self.size[0], self.size[0] * self.size[1]);
+        let channels = self.numbers.len() / cells;
+        let mut row = vec![0.0; channels * width];
+        match lattice {
+            Lattice::Separable { columns, rows } => {
+                let nowhere = Taps { first: 0, weights: [f64::NAN; N] };
+                let columns: Vec<Taps<N>> =
+                    columns.iter().map(|column| taps(*column, 0).unwrap_or(nowhere)).collect();
+                // Rows of the source summed up along columns, with their numbers: the target's next row needs most of them again.
+                let mut along: [_; N] = std::array::from_fn(|_| (usize::MAX, row.clone()));
+                for (y, place) in rows.iter().enumerate() {
+                    let Some(down) = taps(*place, 1) else { continue };
+                    row.fill(0.0);
+                    for (from, weight) in (down.first..).zip(down.weights) {
+                        let (number, sums) = &mut along[from % N];
+                        if *number != from {
+                            for (channel, sums) in sums.chunks_exact_mut(width).enumerate() {
+                                let source = &self.numbers[channel * cells + from * stride..][..stride];
+                                sums.iter_mut().zip(&columns).for_each(|(sum, taps)| *sum = taps.sum(source));
+                            }
+                            *number = from;
+                        }
+                        row.iter_mut().zip(sums).for_each(|(to, sum)| *to += weight * *sum);
+                    }
+                    store(y, &row);
+                }
             }
-            let (first, top) = (column as usize, row as usize);
-            let (u, v) = (column - first as f64, row - top as f64);
-            let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
-            let start = top * stride + first * bytes_each;
-            let (Some(above), Some(below)) = (
-                window.bytes.get(start..start + 2 * bytes_each),
-                window.bytes.get(start + stride..start + stride + 2 * bytes_each),
-            ) else {
-                continue;
-            };
-            let index = y * width + x;
-            let value = &mut block.values[index * bytes_each..(index + 1) * bytes_each];
-            for (channel, bytes) in value.chunks_exact_mut(size).enumerate() {
-                let (left, right) = (channel * size, bytes_each + channel * size);
-                let number = |row: &[u8], at: usize| S::read(&row[at..]).to_f64();
-                let sum = weights[0] * number(above, left)
-                    + weights[1] * number(above, right)
-                    + weights[2] * number(below, left)
-                    + weights[3] * number(below, right);
-                let number = if S::TYPE.is_float() { sum } else { floor(sum + 0.5) as f64 };
-                S::from_f64_lossy(number).write(bytes);
+            Lattice::Points { points, .. } => {
+                for (y, points) in points.chunks_exact(width).take(height).enumerate() {
+                    row.fill(f64::NAN);
+                    for (x, [column, place]) in points.iter().enumerate() {
+                        let (Some(along), Some(down)) = (taps(*column, 0), taps(*place, 1)) else { continue };
+                        for (to, source) in
+                            row[x..].iter_mut().step_by(width).zip(self.numbers.chunks_exact(cells))
+                        {
+                            let rows = source[down.first * stride..].chunks(stride).zip(down.weights);
+                            *to = rows.map(|(row, weight)| weight * along.sum(row)).sum();
+                        }
+                    }
+                    store(y, &row);
+                }
             }
-            block.present[index] = true;
         }
     }
 }
@@ -117,6 +160,38 @@ impl<'a, S: Sample> Samples<'a, S> {
             window,
             missing: window.value.missing.map(|bytes| S::read(&[&bytes[..], &[0; 4]].concat())),
         }
+    }
+
+    /// The samples of all cells, one channel after the other, NaN where there is none.
+    fn numbers(&self) -> Vec<f64> {
+        let Window { value, valid, bytes, .. } = self.window;
+        let mut numbers = Vec::with_capacity(valid.len() * usize::from(value.channels));
+        for at in (0..value.size()).step_by(S::TYPE.size()) {
+            numbers.extend(bytes.chunks_exact(value.size()).zip(valid).map(|(bytes, valid)| {
+                let sample = S::read(&bytes[at..]);
+                if *valid && self.missing != Some(sample) { sample.to_f64() } else { f64::NAN }
+            }));
+        }
+        numbers
+    }
+
+    /// The sample at a place around which one may be missing; `None` is VOID.
+    #[cold]
+    fn careful(&self, [column, row]: [f64; 2], is_cubic: bool, channel: usize) -> Option<S> {
+        if !(column.is_finite() && row.is_finite()) {
+            return None;
+        }
+        let nearest = self.window.present(floor(column), floor(row))?;
+        // Between centres.
+        let (column, row) = (column - 0.5, row - 0.5);
+        let (first, top) = (floor(column), floor(row));
+        let (u, v) = (column - first as f64, row - top as f64);
+        let cubic = if is_cubic { self.cubic([first, top], [u, v], channel) } else { None };
+        Some(match cubic.or_else(|| self.linear([first, top], [u, v], channel)) {
+            Some(number) => rounded(number),
+            // (A sample that is missing in all cells around.)
+            None => self.raw(nearest, channel),
+        })
     }
 
     #[inline]

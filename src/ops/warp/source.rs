@@ -28,8 +28,8 @@ pub struct WarpGrid {
 /// somebody asks for it.
 ///
 /// A block of 256 x 256 cells is mapped to the source by polynomials that are checked against the projection itself; where the
-/// source is alike all over the block's image, so is the block. Memory: a window of at most a million source cells for each
-/// block at work.
+/// source is alike all over the block's image, so is the block. Memory: a window of at most a million source samples for each
+/// block at work, and these as f64.
 pub struct Warped {
     source: Arc<TreeFile>,
     header: Header,
@@ -46,7 +46,7 @@ pub struct Warped {
 
 /// Levels below the blocks that are drawn at once: 256 x 256 cells.
 const BLOCK_LEVELS: u8 = 8;
-/// Source cells that are read at a time, at most.
+/// Source samples that are read at a time, at most; for a single cell of the target, source cells.
 const MOST_READ: u64 = 1 << 20;
 /// How far polynomials of blocks may be off that only tell where to look, in parts of the image's size.
 const COARSE: f64 = 0.02;
@@ -292,8 +292,10 @@ impl Warped {
             return Ok(());
         }
         let size = [columns.1 - columns.0, rows.1 - rows.0].map(|cells| cells as u64);
-        if size[0].saturating_mul(size[1]) > MOST_READ {
-            if width * height == 1 {
+        let is_cell = width * height == 1;
+        let samples_each = if is_cell { 1 } else { u64::from(self.header.form.value.channels) };
+        if size[0].saturating_mul(size[1]) > MOST_READ / samples_each {
+            if is_cell {
                 return self.draw_large((low, high), shift, at[1] * stride + at[0], block);
             }
             for child in 0..4 {

@@ -244,6 +244,50 @@ fn cells_are_those_of_the_naive_model() {
 }
 
 #[test]
+fn channels_are_interpolated_each_by_itself() {
+    let number = |x: i64, y: i64, channel: i64| noise(x + 97 * channel, y).map_or(f32::NAN, f32::from);
+    let degrees = 360.0 / SIDE as f64;
+    for (epsg, affine, grid, part) in [
+        (4326, [degrees, 0.0, -180.0, 0.0, -degrees / 2.0, 90.0], xyz(7), [0, 0, 128, 128]),
+        (32632, [3000.0, 0.0, 400_000.0, 0.0, -3000.0, 5_400_000.0], xyz(14), [8600, 5600, 110, 130]),
+    ] {
+        let frame = Frame { crs: Some(Crs::epsg(epsg)), ..Frame::planar(affine) };
+        for resampling in [Resampling::Bilinear, Resampling::Cubic] {
+            let drawn = |channels: &[i64]| {
+                let form = Form::new(Dimension::Quad, ValueType::new(SampleType::F32, channels.len() as u8));
+                let cell = |[x, y, _]: Cell| {
+                    let numbers = channels.iter().map(|channel| number(x.into(), y.into(), *channel));
+                    let numbers: Vec<f32> = numbers.collect();
+                    let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+                    // (What has no number at all is VOID.)
+                    numbers.iter().any(|number| !number.is_nan()).then(|| Value::from_bytes(&bytes))
+                };
+                let tree = Arc::new(MemTree::from_cells(form, 6, Rule::Mean, &cell).into());
+                let options = WarpOptions { resampling: Some(resampling), ..WarpOptions::default() };
+                let warped = Warped::new(tree, &frame, &grid, &options).unwrap();
+                let [x, y, width, height] = part;
+                let bounds = Bounds { min: [x, y, 0], max: [x + width, y + height, 1] };
+                let mut block = CellBlock::void(bounds.volume() as usize, 4 * channels.len());
+                assert!(warped.draw(&bounds, &mut block.values, &mut block.present).unwrap());
+                block
+            };
+            let (first, second, both) = (drawn(&[0]), drawn(&[1]), drawn(&[0, 1]));
+            let mut compared = 0;
+            for (channel, single) in [first, second].into_iter().enumerate() {
+                for cell in (0..single.present.len()).filter(|cell| single.present[*cell]) {
+                    let expected = &single.values[4 * cell..][..4];
+                    assert!(both.present[cell], "{epsg} {resampling}: cell {cell} is VOID");
+                    let found = &both.values[8 * cell + 4 * channel..][..4];
+                    assert_eq!(found, expected, "{epsg} {resampling}: channel {channel} of cell {cell}");
+                    compared += 1;
+                }
+            }
+            assert!(compared > both.present.len() / 2, "{compared} of {} cells", both.present.len());
+        }
+    }
+}
+
+#[test]
 fn cells_far_larger_and_smaller_than_the_sources() {
     let degrees = 360.0 / SIDE as f64;
     let raster = Raster::at(4326, [degrees, 0.0, -180.0, 0.0, -degrees / 2.0, 90.0], noise);

@@ -6,7 +6,7 @@ use super::{Key, Legend};
 
 /// A picture: red, green, blue and straight opacity of each pixel, rows from the top.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct LegendImage {
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -24,7 +24,7 @@ const BAND: usize = 160;
 const MOST_LETTERS: usize = 80;
 
 /// Draws a legend on white, in so many pixels per dot.
-pub(super) fn picture(legend: &Legend, dot: usize) -> Picture {
+pub(super) fn picture(legend: &Legend, dot: usize) -> LegendImage {
     // (First its size, then its dots.)
     let mut size = Canvas { dot, columns: 0, rows: 0, rgba: None };
     content(legend, &mut size);
@@ -32,7 +32,7 @@ pub(super) fn picture(legend: &Legend, dot: usize) -> Picture {
     let (width, height) = (columns * dot, rows * dot);
     let mut canvas = Canvas { dot, columns, rows, rgba: Some(vec![255; 4 * width * height]) };
     content(legend, &mut canvas);
-    Picture { width, height, rgba: canvas.rgba.unwrap_or_default() }
+    LegendImage { width, height, rgba: canvas.rgba.unwrap_or_default() }
 }
 
 fn content(legend: &Legend, canvas: &mut Canvas) {

@@ -7,7 +7,7 @@ mod ticks;
 
 use serde_json::json;
 
-pub use self::draw::Picture;
+pub use self::draw::LegendImage;
 use self::ticks::ticks;
 use super::coat::{Classes, Coat, Ink};
 use super::colour;
@@ -96,7 +96,7 @@ impl Legend {
     }
 
     /// The legend as a picture, each dot of its font so many pixels wide (1 to 8).
-    pub fn draw(&self, dot: usize) -> Picture {
+    pub fn draw(&self, dot: usize) -> LegendImage {
         draw::picture(self, dot.clamp(1, 8))
     }
 }

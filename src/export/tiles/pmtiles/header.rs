@@ -9,7 +9,7 @@ pub(super) const START: usize = 16_384;
 
 /// A part of an archive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Part {
+pub(super) struct ByteRange {
     pub(super) offset: u64,
     pub(super) length: u64,
 }
@@ -17,10 +17,10 @@ pub(super) struct Part {
 /// The header's fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Header {
-    pub(super) root: Part,
-    pub(super) metadata: Part,
-    pub(super) leaves: Part,
-    pub(super) tiles: Part,
+    pub(super) root: ByteRange,
+    pub(super) metadata: ByteRange,
+    pub(super) leaves: ByteRange,
+    pub(super) tiles: ByteRange,
     /// Tiles, entries of directories, and contents that differ; 0 is unknown.
     pub(super) counts: [u64; 3],
     pub(super) is_clustered: bool,
@@ -70,7 +70,7 @@ impl Header {
             return None;
         }
         let number = |at: usize| u64::from_le_bytes(std::array::from_fn(|byte| bytes[at + byte]));
-        let part = |at: usize| Part { offset: number(at), length: number(at + 8) };
+        let part = |at: usize| ByteRange { offset: number(at), length: number(at + 8) };
         let degree =
             |at: usize| f64::from(i32::from_le_bytes(std::array::from_fn(|byte| bytes[at + byte]))) / 1e7;
         Some(Header {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use super::directory::{self, DirectoryEntry, gunzip};
-use super::header::{HEADER, Header, Part};
+use super::header::{ByteRange, HEADER, Header};
 use crate::export::tiles::encode::TileFormat;
 use crate::export::tiles::making::{Digest, Own};
 use crate::export::tiles::place::{MAX_ZOOM, TileId, first_number};
@@ -77,7 +77,7 @@ impl Pmtiles {
     }
 
     /// The bytes of a part of the file, which must be in it and not too long.
-    fn part(&self, part: Part, most: u64, what: &str) -> Result<Vec<u8>> {
+    fn part(&self, part: ByteRange, most: u64, what: &str) -> Result<Vec<u8>> {
         let end = part.offset.checked_add(part.length);
         if part.length > most || end.is_none_or(|end| end > self.length) {
             let found = format!("{} bytes at {}", part.length, part.offset);
@@ -96,7 +96,7 @@ impl Pmtiles {
             .ok_or_else(|| self.bad(what, "bytes that cannot be unpacked", "gzip, not too long"))
     }
 
-    fn directory(&self, part: Part) -> Result<Vec<DirectoryEntry>> {
+    fn directory(&self, part: ByteRange) -> Result<Vec<DirectoryEntry>> {
         let bytes = self.part(part, MOST_DIRECTORY, "directory")?;
         // (Without compression there is nothing to unpack, and few such archives.)
         let bytes = if self.header.compression == 1 { directory::gzip(&bytes) } else { bytes };
@@ -111,7 +111,7 @@ impl Pmtiles {
         let offset = offset.filter(|_| is_inside);
         let offset = offset
             .ok_or_else(|| self.bad("directory", "a leaf directory outside of their part", "one in it"))?;
-        self.directory(Part { offset, length: entry.length.into() })
+        self.directory(ByteRange { offset, length: entry.length.into() })
     }
 
     fn content(&self, entry: &DirectoryEntry) -> Result<Vec<u8>> {
@@ -124,7 +124,7 @@ impl Pmtiles {
             ));
         }
         let offset = self.header.tiles.offset.saturating_add(entry.offset);
-        self.part(Part { offset, length: entry.length.into() }, MOST_TILE.into(), "tile")
+        self.part(ByteRange { offset, length: entry.length.into() }, MOST_TILE.into(), "tile")
     }
 
     /// The bytes of a tile; `None` if it is not there.

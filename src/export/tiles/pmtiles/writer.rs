@@ -5,12 +5,12 @@ use std::io::Write;
 use std::path::Path;
 
 use super::directory::{self, DirectoryEntry};
-use super::header::{HEADER, Header, Part, START, tile_type};
+use super::header::{ByteRange, HEADER, Header, START, tile_type};
 use crate::export::tiles::encode::Encoded;
 use crate::export::tiles::journal::{Checkpoint, Entry, Journal, other_export};
 use crate::export::tiles::making::{About, Digest};
 use crate::export::tiles::sink::{Stored, TileSink};
-use crate::export::tiles::walk::Run;
+use crate::export::tiles::walk::TileRun;
 use crate::io::{Output, folder, partial_of};
 use crate::{Error, Result};
 
@@ -148,7 +148,7 @@ impl TileSink for PmtilesSink {
         self.at.runs
     }
 
-    fn push(&mut self, run: &Run, tile: Option<&Encoded>) -> Result<()> {
+    fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()> {
         self.at.runs += 1;
         let Some(tile) = tile else { return Ok(()) };
         let (offset, length) = match self.known.get(&tile.hash) {
@@ -191,9 +191,9 @@ impl TileSink for PmtilesSink {
             Ok(())
         })?;
         let start = START as u64;
-        let tiles = Part { offset: start, length: self.at.bytes };
+        let tiles = ByteRange { offset: start, length: self.at.bytes };
         let mut root = directory::to_bytes(&few);
-        let mut leaves = Part { offset: start + self.at.bytes, length: 0 };
+        let mut leaves = ByteRange { offset: start + self.at.bytes, length: 0 };
         if entries > few.len() as u64 || HEADER + root.len() > START {
             let mut size = LEAF;
             (root, leaves.length) = loop {
@@ -204,10 +204,10 @@ impl TileSink for PmtilesSink {
             };
         }
         let text = directory::gzip(about.pmtiles_json(stored.tiles, digest).as_bytes());
-        let metadata = Part { offset: leaves.offset + leaves.length, length: text.len() as u64 };
+        let metadata = ByteRange { offset: leaves.offset + leaves.length, length: text.len() as u64 };
         self.write(&text)?;
         let header = Header {
-            root: Part { offset: HEADER as u64, length: root.len() as u64 },
+            root: ByteRange { offset: HEADER as u64, length: root.len() as u64 },
             metadata,
             leaves,
             tiles,
