@@ -14,7 +14,7 @@ import path from 'node:path';
 const [chromium, folder, picture] = process.argv.slice(2);
 const cesium = path.join(process.env.NODE_FOLDER, 'node_modules/cesium/Build/Cesium');
 
-const PAGE = `<!doctype html><body style="margin:0"><div id="view" style="width:640px;height:480px"></div>
+const PAGE = `<!doctype html><body style="margin:0"><div id="view" style="width:400px;height:300px"></div>
 <script>window.CESIUM_BASE_URL = '/cesium/';</script><script src="/cesium/Cesium.js"></script><script>
 const told = { levels: [], failed: [] };
 const tell = () => fetch('/told', { method: 'POST', body: JSON.stringify(told) });
@@ -25,7 +25,11 @@ window.onunhandledrejection = ({ reason }) => { told.failed.push(String(reason))
     contextOptions: { webgl: { preserveDrawingBuffer: true } } }).scene;
   scene.backgroundColor = Cesium.Color.WHITE;
   const tileset = await Cesium.Cesium3DTileset.fromUrl('/tiles/tileset.json', { maximumScreenSpaceError: 2 });
-  tileset.tileLoad.addEventListener((tile) => told.levels.push(Number(tile.content.url.split('/content/')[1].split('/')[0])));
+  tileset.tileLoad.addEventListener(({ content }) => {
+    // (Subtrees are contents, too.)
+    const level = /content.([0-9]+)/.exec(content.url ?? '');
+    if (level) told.levels.push(Number(level[1]));
+  });
   tileset.tileFailed.addEventListener(({ url, message }) => told.failed.push(url + ': ' + message));
   scene.primitives.add(tileset);
   const { center, radius } = tileset.boundingSphere;
@@ -38,6 +42,7 @@ window.onunhandledrejection = ({ reason }) => { told.failed.push(String(reason))
 })();
 </script></body>`;
 
+const asked = [];
 const told = await new Promise((resolve, reject) => {
   const server = http.createServer((request, response) => {
     const { pathname } = new URL(request.url, 'http://x');
@@ -56,6 +61,7 @@ const told = await new Promise((resolve, reject) => {
       return;
     }
     const file = path.join({ cesium, tiles: folder }[top] ?? '/nowhere', ...rest);
+    if (rest[0] === 'content') asked.push(rest.join('/'));
     const types = { '.js': 'text/javascript', '.json': 'application/json', '.css': 'text/css' };
     response.setHeader('Content-Type', types[path.extname(file)] ?? 'application/octet-stream');
     response.statusCode = fs.existsSync(file) ? 200 : 404;
@@ -81,7 +87,7 @@ const told = await new Promise((resolve, reject) => {
 });
 
 assert.deepEqual(told.failed, []);
-assert.equal(told.levels[0], 0, 'the coarsest comes first');
+assert.equal(asked[0], 'content/0/0/0/0.glb', 'the coarsest is asked for first');
 const finest = Math.max(...told.levels);
 assert.ok(finest > 0, 'finer ones follow');
 assert.ok(told.triangles > 0);

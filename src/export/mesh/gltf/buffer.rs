@@ -9,7 +9,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const MESHOPT: &str = "EXT_meshopt_compression";
 
 /// Views that are being made, all of one buffer.
-pub(super) struct Buffer {
+pub(super) struct GlbBuffer {
     meshopt: bool,
     bytes: Vec<u8>,
     /// Bytes of the buffer that there would be without compression.
@@ -17,9 +17,9 @@ pub(super) struct Buffer {
     views: Vec<Json>,
 }
 
-impl Buffer {
-    pub(super) fn new(meshopt: bool) -> Buffer {
-        Buffer { meshopt, bytes: Vec::new(), plain: 0, views: Vec::new() }
+impl GlbBuffer {
+    pub(super) fn new(meshopt: bool) -> GlbBuffer {
+        GlbBuffer { meshopt, bytes: Vec::new(), plain: 0, views: Vec::new() }
     }
 
     /// The extension that readers must know.

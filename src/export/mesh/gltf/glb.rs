@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde_json::{Value as Json, json};
 
 use super::GltfOptions;
-use super::buffer::Buffer;
+use super::buffer::GlbBuffer;
 use super::tile_mesh::{MARGIN, STEPS, TileCorner, TileMesh};
 use crate::space::Frame;
 use crate::store::Metadata;
@@ -30,7 +30,7 @@ const UNSIGNED_INT: u32 = 5125;
 pub(super) struct Glb<'a> {
     attribute: TileAttribute,
     metadata: &'a Metadata,
-    buffer: Buffer,
+    buffer: GlbBuffer,
     accessors: Vec<Json>,
     meshes: Vec<Json>,
     nodes: Vec<Json>,
@@ -52,7 +52,7 @@ impl<'a> Glb<'a> {
         Glb {
             attribute,
             metadata,
-            buffer: Buffer::new(options.meshopt),
+            buffer: GlbBuffer::new(options.meshopt),
             accessors: Vec::new(),
             meshes: Vec::new(),
             nodes: vec![json!({ "matrix": matrix })],

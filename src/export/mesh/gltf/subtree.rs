@@ -59,7 +59,7 @@ impl Subtree {
         for child in &self.children {
             children.set((child.order - first(self.levels)) as usize);
         }
-        let mut buffer = Buffer::default();
+        let mut buffer = SubtreeBuffer::default();
         let mut text = json!({
             "tileAvailability": buffer.availability(&available),
             "contentAvailability": [buffer.availability(&contents)],
@@ -89,12 +89,12 @@ impl Subtree {
 
 /// The binary part of a subtree file.
 #[derive(Default)]
-struct Buffer {
+struct SubtreeBuffer {
     bytes: Vec<u8>,
     views: Vec<Json>,
 }
 
-impl Buffer {
+impl SubtreeBuffer {
     fn availability(&mut self, bits: &Bits) -> Json {
         if bits.set == 0 || bits.set == bits.count {
             return json!({ "constant": u8::from(bits.set > 0) });

@@ -1,0 +1,106 @@
+#!/usr/bin/env python3
+"""Octrees as 3D Tiles and binary glTF, as programs of other people see them: trimesh; in JavaScript gltf-validator, 3d-tiles-tools, loaders.gl
+and CesiumJS.
+
+    tests/referees/gltf.py PATH/TO/spinney
+
+Needs Python with numpy and trimesh. With node, the folder that NODE_FOLDER names has the packages for gltf.mjs beside this file; with
+the package cesium and chromium cesium.mjs takes part as well.
+"""
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+SPINNEY = Path(sys.argv[1]).resolve()
+HERE = Path(__file__).resolve().parent
+
+
+def spinney(*arguments):
+    done = subprocess.run([SPINNEY, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 0, f"{arguments}: {done.stderr}"
+
+
+def placed(file):
+    """The mesh of a file in the coordinates of its scene."""
+    return trimesh.load(file, force="mesh", process=False)
+
+
+def check_volume(mesh, expected, tolerance, what):
+    mesh.merge_vertices(merge_norm=True, merge_tex=True, digits_vertex=6)
+    assert mesh.is_winding_consistent, what
+    assert abs(mesh.volume / expected - 1) < tolerance, f"{what}: {mesh.volume}, not {expected}"
+
+
+def main():
+    work = Path(tempfile.mkdtemp())
+    # Two bodies, of 64 cells and more, so that they are cut by tiles.
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=40.0)
+    ball.apply_translation([45.3, 50.1, 44.7])
+    box = trimesh.creation.box(extents=[20.0, 61.0, 33.0])
+    box.apply_translation([110.2, 50.0, 40.0])
+    lines, first = [], 1
+    for name, mesh in [("ball", ball), ("box", box)]:
+        lines += [f"o {name}", *(f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist())]
+        lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces + first).tolist()]
+        first += len(mesh.vertices)
+    (work / "bodies.obj").write_text("\n".join(lines) + "\n")
+    spinney("build", work / "bodies.obj", "-o", work / "shape.goblin", "--cells", 128, "--boundary", "coverage")
+    spinney("build", work / "bodies.obj", "-o", work / "parts.goblin", "--cells", 128, "--attribute", "part")
+    volume = 4 / 3 * math.pi * 40.0**3 + 20 * 61 * 33
+
+    for name, options, tolerance in [("shape", ["--smooth"], 0.02), ("shape", [], 0.01), ("parts", [], 0.01)]:
+        file = work / "whole.glb"
+        spinney("export", work / f"{name}.goblin", file, *options)
+        mesh = placed(file)
+        check_volume(mesh, volume, tolerance, f"{name} {options}")
+        # With y upwards.
+        cell = 2.0
+        least, most = np.array([5.3, 10.1, 4.7]) - cell, np.array([120.2, 90.1, 84.7]) + cell
+        turned = np.column_stack([mesh.vertices[:, 0], -mesh.vertices[:, 2], mesh.vertices[:, 1]])
+        assert (turned > least).all() and (turned < most).all(), name
+    print("binary glTF: trimesh finds both bodies in their place")
+
+    sets = []
+    # A coarse cell of parts is solid if anything is in it.
+    for name, options, tolerance in [("shape", ["--smooth"], 0.02), ("parts", [], 0.05)]:
+        folder = work / f"{name}-tiles"
+        spinney("export", work / f"{name}.goblin", folder / "tileset.json", *options)
+        spinney("export", work / f"{name}.goblin", work / f"{name}-tiles.meshopt" / "tileset.json", *options, "--meshopt")
+        sets.append(folder)
+        tileset = json.loads((folder / "tileset.json").read_text())
+        transform = np.array(tileset["root"]["transform"]).reshape(4, 4).T
+        levels = tileset["root"]["implicitTiling"]["availableLevels"]
+        for level in range(levels):
+            files = sorted((folder / "content" / str(level)).glob("*/*/*.glb"))
+            mesh = trimesh.util.concatenate([placed(file) for file in files])
+            # From y upwards, as glTF has it, to z upwards, and to the world.
+            z_up = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
+            mesh.apply_transform(transform @ z_up)
+            check_volume(mesh, volume, tolerance * 2 ** (levels - 1 - level), f"{folder.name}, level {level}")
+        print(f"{folder.name}: trimesh finds the bodies' volume in each of {levels} levels")
+
+    modules = os.environ.get("NODE_FOLDER")
+    if not modules or not shutil.which("node"):
+        print("readers in JavaScript are left out: there is no node, or NODE_FOLDER names no packages")
+        return
+    subprocess.run(["node", HERE / "gltf.mjs", *sets], check=True)
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if not chromium or not Path(modules, "node_modules/cesium").exists():
+        print("Cesium is left out: there is no chromium, or no package")
+        return
+    for folder in sets:
+        for one in [folder, f"{folder}.meshopt"]:
+            subprocess.run(["node", HERE / "cesium.mjs", chromium, one], check=True)
+    shutil.rmtree(work)
+
+
+main()
