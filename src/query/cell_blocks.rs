@@ -59,8 +59,10 @@ pub struct Block {
 pub enum Carried {
     /// One for all cells.
     Same(u32),
-    /// One for each: x runs fastest, then y, then z.
-    Each(Box<[u32]>),
+    /// One for each, if it is [`Carry::Coverage`]: x runs fastest, then y, then z.
+    Coverage(Box<[u8]>),
+    /// One for each, if it is [`Carry::Value`]: in the same order.
+    Values(Box<[u32]>),
 }
 
 impl Block {
@@ -80,12 +82,17 @@ impl Block {
     pub fn attribute(&self, [x, y, z]: [u32; 3]) -> u32 {
         match &self.carried {
             Carried::Same(attribute) => *attribute,
-            Carried::Each(attributes) => attributes[((z * SIDE + y) * SIDE + x) as usize],
+            Carried::Coverage(coverage) => coverage[((z * SIDE + y) * SIDE + x) as usize].into(),
+            Carried::Values(values) => values[((z * SIDE + y) * SIDE + x) as usize],
         }
     }
 
     fn bytes(&self) -> usize {
-        let carried = if let Carried::Each(attributes) = &self.carried { attributes.len() * 4 } else { 0 };
+        let carried = match &self.carried {
+            Carried::Same(_) => 0,
+            Carried::Coverage(coverage) => coverage.len(),
+            Carried::Values(values) => values.len() * 4,
+        };
         ROWS * 4 + carried
     }
 }
@@ -212,7 +219,8 @@ impl<P: Deref<Target: Source>> SourceBlocks<P> {
         }
         let carried = match self.cells.carry {
             Carry::Nothing => Carried::Same(0),
-            _ => Carried::Each(vec![0; ROWS * SIDE as usize].into()),
+            Carry::Coverage => Carried::Coverage(vec![0; ROWS * SIDE as usize].into()),
+            Carry::Value => Carried::Values(vec![0; ROWS * SIDE as usize].into()),
         };
         let mut block = Block { solid: vec![0; ROWS].into(), carried };
         self.fill(&node, height, [0; 3], &mut block)?;
@@ -336,13 +344,17 @@ impl Cells {
                 block.solid[row..row + side as usize].iter_mut().for_each(|row| *row |= bits);
             }
         }
-        if let Carried::Each(each) = &mut block.carried
-            && attribute > 0
-        {
-            for z in at[2]..at[2] + side {
-                for y in at[1]..at[1] + side {
-                    let start = ((z * SIDE + y) * SIDE + at[0]) as usize;
-                    each[start..start + side as usize].fill(attribute);
+        if attribute == 0 {
+            return;
+        }
+        for z in at[2]..at[2] + side {
+            for y in at[1]..at[1] + side {
+                let start = ((z * SIDE + y) * SIDE + at[0]) as usize;
+                let row = start..start + side as usize;
+                match &mut block.carried {
+                    Carried::Same(_) => {}
+                    Carried::Coverage(coverage) => coverage[row].fill(attribute as u8),
+                    Carried::Values(values) => values[row].fill(attribute),
                 }
             }
         }

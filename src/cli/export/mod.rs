@@ -32,6 +32,9 @@ use super::args::ViewedTree;
 /// sizes meet, a face has the corners of its neighbours as points of its own. Memory does not grow with the
 /// mesh.
 ///
+/// For viewers, x/tileset.json is 3D Tiles 1.1: the octree in tiles of 64 cells, level by level, in a new folder; x.glb is one level as
+/// binary glTF. Both have normals, colours, and classes as features; the tiles lie on the globe if the file's coordinate system is known.
+///
 /// Of an exact model the faces are written as they are, polygons with holes too, and as CityJSON (.city.json) as well.
 ///
 /// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and has colours of
@@ -41,10 +44,10 @@ use super::args::ViewedTree;
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Output: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of pictures; .ply, .obj, .stl or .off of
-    /// solids, of exact models .city.json, too; `-` is standard output
+    /// Output: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of pictures; .ply, .obj, .stl,
+    /// .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too; `-` is standard output
     output: PathBuf,
-    /// Format where the output's name does not say: tif, ply, obj, stl, off or city.json
+    /// Format where the output's name does not say: tif, ply, obj, stl, off, glb or city.json
     #[arg(long)]
     format: Option<Target>,
     #[command(flatten)]
@@ -93,6 +96,8 @@ const EXAMPLES: &str = "Examples:
   spinney export bunny.goblin bunny.ply
   spinney export bunny.goblin small.obj --level 6
   spinney export bunny.goblin print.stl --smooth
+  spinney export bunny.goblin bunny-tiles/tileset.json --smooth --meshopt
+  spinney export bunny.goblin bunny.glb --level 7
   spinney export city.goblin quarter.ply --view window=0,256,0,512,512,64
   spinney export bunny.goblin - --format stl > bunny.stl";
 
@@ -123,7 +128,6 @@ impl FromStr for Target {
     fn from_str(name: &str) -> spinney::Result<Target> {
         match name.to_ascii_lowercase().as_str() {
             "tif" | "tiff" | "cog" => Ok(Target::Cog),
-            "3dtiles" => Ok(Target::Tileset),
             "glb" => Ok(Target::Glb),
             _ => name.parse().map(Target::Mesh),
         }
@@ -135,8 +139,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let target = args.format.or_else(|| Target::of(&args.output));
     if tiles.is_none() && target.is_none() {
         bail!(
-            "{}: unknown format; use .tif, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl or \
-             .off, or --format",
+            "{}: unknown format; use .tif, .pmtiles, .mbtiles, a pattern with {{z}}, {{x}} and {{y}}, .ply, .obj, .stl, \
+             .off, .glb or x/tileset.json, or --format",
             args.output.display()
         );
     }

@@ -44,16 +44,15 @@ impl NetNormals {
                 let first = 3 * block_y + 9 * block_z;
                 for (block, cells) in around[first..first + 3].iter().zip([30..32, 0..32, 0..1]) {
                     match &block.carried {
-                        _ if !has_coverage => {
+                        Carried::Coverage(coverages) if has_coverage => {
+                            coverage.extend_from_slice(&coverages[row * SIDE as usize..][cells]);
+                        }
+                        Carried::Same(same) if has_coverage => {
+                            coverage.extend(std::iter::repeat_n(*same as u8, cells.len()));
+                        }
+                        _ => {
                             let solid = block.solid[row];
                             coverage.extend(cells.map(|x| if solid >> x & 1 > 0 { u8::MAX } else { 0 }));
-                        }
-                        Carried::Same(attribute) => {
-                            coverage.extend(std::iter::repeat_n(*attribute as u8, cells.len()));
-                        }
-                        Carried::Each(attributes) => {
-                            let row = &attributes[row * SIDE as usize..][cells];
-                            coverage.extend(row.iter().map(|attribute| *attribute as u8));
                         }
                     }
                 }
