@@ -66,23 +66,21 @@ struct Collecting {
     /// Corners before those of the mesh, of the same vertex each.
     before: Vec<Option<u32>>,
     /// The normal of the next vertex.
-    normal: DVec3,
+    normal: Option<[i8; 3]>,
 }
 
 struct TileVertex {
     at: [u16; 3],
-    /// Zero if that of its faces is meant.
-    normal: DVec3,
+    /// If it is not that of its faces.
+    normal: Option<[i8; 3]>,
     last: Option<u32>,
 }
 
 impl Collecting {
-    /// The corner of a vertex in a face.
-    fn corner(&mut self, vertex: usize, flat: DVec3, attribute: u32) -> u32 {
+    /// The corner of a vertex in a face, whose normal is asked for if it has none of its own.
+    fn corner(&mut self, vertex: usize, flat: impl FnOnce() -> [i8; 3], attribute: u32) -> u32 {
         let TileVertex { at, normal, last } = &mut self.vertices[vertex];
-        let normal = if *normal == DVec3::ZERO { flat } else { *normal };
-        let normal = (normal * 127.0).round().to_array().map(|number| number as i8);
-        let corner = TileCorner { at: *at, normal, attribute };
+        let corner = TileCorner { at: *at, normal: normal.unwrap_or_else(flat), attribute };
         let mut known = *last;
         while let Some(number) = known {
             if self.mesh.corners[number as usize] == corner {
@@ -102,8 +100,9 @@ struct Collector(Rc<RefCell<Collecting>>);
 impl Sink for Collector {
     fn vertex(&mut self, at: [f64; 3]) -> Result<()> {
         let collecting = &mut *self.0.borrow_mut();
-        let at = at.map(|cells| ((cells + MARGIN) * STEPS).round() as u16);
-        let normal = std::mem::take(&mut collecting.normal);
+        // (To the nearest: there are none below zero.)
+        let at = at.map(|cells| ((cells + MARGIN) * STEPS + 0.5) as u16);
+        let normal = collecting.normal.take();
         collecting.vertices.push(TileVertex { at, normal, last: None });
         Ok(())
     }
@@ -113,15 +112,18 @@ impl Sink for Collector {
     }
 
     fn normal(&mut self, normal: [f64; 3]) -> Result<()> {
-        self.0.borrow_mut().normal = normal.into();
+        let normal = DVec3::from(normal);
+        self.0.borrow_mut().normal = (normal != DVec3::ZERO).then(|| quantised(normal));
         Ok(())
     }
 
     fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
         let collecting = &mut *self.0.borrow_mut();
-        let [a, b, c] = [0, 1, 2].map(|corner: usize| DVec3::from(corners[corner].at));
-        let flat = (b - a).cross(c - a).normalize_or_zero();
         let attribute = if collecting.with_attribute { attribute } else { 0 };
+        let flat = || {
+            let [a, b, c] = [0, 1, 2].map(|corner: usize| DVec3::from(corners[corner].at));
+            quantised((b - a).cross(c - a).normalize_or_zero())
+        };
         let triangle =
             [0, 1, 2].map(|corner: usize| collecting.corner(corners[corner].index as usize, flat, attribute));
         // Corners of a sliver may be rounded to one place.
@@ -135,4 +137,10 @@ impl Sink for Collector {
     fn finish(self: Box<Self>) -> Result<()> {
         Ok(())
     }
+}
+
+/// A normal in parts of 127.
+fn quantised(normal: DVec3) -> [i8; 3] {
+    // (To the nearest, by way of numbers above zero.)
+    normal.to_array().map(|number| ((number * 127.0 + 128.5) as i16 - 128) as i8)
 }
