@@ -122,7 +122,7 @@ pub struct Tiles {
 
 impl Tiles {
     pub fn read(folder: &Path, tileset: &Json) -> Tiles {
-        let implicit = &tileset["root"]["implicitTiling"];
+        let implicit = &tileset["root"]["children"][0]["implicitTiling"];
         assert_eq!(implicit["subdivisionScheme"], "OCTREE");
         let [levels, of_subtree] =
             ["availableLevels", "subtreeLevels"].map(|key| implicit[key].as_u64().unwrap() as u32);

@@ -123,7 +123,7 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
     expected.insert("tileset.json".into());
     assert_eq!(files(&folder).into_keys().collect::<BTreeSet<_>>(), expected, "{what}");
     assert_eq!(summary.tiles, contents.len() as u64, "{what}");
-    let levels = tileset["root"]["implicitTiling"]["availableLevels"].as_u64().unwrap() as u32;
+    let levels = tileset["root"]["children"][0]["implicitTiling"]["availableLevels"].as_u64().unwrap() as u32;
     assert_eq!(u32::from(summary.levels), levels);
     // No tile is there for nothing.
     for (place, has_content) in &tiles.tiles {
@@ -138,7 +138,10 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
     let mut triangles = 0;
     for level in 0..levels {
         let cell = f64::from(1u32 << (levels - 1 - level));
-        assert_eq!(tileset["root"]["geometricError"].as_f64().unwrap() / f64::from(1u32 << level), cell);
+        assert_eq!(
+            tileset["root"]["children"][0]["geometricError"].as_f64().unwrap() / f64::from(1u32 << level),
+            cell
+        );
         let mut meshes = Vec::new();
         for place in contents.iter().filter(|place| place[0] == level) {
             let glb = Glb::read(&folder.join(name(*place)));
@@ -151,9 +154,15 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
                 Some([centre, half]) => (*centre, *half),
                 None => (at.map(|at| (f64::from(at) + 0.5) * side), [side / 2.0; 3]),
             };
+            let all = &tileset["root"]["boundingVolume"]["box"];
+            let all = |at: usize| all[at].as_f64().unwrap();
             for mesh in &glb.meshes {
                 for corner in &mesh.corners {
                     for axis in 0..3 {
+                        assert!(
+                            (corner.at[axis] - all(axis)).abs() <= all(3 + 4 * axis),
+                            "{what}: {place:?}"
+                        );
                         assert!((corner.at[axis] - centre[axis]).abs() <= half[axis], "{what}: {place:?}");
                     }
                 }

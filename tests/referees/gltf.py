@@ -78,7 +78,7 @@ def main():
         sets.append(folder)
         tileset = json.loads((folder / "tileset.json").read_text())
         transform = np.array(tileset["root"]["transform"]).reshape(4, 4).T
-        levels = tileset["root"]["implicitTiling"]["availableLevels"]
+        levels = tileset["root"]["children"][0]["implicitTiling"]["availableLevels"]
         for level in range(levels):
             files = sorted((folder / "content" / str(level)).glob("*/*/*.glb"))
             mesh = trimesh.util.concatenate([placed(file) for file in files])

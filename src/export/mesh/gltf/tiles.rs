@@ -124,10 +124,22 @@ impl<'a> TileMaker<'a> {
     pub(super) fn bounds(&self, tile: Tile) -> [[f64; 3]; 2] {
         let [side, cell] = self.sides(tile.level);
         let least = tile.place().map(|at| f64::from(at) * side);
+        self.with_reach(least, least.map(|at| at + side), cell)
+    }
+
+    /// The box around the surfaces of all tiles.
+    pub(super) fn all_bounds(&self) -> [[f64; 3]; 2] {
+        // The coarsest cells reach furthest.
+        let cell = self.cell_side(0);
+        self.with_reach([0.0; 3], self.extent().map(|cells| (cells / cell).ceil() * cell), cell)
+    }
+
+    /// A box of cells of the given side, with what surfaces have beyond them.
+    fn with_reach(&self, least: [f64; 3], most: [f64; 3], cell: f64) -> [[f64; 3]; 2] {
         // The quadrangles around a cell's edges have corners in the two cells before it, and, beyond the space, in half a
         // cell behind.
         let (before, behind) = if self.smooth { (1.5 * cell, 0.5 * cell) } else { (0.0, 0.0) };
-        [least.map(|at| at - before), least.map(|at| at + side + behind)]
+        [least.map(|at| at - before), most.map(|at| at + behind)]
     }
 
     /// Cells of which only the shape is asked, for [`TileMaker::wants`].

@@ -211,19 +211,24 @@ impl<'a> TilesetWriter<'a, '_> {
         let mut tileset = json!({
             "asset": asset,
             "geometricError": side * self.unit,
+            // The box of the tree's cells, since the next one is a cube that they may fill but a little of.
             "root": {
                 "transform": transform.to_cols_array(),
-                "boundingVolume": { "box": self.bounding_box([[0.0; 3], [side; 3]]) },
-                // The side of a cell; that of each level is half of that above.
-                "geometricError": self.maker.cell_side(0) * self.unit,
+                "boundingVolume": { "box": self.bounding_box(self.maker.all_bounds()) },
+                "geometricError": side * self.unit,
                 "refine": "REPLACE",
-                "content": { "uri": "content/{level}/{x}/{y}/{z}.glb" },
-                "implicitTiling": {
-                    "subdivisionScheme": "OCTREE",
-                    "availableLevels": self.maker.tile_levels(),
-                    "subtreeLevels": self.subtree_levels,
-                    "subtrees": { "uri": "subtrees/{level}/{x}/{y}/{z}.subtree" },
-                },
+                "children": [{
+                    "boundingVolume": { "box": self.bounding_box([[0.0; 3], [side; 3]]) },
+                    // The side of a cell; that of each level is half of that above.
+                    "geometricError": self.maker.cell_side(0) * self.unit,
+                    "content": { "uri": "content/{level}/{x}/{y}/{z}.glb" },
+                    "implicitTiling": {
+                        "subdivisionScheme": "OCTREE",
+                        "availableLevels": self.maker.tile_levels(),
+                        "subtreeLevels": self.subtree_levels,
+                        "subtrees": { "uri": "subtrees/{level}/{x}/{y}/{z}.subtree" },
+                    },
+                }],
             },
         });
         if self.maker.is_smooth() {
