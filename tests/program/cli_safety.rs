@@ -215,7 +215,7 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
         std::fs::write(folder.path().join(name), "old").unwrap();
         path(name)
     };
-    let commands: [&[&str]; 10] = [
+    let commands: [&[&str]; 12] = [
         &["build", &tif, "-o", &old("a.goblin")],
         &["build", &tif, "-o", &path("b.autumn")],
         &["build", &model, "-o", &old("c.goblin")],
@@ -225,6 +225,8 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
         &["combine", "union", &map, &map, "-o", &old("g.goblin")],
         &["get", &map, &old("h.tif")],
         &["export", &ball, &old("i.ply")],
+        &["export", &ball, &old("k.glb")],
+        &["export", &ball, &path("l/tileset.json")],
         &["render", &ball, &old("j.png")],
     ];
     let files = || {

@@ -1,0 +1,58 @@
+#!/usr/bin/env python3
+"""3D Tiles of the armadillo in 4096 cells, beside our own meshes of all its levels: processor time, time, peak memory, bytes.
+
+There is no peer that makes tilesets of octrees: the smooth meshes of the same levels as PLY, each written by itself, are the measure.
+"""
+
+import shutil
+import statistics
+
+from common import ROOT, SPINNEY, WORK, once, start, table, tree, verdict
+
+MODEL = ROOT.parent / "shared" / "data" / "mesh" / "armadillo.ply"
+LEVELS = range(6, 13)
+
+
+def size(path):
+    files = [path] if path.is_file() else path.rglob("*")
+    return sum(file.stat().st_size for file in files if file.is_file()) / 2**20
+
+
+def main():
+    start(data=False, peer="python3")
+    if not MODEL.exists():
+        print("skipped: no test data in ../shared/data/mesh")
+        return
+    solid, folder, mesh = WORK / "armadillo_4096.goblin", WORK / "tileset", WORK / "level.ply"
+    tree(MODEL, solid, "--cells", "4096")
+
+    def export(*options):
+        # (A new folder each: right after thousands of files are removed a file system may take long to make as many.)
+        found = []
+        for number in range(3):
+            target = folder.with_name(f"{folder.name}{number}")
+            shutil.rmtree(target, ignore_errors=True)
+            found.append([*once([SPINNEY, "-q", "export", solid, target / "tileset.json", "--smooth", *options]), size(target)])
+        for number in range(3):
+            shutil.rmtree(folder.with_name(f"{folder.name}{number}"))
+        return [statistics.median(column) for column in zip(*found)]
+
+    def meshes():
+        found = []
+        for level in LEVELS:
+            found.append([*once([SPINNEY, "-q", "export", solid, mesh, "--smooth", "--level", str(level)]), size(mesh)])
+            mesh.unlink()
+        cpu, wall, memory, written = zip(*found)
+        return [sum(cpu), sum(wall), max(memory), sum(written)]
+
+    plain = [statistics.median(column) for column in zip(*(meshes() for _ in range(3)))]
+    rows = [["PLY of levels 6 to 12", *plain, ""]]
+    for what, options in [("3D Tiles", []), ("one thread", ["--threads", "1"]), ("--meshopt", ["--meshopt"])]:
+        found = export(*options)
+        rows.append([what, *found, f"{verdict(found[1] / plain[1], 2, False)}; CPU {found[0] / plain[0]:.3g}"])
+    shown = [[row[0], *(f"{number:.3g}" for number in row[1:5]), row[5]] for row in rows]
+    table(["smooth surface", "CPU s", "s", "MiB", "MiB written", "time by that of PLY"], shown)
+
+
+if __name__ == "__main__":
+    main()
