@@ -24,7 +24,7 @@ use crate::{Error, Result};
 const MOST: usize = 1 << 20;
 
 /// A coordinate system, in the form in which it was defined.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Crs {
     /// By numbers of the EPSG registry.
     Epsg(Epsg),
@@ -36,6 +36,19 @@ pub enum Crs {
     ProjJson(String),
     /// In PROJ's words, `+proj=...`.
     Proj(String),
+}
+
+// (A derived one is compiled anew wherever a frame is cloned.)
+impl Clone for Crs {
+    fn clone(&self) -> Crs {
+        match self {
+            Crs::Epsg(epsg) => Crs::Epsg(*epsg),
+            Crs::GeoKeys(keys) => Crs::GeoKeys(keys.clone()),
+            Crs::Wkt(text) => Crs::Wkt(text.clone()),
+            Crs::ProjJson(text) => Crs::ProjJson(text.clone()),
+            Crs::Proj(text) => Crs::Proj(text.clone()),
+        }
+    }
 }
 
 impl Crs {
