@@ -73,7 +73,7 @@ async function triangles(file) {
   return found;
 }
 
-/** The same text for the same triangles, whichever of their corners comes first. */
+/** Text of a triangle, whichever of its corners comes first. */
 function written(triangle) {
   const corners = triangle.map(({ at, normal }) => [...at, ...normal].join(' '));
   const first = corners.indexOf(corners.toSorted()[0]);

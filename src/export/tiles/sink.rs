@@ -23,7 +23,7 @@ pub(super) trait TileSink: Send {
 
 /// Archive or folder whose tiles are replaced in place.
 pub(super) trait TileEdit {
-    /// What it says of how it was made.
+    /// Description of how it was made.
     fn own(&self) -> &Own;
 
     /// Replaces a tile; `None` removes it.

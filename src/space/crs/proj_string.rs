@@ -37,7 +37,7 @@ pub(in crate::space) fn parse(text: &str) -> Result<Vec<(&str, Option<&str>)>, S
     if method.is_some() { Ok(words) } else { Err("no +proj=".into()) }
 }
 
-/// What a word stands for.
+/// Meaning of a word.
 pub(in crate::space) fn value<'a>(words: &[(&str, Option<&'a str>)], name: &str) -> Option<&'a str> {
     words.iter().find(|(own, _)| *own == name).and_then(|(_, value)| *value)
 }

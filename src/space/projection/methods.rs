@@ -8,7 +8,7 @@ use super::system::Axis;
 /// Parameters with their values: PROJ's words, and degrees, metres or ones.
 pub(super) type Values = Vec<(&'static str, f64)>;
 
-/// What a parameter is measured in.
+/// Kind of measure of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
     Angle,
@@ -45,7 +45,7 @@ pub(super) struct Method {
 enum Form {
     /// As it is.
     Plain(&'static str),
-    /// The same with the axes turned round.
+    /// Method with the axes turned round.
     South,
     /// Lambert's conic with one parallel, at the origin.
     OneParallel,

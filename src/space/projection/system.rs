@@ -17,13 +17,13 @@ pub(super) struct System {
     pub(super) conversion: Option<Conversion>,
     /// The axes of the plane in their order; none if the definition leaves them to the reader.
     pub(super) axes: Vec<Axis>,
-    /// What a unit of the axes is: metres of a plane, radians of angles.
+    /// Size of a unit of the axes: metres of a plane, radians of angles.
     pub(super) unit: f64,
     /// The way to WGS 84 that the definition tells.
     pub(super) shift: Option<Datum>,
 }
 
-/// What longitudes and latitudes refer to.
+/// Base of longitudes and latitudes.
 #[derive(Debug)]
 pub(super) struct Base {
     pub(super) datum: Name,
@@ -45,7 +45,7 @@ pub(super) struct Axis {
     pub(super) meridian: Option<f64>,
 }
 
-/// What a datum is called.
+/// Name of a datum.
 #[derive(Debug)]
 pub(super) enum Name {
     /// By this name.
@@ -124,7 +124,7 @@ pub(super) fn degrees(value: f64, radians: f64) -> f64 {
 }
 
 impl Base {
-    /// What a geographic system of the EPSG registry refers to.
+    /// Base of a geographic system of the EPSG registry.
     pub(super) fn of_epsg(number: u16) -> Result<Base, String> {
         let missing = || format!("EPSG:{number}, which the list of definitions does not have");
         let definition =

@@ -19,7 +19,7 @@ const ELLIPSOIDS: [&str; 2] = ["SPHEROID", "ELLIPSOID"];
 const MERIDIANS: [&str; 2] = ["PRIMEM", "PRIMEMERIDIAN"];
 const LENGTHS: [&str; 2] = ["LENGTHUNIT", "UNIT"];
 const ANGLES: [&str; 2] = ["ANGLEUNIT", "UNIT"];
-/// What a system may have besides its parts, and which changes no coordinates.
+/// Nodes that a system may have besides its parts, and which change no coordinates.
 const TOLD: [&str; 14] = [
     "USAGE",
     "SCOPE",
@@ -128,7 +128,7 @@ fn prime_meridian(node: &WktNode, angle: f64) -> Result<f64, String> {
     Ok(if in_degrees { longitude } else { degrees(longitude, unit) })
 }
 
-/// What a node's unit is in metres or radians.
+/// Size of a node's unit in metres or radians.
 fn unit(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String> {
     let Some(unit) = node.child(keywords) else { return Ok(None) };
     match unit.numbers().next() {
