@@ -9,33 +9,38 @@ use super::epsg::is_geographic;
 use super::{Epsg, number_text, unit_of_angle, unit_of_length};
 
 /// Keys by their names in GeoTIFF 1.1.
-mod key {
-    pub(super) const MODEL_TYPE: u16 = 1024;
-    pub(super) const RASTER_TYPE: u16 = 1025;
-    pub(super) const CITATION: u16 = 1026;
-    pub(super) const GEODETIC_CRS: u16 = 2048;
-    pub(super) const GEODETIC_CITATION: u16 = 2049;
-    pub(super) const GEODETIC_DATUM: u16 = 2050;
-    pub(super) const ANGULAR_UNITS: u16 = 2054;
-    pub(super) const ANGULAR_UNIT_SIZE: u16 = 2055;
-    pub(super) const PRIME_MERIDIAN_LONGITUDE: u16 = 2061;
-    pub(super) const PROJECTED_CRS: u16 = 3072;
-    pub(super) const PROJECTED_CITATION: u16 = 3073;
-    pub(super) const PROJECTION: u16 = 3074;
-    pub(super) const PROJECTION_METHOD: u16 = 3075;
-    pub(super) const LINEAR_UNITS: u16 = 3076;
-    pub(super) const LINEAR_UNIT_SIZE: u16 = 3077;
-    pub(super) const FALSE_EASTING: u16 = 3082;
-    pub(super) const FALSE_NORTHING: u16 = 3083;
-    pub(super) const VERTICAL: u16 = 4096;
-    pub(super) const VERTICAL_CITATION: u16 = 4097;
-    pub(super) const VERTICAL_DATUM: u16 = 4098;
-    pub(super) const VERTICAL_UNITS: u16 = 4099;
+pub(in crate::space) mod key {
+    pub(in crate::space) const MODEL_TYPE: u16 = 1024;
+    pub(in crate::space) const RASTER_TYPE: u16 = 1025;
+    pub(in crate::space) const CITATION: u16 = 1026;
+    pub(in crate::space) const GEODETIC_CRS: u16 = 2048;
+    pub(in crate::space) const GEODETIC_CITATION: u16 = 2049;
+    pub(in crate::space) const GEODETIC_DATUM: u16 = 2050;
+    pub(in crate::space) const PRIME_MERIDIAN: u16 = 2051;
+    pub(in crate::space) const ANGULAR_UNITS: u16 = 2054;
+    pub(in crate::space) const ANGULAR_UNIT_SIZE: u16 = 2055;
+    pub(in crate::space) const SEMI_MAJOR_AXIS: u16 = 2057;
+    pub(in crate::space) const SEMI_MINOR_AXIS: u16 = 2058;
+    pub(in crate::space) const INVERSE_FLATTENING: u16 = 2059;
+    pub(in crate::space) const PRIME_MERIDIAN_LONGITUDE: u16 = 2061;
+    pub(in crate::space) const TO_WGS84: u16 = 2062;
+    pub(in crate::space) const PROJECTED_CRS: u16 = 3072;
+    pub(in crate::space) const PROJECTED_CITATION: u16 = 3073;
+    pub(in crate::space) const PROJECTION: u16 = 3074;
+    pub(in crate::space) const PROJECTION_METHOD: u16 = 3075;
+    pub(in crate::space) const LINEAR_UNITS: u16 = 3076;
+    pub(in crate::space) const LINEAR_UNIT_SIZE: u16 = 3077;
+    pub(in crate::space) const FALSE_EASTING: u16 = 3082;
+    pub(in crate::space) const FALSE_NORTHING: u16 = 3083;
+    pub(in crate::space) const VERTICAL: u16 = 4096;
+    pub(in crate::space) const VERTICAL_CITATION: u16 = 4097;
+    pub(in crate::space) const VERTICAL_DATUM: u16 = 4098;
+    pub(in crate::space) const VERTICAL_UNITS: u16 = 4099;
 }
 
 // Values of the model type.
-const PROJECTED: u16 = 1;
-const GEOGRAPHIC: u16 = 2;
+pub(in crate::space) const PROJECTED: u16 = 1;
+pub(in crate::space) const GEOGRAPHIC: u16 = 2;
 const GEOCENTRIC: u16 = 3;
 
 /// Numbers for units, of the EPSG registry.
@@ -50,7 +55,7 @@ mod unit {
 }
 
 /// The value of a key that is defined by other keys.
-const USER_DEFINED: u16 = 32767;
+pub(in crate::space) const USER_DEFINED: u16 = 32767;
 
 /// Tags that hold the values of keys. (Where the tag is 0, the entry has the value itself.)
 const DOUBLES_TAG: u16 = 34736;

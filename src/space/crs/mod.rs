@@ -1,7 +1,7 @@
 //! Coordinate systems, defined as they came.
 
 mod epsg;
-mod geo_keys;
+pub(in crate::space) mod geo_keys;
 mod proj_string;
 mod projjson;
 mod registry;

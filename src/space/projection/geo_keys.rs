@@ -5,35 +5,8 @@ use super::system::{
     Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes, helmert,
 };
 use super::wkt;
-use crate::space::crs::GeoKeys;
+use crate::space::crs::geo_keys::{GEOGRAPHIC, GeoKeys, PROJECTED, USER_DEFINED, key};
 
-/// Keys by their names in GeoTIFF 1.1.
-mod key {
-    pub(super) const MODEL_TYPE: u16 = 1024;
-    pub(super) const CITATION: u16 = 1026;
-    pub(super) const GEODETIC_CRS: u16 = 2048;
-    pub(super) const GEODETIC_CITATION: u16 = 2049;
-    pub(super) const GEODETIC_DATUM: u16 = 2050;
-    pub(super) const PRIME_MERIDIAN: u16 = 2051;
-    pub(super) const ANGULAR_UNITS: u16 = 2054;
-    pub(super) const ANGULAR_UNIT_SIZE: u16 = 2055;
-    pub(super) const SEMI_MAJOR_AXIS: u16 = 2057;
-    pub(super) const SEMI_MINOR_AXIS: u16 = 2058;
-    pub(super) const INVERSE_FLATTENING: u16 = 2059;
-    pub(super) const PRIME_MERIDIAN_LONGITUDE: u16 = 2061;
-    pub(super) const TO_WGS84: u16 = 2062;
-    pub(super) const PROJECTED_CRS: u16 = 3072;
-    pub(super) const PROJECTED_CITATION: u16 = 3073;
-    pub(super) const PROJECTION: u16 = 3074;
-    pub(super) const PROJECTION_METHOD: u16 = 3075;
-    pub(super) const LINEAR_UNITS: u16 = 3076;
-    pub(super) const LINEAR_UNIT_SIZE: u16 = 3077;
-}
-
-const PROJECTED: u16 = 1;
-const GEOGRAPHIC: u16 = 2;
-/// The value of a key that other keys define.
-const USER_DEFINED: u16 = 32767;
 /// The prime meridian of Greenwich.
 const GREENWICH: u16 = 8901;
 

@@ -10,7 +10,7 @@ pub(super) type Values = Vec<(&'static str, f64)>;
 
 /// Kind of measure of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Kind {
+pub(super) enum Measure {
     Angle,
     Length,
     Scale,
@@ -18,7 +18,7 @@ pub(super) enum Kind {
 
 /// A parameter: PROJ's word for it, and its names in definitions.
 #[derive(Debug)]
-pub(super) struct Role(&'static str, Kind, Need, &'static [&'static str]);
+pub(super) struct Role(&'static str, Measure, Need, &'static [&'static str]);
 
 /// A parameter's place in a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +64,7 @@ enum Form {
 }
 
 use Form::*;
-use Kind::*;
+use Measure::*;
 use Need::*;
 
 const NAT_LAT: &[&str] = &[
@@ -176,7 +176,7 @@ impl Role {
         self.0
     }
 
-    pub(super) fn kind(&self) -> Kind {
+    pub(super) fn measure(&self) -> Measure {
         self.1
     }
 }

@@ -238,17 +238,17 @@ impl System {
         for Parameter { name, value, unit } in &conversion.parameters {
             let unknown = || format!("the parameter {name} of the method {}", conversion.method);
             let role = method.role(name).ok_or_else(unknown)?;
-            let unit = unit.unwrap_or(match role.kind() {
-                methods::Kind::Angle => Unit::Angle(self.base.angle),
-                methods::Kind::Length => Unit::Length(self.unit),
-                methods::Kind::Scale => Unit::Scale(1.0),
+            let unit = unit.unwrap_or(match role.measure() {
+                methods::Measure::Angle => Unit::Angle(self.base.angle),
+                methods::Measure::Length => Unit::Length(self.unit),
+                methods::Measure::Scale => Unit::Scale(1.0),
             });
-            let (value, most) = match (role.kind(), unit) {
-                (methods::Kind::Angle, Unit::Angle(radians)) => (degrees(*value, radians), 360.0),
-                (methods::Kind::Length, Unit::Length(metres)) if LENGTHS.contains(&metres) => {
+            let (value, most) = match (role.measure(), unit) {
+                (methods::Measure::Angle, Unit::Angle(radians)) => (degrees(*value, radians), 360.0),
+                (methods::Measure::Length, Unit::Length(metres)) if LENGTHS.contains(&metres) => {
                     (value * metres, 1e10)
                 }
-                (methods::Kind::Scale, Unit::Scale(factor)) => (value * factor, 1e3),
+                (methods::Measure::Scale, Unit::Scale(factor)) => (value * factor, 1e3),
                 _ => return Err(format!("{} in another kind of unit", unknown())),
             };
             if !(-most..=most).contains(&value) {
