@@ -49,6 +49,11 @@ pub trait Faces {
         None
     }
 
+    /// Whether what is far away belongs to the body: its faces then bound what does not.
+    fn is_unbounded(&self) -> bool {
+        false
+    }
+
     /// Number of faces.
     fn len(&self) -> u64;
 

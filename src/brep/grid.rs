@@ -1,6 +1,6 @@
 //! The integer grid of a model: where its points lie in the world.
 
-use crate::space::Dimension;
+use crate::space::{Crs, Dimension, Frame};
 use crate::{Error, Result};
 
 /// Most bits of a grid coordinate. Whatever is decided about faces with such coordinates fits into 256 bits.
@@ -69,6 +69,30 @@ impl Grid {
             snapped[axis] = at as i32;
         }
         Some(snapped)
+    }
+
+    /// How many steps of a finer grid one of this grid has; `None` if that is no whole number.
+    pub(crate) fn steps_of(&self, finer: &Grid) -> Option<i64> {
+        let (own, its) = (self.step * finer.divisor, finer.step * self.divisor);
+        let times = (own / its).round();
+        // (Products that are rounded cannot be compared.)
+        let is_exact = self.step.mul_add(finer.divisor, -own) == 0.0
+            && finer.step.mul_add(self.divisor, -its) == 0.0
+            && times.mul_add(its, -own) == 0.0;
+        (is_exact && (1.0..=(1u64 << MOST_BITS) as f64).contains(&times)).then_some(times as i64)
+    }
+
+    /// The frame of the smallest cells of an octree over the grid.
+    pub(crate) fn frame(&self, crs: Option<Crs>) -> Frame {
+        let mut frame = Frame { crs, ..Frame::identity() };
+        let steps = (1u64 << (self.bits - self.depth())) as f64;
+        // Walls of cells lie in the middle between points of the grid.
+        let corner = self.to_world_between([-0.5; 3]);
+        for (axis, row) in frame.matrix.iter_mut().enumerate() {
+            row[axis] = steps * self.width();
+            row[3] = corner[axis];
+        }
+        frame
     }
 
     /// A grid over a box, from its least to its greatest coordinates.

@@ -3,17 +3,20 @@
 pub(crate) mod arrangement;
 pub(crate) mod attributes;
 mod build;
+mod combine;
 mod face;
 mod grid;
 mod hash;
 mod piece;
+pub(crate) mod planar;
 pub mod questions;
 mod store;
 pub mod topology;
 
 pub use attributes::Attributes;
+pub(crate) use build::show_place;
 pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
-
+pub use combine::{CombineReport, combine};
 pub use face::{Face, FaceList, Faces};
 pub use grid::{Grid, MOST_BITS};
 pub use store::{ExactModel, FaceBuffer, Node, NodeCounts, NodeKind, NodeState, Rule, is_model_file};

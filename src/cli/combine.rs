@@ -7,10 +7,10 @@ use anyhow::{Context as _, Result, bail, ensure};
 use serde_json::json;
 use spinney::ops::{self, Prefer, Universe};
 
-use super::Global;
 use super::args::{Memory, OperationName, OutputLimit, check_output, numbers, parse_operation};
 use super::report::statistics::class_as_json;
 use super::report::{Work, print_json, print_text, report_output};
+use super::{Global, exact};
 
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
 ///
@@ -105,6 +105,15 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     );
     let path = output.context("--output is missing: where should the result go?")?;
     check_output(files.iter().map(PathBuf::as_path), &path)?;
+    if exact::any_model(&files) {
+        let given = [
+            ("--values", values != "a"),
+            ("--fill", fill.is_some()),
+            ("--within or --margin", universe.is_some()),
+        ];
+        exact::refuse(&files[0], &given)?;
+        return exact::combine(operation, &files, limit.create(&path)?, memory.bytes, global);
+    }
     let work = Work::start(global, "cells")?;
     let outcome = ops::combine(
         operation,

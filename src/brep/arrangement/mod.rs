@@ -13,9 +13,10 @@ mod meeting;
 mod overlay;
 mod point;
 mod rounding;
+mod rounds;
 mod sample;
 mod snapping;
 mod surface;
 
-pub(crate) use snapping::snap;
-pub(crate) use surface::{Resolved, resolve};
+pub(crate) use rounds::{Rounds, arrange};
+pub(crate) use surface::Operands;

@@ -13,6 +13,8 @@ use crate::geometry::Triangulator;
 pub(super) struct Rounder {
     /// The furthest that a corner was moved, in steps of the grid.
     pub(super) displacement: f64,
+    /// Whether any corner was moved.
+    pub(super) is_moved: bool,
     /// Corners of all regions.
     pub(super) corners: Vec<[i32; 3]>,
     triangulator: Triangulator,
@@ -42,6 +44,7 @@ impl Rounder {
         for ring in &region.rings {
             let mut add = |point: &ExactPoint| {
                 let moved = point.rounded();
+                self.is_moved |= !point.is(&ExactPoint::of_grid(moved));
                 let squares = (0..3).map(|axis| (point.near[axis] - f64::from(moved[axis])).powi(2));
                 self.displacement = self.displacement.max(squares.sum::<f64>().sqrt());
                 self.near.push(point.near);

@@ -6,16 +6,18 @@
 //! so.
 
 use super::boxes::{BoxTree, touch};
+use super::surface::EachFace;
 use crate::brep::{Face, FaceList, Faces};
 use crate::{Progress, Result};
 
-/// Hands out all faces, with corners added where edges pass some vertices closer than a step: such faces may have corners
-/// that do not lie in one plane, or that fall together.
-pub(crate) fn snap(
+/// Hands out all faces, with corners added where edges pass some vertices closer than a step, and whether that was so
+/// or they were changed before: such faces may have corners that do not lie in one plane, or that fall together.
+pub(super) fn snap(
     faces: &FaceList,
     vertices: &[[i32; 3]],
+    changed: &[bool],
     progress: &dyn Progress,
-    each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    each: &mut EachFace<'_>,
 ) -> Result<()> {
     let mut unique = vertices.to_vec();
     unique.sort_unstable();
@@ -43,7 +45,8 @@ pub(crate) fn snap(
             }
             ring_ends.push(points.len());
         }
-        each(&Face { points: &points, ring_ends: &ring_ends, colours: &colours, ..face })?;
+        let face = Face { points: &points, ring_ends: &ring_ends, colours: &colours, ..face };
+        each(&face, added > 0 || changed[number])?;
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
-//! Faces with what bounds no body taken away: by winding numbers.
+//! Faces with what bounds no body taken away: by winding numbers of the surfaces that they belong to.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::boxes::{BOX, BoxTree, touch};
@@ -29,14 +29,36 @@ pub(crate) struct Resolved {
     pub(crate) displacement: f64,
     /// Corners of what is left of faces that were divided.
     pub(crate) corners: Vec<[i32; 3]>,
+    /// Whether new vertices were moved at all.
+    pub(crate) is_moved: bool,
 }
+
+/// Surfaces whose faces stand one behind the other in a list, and what of space is inside of the result.
+#[derive(Clone, Copy)]
+pub(crate) struct Operands<'a> {
+    /// Where each one's faces end in the list.
+    pub(crate) ends: &'a [u32],
+    /// How many times each goes around what is far away: 0, or 1 where it bounds what is outside of it.
+    pub(crate) far: &'a [i32],
+    /// Whether each bounds a body by itself: its winding numbers are 0 or 1, and its faces do not pass through each other.
+    pub(crate) are_bodies: bool,
+    /// If there are any: the faces of which each may pass through any other; no other pair does.
+    pub(crate) changed: &'a [bool],
+    /// Whether places which they go around so many times are inside.
+    pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
+}
+
+/// What takes faces, and whether each is new.
+pub(crate) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
 
 /// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
 const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 
-/// Hands out the faces that bound what is inside: places that the surface goes around so many times. Where faces pass
-/// through each other, they are divided, at vertices that are moved to the nearest points of the grid: such faces may have
-/// rings whose corners do not lie in one plane, or that fall together. The surface has to be closed.
+/// Hands out the faces that bound what is inside. Where faces pass through each other, they are divided, at vertices that
+/// are moved to the nearest points of the grid: such faces may have rings whose corners do not lie in one plane, or that
+/// fall together. Surfaces have to be closed.
+///
+/// What is handed out is told from what was there before: `true` stands for a region of a face that was divided.
 ///
 /// All faces are held in memory; planes, boxes and edges take about 250 bytes each. The result depends on no number of
 /// threads.
@@ -45,17 +67,17 @@ const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 /// If `memory` bytes are not enough, on interruption, or what `each` returns.
 pub(crate) fn resolve(
     faces: &FaceList,
+    operands: &Operands<'_>,
     path: &Path,
-    is_inside: &(dyn Fn(i32) -> bool + Sync),
     memory: u64,
     progress: &dyn Progress,
-    each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    each: &mut EachFace<'_>,
 ) -> Result<Resolved> {
     let needed = faces.len() * FACE + faces.bytes();
     if needed > memory {
         return Err(too_large(path, needed, memory));
     }
-    let surface = Surface::of(faces, path, needed);
+    let surface = Surface::of(faces, operands, path, needed);
     let contacts = surface.contacts(memory, progress)?;
     let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
     for (number, contact) in (0..).zip(&contacts) {
@@ -64,9 +86,11 @@ pub(crate) fn resolve(
     let (components, samples) = surface.components(&of_face, progress)?;
     let kept = parallel::map(&samples, |face| {
         let face = *face;
-        !progress.interrupted() && surface.stays(&surface.sample(face), face, is_inside).is_some()
+        // (Of bodies it is known what is in front of a face, and behind it.)
+        let own = operands.are_bodies.then(|| surface.operand(face));
+        if progress.interrupted() { None } else { surface.stays(&surface.sample(face), face, own) }
     });
-    let kept: HashMap<u32, bool> = samples.iter().copied().zip(kept).collect();
+    let kept: HashMap<u32, Option<bool>> = samples.iter().copied().zip(kept).collect();
     let mut counts = Resolved { pairs: contacts.len() as u64, ..Resolved::default() };
     let mut divided: Vec<u32> = of_face.keys().copied().collect();
     divided.sort_unstable();
@@ -74,7 +98,7 @@ pub(crate) fn resolve(
     const BATCH: usize = 1 << 12;
     let mut regions_of: HashMap<u32, Divided> = HashMap::new();
     let mut next = 0;
-    let mut rounder = Rounder::default();
+    let (mut rounder, mut turner) = (Rounder::default(), Turner::default());
     for number in 0..faces.len() as u32 {
         if number % 4096 == 0 {
             progress.check()?;
@@ -86,7 +110,7 @@ pub(crate) fn resolve(
                     if progress.interrupted() {
                         return Divided::default();
                     }
-                    surface.divide(*face, &of_face[face], &contacts, is_inside)
+                    surface.divide(*face, &of_face[face], &contacts)
                 });
                 progress.check()?;
                 regions_of = batch.iter().copied().zip(found).collect();
@@ -95,14 +119,14 @@ pub(crate) fn resolve(
             let found = regions_of.remove(&number).unwrap_or_default();
             let face = faces.get(number as usize);
             if found.is_whole {
-                each(&face)?;
+                each(&face, false)?;
             } else if found.regions.is_empty() {
                 counts.removed += 1;
             } else {
                 counts.divided += 1;
                 let plane = surface.plane(number);
                 for (region, turned) in &found.regions {
-                    rounder.round(plane, &face, region, *turned, each)?;
+                    rounder.round(plane, &face, region, *turned, &mut |face| each(face, true))?;
                 }
             }
             continue;
@@ -111,13 +135,38 @@ pub(crate) fn resolve(
             continue;
         }
         match kept.get(&components[number as usize]) {
-            Some(true) => each(&faces.get(number as usize))?,
+            Some(Some(false)) => each(&faces.get(number as usize), false)?,
+            Some(Some(true)) => each(&turner.turn(&faces.get(number as usize)), false)?,
             _ => counts.removed += 1,
         }
     }
     counts.displacement = rounder.displacement;
     counts.corners = rounder.corners;
+    counts.is_moved = rounder.is_moved;
     Ok(counts)
+}
+
+/// Turns faces to the other side; keeps its buffers from face to face.
+#[derive(Default)]
+struct Turner {
+    points: Vec<[i32; 3]>,
+    colours: Vec<[u8; 3]>,
+}
+
+impl Turner {
+    fn turn<'a>(&'a mut self, face: &Face<'a>) -> Face<'a> {
+        self.points.clear();
+        self.colours.clear();
+        let mut start = 0;
+        for &end in face.ring_ends {
+            self.points.extend(face.points[start..end].iter().rev());
+            if !face.colours.is_empty() {
+                self.colours.extend(face.colours[start..end].iter().rev());
+            }
+            start = end;
+        }
+        Face { points: &self.points, colours: &self.colours, ..*face }
+    }
 }
 
 fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
@@ -150,6 +199,7 @@ struct Contact {
 /// Faces with their planes, and a tree over their boxes.
 struct Surface<'a> {
     faces: &'a FaceList,
+    operands: &'a Operands<'a>,
     /// Of a model, for errors.
     path: &'a Path,
     /// Memory that faces, planes and boxes take.
@@ -162,7 +212,7 @@ struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    fn of(faces: &'a FaceList, path: &'a Path, bytes: u64) -> Surface<'a> {
+    fn of(faces: &'a FaceList, operands: &'a Operands<'a>, path: &'a Path, bytes: u64) -> Surface<'a> {
         let mut planes = Vec::with_capacity(faces.len() as usize);
         let mut boxes = Vec::with_capacity(faces.len() as usize);
         let mut pieces = HashMap::new();
@@ -180,13 +230,18 @@ impl<'a> Surface<'a> {
                 pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
             }
         }
-        Surface { faces, path, bytes, planes, boxes: BoxTree::of(boxes), pieces }
+        Surface { faces, operands, path, bytes, planes, boxes: BoxTree::of(boxes), pieces }
     }
 
     fn plane(&self, face: u32) -> &ExactPlane {
         self.planes[face as usize]
             .as_ref()
             .unwrap_or_else(|| unreachable!("only faces with an area are asked for"))
+    }
+
+    /// The operand that a face belongs to.
+    fn operand(&self, face: u32) -> usize {
+        self.operands.ends.partition_point(|end| *end <= face)
     }
 
     /// Looks at a face as triangles.
@@ -200,26 +255,90 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// All pairs of faces that have more in common than neighbours have.
+    /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and
+    /// what else such faces touch.
     fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
-        const TASK: usize = 1 << 10;
-        let count = self.planes.len();
-        let tasks: Vec<usize> = (0..count).step_by(TASK).collect();
-        let mut contacts = Vec::new();
         let mut bytes = self.bytes;
+        let mut all = Vec::new();
+        let mut add = |found: Vec<Contact>| {
+            let of = |contact: &Contact| {
+                let points = 2 * contact.segments.len() + contact.points.len();
+                (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
+            };
+            bytes += found.iter().map(of).sum::<u64>();
+            if bytes > memory {
+                return Err(too_large(self.path, bytes, memory));
+            }
+            all.extend(found);
+            Ok(())
+        };
+        let every: Vec<u32> =
+            (0..self.planes.len() as u32).filter(|face| self.planes[*face as usize].is_some()).collect();
+        if !self.operands.changed.is_empty() {
+            let is_changed = |face: u32| self.operands.changed[face as usize];
+            let changed: Vec<u32> = every.into_iter().filter(|face| is_changed(*face)).collect();
+            let is_wanted = |one, other| one != other && (one < other || !is_changed(other));
+            self.pairs(&changed, &is_wanted, progress, &mut add)?;
+            return Ok(all);
+        }
+        if !self.operands.are_bodies {
+            self.pairs(&every, &|one, other| one < other, progress, &mut add)?;
+            return Ok(all);
+        }
+        let differ = |one, other| one < other && self.operand(one) != self.operand(other);
+        let mut touched = vec![false; self.planes.len()];
+        let mut open = Vec::new();
+        let mut touch = |contacts: &[Contact], open: &mut Vec<u32>| {
+            for face in contacts.iter().flat_map(|contact| contact.faces) {
+                if !std::mem::replace(&mut touched[face as usize], true) {
+                    open.push(face);
+                }
+            }
+        };
+        self.pairs(&every, &differ, progress, &mut |found| {
+            touch(&found, &mut open);
+            add(found)
+        })?;
+        // Faces that are divided have to be wherever others of the same body touch them, too.
+        let mut seen: HashSet<[u32; 2]> = HashSet::new();
+        while !open.is_empty() {
+            let faces = std::mem::take(&mut open);
+            let same = |one, other| one != other && self.operand(one) == self.operand(other);
+            self.pairs(&faces, &same, progress, &mut |mut found| {
+                found.retain(|contact| {
+                    let [one, other] = contact.faces;
+                    seen.insert([one.min(other), one.max(other)])
+                });
+                touch(&found, &mut open);
+                add(found)
+            })?;
+        }
+        Ok(all)
+    }
+
+    /// Hands out, some at a time, the contacts of faces with others that are wanted.
+    fn pairs(
+        &self,
+        faces: &[u32],
+        is_wanted: &(dyn Fn(u32, u32) -> bool + Sync),
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(Vec<Contact>) -> Result<()>,
+    ) -> Result<()> {
+        const TASK: usize = 1 << 10;
+        let tasks: Vec<&[u32]> = faces.chunks(TASK).collect();
         for tasks in tasks.chunks(64) {
             progress.check()?;
-            let found = parallel::map(tasks, |first| {
+            let found = parallel::map(tasks, |faces| {
                 let mut found = Vec::new();
                 let mut others = Vec::new();
-                for one in *first as u32..(*first + TASK).min(count) as u32 {
-                    if self.planes[one as usize].is_none() || progress.interrupted() {
-                        continue;
+                for &one in *faces {
+                    if progress.interrupted() {
+                        break;
                     }
                     let own = bounds(self.faces.get(one as usize).points);
                     others.clear();
                     self.boxes.each(&|bounds| touch(bounds, &own), |other| {
-                        if other > one {
+                        if is_wanted(one, other) {
                             others.push(other);
                         }
                     });
@@ -228,17 +347,9 @@ impl<'a> Surface<'a> {
                 }
                 found
             });
-            let of = |contact: &Contact| {
-                let points = 2 * contact.segments.len() + contact.points.len();
-                (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
-            };
-            bytes += found.iter().flatten().map(of).sum::<u64>();
-            contacts.extend(found.into_iter().flatten());
-            if bytes > memory {
-                return Err(too_large(self.path, bytes, memory));
-            }
+            found.into_iter().try_for_each(&mut *each)?;
         }
-        Ok(contacts)
+        Ok(())
     }
 
     fn contact(&self, one: u32, other: u32) -> Option<Contact> {
@@ -311,8 +422,9 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
-    /// round. Of faces that lie on each other, one stays for all.
-    fn stays(&self, sample: &Sample<'_>, face: u32, is_inside: &dyn Fn(i32) -> bool) -> Option<bool> {
+    /// round. Of faces that lie on each other, one stays for all; but if `alone` is the face's body, what else of it lies
+    /// there does not matter.
+    fn stays(&self, sample: &Sample<'_>, face: u32, alone: Option<usize>) -> Option<bool> {
         let (axis, near) = (sample.axis, sample.near);
         let [u, v] = others(axis);
         let reaches = |[low, high]: &[[i32; 3]; 2]| {
@@ -321,13 +433,15 @@ impl<'a> Surface<'a> {
             };
             holds(u) && holds(v) && near[axis] <= f64::from(high[axis]) + 1e-6
         };
-        // The winding number above, and the change across; faces in the same place, and whether they are turned up.
-        let (mut above, mut change) = (0, 0);
+        // The winding numbers above and below; faces in the same place, and whether they are turned up.
+        let mut above = self.operands.far.to_vec();
+        let mut below = above.clone();
         let mut same: Vec<(u32, bool)> = Vec::new();
         self.boxes.each(&reaches, |other| {
             let plane = self.plane(other);
             let up = plane.normal[axis].signum() as i32;
-            if up == 0 {
+            let operand = self.operand(other);
+            if up == 0 || (alone == Some(operand) && other != face) {
                 return;
             }
             let Face { points, ring_ends, .. } = self.faces.get(other as usize);
@@ -339,14 +453,18 @@ impl<'a> Surface<'a> {
             if side * up > 0 {
                 return;
             }
+            below[operand] += up;
             if side == 0 {
-                change += up;
                 same.push((other, up > 0));
             } else {
-                above += up;
+                above[operand] += up;
             }
         });
-        let (front, back) = (is_inside(above), is_inside(above + change));
+        if let Some(own) = alone {
+            let is_up = self.plane(face).normal[axis] > 0;
+            (above[own], below[own]) = if is_up { (0, 1) } else { (1, 0) };
+        }
+        let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));
         if front == back {
             return None;
         }
@@ -357,13 +475,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Divides a face by what touches it.
-    fn divide(
-        &self,
-        face: u32,
-        touching: &[u32],
-        contacts: &[Contact],
-        is_inside: &dyn Fn(i32) -> bool,
-    ) -> Divided {
+    fn divide(&self, face: u32, touching: &[u32], contacts: &[Contact]) -> Divided {
         let plane = self.plane(face);
         let axis = plane.main_axis();
         let own = self.faces.get(face as usize);
@@ -396,7 +508,7 @@ impl<'a> Surface<'a> {
             if !sample.meets(own.points, own.ring_ends) {
                 continue;
             }
-            if let Some(turned) = self.stays(&sample, face, is_inside) {
+            if let Some(turned) = self.stays(&sample, face, None) {
                 kept.push((region, turned));
             }
         }

@@ -1,5 +1,11 @@
 //! Defects of surfaces that bound no body: where, and of which faces.
 
+use std::fmt;
+use std::path::Path;
+
+use super::BuildReport;
+use crate::Error;
+
 /// Places that are kept.
 pub(super) const MOST: usize = 100;
 
@@ -25,6 +31,44 @@ pub enum DefectKind {
     Winding(i32),
     /// A chain of edges, of so many corners, that have a face on one side only.
     Boundary(usize),
+}
+
+impl BuildReport {
+    /// The error of a surface with these defects, of a model in a file.
+    pub(crate) fn error(&self, path: &Path, what: &str, advice: &str) -> Error {
+        Error::NoBody {
+            path: path.to_path_buf(),
+            what: what.into(),
+            places: self.defects.iter().map(Defect::to_string).collect(),
+            count: self.defect_count,
+            advice: advice.into(),
+        }
+    }
+}
+
+impl fmt::Display for Defect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.kind {
+            DefectKind::Crossing => write!(f, "faces that pass through each other")?,
+            DefectKind::Overlap => write!(f, "faces that lie on each other")?,
+            DefectKind::Winding(times) => {
+                write!(f, "a place that the surface goes around {times} times, where 0 or 1 is right,")?;
+            }
+            DefectKind::Boundary(edges) => write!(f, "a boundary of {edges} edges")?,
+        }
+        write!(f, " at {}", show_place(self.place))?;
+        if self.faces.is_empty() {
+            return Ok(());
+        }
+        let faces: Vec<String> = self.faces.iter().map(u64::to_string).collect();
+        write!(f, " (face {})", faces.join(", "))
+    }
+}
+
+/// Coordinates for people.
+pub(crate) fn show_place(point: [f64; 3]) -> String {
+    let [x, y, z] = point.map(|at| (at as f32).to_string());
+    format!("{x}, {y}, {z}")
 }
 
 /// The first defects of a part of space.

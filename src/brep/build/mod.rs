@@ -28,6 +28,7 @@ use crate::space::{Code, Dimension};
 use crate::store::Metadata;
 use crate::{Error, Progress, Result};
 
+pub(crate) use self::defects::show_place;
 pub use self::defects::{Defect, DefectKind};
 
 /// Faces that a cell may have and end, if nothing else is said: with more, files get little smaller and questions
@@ -57,6 +58,7 @@ pub struct ModelBuilder {
     words: Vec<u32>,
     faces: u64,
     boolean_faces: usize,
+    is_unbounded: bool,
     triangulator: Triangulator,
     wide: Vec<[i64; 3]>,
     triangles: Vec<[u32; 3]>,
@@ -79,6 +81,7 @@ impl ModelBuilder {
             words: Vec::new(),
             faces: 0,
             boolean_faces: BOOLEAN_FACES,
+            is_unbounded: false,
             triangulator: Triangulator::new(),
             wide: Vec::new(),
             triangles: Vec::new(),
@@ -90,6 +93,12 @@ impl ModelBuilder {
     #[must_use]
     pub fn boolean_faces(self, boolean_faces: usize) -> ModelBuilder {
         ModelBuilder { boolean_faces, ..self }
+    }
+
+    /// Chooses whether what is far away belongs to the body, and the faces bound what does not.
+    #[must_use]
+    pub fn unbounded(self, is_unbounded: bool) -> ModelBuilder {
+        ModelBuilder { is_unbounded, ..self }
     }
 
     /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
@@ -176,7 +185,7 @@ impl ModelBuilder {
         progress: &dyn Progress,
         complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
     ) -> Result<BuildReport> {
-        let ModelBuilder { mut writer, grid, memory, run, faces, boolean_faces, .. } = self;
+        let ModelBuilder { mut writer, grid, memory, run, faces, boolean_faces, is_unbounded, .. } = self;
         let (run, place) = run.finish()?;
         let stages = Mutex::new(Stages::default());
         let total = run.len() as u64;
@@ -194,7 +203,7 @@ impl ModelBuilder {
         };
         let mut arena = Arena::default();
         let mark = arena.mark();
-        let root = Cell { level: 0, position: [0; 3], winding: 0 };
+        let root = Cell { level: 0, position: [0; 3], winding: is_unbounded.into() };
         let word = upper.cell(&root, run, &mut arena)?;
         // The root owns a segment in any case.
         if word != CUT {
@@ -221,7 +230,7 @@ impl ModelBuilder {
             return Ok(report);
         }
         complete(metadata, &report);
-        writer.finish(&Summary { grid, faces, nodes: report.nodes }, metadata)?;
+        writer.finish(&Summary { grid, faces, is_unbounded, nodes: report.nodes }, metadata)?;
         Ok(report)
     }
 }

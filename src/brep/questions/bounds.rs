@@ -11,13 +11,17 @@ impl ExactModel {
     /// # Errors
     /// If the file is damaged or cannot be read.
     pub fn bounds(&self) -> Result<[[f64; 3]; 2]> {
+        // (A damaged file may have no face in its tree.)
+        Ok(self.grid_bounds()?.unwrap_or([[0; 3]; 2]).map(|corner| self.grid().to_world(corner)))
+    }
+
+    /// Least and greatest coordinates of the surface on the grid; `None` without faces.
+    pub(in crate::brep) fn grid_bounds(&self) -> Result<Option<[[i32; 3]; 2]>> {
         let nothing = [[i32::MAX; 3], [i32::MIN; 3]];
         let mut walk =
             Walk { model: self, found: nothing, recent: Recent::new(), buffer: FaceBuffer::default() };
         walk.node(&self.root()?)?;
-        // (A damaged file may have no face in its tree.)
-        let found = if walk.found == nothing { [[0; 3]; 2] } else { walk.found };
-        Ok(found.map(|corner| self.grid().to_world(corner)))
+        Ok((walk.found != nothing).then_some(walk.found))
     }
 }
 

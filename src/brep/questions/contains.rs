@@ -48,14 +48,15 @@ impl ExactModel {
     }
 
     fn locate_with(&self, point: [f64; 3], buffer: &mut FaceBuffer) -> Result<Location> {
+        let far = if self.is_unbounded() { Location::Inside } else { Location::Outside };
         let at = self.grid().to_grid(point).map(|at| (at * (1u64 << BITS) as f64).round_ties_even());
         let side = (1u64 << (BITS + u32::from(self.grid().bits))) as f64;
         if !at.iter().all(|at| (-side..2.0 * side).contains(at)) {
-            return Ok(Location::Outside);
+            return Ok(far);
         }
         let point = FinePoint { at: at.map(|at| at as i64), bits: BITS };
         match self.leaf_at(point.at, BITS)? {
-            None => Ok(Location::Outside),
+            None => Ok(far),
             Some(node) => match self.locate_in(&node, &point, buffer)? {
                 Location::Boundary => Ok(Location::Boundary),
                 _ if self.touches_across(&node, &point, buffer)? => Ok(Location::Boundary),

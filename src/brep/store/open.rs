@@ -75,7 +75,8 @@ impl ExactModel {
         }
         let end = trailer.section(FACES).offset.min(trailer.directory.offset);
         let pieces = |name: &'static str, section: Section| {
-            let is_list = section.length > 0
+            // (Nothing and everything have no faces.)
+            let is_list = (section.length > 0 || (name != "segment" && summary.faces == 0))
                 && section.length.is_multiple_of(ENTRY as u64)
                 && section.offset >= HEADER_SIZE as u64;
             if !is_list {

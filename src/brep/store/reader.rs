@@ -147,6 +147,9 @@ impl ExactModel {
     /// If the file is damaged or cannot be read.
     pub fn is_coloured(&self) -> Result<bool> {
         let mut buffer = FaceBuffer::default();
+        if self.is_empty() {
+            return Ok(false);
+        }
         self.face(0, &mut buffer)?;
         Ok(!buffer.colours.is_empty())
     }
@@ -356,6 +359,10 @@ impl Faces for ExactModel {
 
     fn crs(&self) -> Option<&Crs> {
         self.metadata.frame.crs.as_ref()
+    }
+
+    fn is_unbounded(&self) -> bool {
+        self.summary.is_unbounded
     }
 
     fn len(&self) -> u64 {

@@ -75,6 +75,8 @@ impl NodeCounts {
 pub(crate) struct Summary {
     pub(crate) grid: Grid,
     pub(crate) faces: u64,
+    /// Whether what is far away belongs to the body.
+    pub(crate) is_unbounded: bool,
     pub(crate) nodes: NodeCounts,
 }
 
@@ -83,7 +85,7 @@ const SIZE: usize = 8 + 24 + 16 + 8 + 56;
 
 impl Summary {
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
-        let mut bytes = vec![self.grid.bits, 0, 0, 0, 0, 0, 0, 0];
+        let mut bytes = vec![self.grid.bits, self.is_unbounded.into(), 0, 0, 0, 0, 0, 0];
         self.grid.origin.iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
         bytes.extend_from_slice(&self.grid.step.to_le_bytes());
         bytes.extend_from_slice(&self.grid.divisor.to_le_bytes());
@@ -125,9 +127,12 @@ impl Summary {
             return Err(corrupt(format!("{nodes:?}"), "fewer nodes"));
         }
         let faces = u64::from_le_bytes(eight(48));
-        if !(1..1 << 32).contains(&faces) {
-            return Err(corrupt(format!("{faces} faces"), "1 or more, fewer than 2^32"));
+        if faces >= 1 << 32 {
+            return Err(corrupt(format!("{faces} faces"), "fewer than 2^32"));
         }
-        Ok(Summary { grid, faces, nodes })
+        if bytes[1] > 1 {
+            return Err(corrupt(format!("{} for whether it is unbounded", bytes[1]), "0 or 1"));
+        }
+        Ok(Summary { grid, faces, is_unbounded: bytes[1] == 1, nodes })
     }
 }

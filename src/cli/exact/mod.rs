@@ -1,5 +1,6 @@
 //! Parts of subcommands that are about exact models.
 
+mod combine;
 mod export;
 mod find;
 mod info;
@@ -12,6 +13,7 @@ use anyhow::{Result, bail};
 use spinney::brep::{ExactModel, Faces, is_model_file};
 use spinney::store::OpenOptions;
 
+pub(super) use combine::{any_model, combine};
 pub(super) use export::export;
 pub(super) use find::{LeafKind, find};
 pub(super) use info::info;

@@ -8,16 +8,15 @@ use std::path::{Path, PathBuf};
 
 use self::boundary::{Boundary, Loop};
 use self::repair::repair;
-use self::snap::{Snapped, Snapper};
+use self::snap::Snapper;
 use super::Model;
 use super::solid::closure::Closure;
 use super::solid::{bounds, common_crs, provenance};
 use crate::brep::attributes::DOMAIN;
-use crate::brep::{
-    Attributes, BOOLEAN_FACES, BuildReport, Defect, DefectKind, Face, FaceList, Faces, Grid, ModelBuilder,
-};
+use crate::brep::show_place;
+use crate::brep::{Attributes, BOOLEAN_FACES, BuildReport, Face, FaceList, Faces, Grid, ModelBuilder};
 use crate::io::{Output, folder};
-use crate::space::{Crs, Frame, Up};
+use crate::space::{Crs, Up};
 use crate::store::{Metadata, TagScope};
 use crate::{Error, Progress, Result};
 
@@ -156,7 +155,7 @@ pub fn import_exact(
         attributes.append(&model.info().attributes, parts.len() as u32, model.info().parts.len() as u32);
         parts.extend(model.info().parts.iter().cloned());
     }
-    let counts = snapper.counts;
+    let counts = snapper.planar.counts;
     let mut faces = counts.faces;
     let mut closed = (0, 0);
     if !closure.is_closed() {
@@ -175,14 +174,14 @@ pub fn import_exact(
         if !options.close {
             return Err(open_surface(&path, &grid, &loops));
         }
-        closed = target.close(&loops, counts, snapper.is_coloured)?;
+        closed = target.close(&loops, &snapper)?;
         faces += closed.1;
     }
     let (builder, repaired) = target.repaired(progress)?;
     faces = repaired.as_ref().map_or(faces, |(faces, _)| *faces);
     let repaired = repaired.map(|(_, done)| done);
-    let displacement = counts.squared_displacement.sqrt();
-    let mut metadata = Metadata { frame: frame(&grid, crs), ..Metadata::default() };
+    let displacement = snapper.squared_displacement.sqrt();
+    let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     metadata.class_names = (0..).zip(parts).collect();
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
     let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
@@ -209,10 +208,21 @@ pub fn import_exact(
     metadata.tags = tags.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
     let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
     if built.defect_count > 0 {
-        return Err(crossing_surface(&path, &built, options.repair));
+        let advice = match options.repair {
+            true => {
+                "on this grid it was not resolved: choose another one with --grid, or build cells of it (without \
+                 --exact)"
+            }
+            false => {
+                "resolve it with --repair, or build cells of it (without --exact), which take what is inside any of \
+                 its parts"
+            }
+        };
+        let what = "the surface passes through itself, or is inside out: it bounds no body";
+        return Err(built.error(&path, what, advice));
     }
     Ok(ExactReport {
-        read: counts.read,
+        read: snapper.read,
         faces,
         collapsed: counts.collapsed,
         slivers: counts.slivers,
@@ -262,13 +272,14 @@ impl Target {
     }
 
     /// Adds triangles over boundaries, after the faces that were counted; returns numbers of both.
-    fn close(&mut self, loops: &[Loop], counts: Snapped, is_coloured: bool) -> Result<(u64, u64)> {
+    fn close(&mut self, loops: &[Loop], snapper: &Snapper) -> Result<(u64, u64)> {
         let colours = [[255; 3]; 3];
-        let colours = if is_coloured { &colours[..] } else { &[] };
+        let colours = if snapper.planar.is_coloured { &colours[..] } else { &[] };
         let mut triangles = 0;
         for hole in loops {
             for points in hole.triangles() {
-                let (number, part, source) = (counts.faces + triangles, hole.part, counts.read);
+                let (number, part, source) =
+                    (snapper.planar.counts.faces + triangles, hole.part, snapper.read);
                 self.push(&Face { number, points: &points, ring_ends: &[3], colours, part, source })?;
                 triangles += 1;
             }
@@ -299,19 +310,19 @@ fn read(
     each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
 ) -> Result<()> {
     let mut first_part = 0;
-    snapper.is_coloured = models.iter().any(|model| model.info().is_coloured);
+    snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
     for model in models.iter_mut() {
         let path = model.info().path.clone();
         let parts = model.info().parts.len() as u32;
         model.faces(&mut |face| {
-            if snapper.counts.read.is_multiple_of(1 << 12) {
+            if snapper.read.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
             snapper.face(&path, face, first_part, each)
         })?;
         first_part += parts;
     }
-    if snapper.counts.faces == 0 {
+    if snapper.planar.counts.faces == 0 {
         let path = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
         return Err(Error::corrupt(path, "faces", "none that have an area on the grid", "a surface"));
     }
@@ -329,24 +340,11 @@ fn each_edge(face: &Face<'_>, mut each: impl FnMut([i32; 3], [i32; 3])) {
     }
 }
 
-/// The frame of the octree's smallest cells.
-fn frame(grid: &Grid, crs: Option<Crs>) -> Frame {
-    let mut frame = Frame { crs, ..Frame::identity() };
-    let steps = (1u64 << (grid.bits - grid.depth())) as f64;
-    // Walls of cells lie in the middle between points of the grid.
-    let corner = grid.to_world_between([-0.5; 3]);
-    for (axis, row) in frame.matrix.iter_mut().enumerate() {
-        row[axis] = steps * grid.width();
-        row[3] = corner[axis];
-    }
-    frame
-}
-
 /// The error of an open surface.
 fn open_surface(path: &Path, grid: &Grid, loops: &[Loop]) -> Error {
     let place = |hole: &Loop| {
         let first = grid.to_world(hole.points[0]);
-        format!("a boundary of {} edges from {}", hole.points.len(), show(first))
+        format!("a boundary of {} edges from {}", hole.points.len(), show_place(first))
     };
     Error::NoBody {
         path: path.to_path_buf(),
@@ -355,40 +353,4 @@ fn open_surface(path: &Path, grid: &Grid, loops: &[Loop]) -> Error {
         count: loops.len() as u64,
         advice: "close it with --close, or build cells of it (without --exact)".into(),
     }
-}
-
-/// The error of a surface that passes through itself.
-fn crossing_surface(path: &Path, built: &BuildReport, was_repaired: bool) -> Error {
-    let place = |defect: &Defect| {
-        let what = match defect.kind {
-            DefectKind::Crossing => "faces that pass through each other".into(),
-            DefectKind::Overlap => "faces that lie on each other".into(),
-            DefectKind::Winding(times) => {
-                format!("a place that the surface goes around {times} times, where 0 or 1 is right,")
-            }
-            DefectKind::Boundary(edges) => format!("a boundary of {edges} edges"),
-        };
-        let faces: Vec<String> = defect.faces.iter().map(u64::to_string).collect();
-        let faces = if faces.is_empty() { String::new() } else { format!(" (face {})", faces.join(", ")) };
-        format!("{what} at {}{faces}", show(defect.place))
-    };
-    Error::NoBody {
-        path: path.to_path_buf(),
-        what: "the surface passes through itself, or is inside out: it bounds no body".into(),
-        places: built.defects.iter().map(place).collect(),
-        count: built.defect_count,
-        advice: match was_repaired {
-            true => "on this grid it was not resolved: choose another one with --grid, or build cells of it (without \
-                     --exact)",
-            false => "resolve it with --repair, or build cells of it (without --exact), which take what is inside any \
-                      of its parts",
-        }
-        .into(),
-    }
-}
-
-/// Coordinates for people.
-fn show(point: [f64; 3]) -> String {
-    let [x, y, z] = point.map(|at| (at as f32).to_string());
-    format!("{x}, {y}, {z}")
 }

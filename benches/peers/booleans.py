@@ -1,0 +1,325 @@
+#!/usr/bin/env python3
+"""Set operations on exact models: `spinney combine` against manifold3d and libigl's exact arrangements.
+
+    booleans.py             pairs, armadillo and coplanar
+    booleans.py --large     two bumpy tori of 12.8 million triangles, too
+    booleans.py pairs       that alone (`pairs NAME ...`: these pairs alone); also armadillo, coplanar, large
+
+All sides get the same triangles, with corners on a grid whose width is a power of two. The referee of volumes is libigl, and manifold3d
+beside it. Pairs and referees' volumes are made once, in benches/peers/work/booleans or in PAIRS; surfaces that are open, or pass through
+themselves, are mended by Spinney first, and what that gives is what all sides get. The program is target/release/spinney, or SPINNEY.
+Each side has one thread.
+"""
+
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import time
+import zlib
+from pathlib import Path
+
+from common import SPINNEY, WORK, once, start, table
+from exact import MESH, PYTHON, READ, TORUS, install, python, spinney
+
+PAIRS = Path(os.environ.get("PAIRS", WORK / "booleans"))
+VOLUMES = PAIRS / "volumes.json"
+STEPS = 2**25  # along the longest side of a pair's box, at most
+GOAL = 1e-9
+LIMIT = 60  # seconds that a referee may take for a pair
+SHOWN = (1, 7, 2)
+NAMES = {1: "A and B", 7: "A or B", 2: "A without B"}
+
+# 74660.stl is left out: its surface is not resolved.
+NASTY = ["1313535", "301921", "36088", "39926", "51334", "59082", "61459", "91946", "939888"]
+NASTY = [f"nasty/{name}.stl" for name in NASTY] + [f"nasty/{name}.obj" for name in ("Offset1", "Offset2", "self_intersectA", "self_intersectB")]
+CLEAN = ["fandisk.ply", "rocker-arm.ply", "spot.ply", "bunny_hr.ply", "teapot.obj", "suzanne.ply"]
+OTHERS = [
+    ("fandisk.ply", "rocker-arm.ply"),
+    ("spot.ply", "rocker-arm.ply"),
+    ("bunny_hr.ply", "spot.ply"),
+    ("armadillo.ply", "spot.ply"),
+    *((NASTY[i], NASTY[i + 1]) for i in range(0, 12, 2)),
+    (NASTY[11], NASTY[12]),
+]
+# The second body lies: "turned" also, "slid" along x only, "beside" by its width along x, "same" at the same place, "within" and smaller.
+MADE = [
+    ("cube", "cube", "turned"),
+    ("cube", "cube", "beside"),
+    ("cube", "cube", "within"),
+    ("cube", "cube", "same"),
+    ("torus", "torus", "turned"),
+    ("torus", "cube", "turned"),
+    ("heap", "heap", "turned"),
+    ("heap", "torus", "turned"),
+    ("heap", "heap", "slid"),
+    ("fandisk.ply", "fandisk.ply", "slid"),
+]
+
+
+def pairs_of():
+    """Name: first mesh, second mesh, how that one lies."""
+    found = {f"{Path(mesh).stem}": (mesh, mesh, "moved") for mesh in CLEAN + NASTY}
+    for number, (a, b) in enumerate(OTHERS):
+        found[f"{Path(a).stem}_{Path(b).stem}"] = (a, b, "turned" if number % 2 else "scaled")
+    for a, b, how in MADE:
+        found[f"{Path(a).stem}_{Path(b).stem}_{how}"] = (a, b, how)
+    return found
+
+
+# What follows, until `inside`, runs in processes of its own: NumPy is there.
+
+
+def triangulated(ring, flat):
+    """A polygon's triangles, none without area, by cutting off ears; `flat` are its corners as whole numbers, counterclockwise."""
+
+    def area(a, b, c):
+        (ax, ay), (bx, by), (cx, cy) = flat[a], flat[b], flat[c]
+        return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+    def is_ear(a, b, c):
+        if area(a, b, c) <= 0:
+            return False
+        corners = (flat[a], flat[b], flat[c])
+        return not any(flat[d] not in corners and min(area(a, b, d), area(b, c, d), area(c, a, d)) >= 0 for d in left)
+
+    left = list(range(len(ring)))
+    found = []
+    while len(left) > 3:
+        at = next(at for at in range(len(left)) if is_ear(left[at - 1], left[at], left[(at + 1) % len(left)]))
+        found.append((left[at - 1], left[at], left[(at + 1) % len(left)]))
+        del left[at]
+    assert area(*left) > 0
+    return [[ring[corner] for corner in triangle] for triangle in [*found, tuple(left)]]
+
+
+def read_off(path):
+    """Points, and faces as lists."""
+    import numpy as np
+
+    lines = [line for line in Path(path).read_text().split("\n")[1:] if line and not line.startswith("#")]
+    vertices, faces = map(int, lines[0].split()[:2])
+    points = np.array([line.split()[:3] for line in lines[1 : 1 + vertices]], "f8").reshape(-1, 3)
+    words = (line.split() for line in lines[1 + vertices : 1 + vertices + faces])
+    return points, [list(map(int, face[1 : 1 + int(face[0])])) for face in words]
+
+
+def write_off(path, points, faces):
+    with open(path, "w") as out:
+        out.write(f"OFF\n{len(points)} {len(faces)} 0\n")
+        out.writelines("%r %r %r\n" % tuple(point) for point in points.tolist())
+        out.writelines("3 %d %d %d\n" % tuple(face) for face in faces.tolist())
+
+
+def write_ply(path, points, faces):
+    import numpy as np
+
+    rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
+    rows["n"], rows["v"] = 3, faces
+    with open(path, "wb") as out:
+        out.write(b"ply\nformat binary_little_endian 1.0\nelement vertex %d\n" % len(points))
+        out.write(b"".join(b"property double %c\n" % axis for axis in b"xyz"))
+        out.write(b"element face %d\nproperty list uchar int vertex_indices\nend_header\n" % len(faces))
+        out.write(points.astype("<f8").tobytes())
+        out.write(rows.tobytes())
+
+
+def read_ply(path):
+    import numpy as np
+
+    there = {}
+    exec(READ, there)
+    points, faces = there["read"](path)
+    return np.array(points, "f8"), np.array(faces, "i8")
+
+
+def read(path):
+    import numpy as np
+
+    if Path(path).suffix == ".ply":
+        return read_ply(path)
+    points, faces = read_off(path)
+    return points, np.array(faces, "i8").reshape(-1, 3)
+
+
+def volume(points, faces):
+    import numpy as np
+
+    if len(faces) == 0:
+        return 0.0
+    points = points - points[faces[0][0]]
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    return math.fsum(np.einsum("ij,ij->i", a, np.cross(b, c))) / 6
+
+
+def raw(name, rng):
+    """A mesh of the test data, or one that is made: a cube, a torus, a heap of tetrahedra, many of which overlap."""
+    import igl
+    import numpy as np
+
+    if name == "cube":
+        points = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)], "f8")
+        squares = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+        return points, np.concatenate([squares[:, :3], squares[:, [0, 2, 3]]])
+    if name == "torus":
+        path = PAIRS / "torus.ply"
+        subprocess.run([sys.executable, "-c", TORUS, "120", "50", path], check=True)
+        return read_ply(path)
+    if name == "heap":
+        points = (rng.uniform(0, 1, (60, 1, 3)) + rng.uniform(-0.15, 0.15, (60, 4, 3))).reshape(-1, 3)
+        tetrahedra = np.arange(240).reshape(-1, 4)
+        a, b, c, d = (points[tetrahedra[:, i]] for i in range(4))
+        mirrored = np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) < 0
+        tetrahedra[mirrored] = tetrahedra[mirrored][:, [1, 0, 2, 3]]
+        return points, tetrahedra[:, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]].reshape(-1, 3)
+    points, faces = igl.read_triangle_mesh(str(MESH / name))[:2]
+    return np.array(points, "f8"), np.array(faces, "i8")
+
+
+def extent(points):
+    return (points.max(0) - points.min(0)).max()
+
+
+def snapped(points, faces, width):
+    """On the grid, equal points as one, without faces that are none any more."""
+    import numpy as np
+
+    points, at = np.unique(np.round(points / width) * width + 0.0, axis=0, return_inverse=True)
+    faces = at.reshape(-1)[faces]
+    return points, faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+
+
+def body(points, faces, width):
+    """The same on the grid, as `spinney build --close --repair` mends it where it is not a body."""
+    import numpy as np
+
+    points, faces = snapped(points, faces, width)
+    off, model = PAIRS / "body.off", PAIRS / "body.goblin"
+    write_off(off, points, faces)
+    build = [SPINNEY, "-q", "build", off, "-o", model, "--exact", "--grid", repr(width)]
+    if subprocess.run(build, stderr=subprocess.DEVNULL).returncode:
+        subprocess.run([*build, "--close", "--repair"], check=True)
+        subprocess.run([SPINNEY, "-q", "export", model, off], check=True)
+        points, polygons = read_off(off)
+        whole = points / width
+        assert (whole == np.round(whole)).all(), "corners off the grid"
+        faces = []
+        for ring in polygons:
+            corners = [list(map(int, whole[corner])) for corner in ring]
+            # Newell's normal, in whole numbers.
+            normal = [0, 0, 0]
+            for p, q in zip(corners, corners[1:] + corners[:1]):
+                for axis in range(3):
+                    i, j = (axis + 1) % 3, (axis + 2) % 3
+                    normal[axis] += p[i] * q[j] - p[j] * q[i]
+            axis = max(range(3), key=lambda axis: abs(normal[axis]))
+            i, j = [(axis + 1) % 3, (axis + 2) % 3][:: 1 if normal[axis] > 0 else -1]
+            faces += [ring] if len(ring) == 3 else triangulated(ring, [(corner[i], corner[j]) for corner in corners])
+        faces = np.array(faces)
+    off.unlink(missing_ok=True)
+    model.unlink(missing_ok=True)
+    return points, faces
+
+
+def make(name, first, second, how, ending=".off", fraction=None):
+    """Writes NAME_a and NAME_b, and prints the grid's width and the numbers of triangles."""
+    import numpy as np
+
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    a, a_faces = raw(first, rng)
+    b, b_faces = raw(second, rng)
+    if how == "turned":
+        b = b @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        if volume(a, a_faces) * volume(b, b_faces) < 0:
+            b_faces = b_faces[:, ::-1]
+    if how in ("turned", "scaled", "within"):
+        b = b * (extent(a) / extent(b) * (0.37 if how == "within" else rng.uniform(0.6, 1.1)))
+    width = 2.0 ** math.ceil(math.log2(2 * max(extent(a), extent(b)) / STEPS))
+    a, a_faces = body(a, a_faces, width)
+    b, b_faces = (a, a_faces) if how in ("moved", "slid", "beside", "same") else body(b, b_faces, width)
+    middle = (a.min(0) + a.max(0) - b.min(0) - b.max(0)) / 2
+    away = rng.uniform(0.07, 0.21, 3) * rng.choice([-1, 1], 3) * np.minimum(np.ptp(a, 0), np.ptp(b, 0))
+    along = np.array([1, 0, 0])
+    shift = {"slid": middle + along * away, "beside": along * np.ptp(a, 0), "same": 0 * middle, "within": middle}.get(how, middle + away)
+    b = b + np.round(shift / width) * width
+    both = np.concatenate([a, b])
+    assert extent(both) <= STEPS * width and (both / width == np.round(both / width)).all()
+    write = write_off if ending == ".off" else write_ply
+    write(PAIRS / f"{name}_a{ending}", a, a_faces)
+    write(PAIRS / f"{name}_b{ending}", b, b_faces)
+    print(json.dumps({"grid": width, "triangles": len(a_faces) + len(b_faces)}))
+
+
+def as_manifold(points, faces):
+    from manifold3d import Manifold, Mesh64
+
+    found = Manifold(Mesh64(vert_properties=points, tri_verts=faces.astype("u8")))
+    return found, found.status().name
+
+
+def referee(peer, a, b):
+    """Prints the volumes of A and B, A without B, B without A; of the bodies themselves; and the seconds."""
+    (a, a_faces), (b, b_faces) = read(a), read(b)
+    found = {}
+    if peer == "libigl":
+        from igl.copyleft.cgal import mesh_boolean
+
+        began = time.process_time()
+        for key, words in [("both", (a, a_faces, b, b_faces, "intersect")), ("a_only", (a, a_faces, b, b_faces, "minus")), ("b_only", (b, b_faces, a, a_faces, "minus"))]:
+            found[key] = volume(*mesh_boolean(*words)[:2])
+    else:
+        began = time.process_time()
+        (first, why), (second, why_not) = as_manifold(a, a_faces), as_manifold(b, b_faces)
+        if (why, why_not) != ("NoError", "NoError"):
+            return print(json.dumps({"refused": f"{why}, {why_not}"}))
+        for key, result in [("both", first ^ second), ("a_only", first - second), ("b_only", second - first)]:
+            mesh = result.to_mesh64()
+            found[key] = volume(mesh.vert_properties[:, :3], mesh.tri_verts.astype("i8"))
+    found["seconds"] = round(time.process_time() - began, 3)
+    print(json.dumps({**found, "a": volume(a, a_faces), "b": volume(b, b_faces)}))
+
+
+INSIDE = {"make": make, "referee": referee}
+
+
+def inside(*words, timeout=None):
+    """Runs a function of the above in the virtual environment, and gives what it prints."""
+    command = [PYTHON, "-B", __file__, "inside", *map(str, words)]
+    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True, timeout=timeout).stdout)
+
+
+def prepared(asked):
+    """All pairs, with the volumes of the referees."""
+    PAIRS.mkdir(parents=True, exist_ok=True)
+    known = json.loads(VOLUMES.read_text()) if VOLUMES.exists() else {}
+    for name, words in pairs_of().items():
+        if name in known or (asked and name not in asked):
+            continue
+        if any("." in mesh and not (MESH / mesh).exists() for mesh in words[:2]):
+            continue
+        facts = inside("make", name, *words)
+        a, b = (PAIRS / f"{name}_{side}.off" for side in "ab")
+        for peer in ("libigl", "manifold3d"):
+            try:
+                found = inside("referee", peer, a, b, timeout=LIMIT)
+            except subprocess.TimeoutExpired:
+                found = {"refused": f"over {LIMIT} s"}
+            except subprocess.CalledProcessError as error:
+                found = {"refused": (error.stderr.strip().split("\n") or ["failed"])[-1][:200]}
+            facts.update(found if peer == "libigl" else {"manifold": found})
+        known[name] = facts
+        VOLUMES.write_text(json.dumps(known, indent=1))
+    return {name: known[name] for name in pairs_of() if name in known and (not asked or name in asked)}
+
+
+if __name__ == "__main__" and sys.argv[1:2] == ["inside"]:
+    INSIDE[sys.argv[2]](*sys.argv[3:])
+    sys.exit()
+if __name__ == "__main__":
+    start(data=False, peer="python3")
+    t=time.time()
+    for n in pairs_of():
+        try: f=prepared([n]); print(n, round(time.time()-t,1), f, flush=True)
+        except Exception as e: print(n, 'FAILED', e, getattr(e,'stderr','')[-600:], flush=True)

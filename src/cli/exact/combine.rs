@@ -1,0 +1,72 @@
+//! `spinney combine` of exact models.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use spinney::brep::{CombineReport, ExactModel};
+use spinney::io::Output;
+use spinney::ops::Operation;
+
+use super::super::Global;
+use super::super::report::{Work, report_output};
+use super::open;
+
+/// Makes a model of several by a set operation.
+pub(in crate::cli) fn combine(
+    operation: Operation,
+    files: &[PathBuf],
+    output: Output,
+    memory: u64,
+    global: &Global,
+) -> Result<()> {
+    let start = Instant::now();
+    let Operation::Set { number, .. } = operation else {
+        bail!(
+            "{}: is an exact model, which has no values: set operations (0 to 15) are for it",
+            files[0].display()
+        );
+    };
+    let path = output.path().to_path_buf();
+    let models = models(files)?;
+    let work = Work::start(global, "faces")?;
+    let report = spinney::brep::combine(number, &models.iter().collect::<Vec<_>>(), output, memory, &work)?;
+    work.finish();
+    tell(&report, files, global);
+    report_output(global, &path, start);
+    Ok(())
+}
+
+/// Opens files, all of which must be exact models.
+fn models(files: &[PathBuf]) -> Result<Vec<ExactModel>> {
+    let mut models = Vec::new();
+    for file in files {
+        match open(file)? {
+            Some(model) => models.push(model),
+            None => bail!(
+                "{}: is no exact model, but others of the files are: make cells of these (`spinney build MODEL.goblin -o \
+                 CELLS.goblin`), or build it with --exact",
+                file.display()
+            ),
+        }
+    }
+    Ok(models)
+}
+
+fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
+    for (file, faces) in files.iter().zip(&report.before) {
+        global.report("input", format_args!("{}: {faces} faces", file.display()));
+    }
+    let CombineReport { pairs, divided, after, displacement, .. } = report;
+    global.report("contacts", format_args!("{pairs} pairs of faces; {divided} faces divided"));
+    if *displacement > 0.0 {
+        global.report("moved", format_args!("new vertices, by {displacement} at most, to the grid"));
+    }
+    let far = if report.is_unbounded { ", around all that is far away" } else { "" };
+    global.report("result", format_args!("{after} faces{far}"));
+}
+
+/// Whether any of some files is an exact model.
+pub(in crate::cli) fn any_model(files: &[PathBuf]) -> bool {
+    files.iter().any(|file| spinney::brep::is_model_file(Path::new(file)))
+}
