@@ -29,6 +29,7 @@ VOLUMES = PAIRS / "volumes.json"
 STEPS = 2**25  # along the longest side of a pair's box, at most
 GOAL = 1e-9
 LIMIT = 60  # seconds that a referee may take for a pair
+PATIENCE = 20  # seconds for mending a surface
 SHOWN = (1, 7, 2)
 NAMES = {1: "A and B", 7: "A or B", 2: "A without B"}
 
@@ -80,19 +81,21 @@ def triangulated(ring, flat):
         return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
     def is_ear(a, b, c):
-        if area(a, b, c) <= 0:
-            return False
-        corners = (flat[a], flat[b], flat[c])
-        return not any(flat[d] not in corners and min(area(a, b, d), area(b, c, d), area(c, a, d)) >= 0 for d in left)
+        around = (d for d in left if d not in (a, b, c))
+        return area(a, b, c) > 0 and not any(min(area(a, b, d), area(b, c, d), area(c, a, d)) >= 0 for d in around)
 
-    left = list(range(len(ring)))
-    found = []
+    left, found = list(ring), []
     while len(left) > 3:
-        at = next(at for at in range(len(left)) if is_ear(left[at - 1], left[at], left[(at + 1) % len(left)]))
-        found.append((left[at - 1], left[at], left[(at + 1) % len(left)]))
-        del left[at]
-    assert area(*left) > 0
-    return [[ring[corner] for corner in triangle] for triangle in [*found, tuple(left)]]
+        ends = [(left[at - 1], left[at], left[(at + 1) % len(left)]) for at in range(len(left))]
+        # There and back again is nothing; an ear is a triangle.
+        at = next((at for at, (a, b, c) in enumerate(ends) if a == c), None)
+        if at is None:
+            at = next(at for at, end in enumerate(ends) if is_ear(*end))
+            found.append(ends[at])
+            del left[at]
+        else:
+            left = [left[i] for i in range(len(left)) if i not in (at, (at + 1) % len(left))]
+    return [*found, left] if len(set(left)) == 3 else found
 
 
 def read_off(path):
@@ -200,7 +203,7 @@ def body(points, faces, width):
     write_off(off, points, faces)
     build = [SPINNEY, "-q", "build", off, "-o", model, "--exact", "--grid", repr(width)]
     if subprocess.run(build, stderr=subprocess.DEVNULL).returncode:
-        subprocess.run([*build, "--close", "--repair"], check=True)
+        subprocess.run([*build, "--close", "--repair"], check=True, timeout=PATIENCE)
         subprocess.run([SPINNEY, "-q", "export", model, off], check=True)
         points, polygons = read_off(off)
         whole = points / width
@@ -216,7 +219,7 @@ def body(points, faces, width):
                     normal[axis] += p[i] * q[j] - p[j] * q[i]
             axis = max(range(3), key=lambda axis: abs(normal[axis]))
             i, j = [(axis + 1) % 3, (axis + 2) % 3][:: 1 if normal[axis] > 0 else -1]
-            faces += [ring] if len(ring) == 3 else triangulated(ring, [(corner[i], corner[j]) for corner in corners])
+            faces += [ring] if len(ring) == 3 else triangulated(ring, {at: (corner[i], corner[j]) for at, corner in zip(ring, corners)})
         faces = np.array(faces)
     off.unlink(missing_ok=True)
     model.unlink(missing_ok=True)
@@ -236,11 +239,20 @@ def make(name, first, second, how, ending=".off", fraction=None):
             b_faces = b_faces[:, ::-1]
     if how in ("turned", "scaled", "within"):
         b = b * (extent(a) / extent(b) * (0.37 if how == "within" else rng.uniform(0.6, 1.1)))
-    width = 2.0 ** math.ceil(math.log2(2 * max(extent(a), extent(b)) / STEPS))
-    a, a_faces = body(a, a_faces, width)
-    b, b_faces = (a, a_faces) if how in ("moved", "slid", "beside", "same") else body(b, b_faces, width)
+    room = (2 if how == "beside" else 1.4) * max(extent(a), extent(b))
+    # A surface may be resolved on one grid, and not on another.
+    for step in range(4):
+        width = 2.0 ** (math.ceil(math.log2(room / STEPS)) + step)
+        try:
+            first = body(a, a_faces, width)
+            second = first if how in ("moved", "slid", "beside", "same") else body(b, b_faces, width)
+            break
+        except subprocess.SubprocessError:
+            if step == 3:
+                raise
+    (a, a_faces), (b, b_faces) = first, second
     middle = (a.min(0) + a.max(0) - b.min(0) - b.max(0)) / 2
-    away = rng.uniform(0.07, 0.21, 3) * rng.choice([-1, 1], 3) * np.minimum(np.ptp(a, 0), np.ptp(b, 0))
+    away = rng.uniform(0.02, 0.12, 3) * rng.choice([-1, 1], 3) * np.minimum(np.ptp(a, 0), np.ptp(b, 0))
     along = np.array([1, 0, 0])
     shift = {"slid": middle + along * away, "beside": along * np.ptp(a, 0), "same": 0 * middle, "within": middle}.get(how, middle + away)
     b = b + np.round(shift / width) * width

@@ -6,9 +6,12 @@
 //! values in front of it and behind it (the index theorem; where faces of two bodies lie on each other, the windings of both
 //! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
 
-use super::arrangement::{Operands, Rounds, arrange};
+use super::arrangement::{Corner, ExactFace, ExactFaces, Operands, Rounded, Rounds, divide, round};
 use super::attributes::DOMAIN;
+use super::store::exact::ExactPart;
 use super::{Attributes, BOOLEAN_FACES, BuildReport, ExactModel, Face, FaceList, Faces, Grid, ModelBuilder};
+use std::path::Path;
+
 use crate::io::Output;
 use crate::store::{Metadata, TagScope};
 use crate::{Error, Progress, Result};
@@ -136,13 +139,19 @@ pub fn combine(
     };
     let is_unbounded = table.is_inside(&far);
     let before = models.iter().map(|model| model.len()).collect();
-    let (faces, Rounds { pairs, divided, displacement, .. }) =
-        arrange(faces, &operands, first.path(), memory / 2, progress)?;
-    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
-        .boolean_faces(BOOLEAN_FACES)
-        .unbounded(is_unbounded);
+    let (exact, mut done) = divide(&faces, &operands, first.path(), memory / 2, progress)?;
+    drop(faces);
+    let rounded = round(exact, is_unbounded, first.path(), memory / 2, progress, &mut done)?;
+    let Rounded { faces, stands_in, exact } = rounded;
+    let Rounds { pairs, divided, displacement, .. } = done;
     let displacement = displacement * grid.width();
     let after = faces.len();
+    let stand_ins =
+        (0..).zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number)).collect();
+    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
+        .boolean_faces(BOOLEAN_FACES)
+        .unbounded(is_unbounded)
+        .exact(ExactPart { faces: exact, stand_ins });
     faces.each(&mut |face| builder.push(face))?;
     drop(faces);
     let mut metadata = metadata(operation, models, &grid);
@@ -256,9 +265,9 @@ impl Placed {
         models: &[&ExactModel],
         memory: u64,
         progress: &dyn Progress,
-    ) -> Result<(FaceList, Vec<u32>)> {
+    ) -> Result<(ExactFaces, Vec<u32>)> {
         let parts = models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
-        let mut list = FaceList::new(self.grid.clone(), parts);
+        let mut found = ExactFaces::of_grid(FaceList::new(self.grid.clone(), parts));
         let mut is_coloured = false;
         for model in models {
             is_coloured |= model.is_coloured()?;
@@ -268,18 +277,19 @@ impl Placed {
         let mut points = Vec::new();
         for (model, (times, shift)) in models.iter().zip(&self.shifts) {
             let mut sources = 0;
+            // (A face has about as many bytes in the section as in memory.)
+            check_room(model.path(), &found, 2 * model.exact_bytes(), memory)?;
+            let ExactPart { faces: exact, stand_ins } = model.exact_part()?;
+            let mut stand_ins = stand_ins.into_iter().map(u64::from).peekable();
+            let white = |count: usize| vec![[255; 3]; count];
             model.each(&mut |face| {
-                if list.len().is_multiple_of(1 << 12) {
+                if found.list.len().is_multiple_of(1 << 12) {
                     progress.check()?;
-                    if list.bytes() > memory || list.len() > u64::from(u32::MAX >> 1) {
-                        return Err(Error::TooLarge {
-                            path: model.path().to_path_buf(),
-                            what: "the faces of the models that are to be combined".into(),
-                            needed: list.bytes(),
-                            limit: memory,
-                            advice: "allow more with --memory".into(),
-                        });
-                    }
+                    check_room(model.path(), &found, 0, memory)?;
+                }
+                sources = sources.max(face.source.saturating_add(1));
+                if stand_ins.next_if_eq(&face.number).is_some() {
+                    return Ok(());
                 }
                 points.clear();
                 points.extend(face.points.iter().map(|point| {
@@ -288,27 +298,56 @@ impl Placed {
                 let colours;
                 let colours = match (is_coloured, face.colours) {
                     (true, []) => {
-                        colours = vec![[255; 3]; points.len()];
+                        colours = white(points.len());
                         &colours
                     }
                     (_, colours) => colours,
                 };
-                sources = sources.max(face.source + 1);
-                list.push(&Face {
-                    points: &points,
-                    colours,
-                    part: first_part + face.part,
-                    source: first_source + face.source,
-                    ..*face
-                });
+                let (part, source) = (first_part + face.part, face.source.saturating_add(first_source));
+                found.list.push(&Face { points: &points, colours, part, source, ..*face });
                 Ok(())
             })?;
+            for face in exact {
+                let colours = match (is_coloured, face.colours.len()) {
+                    (true, 0) => white(face.corners.len()),
+                    _ => face.colours,
+                };
+                let corner = |corner: Corner| Corner {
+                    point: corner.point.placed(*times, *shift),
+                    line: corner.line.placed(*times, *shift),
+                };
+                sources = sources.max(face.source.saturating_add(1));
+                found.push(ExactFace {
+                    plane: face.plane.placed(*times, *shift),
+                    corners: face.corners.into_iter().map(corner).collect(),
+                    ring_ends: face.ring_ends,
+                    colours,
+                    part: first_part + face.part,
+                    source: face.source.saturating_add(first_source),
+                });
+            }
+            check_room(model.path(), &found, 0, memory)?;
             first_part += model.parts().len() as u32;
-            first_source += sources;
-            ends.push(list.len() as u32);
+            first_source = sources.saturating_add(first_source);
+            ends.push(found.list.len() as u32);
         }
-        Ok((list, ends))
+        Ok((found, ends))
     }
+}
+
+/// Fails if faces, and so many bytes more, are too much.
+fn check_room(path: &Path, faces: &ExactFaces, more: u64, memory: u64) -> Result<()> {
+    let needed = faces.list.bytes().saturating_add(more);
+    if needed <= memory && faces.list.len() < 1 << 31 {
+        return Ok(());
+    }
+    Err(Error::TooLarge {
+        path: path.to_path_buf(),
+        what: "the faces of the models that are to be combined".into(),
+        needed,
+        limit: memory,
+        advice: "allow more with --memory".into(),
+    })
 }
 
 /// The error of models that no grid of so many points holds.

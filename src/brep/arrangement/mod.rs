@@ -8,15 +8,21 @@
 //! Arrangements for Solid Geometry", 2016, but for the winding numbers, which need no order around edges here.)
 
 mod boxes;
+mod contacts;
 mod delaunay;
+mod exact_face;
 mod meeting;
 mod overlay;
 mod point;
+mod polygons;
 mod rounding;
 mod rounds;
 mod sample;
 mod snapping;
 mod surface;
 
-pub(crate) use rounds::{Rounds, arrange};
+pub(crate) use exact_face::{ExactFace, ExactFaces};
+pub(crate) use overlay::{Corner, Vertices};
+pub(crate) use point::{ExactPlane, ExactPoint};
+pub(crate) use rounds::{Rounded, Rounds, divide, round};
 pub(crate) use surface::Operands;

@@ -16,15 +16,29 @@ pub(super) struct Segment {
     pub(super) line: ExactPlane,
 }
 
+/// A corner of a ring.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Corner {
+    pub(crate) point: ExactPoint,
+    /// A plane that the edge to the next corner lies in, other than the face's.
+    pub(crate) line: ExactPlane,
+}
+
 /// A region: its rings, the outer one first, counterclockwise seen from the main axis' positive end, and holes the other
 /// way round. The region lies to the left of all.
 #[derive(Clone, Debug)]
 pub(super) struct Region {
-    pub(super) rings: Vec<Vec<ExactPoint>>,
+    pub(super) rings: Vec<Vec<Corner>>,
 }
 
-/// Divides a plane by segments, and segments where points lie on them; returns the bounded regions.
-pub(super) fn regions(plane: &ExactPlane, segments: &[Segment], points: &[ExactPoint]) -> Vec<Region> {
+/// Divides a plane by segments, and segments where points lie on them; returns those of the bounded regions that `choose`
+/// takes, with what it says of them. Regions beside each other of which it says the same become one.
+pub(super) fn regions<T: PartialEq + Copy>(
+    plane: &ExactPlane,
+    segments: &[Segment],
+    points: &[ExactPoint],
+    choose: impl Fn(&Region) -> Option<T>,
+) -> Vec<(Region, T)> {
     let mut overlay = Overlay::new(plane);
     for segment in segments {
         overlay.add(segment);
@@ -32,21 +46,55 @@ pub(super) fn regions(plane: &ExactPlane, segments: &[Segment], points: &[ExactP
     let points: Vec<u32> = points.iter().map(|point| overlay.vertices.number(*point)).collect();
     overlay.cut(&points);
     overlay.edges();
-    overlay.leave_out_bridges();
-    overlay.regions()
+    let loops = Loops::of(&overlay);
+    overlay.leave_out(|half| loops.of_half[half]);
+    let loops = Loops::of(&overlay);
+    let outer = overlay.outer_loops(&loops);
+    let chosen: Vec<Option<T>> =
+        overlay.regions(&loops, &outer).iter().map(|region| choose(region.as_ref()?)).collect();
+    let of_half = |half: usize| outer[loops.of_half[half] as usize].and_then(|outer| chosen[outer]);
+    let kept: Vec<[Option<T>; 2]> = (0..overlay.edges.len())
+        .map(|edge| [2 * edge, 2 * edge + 1].map(of_half))
+        .filter(|[left, right]| left != right)
+        .collect();
+    overlay.leave_out(of_half);
+    let loops = Loops::of(&overlay);
+    let outer = overlay.outer_loops(&loops);
+    let regions = overlay.regions(&loops, &outer);
+    let found = regions.into_iter().zip(&loops.list).filter_map(|(region, list)| {
+        let half = list.halves[0] as usize;
+        Some((region?, kept[half / 2][half % 2]?))
+    });
+    found.collect()
 }
 
 /// Points, none twice.
 #[derive(Default)]
-struct Vertices {
+pub(crate) struct Vertices {
     list: Vec<ExactPoint>,
     /// Numbers of the points in each cell of a lattice that is much coarser than the error of approximations.
     cells: HashMap<[i64; 3], Vec<u32>>,
 }
 
+/// A point as a key: coordinates of the grid, and a number above 0 for one beside it.
+pub(super) type VertexKey = ([i32; 3], u32);
+
 impl Vertices {
+    /// The points in the order of their numbers.
+    pub(crate) fn list(&self) -> &[ExactPoint] {
+        &self.list
+    }
+
+    /// The key of a point, the same for all that are the same.
+    pub(super) fn key(&mut self, point: &ExactPoint) -> VertexKey {
+        match point.on_grid() {
+            Some(at) => (at, 0),
+            None => (point.rounded(), self.number(*point) + 1),
+        }
+    }
+
     /// The number of a point.
-    fn number(&mut self, point: ExactPoint) -> u32 {
+    pub(crate) fn number(&mut self, point: ExactPoint) -> u32 {
         /// Cells per unit of the grid.
         const FINE: f64 = 1024.0;
         let cell = |shift: f64| point.near.map(|at| (at * FINE + shift).floor() as i64);
@@ -246,42 +294,53 @@ impl<'a> Overlay<'a> {
         line.left * line.plane.side(self.point(vertex))
     }
 
-    fn leave_out_bridges(&mut self) {
-        let loops = Loops::of(self);
+    /// Leaves out edges whose half-edges have the same to their left.
+    fn leave_out<T: PartialEq>(&mut self, left: impl Fn(usize) -> T) {
         let mut index = 0;
         self.edges.retain(|_| {
-            let [forward, backward] = [loops.of_half[2 * index], loops.of_half[2 * index + 1]];
+            let [forward, backward] = [2 * index, 2 * index + 1].map(&left);
             index += 1;
             forward != backward
         });
     }
 
-    /// The regions between the edges that are left.
-    fn regions(&self) -> Vec<Region> {
-        let loops = Loops::of(self);
-        let is_outer: Vec<bool> = loops.list.iter().map(|list| !list.is_hole).collect();
-        let mut regions: Vec<Option<Vec<Vec<u32>>>> =
-            loops.list.iter().map(|list| (!list.is_hole).then(|| vec![list.vertices.clone()])).collect();
-        for hole in loops.list.iter().filter(|list| list.is_hole) {
+    /// The outer loop of the region to the left of each loop; `None` outside of all.
+    fn outer_loops(&self, loops: &Loops) -> Vec<Option<usize>> {
+        let of_hole = |hole: &Loop| {
             let around = (0..loops.list.len()).filter(|outer| {
-                is_outer[*outer]
-                    && loops.list[*outer].component != hole.component
-                    && self.is_inside(hole.vertices[0], &loops.list[*outer])
+                let outer = &loops.list[*outer];
+                !outer.is_hole && outer.component != hole.component && self.is_inside(hole.vertices[0], outer)
             });
             // Of those around it, the one that is inside all the others.
-            let nearest = around.reduce(|best, other| {
+            around.reduce(|best, other| {
                 if self.is_inside(loops.list[other].vertices[0], &loops.list[best]) { other } else { best }
-            });
-            if let Some(rings) = nearest.and_then(|outer| regions[outer].as_mut()) {
-                rings.push(hole.vertices.clone());
+            })
+        };
+        let outer = |(number, list): (usize, &Loop)| if list.is_hole { of_hole(list) } else { Some(number) };
+        loops.list.iter().enumerate().map(outer).collect()
+    }
+
+    /// The region of each outer loop.
+    fn regions(&self, loops: &Loops, outer: &[Option<usize>]) -> Vec<Option<Region>> {
+        let ring = |list: &Loop| -> Vec<Corner> {
+            let lines = list.halves.iter().map(|half| self.edges[*half as usize / 2].line);
+            let corner = |(vertex, line): (&u32, u32)| Corner {
+                point: self.point(*vertex).settled(),
+                line: self.lines[line as usize].plane,
+            };
+            list.vertices.iter().zip(lines).map(corner).collect()
+        };
+        let mut regions: Vec<Option<Region>> = loops
+            .list
+            .iter()
+            .map(|list| (!list.is_hole).then(|| Region { rings: vec![ring(list)] }))
+            .collect();
+        for (list, outer) in loops.list.iter().zip(outer).filter(|(list, _)| list.is_hole) {
+            if let Some(region) = outer.and_then(|outer| regions[outer].as_mut()) {
+                region.rings.push(ring(list));
             }
         }
-        let points = |ring: Vec<u32>| ring.into_iter().map(|vertex| *self.point(vertex)).collect();
         regions
-            .into_iter()
-            .flatten()
-            .map(|rings| Region { rings: rings.into_iter().map(points).collect() })
-            .collect()
     }
 
     /// Whether a vertex lies inside a loop that it is not on: by the loop's edges that pass it on one side.
@@ -423,17 +482,20 @@ mod tests {
             })
             .collect();
         let points: Vec<ExactPoint> = points.iter().map(|at| ExactPoint::of_grid(lift(*at))).collect();
-        let area = |ring: &Vec<ExactPoint>| -> f64 {
+        let area = |ring: &Vec<Corner>| -> f64 {
             (0..ring.len())
                 .map(|i| {
-                    let (a, b) = (ring[i].near, ring[(i + 1) % ring.len()].near);
+                    let (a, b) = (ring[i].point.near, ring[(i + 1) % ring.len()].point.near);
                     a[0] * b[1] - a[1] * b[0]
                 })
                 .sum()
         };
-        let mut found: Vec<(usize, f64)> = regions(&plane, &segments, &points)
+        // (All are wanted, and none is the same as another.)
+        let count = std::cell::Cell::new(0);
+        let choose = |_: &Region| Some(count.replace(count.get() + 1));
+        let mut found: Vec<(usize, f64)> = regions(&plane, &segments, &points, choose)
             .iter()
-            .map(|region| {
+            .map(|(region, _)| {
                 (region.rings.len(), (region.rings.iter().map(area).sum::<f64>() * 1e6).round() / 1e6)
             })
             .collect();

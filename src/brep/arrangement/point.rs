@@ -13,19 +13,18 @@ use bnum::types::{I256, I512, I1024};
 pub(super) const ERROR: f64 = 1.0 / (1 << 24) as f64;
 
 /// A plane through points of the grid.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ExactPlane {
-    pub(super) normal: [i64; 3],
-    pub(super) offset: i128,
-    /// A point of it.
-    base: [i32; 3],
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ExactPlane {
+    pub(crate) normal: [i64; 3],
+    /// The product of the normal with each point of the plane.
+    pub(crate) offset: i128,
 }
 
 impl ExactPlane {
     /// The plane through a point.
     pub(super) fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
         let offset = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(base[axis])).sum();
-        ExactPlane { normal, offset, base }
+        ExactPlane { normal, offset }
     }
 
     /// The plane along an axis through two points.
@@ -39,12 +38,12 @@ impl ExactPlane {
 
     /// The height of a point of the grid over the plane, times the length of the normal.
     pub(super) fn height(&self, point: [i32; 3]) -> i128 {
-        let from = |axis: usize| i128::from(point[axis]) - i128::from(self.base[axis]);
-        (0..3).map(|axis| i128::from(self.normal[axis]) * from(axis)).sum()
+        let along = |axis: usize| i128::from(self.normal[axis]) * i128::from(point[axis]);
+        along(0) + along(1) + along(2) - self.offset
     }
 
     /// The side on which a point lies: 1 where the normal points to, 0 in the plane.
-    pub(super) fn side(&self, point: &ExactPoint) -> i32 {
+    pub(crate) fn side(&self, point: &ExactPoint) -> i32 {
         if let Some(point) = point.on_grid() {
             return self.height(point).signum() as i32;
         }
@@ -57,24 +56,45 @@ impl ExactPlane {
         })
     }
 
-    /// The side of a point that is known but for an error of [`ERROR`], if that is enough to tell.
+    /// The plane with its other side in front.
+    pub(crate) fn turned(&self) -> ExactPlane {
+        ExactPlane { normal: self.normal.map(|part| -part), offset: -self.offset }
+    }
+
+    /// The plane, moved, with all coordinates so many times as large before.
+    pub(crate) fn placed(&self, times: i64, shift: [i64; 3]) -> ExactPlane {
+        let along = |axis: usize| i128::from(self.normal[axis]) * i128::from(shift[axis]);
+        ExactPlane { offset: self.offset * i128::from(times) + along(0) + along(1) + along(2), ..*self }
+    }
+
+    /// The side of a point that is known but for an error of [`ERROR`], if that is enough to tell. (Coordinates have 26 bits,
+    /// and doubles 53: the sum is off by about as much as the point is.)
     pub(super) fn side_near(&self, near: [f64; 3]) -> Option<i32> {
-        let (mut height, mut size) = (0.0, 0.0);
+        let (mut height, mut size) = (-(self.offset as f64), 0.0);
         for (axis, near) in near.into_iter().enumerate() {
             let normal = self.normal[axis] as f64;
-            height += normal * (near - f64::from(self.base[axis]));
+            height += normal * near;
             size += normal.abs();
         }
-        (height.abs() > size * (4.0 * ERROR)).then_some(if height > 0.0 { 1 } else { -1 })
+        (height.abs() > size * (8.0 * ERROR)).then_some(if height > 0.0 { 1 } else { -1 })
     }
 
     /// Whether two planes are the same, whichever sides they are turned to.
-    pub(super) fn is(&self, other: &ExactPlane) -> bool {
-        cross(self.normal, other.normal) == [0; 3] && self.height(other.base) == 0
+    pub(crate) fn is(&self, other: &ExactPlane) -> bool {
+        let axis = self.main_axis();
+        cross(self.normal, other.normal) == [0; 3]
+            && product(self.offset, other.normal[axis].into())
+                == product(other.offset, self.normal[axis].into())
+    }
+
+    /// Whether the normal points to the same side as that of a parallel plane.
+    pub(super) fn is_turned_as(&self, other: &ExactPlane) -> bool {
+        let axis = self.main_axis();
+        (self.normal[axis] > 0) == (other.normal[axis] > 0)
     }
 
     /// The axis along which the plane is seen largest.
-    pub(super) fn main_axis(&self) -> usize {
+    pub(crate) fn main_axis(&self) -> usize {
         (0..3).max_by_key(|axis| self.normal[*axis].unsigned_abs()).unwrap_or(2)
     }
 }
@@ -94,19 +114,19 @@ pub(super) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
 
 /// A point by homogeneous coordinates.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct ExactPoint {
-    pub(super) at: [I256; 3],
+pub(crate) struct ExactPoint {
+    pub(crate) at: [I256; 3],
     /// Divisor of the coordinates: positive.
-    pub(super) weight: I256,
+    pub(crate) weight: I256,
     /// The point, but for [`ERROR`].
-    pub(super) near: [f64; 3],
+    pub(crate) near: [f64; 3],
     /// Whether it is a point of the grid, and `near` is exact.
     is_on_grid: bool,
 }
 
 impl ExactPoint {
     /// A point of the grid.
-    pub(super) fn of_grid(point: [i32; 3]) -> ExactPoint {
+    pub(crate) fn of_grid(point: [i32; 3]) -> ExactPoint {
         let at = point.map(|at| wide(at.into()));
         ExactPoint { at, weight: wide(1), near: point.map(f64::from), is_on_grid: true }
     }
@@ -144,6 +164,12 @@ impl ExactPoint {
         ExactPoint::new(at, weight)
     }
 
+    /// The point of any homogeneous coordinates with a positive weight.
+    pub(crate) fn of(at: [I256; 3], weight: I256) -> ExactPoint {
+        ExactPoint::new(at, weight).settled()
+    }
+
+    /// The point of homogeneous coordinates with a positive weight.
     fn new(at: [I256; 3], weight: I256) -> ExactPoint {
         let size: f64 = weight.as_();
         let near = at.map(|at| {
@@ -154,8 +180,27 @@ impl ExactPoint {
     }
 
     /// The coordinates of a point that was made as one of the grid.
-    pub(super) fn on_grid(&self) -> Option<[i32; 3]> {
+    pub(crate) fn on_grid(&self) -> Option<[i32; 3]> {
         self.is_on_grid.then(|| self.near.map(|at| at as i32))
+    }
+
+    /// The point, made as one of the grid if it is one.
+    pub(super) fn settled(self) -> ExactPoint {
+        if self.is_on_grid {
+            return self;
+        }
+        let rounded = ExactPoint::of_grid(self.rounded());
+        if self.is(&rounded) { rounded } else { self }
+    }
+
+    /// The point, moved, with all coordinates so many times as large before.
+    pub(crate) fn placed(&self, times: i64, shift: [i64; 3]) -> ExactPoint {
+        let at =
+            [0, 1, 2].map(|axis| self.at[axis] * wide(times.into()) + self.weight * wide(shift[axis].into()));
+        match self.is_on_grid {
+            true => ExactPoint::of_grid(at.map(|at| at.as_())),
+            false => ExactPoint::new(at, self.weight),
+        }
     }
 
     /// The order of two points along an axis.
@@ -173,12 +218,12 @@ impl ExactPoint {
     }
 
     /// Whether two points are one.
-    pub(super) fn is(&self, other: &ExactPoint) -> bool {
+    pub(crate) fn is(&self, other: &ExactPoint) -> bool {
         (0..3).all(|axis| self.compare(other, axis) == Ordering::Equal)
     }
 
     /// The nearest point of the grid; a coordinate in the middle between two goes to the greater.
-    pub(super) fn rounded(&self) -> [i32; 3] {
+    pub(crate) fn rounded(&self) -> [i32; 3] {
         std::array::from_fn(|axis| {
             let near = self.near[axis];
             let rounded = near.round();

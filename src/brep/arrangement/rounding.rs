@@ -1,80 +1,54 @@
-//! Regions of faces as faces with corners on the grid.
+//! Faces with corners beside the grid as faces with corners on it.
 
 use super::delaunay;
-use super::overlay::Region;
-use super::point::{ExactPlane, ExactPoint, others};
+use super::exact_face::ExactFace;
+use super::overlay::Corner;
+use super::point::{ExactPlane, others};
 use crate::Result;
 use crate::brep::Face;
 use crate::brep::piece::Piece;
 use crate::geometry::Triangulator;
 
-/// Moves the corners of regions to the nearest points of the grid; keeps its buffers from region to region.
+/// Moves the corners of faces to the nearest points of the grid; keeps its buffers from face to face.
 #[derive(Default)]
 pub(super) struct Rounder {
     /// The furthest that a corner was moved, in steps of the grid.
     pub(super) displacement: f64,
     /// Whether any corner was moved.
     pub(super) is_moved: bool,
-    /// Corners of all regions.
+    /// Corners of all faces.
     pub(super) corners: Vec<[i32; 3]>,
     triangulator: Triangulator,
     /// Corners before and after.
     near: Vec<[f64; 3]>,
     points: Vec<[i32; 3]>,
-    ring_ends: Vec<usize>,
     triangles: Vec<[u32; 3]>,
 }
 
 impl Rounder {
-    /// Hands out a region of a face: as a polygon if its corners lie in the face's plane on the grid, too, and otherwise
-    /// in triangles.
+    /// Hands out a face: as a polygon if its corners lie in its plane on the grid, too, and otherwise in triangles. These are
+    /// found before: slivers then fall together, and do not fold over.
     pub(super) fn round(
         &mut self,
-        plane: &ExactPlane,
-        face: &Face<'_>,
-        region: &Region,
-        turned: bool,
+        face: &ExactFace,
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
         self.near.clear();
         self.points.clear();
-        self.ring_ends.clear();
-        // Rings turn as seen from the axis' positive end.
-        let is_up = plane.normal[plane.main_axis()] > 0;
-        for ring in &region.rings {
-            let mut add = |point: &ExactPoint| {
-                let moved = point.rounded();
-                self.is_moved |= !point.is(&ExactPoint::of_grid(moved));
-                let squares = (0..3).map(|axis| (point.near[axis] - f64::from(moved[axis])).powi(2));
-                self.displacement = self.displacement.max(squares.sum::<f64>().sqrt());
-                self.near.push(point.near);
-                self.points.push(moved);
-            };
-            if turned == is_up {
-                ring.iter().rev().for_each(&mut add);
-            } else {
-                ring.iter().for_each(&mut add);
-            }
-            self.ring_ends.push(self.points.len());
+        for Corner { point, .. } in &face.corners {
+            let moved = point.rounded();
+            self.is_moved |= point.on_grid().is_none();
+            let squares = (0..3).map(|axis| (point.near[axis] - f64::from(moved[axis])).powi(2));
+            self.displacement = self.displacement.max(squares.sum::<f64>().sqrt());
+            self.near.push(point.near);
+            self.points.push(moved);
         }
         self.corners.extend_from_slice(&self.points);
-        self.hand_out(plane, face, turned, each)
-    }
-
-    /// Hands out the face whose corners were added: as a polygon if they lie in the face's plane, too, when they are
-    /// moved, and otherwise in triangles. These are found before: slivers then fall together, and do not fold over.
-    fn hand_out(
-        &mut self,
-        plane: &ExactPlane,
-        face: &Face<'_>,
-        turned: bool,
-        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
-    ) -> Result<()> {
-        let colours = self.colours(plane, face);
+        let ExactFace { plane, ring_ends, colours, part, source, .. } = face;
+        let (part, source) = (*part, *source);
         let stays_flat = self.points.iter().all(|point| plane.height(*point) == 0);
-        if stays_flat || !self.triangulate(plane, turned) {
-            let Rounder { points, ring_ends, .. } = self;
-            return each(&Face { points, ring_ends, colours: &colours, ..*face });
+        if stays_flat || !self.triangulate(plane, ring_ends) {
+            return each(&Face { number: 0, points: &self.points, ring_ends, colours, part, source });
         }
         for triangle in &self.triangles {
             let points = triangle.map(|corner| self.points[corner as usize]);
@@ -82,14 +56,14 @@ impl Rounder {
                 true => Vec::new(),
                 false => triangle.map(|corner| colours[corner as usize]).to_vec(),
             };
-            each(&Face { points: &points, ring_ends: &[3], colours: &colours, ..*face })?;
+            each(&Face { number: 0, points: &points, ring_ends: &[3], colours: &colours, part, source })?;
         }
         Ok(())
     }
 
     /// Cuts the face into triangles as it is before its corners are moved, on a grid that is finer by as much as the
     /// face is small.
-    fn triangulate(&mut self, plane: &ExactPlane, turned: bool) -> bool {
+    fn triangulate(&mut self, plane: &ExactPlane, ring_ends: &[usize]) -> bool {
         let least = |axis: usize| self.near.iter().map(|point| point[axis]).fold(f64::INFINITY, f64::min);
         let low = [0, 1, 2].map(least);
         let extent = self.near.iter().flat_map(|point| (0..3).map(|axis| point[axis] - low[axis]));
@@ -99,7 +73,7 @@ impl Rounder {
             |point: &[f64; 3]| [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale).round() as i64);
         let fine: Vec<[i64; 3]> = self.near.iter().map(fine).collect();
         self.triangles.clear();
-        if !self.triangulator.triangulate(&fine, &self.ring_ends, &mut self.triangles) {
+        if !self.triangulator.triangulate(&fine, ring_ends, &mut self.triangles) {
             return false;
         }
         // Without long thin triangles, moving the corners makes fewer that pass through others.
@@ -107,8 +81,7 @@ impl Rounder {
         let [u, v] = others(axis);
         let normal = plane.normal.map(|part| part as f64);
         let length = normal.iter().map(|part| part * part).sum::<f64>().sqrt();
-        let side = if turned { -length } else { length };
-        let normal = normal.map(|part| part / side);
+        let normal = normal.map(|part| part / length);
         // Two directions in the plane that make a right-handed system with the side that the face is turned to.
         let across = normal[axis].hypot(normal[u]);
         let flat = |point: &[i64; 3]| {
@@ -121,15 +94,15 @@ impl Rounder {
         delaunay::flip(&flat, &mut self.triangles);
         true
     }
+}
 
-    /// The colours of the corners, between those of the triangle of the face that each lies in.
-    fn colours(&mut self, plane: &ExactPlane, face: &Face<'_>) -> Vec<[u8; 3]> {
-        if face.colours.is_empty() {
-            return Vec::new();
-        }
-        let pieces = Piece::of_face(face.points, face.ring_ends, &mut self.triangulator);
-        self.near.iter().map(|near| colour(plane, face, &pieces, *near)).collect()
+/// The colours of the corners of a part of a face, between those of the triangle of the face that each lies in.
+pub(super) fn colours(face: &Face<'_>, plane: &ExactPlane, part: &ExactFace) -> Vec<[u8; 3]> {
+    if face.colours.is_empty() {
+        return Vec::new();
     }
+    let pieces = Piece::of_face(face.points, face.ring_ends, &mut Triangulator::new());
+    part.corners.iter().map(|corner| colour(plane, face, &pieces, corner.point.near)).collect()
 }
 
 /// The colour of a place of a face.

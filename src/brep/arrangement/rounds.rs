@@ -1,11 +1,16 @@
-//! Arrangements on the grid: faces are divided again until moving new vertices to the grid has no more consequences.
+//! Arrangements, exact and on the grid: bodies are divided by each other once; then their new vertices are moved to the grid,
+//! and faces are divided again until that has no more consequences.
 
 use std::path::Path;
 
+use super::exact_face::{ExactFace, ExactFaces};
+use super::point::ExactPlane;
+use super::rounding::Rounder;
 use super::snapping::snap;
-use super::surface::{EachFace, Operands, Resolved, resolve};
+use super::surface::{Kept, Operands, Resolved, resolve};
 use crate::brep::planar::PlanarFaces;
-use crate::brep::{FaceList, Faces};
+use crate::brep::{Face, FaceList, Faces};
+use crate::geometry::crossing::ring_normal;
 use crate::{Progress, Result};
 
 /// Counts of what was done to a surface.
@@ -27,72 +32,185 @@ pub(crate) struct Rounds {
 /// crosses itself. (The worst scans of the test data take five.)
 const MOST_ROUNDS: u32 = 12;
 
-/// Returns the faces that bound what is inside of some closed surfaces, planar and on the grid. `path` is for errors.
+/// What takes faces, and whether each is new.
+pub(super) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
+
+/// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors.
 ///
 /// # Errors
 /// If `memory` bytes are not enough, or on interruption.
-pub(crate) fn arrange(
-    mut faces: FaceList,
+pub(crate) fn divide(
+    faces: &ExactFaces,
     operands: &Operands<'_>,
     path: &Path,
     memory: u64,
     progress: &dyn Progress,
-) -> Result<(FaceList, Rounds)> {
-    let mut rounds = Rounds::default();
-    let mut moved = Vec::new();
-    let mut changed: Vec<bool> = Vec::new();
-    let far = [i32::from((operands.is_inside)(operands.far))];
+) -> Result<(ExactFaces, Rounds)> {
+    let mut found =
+        ExactFaces::of_grid(FaceList::new(faces.list.grid().clone(), faces.list.parts().to_vec()));
+    let mut turner = Turner::default();
+    let Resolved { pairs, divided, removed } =
+        resolve(faces, operands, path, memory, progress, &mut |kept| {
+            match kept {
+                Kept::Face { face, is_turned } => match faces.exact.get(&(face.number as u32)) {
+                    Some(exact) => found.push(if is_turned { exact.turned() } else { exact.clone() }),
+                    None if is_turned => found.list.push(&turner.turn(&face)),
+                    None => found.list.push(&face),
+                },
+                Kept::Region { exact, .. } => found.push(exact),
+            }
+            Ok(())
+        })?;
+    let rounds = u32::from(divided + removed > 0);
+    Ok((found, Rounds { pairs, divided, removed, rounds, displacement: 0.0 }))
+}
+
+/// A surface on the grid, and what of it is not exact.
+pub(crate) struct Rounded {
+    /// Planar faces with corners on the grid.
+    pub(crate) faces: FaceList,
+    /// Whether each of them stands for parts of others.
+    pub(crate) stands_in: Vec<bool>,
+    /// These others.
+    pub(crate) exact: Vec<ExactFace>,
+}
+
+/// Moves the vertices of a closed surface to the grid, and mends what that does to it; `far` says whether what is far away is
+/// inside. Counts go to those of what was done before.
+///
+/// # Errors
+/// If `memory` bytes are not enough, or on interruption.
+pub(crate) fn round(
+    exact: ExactFaces,
+    far: bool,
+    path: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+    rounds: &mut Rounds,
+) -> Result<Rounded> {
+    let mut rounder = Rounder::default();
+    let ExactFaces { list, exact: mut beside } = exact;
+    let stands_in: Vec<bool> = (0..list.len() as u32).map(|number| beside.contains_key(&number)).collect();
+    let (mut rounded, mut changed, ()) =
+        Rounded { faces: list, stands_in, exact: Vec::new() }.again(|faces, each| {
+            for number in 0..faces.list.len() as u32 {
+                match beside.get(&number) {
+                    Some(exact) => {
+                        rounder
+                            .round(exact, &mut |face| each(&Face { number: number.into(), ..*face }, true))?;
+                    }
+                    None => each(&faces.list.get(number as usize), false)?,
+                }
+            }
+            Ok(())
+        })?;
+    let mut numbers: Vec<u32> = beside.keys().copied().collect();
+    numbers.sort_unstable();
+    rounded.exact.extend(numbers.into_iter().filter_map(|number| beside.remove(&number)));
+    if !rounder.is_moved {
+        return Ok(rounded);
+    }
+    rounds.displacement = rounder.displacement;
+    let mut moved = rounder.corners;
+    let far = [i32::from(far)];
+    let first = rounds.divided;
     loop {
-        let ends = [faces.len() as u32];
-        let of_result = Operands {
+        let ends = [rounded.faces.len() as u32];
+        let operands = Operands {
             ends: &ends,
             far: &far,
             are_bodies: false,
             changed: &changed,
             is_inside: &|windings| windings[0] > 0,
         };
-        let operands = if rounds.rounds == 0 { operands } else { &of_result };
-        let (kept, is_new, resolved) =
-            planar(&faces, |each| resolve(&faces, operands, path, memory, progress, each))?;
-        let Resolved { pairs, divided, removed, displacement, corners, is_moved } = resolved;
-        if rounds.rounds == 0 {
-            rounds = Rounds { pairs, divided, removed, ..rounds };
-        }
-        faces = kept;
-        changed = is_new;
-        rounds.displacement = rounds.displacement.max(displacement);
-        let is_worse = rounds.rounds > 0 && divided > 2 * rounds.divided.max(50);
+        let mut rounder = Rounder::default();
+        let (next, is_new, resolved) = rounded.again(|faces, each| {
+            let mut turner = Turner::default();
+            resolve(faces, &operands, path, memory, progress, &mut |kept| match kept {
+                Kept::Face { face, is_turned: false } => each(&face, false),
+                Kept::Face { face, is_turned: true } => each(&turner.turn(&face), true),
+                Kept::Region { face, exact } => {
+                    rounder.round(&exact, &mut |part| each(&Face { number: face.number, ..*part }, true))
+                }
+            })
+        })?;
+        (rounded, changed) = (next, is_new);
+        rounds.displacement = rounds.displacement.max(rounder.displacement);
+        let Resolved { divided, removed, .. } = resolved;
+        let is_worse = divided > 2 * first.max(50);
         if divided + removed == 0 || is_worse || rounds.rounds == MOST_ROUNDS {
-            return Ok((faces, rounds));
+            return Ok(rounded);
         }
         rounds.rounds += 1;
-        if !is_moved || faces.is_empty() {
-            return Ok((faces, rounds));
-        }
-        moved.extend(corners);
-        if rounds.rounds > 1 {
+        moved.extend(rounder.corners);
+        if divided > 0 {
             // Moving corners has made new crossings: what is thinner than a step has to go.
-            let (bent, is_bent, ()) = planar(&faces, |each| snap(&faces, &moved, &changed, progress, each))?;
-            (faces, changed) = (bent, is_bent);
+            let bent = rounded.again(|faces, each| snap(&faces.list, &moved, &changed, progress, each))?;
+            (rounded, changed) = (bent.0, bent.1);
         }
     }
 }
 
-/// Collects what is made of faces as planar ones, whether each is new, and what else is returned.
-fn planar<R>(
-    faces: &FaceList,
-    make: impl FnOnce(&mut EachFace<'_>) -> Result<R>,
-) -> Result<(FaceList, Vec<bool>, R)> {
-    let mut list = FaceList::new(faces.grid().clone(), faces.parts().to_vec());
-    let mut changed = Vec::new();
-    let mut planar = PlanarFaces::new();
-    planar.is_coloured = faces.is_coloured();
-    let made = make(&mut |face, is_new| {
-        planar.face(face, &mut |face| {
-            list.push(face);
-            changed.push(is_new);
-            Ok(())
-        })
-    })?;
-    Ok((list, changed, made))
+impl Rounded {
+    /// Collects what is made of the faces as planar ones, and whether each is new. Faces that were exact and do not come back as
+    /// they were go to the exact ones.
+    fn again<R>(
+        self,
+        make: impl FnOnce(&ExactFaces, &mut EachFace<'_>) -> Result<R>,
+    ) -> Result<(Rounded, Vec<bool>, R)> {
+        let Rounded { faces, stands_in, mut exact } = self;
+        let faces = ExactFaces::of_grid(faces);
+        let old = &faces.list;
+        let mut list = FaceList::new(old.grid().clone(), old.parts().to_vec());
+        let mut planar = PlanarFaces::new();
+        planar.is_coloured = old.is_coloured();
+        let (mut changed, mut still) = (Vec::new(), Vec::new());
+        // Whether each comes back as it was.
+        let mut is_back = vec![false; stands_in.len()];
+        let made = make(&faces, &mut |face, is_new| {
+            let number = face.number as usize;
+            planar.face(face, &mut |face| {
+                let is_same = !is_new && face.points == old.get(number).points;
+                list.push(face);
+                changed.push(is_new);
+                still.push(is_same && !stands_in[number]);
+                is_back[number] |= is_same;
+                Ok(())
+            })
+        })?;
+        for (number, _) in
+            is_back.iter().enumerate().filter(|(number, is_back)| !**is_back && !stands_in[*number])
+        {
+            let face = old.get(number);
+            let normal = ring_normal(face.rings().next().unwrap_or_default());
+            if normal != [0; 3] {
+                exact.push(ExactFace::of_grid(&face, &ExactPlane::through(face.points[0], normal)));
+            }
+        }
+        let stands_in = still.into_iter().map(|still| !still).collect();
+        Ok((Rounded { faces: list, stands_in, exact }, changed, made))
+    }
+}
+
+/// Turns faces to the other side; keeps its buffers from face to face.
+#[derive(Default)]
+struct Turner {
+    points: Vec<[i32; 3]>,
+    colours: Vec<[u8; 3]>,
+}
+
+impl Turner {
+    fn turn<'a>(&'a mut self, face: &Face<'a>) -> Face<'a> {
+        self.points.clear();
+        self.colours.clear();
+        let mut start = 0;
+        for &end in face.ring_ends {
+            self.points.extend(face.points[start..end].iter().rev());
+            if !face.colours.is_empty() {
+                self.colours.extend(face.colours[start..end].iter().rev());
+            }
+            start = end;
+        }
+        Face { points: &self.points, colours: &self.colours, ..*face }
+    }
 }

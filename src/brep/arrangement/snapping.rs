@@ -6,7 +6,7 @@
 //! so.
 
 use super::boxes::{BoxTree, touch};
-use super::surface::EachFace;
+use super::rounds::EachFace;
 use crate::brep::{Face, FaceList, Faces};
 use crate::{Progress, Result};
 

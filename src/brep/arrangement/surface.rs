@@ -1,16 +1,18 @@
 //! Faces with what bounds no body taken away: by winding numbers of the surfaces that they belong to.
 
-use std::collections::{HashMap, HashSet};
+use std::borrow::Cow;
+use std::collections::HashMap;
 use std::path::Path;
 
-use super::boxes::{BOX, BoxTree, touch};
-use super::meeting::{Meeting, meet};
-use super::overlay::{Region, Segment, regions, root};
+use super::boxes::{BOX, Bounds, BoxTree};
+use super::contacts::Contact;
+use super::exact_face::{ExactFace, ExactFaces};
+use super::overlay::{Region, Segment, VertexKey, Vertices, regions, root};
 use super::point::{ExactPlane, ExactPoint, others};
-use super::rounding::Rounder;
+use super::rounding::colours;
 use super::sample::Sample;
 use crate::brep::piece::Piece;
-use crate::brep::{Face, FaceList, Faces};
+use crate::brep::{Face, Faces};
 use crate::geometry::Triangulator;
 use crate::geometry::crossing::ring_normal;
 use crate::parallel;
@@ -18,19 +20,13 @@ use crate::{Error, Progress, Result};
 
 /// Counts of what was done to a surface.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Resolved {
+pub(super) struct Resolved {
     /// Pairs of faces that have more in common than neighbours have.
-    pub(crate) pairs: u64,
+    pub(super) pairs: u64,
     /// Faces that were divided, or of which a part was taken away.
-    pub(crate) divided: u64,
+    pub(super) divided: u64,
     /// Faces that were taken away as a whole.
-    pub(crate) removed: u64,
-    /// The furthest that a new vertex was moved to the grid, in steps of it.
-    pub(crate) displacement: f64,
-    /// Corners of what is left of faces that were divided.
-    pub(crate) corners: Vec<[i32; 3]>,
-    /// Whether new vertices were moved at all.
-    pub(crate) is_moved: bool,
+    pub(super) removed: u64,
 }
 
 /// Surfaces whose faces stand one behind the other in a list, and what of space is inside of the result.
@@ -48,32 +44,34 @@ pub(crate) struct Operands<'a> {
     pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
 }
 
-/// What takes faces, and whether each is new.
-pub(crate) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
+/// What is left of a face.
+pub(super) enum Kept<'a> {
+    /// The face, or its back.
+    Face { face: Face<'a>, is_turned: bool },
+    /// A part of the face or of its back, which is no longer as it was.
+    Region { face: Face<'a>, exact: ExactFace },
+}
 
 /// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
 const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 
-/// Hands out the faces that bound what is inside. Where faces pass through each other, they are divided, at vertices that
-/// are moved to the nearest points of the grid: such faces may have rings whose corners do not lie in one plane, or that
-/// fall together. Surfaces have to be closed.
-///
-/// What is handed out is told from what was there before: `true` stands for a region of a face that was divided.
+/// Hands out the faces that bound what is inside, in the order of those that they come from. Where faces pass through each
+/// other, they are divided; where they lie on each other, one stays. Surfaces have to be closed.
 ///
 /// All faces are held in memory; planes, boxes and edges take about 250 bytes each. The result depends on no number of
 /// threads.
 ///
 /// # Errors
 /// If `memory` bytes are not enough, on interruption, or what `each` returns.
-pub(crate) fn resolve(
-    faces: &FaceList,
+pub(super) fn resolve(
+    faces: &ExactFaces,
     operands: &Operands<'_>,
     path: &Path,
     memory: u64,
     progress: &dyn Progress,
-    each: &mut EachFace<'_>,
+    each: &mut dyn FnMut(Kept<'_>) -> Result<()>,
 ) -> Result<Resolved> {
-    let needed = faces.len() * FACE + faces.bytes();
+    let needed = faces.list.len() * FACE + faces.bytes();
     if needed > memory {
         return Err(too_large(path, needed, memory));
     }
@@ -84,13 +82,14 @@ pub(crate) fn resolve(
         contact.faces.iter().for_each(|face| of_face.entry(*face).or_default().push(number));
     }
     let (components, samples) = surface.components(&of_face, progress)?;
-    let kept = parallel::map(&samples, |face| {
+    let kept = parallel::map(&samples, |(_, face)| {
         let face = *face;
         // (Of bodies it is known what is in front of a face, and behind it.)
         let own = operands.are_bodies.then(|| surface.operand(face));
-        if progress.interrupted() { None } else { surface.stays(&surface.sample(face), face, own) }
+        if progress.interrupted() { None } else { surface.face_stays(face, own) }
     });
-    let kept: HashMap<u32, Option<bool>> = samples.iter().copied().zip(kept).collect();
+    let kept: HashMap<u32, Option<bool>> =
+        samples.iter().map(|(component, _)| *component).zip(kept).collect();
     let mut counts = Resolved { pairs: contacts.len() as u64, ..Resolved::default() };
     let mut divided: Vec<u32> = of_face.keys().copied().collect();
     divided.sort_unstable();
@@ -98,11 +97,12 @@ pub(crate) fn resolve(
     const BATCH: usize = 1 << 12;
     let mut regions_of: HashMap<u32, Divided> = HashMap::new();
     let mut next = 0;
-    let (mut rounder, mut turner) = (Rounder::default(), Turner::default());
+    let faces = &faces.list;
     for number in 0..faces.len() as u32 {
         if number % 4096 == 0 {
             progress.check()?;
         }
+        let face = faces.get(number as usize);
         if divided.get(next) == Some(&number) {
             if next % BATCH == 0 {
                 let batch = &divided[next..divided.len().min(next + BATCH)];
@@ -117,59 +117,26 @@ pub(crate) fn resolve(
             }
             next += 1;
             let found = regions_of.remove(&number).unwrap_or_default();
-            let face = faces.get(number as usize);
-            if found.is_whole {
-                each(&face, false)?;
-            } else if found.regions.is_empty() {
-                counts.removed += 1;
-            } else {
-                counts.divided += 1;
-                let plane = surface.plane(number);
-                for (region, turned) in &found.regions {
-                    rounder.round(plane, &face, region, *turned, &mut |face| each(face, true))?;
+            match found.whole {
+                Some(is_turned) => each(Kept::Face { face, is_turned })?,
+                None if found.regions.is_empty() => counts.removed += 1,
+                None => {
+                    counts.divided += 1;
+                    found.regions.into_iter().try_for_each(|exact| each(Kept::Region { face, exact }))?;
                 }
             }
-            continue;
-        }
-        if surface.planes[number as usize].is_none() {
-            continue;
-        }
-        match kept.get(&components[number as usize]) {
-            Some(Some(false)) => each(&faces.get(number as usize), false)?,
-            Some(Some(true)) => each(&turner.turn(&faces.get(number as usize)), false)?,
-            _ => counts.removed += 1,
+        } else {
+            match kept.get(&components[number as usize]) {
+                Some(Some(is_turned)) => each(Kept::Face { face, is_turned: *is_turned })?,
+                // (What has no area is nothing that is missed.)
+                _ => counts.removed += u64::from(surface.planes[number as usize].is_some()),
+            }
         }
     }
-    counts.displacement = rounder.displacement;
-    counts.corners = rounder.corners;
-    counts.is_moved = rounder.is_moved;
     Ok(counts)
 }
 
-/// Turns faces to the other side; keeps its buffers from face to face.
-#[derive(Default)]
-struct Turner {
-    points: Vec<[i32; 3]>,
-    colours: Vec<[u8; 3]>,
-}
-
-impl Turner {
-    fn turn<'a>(&'a mut self, face: &Face<'a>) -> Face<'a> {
-        self.points.clear();
-        self.colours.clear();
-        let mut start = 0;
-        for &end in face.ring_ends {
-            self.points.extend(face.points[start..end].iter().rev());
-            if !face.colours.is_empty() {
-                self.colours.extend(face.colours[start..end].iter().rev());
-            }
-            start = end;
-        }
-        Face { points: &self.points, colours: &self.colours, ..*face }
-    }
-}
-
-fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
+pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     Error::TooLarge {
         path: path.to_path_buf(),
         what: "the surface that is to be resolved, with what its faces have in common,".into(),
@@ -179,53 +146,50 @@ fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     }
 }
 
-/// A face's regions that stay, and whether they are turned to the other side.
+/// A face's regions that stay.
 #[derive(Default)]
 struct Divided {
-    regions: Vec<(Region, bool)>,
-    /// Whether the face stays just as it is.
-    is_whole: bool,
-}
-
-/// Common points of two faces.
-struct Contact {
-    faces: [u32; 2],
-    segments: Vec<[ExactPoint; 2]>,
-    points: Vec<ExactPoint>,
-    /// Whether the faces lie in one plane.
-    in_plane: bool,
+    regions: Vec<ExactFace>,
+    /// If all of the face stays just as it is: whether it is turned to the other side.
+    whole: Option<bool>,
 }
 
 /// Faces with their planes, and a tree over their boxes.
-struct Surface<'a> {
-    faces: &'a FaceList,
-    operands: &'a Operands<'a>,
+pub(super) struct Surface<'a> {
+    faces: &'a ExactFaces,
+    pub(super) operands: &'a Operands<'a>,
     /// Of a model, for errors.
-    path: &'a Path,
+    pub(super) path: &'a Path,
     /// Memory that faces, planes and boxes take.
-    bytes: u64,
+    pub(super) bytes: u64,
     /// None of faces without an area.
-    planes: Vec<Option<ExactPlane>>,
-    boxes: BoxTree,
+    pub(super) planes: Vec<Option<ExactPlane>>,
+    pub(super) boxes: BoxTree,
     /// Triangles of the faces that are no triangles.
     pieces: HashMap<u32, Vec<Piece>>,
 }
 
 impl<'a> Surface<'a> {
-    fn of(faces: &'a FaceList, operands: &'a Operands<'a>, path: &'a Path, bytes: u64) -> Surface<'a> {
-        let mut planes = Vec::with_capacity(faces.len() as usize);
-        let mut boxes = Vec::with_capacity(faces.len() as usize);
+    fn of(faces: &'a ExactFaces, operands: &'a Operands<'a>, path: &'a Path, bytes: u64) -> Surface<'a> {
+        let count = faces.list.len() as u32;
+        let mut planes = Vec::with_capacity(count as usize);
+        let mut boxes = Vec::with_capacity(count as usize);
         let mut pieces = HashMap::new();
         let mut triangulator = Triangulator::new();
-        for number in 0..faces.len() as u32 {
-            let face = faces.get(number as usize);
+        for number in 0..count {
+            if let Some(exact) = faces.exact.get(&number) {
+                planes.push(Some(exact.plane));
+                boxes.push((number, faces.bounds(number)));
+                continue;
+            }
+            let face = faces.list.get(number as usize);
             let normal = ring_normal(face.rings().next().unwrap_or_default());
             if normal == [0; 3] {
                 planes.push(None);
                 continue;
             }
             planes.push(Some(ExactPlane::through(face.points[0], normal)));
-            boxes.push((number, bounds(face.points)));
+            boxes.push((number, faces.bounds(number)));
             if face.points.len() > 3 {
                 pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
             }
@@ -233,163 +197,74 @@ impl<'a> Surface<'a> {
         Surface { faces, operands, path, bytes, planes, boxes: BoxTree::of(boxes), pieces }
     }
 
-    fn plane(&self, face: u32) -> &ExactPlane {
+    /// The face, if it has corners beside the grid.
+    pub(super) fn exact(&self, face: u32) -> Option<&'a ExactFace> {
+        self.faces.exact.get(&face)
+    }
+
+    /// The face as one that may have such corners.
+    pub(super) fn polygon(&self, face: u32) -> Cow<'a, ExactFace> {
+        let of_grid = || ExactFace::of_grid(&self.faces.list.get(face as usize), self.plane(face));
+        self.exact(face).map_or_else(|| Cow::Owned(of_grid()), Cow::Borrowed)
+    }
+
+    /// The box around a face.
+    pub(super) fn bounds(&self, face: u32) -> Bounds {
+        self.faces.bounds(face)
+    }
+
+    pub(super) fn plane(&self, face: u32) -> &ExactPlane {
         self.planes[face as usize]
             .as_ref()
             .unwrap_or_else(|| unreachable!("only faces with an area are asked for"))
     }
 
     /// The operand that a face belongs to.
-    fn operand(&self, face: u32) -> usize {
+    pub(super) fn operand(&self, face: u32) -> usize {
         self.operands.ends.partition_point(|end| *end <= face)
     }
 
     /// Looks at a face as triangles.
-    fn with_pieces<R>(&self, face: u32, look: impl FnOnce(&[Piece]) -> R) -> R {
+    pub(super) fn with_pieces<R>(&self, face: u32, look: impl FnOnce(&[Piece]) -> R) -> R {
         match self.pieces.get(&face) {
             Some(pieces) => look(pieces),
             None => {
-                let points = self.faces.get(face as usize).points;
+                let points = self.faces.list.get(face as usize).points;
                 look(&[Piece::of_triangle(std::array::from_fn(|corner| points[corner]))])
             }
         }
     }
 
-    /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and
-    /// what else such faces touch.
-    fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
-        let mut bytes = self.bytes;
-        let mut all = Vec::new();
-        let mut add = |found: Vec<Contact>| {
-            let of = |contact: &Contact| {
-                let points = 2 * contact.segments.len() + contact.points.len();
-                (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
-            };
-            bytes += found.iter().map(of).sum::<u64>();
-            if bytes > memory {
-                return Err(too_large(self.path, bytes, memory));
-            }
-            all.extend(found);
-            Ok(())
-        };
-        let every: Vec<u32> =
-            (0..self.planes.len() as u32).filter(|face| self.planes[*face as usize].is_some()).collect();
-        if !self.operands.changed.is_empty() {
-            let is_changed = |face: u32| self.operands.changed[face as usize];
-            let changed: Vec<u32> = every.into_iter().filter(|face| is_changed(*face)).collect();
-            let is_wanted = |one, other| one != other && (one < other || !is_changed(other));
-            self.pairs(&changed, &is_wanted, progress, &mut add)?;
-            return Ok(all);
-        }
-        if !self.operands.are_bodies {
-            self.pairs(&every, &|one, other| one < other, progress, &mut add)?;
-            return Ok(all);
-        }
-        let differ = |one, other| one < other && self.operand(one) != self.operand(other);
-        let mut touched = vec![false; self.planes.len()];
-        let mut open = Vec::new();
-        let mut touch = |contacts: &[Contact], open: &mut Vec<u32>| {
-            for face in contacts.iter().flat_map(|contact| contact.faces) {
-                if !std::mem::replace(&mut touched[face as usize], true) {
-                    open.push(face);
-                }
-            }
-        };
-        self.pairs(&every, &differ, progress, &mut |found| {
-            touch(&found, &mut open);
-            add(found)
-        })?;
-        // Faces that are divided have to be wherever others of the same body touch them, too.
-        let mut seen: HashSet<[u32; 2]> = HashSet::new();
-        while !open.is_empty() {
-            let faces = std::mem::take(&mut open);
-            let same = |one, other| one != other && self.operand(one) == self.operand(other);
-            self.pairs(&faces, &same, progress, &mut |mut found| {
-                found.retain(|contact| {
-                    let [one, other] = contact.faces;
-                    seen.insert([one.min(other), one.max(other)])
-                });
-                touch(&found, &mut open);
-                add(found)
-            })?;
-        }
-        Ok(all)
-    }
-
-    /// Hands out, some at a time, the contacts of faces with others that are wanted.
-    fn pairs(
-        &self,
-        faces: &[u32],
-        is_wanted: &(dyn Fn(u32, u32) -> bool + Sync),
-        progress: &dyn Progress,
-        each: &mut dyn FnMut(Vec<Contact>) -> Result<()>,
-    ) -> Result<()> {
-        const TASK: usize = 1 << 10;
-        let tasks: Vec<&[u32]> = faces.chunks(TASK).collect();
-        for tasks in tasks.chunks(64) {
-            progress.check()?;
-            let found = parallel::map(tasks, |faces| {
-                let mut found = Vec::new();
-                let mut others = Vec::new();
-                for &one in *faces {
-                    if progress.interrupted() {
-                        break;
-                    }
-                    let own = bounds(self.faces.get(one as usize).points);
-                    others.clear();
-                    self.boxes.each(&|bounds| touch(bounds, &own), |other| {
-                        if is_wanted(one, other) {
-                            others.push(other);
-                        }
-                    });
-                    others.sort_unstable();
-                    found.extend(others.iter().filter_map(|other| self.contact(one, *other)));
-                }
-                found
-            });
-            found.into_iter().try_for_each(&mut *each)?;
-        }
-        Ok(())
-    }
-
-    fn contact(&self, one: u32, other: u32) -> Option<Contact> {
-        let mut contact =
-            Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), in_plane: false };
-        let (plane_a, plane_b) = (self.plane(one), self.plane(other));
-        self.with_pieces(one, |a| {
-            self.with_pieces(other, |b| {
-                for a in a {
-                    for b in b {
-                        match meet(a, plane_a, b, plane_b) {
-                            Meeting::Regular => {}
-                            Meeting::Point(point) => contact.points.push(point),
-                            Meeting::Segment(ends) => contact.segments.push(ends),
-                            Meeting::InPlane => contact.in_plane = true,
-                        }
-                    }
-                }
-            });
-        });
-        let is_contact = contact.in_plane || !contact.segments.is_empty() || !contact.points.is_empty();
-        is_contact.then_some(contact)
-    }
-
-    /// The component of each face that touches nothing but its neighbours, by its first face, and these; others are
-    /// components of their own, which are not told.
+    /// The component of each face that touches nothing but its neighbours, by its first face, and for each of these a face of it
+    /// that has an area; others are components of their own, which are not told.
     fn components(
         &self,
         touching: &HashMap<u32, Vec<u32>>,
         progress: &dyn Progress,
-    ) -> Result<(Vec<u32>, Vec<u32>)> {
+    ) -> Result<(Vec<u32>, Vec<(u32, u32)>)> {
         let count = self.planes.len() as u32;
         let mut parents: Vec<u32> = (0..count).collect();
-        let mut edges: Vec<([[i32; 3]; 2], u32)> = Vec::new();
-        for face in (0..count).filter(|face| self.planes[*face as usize].is_some()) {
-            for ring in self.faces.get(face as usize).rings() {
+        let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
+        let mut vertices = Vertices::default();
+        let mut ring: Vec<VertexKey> = Vec::new();
+        for face in 0..count {
+            let mut add = |ring: &[VertexKey]| {
                 edges.extend((0..ring.len()).map(|i| {
                     let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
                     ([from.min(to), from.max(to)], face)
                 }));
+            };
+            match self.exact(face) {
+                Some(exact) => exact.rings().for_each(|corners| {
+                    ring.clear();
+                    ring.extend(corners.iter().map(|corner| vertices.key(&corner.point)));
+                    add(&ring);
+                }),
+                None => self.faces.list.get(face as usize).rings().for_each(|corners| {
+                    ring.clear();
+                    ring.extend(corners.iter().map(|corner| (*corner, 0)));
+                    add(&ring);
+                }),
             }
         }
         progress.check()?;
@@ -405,20 +280,39 @@ impl<'a> Surface<'a> {
             }
         }
         let components: Vec<u32> = (0..count).map(|face| root(&mut parents, face)).collect();
-        let firsts = (0..count).filter(|face| {
-            components[*face as usize] == *face
-                && !touching.contains_key(face)
-                && self.planes[*face as usize].is_some()
-        });
+        // (Faces without an area have no side; they go with their neighbours.)
+        let mut firsts = vec![u32::MAX; count as usize];
+        for face in (0..count).filter(|face| self.planes[*face as usize].is_some()) {
+            let first = &mut firsts[components[face as usize] as usize];
+            *first = face.min(*first);
+        }
+        let firsts = (0..count)
+            .zip(firsts)
+            .filter(|(component, first)| *first != u32::MAX && !touching.contains_key(component));
         let firsts = firsts.collect();
         Ok((components, firsts))
     }
 
-    /// A point inside a face.
-    fn sample(&self, face: u32) -> Sample<'_> {
+    /// Whether a face bounds what is inside, by a point of it: see [`Surface::stays`].
+    fn face_stays(&self, face: u32, alone: Option<usize>) -> Option<bool> {
+        let plane = self.plane(face);
+        if let Some(exact) = self.exact(face) {
+            return self.stays(&Sample::of_region(plane, &exact.region()), face, alone);
+        }
         let corners = self.with_pieces(face, |pieces| pieces.first().map(|piece| piece.corners));
-        let first = self.faces.get(face as usize).points[0];
-        Sample::of_triangle(self.plane(face), &corners.unwrap_or([first; 3]))
+        let first = self.faces.list.get(face as usize).points[0];
+        self.stays(&Sample::of_triangle(plane, &corners.unwrap_or([first; 3])), face, alone)
+    }
+
+    /// Whether the line through a sample meets a face.
+    fn meets(&self, sample: &Sample<'_>, face: u32) -> bool {
+        match self.exact(face) {
+            Some(exact) => sample.meets_exact(exact),
+            None => {
+                let Face { points, ring_ends, .. } = self.faces.list.get(face as usize);
+                sample.meets(points, ring_ends)
+            }
+        }
     }
 
     /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
@@ -444,8 +338,7 @@ impl<'a> Surface<'a> {
             if up == 0 || (alone == Some(operand) && other != face) {
                 return;
             }
-            let Face { points, ring_ends, .. } = self.faces.get(other as usize);
-            if !sample.meets(points, ring_ends) {
+            if !self.meets(sample, other) {
                 return;
             }
             let side = if other == face { 0 } else { sample.side(plane) };
@@ -478,12 +371,12 @@ impl<'a> Surface<'a> {
     fn divide(&self, face: u32, touching: &[u32], contacts: &[Contact]) -> Divided {
         let plane = self.plane(face);
         let axis = plane.main_axis();
-        let own = self.faces.get(face as usize);
-        let edge = |[from, to]: [[i32; 3]; 2]| Segment {
-            ends: [from, to].map(ExactPoint::of_grid),
-            line: ExactPlane::along(axis, from, to),
-        };
-        let mut segments: Vec<Segment> = edges_of(&own).map(edge).collect();
+        let mut segments = Vec::new();
+        let mut corners = 0;
+        self.edges(face, axis, |segment| {
+            corners += 1;
+            segments.push(segment);
+        });
         let mut points = Vec::new();
         for &number in touching {
             let contact = &contacts[number as usize];
@@ -491,40 +384,60 @@ impl<'a> Surface<'a> {
             let line = *self.plane(other);
             segments.extend(contact.segments.iter().map(|ends| Segment { ends: *ends, line }));
             points.extend_from_slice(&contact.points);
-            let its = self.faces.get(other as usize);
             // Edges in the plane divide it, wherever they were cut into triangles.
-            if contact.in_plane || its.points.len() > 3 || own.points.len() > 3 {
-                let in_plane = |ends: &[[i32; 3]; 2]| ends.iter().all(|end| plane.height(*end) == 0);
-                segments.extend(edges_of(&its).filter(in_plane).map(edge));
-            }
+            self.edges(other, axis, |segment| {
+                if segment.ends.iter().all(|end| plane.side(end) == 0) {
+                    segments.push(segment);
+                }
+            });
         }
-        let found = regions(plane, &segments, &points);
-        let corners = own.points.len();
-        let mut kept = Vec::new();
-        let is_one = found.len() == 1 && found[0].rings.iter().map(Vec::len).sum::<usize>() == corners;
-        for region in found {
-            let sample = Sample::of_region(plane, &region);
+        let own = self.faces.list.get(face as usize);
+        let choose = |region: &Region| {
+            let sample = Sample::of_region(plane, region);
             // Edges of others may have made regions outside of the face.
-            if !sample.meets(own.points, own.ring_ends) {
-                continue;
+            if self.meets(&sample, face) { self.stays(&sample, face, None) } else { None }
+        };
+        let found = regions(plane, &segments, &points, choose);
+        let whole = match &found[..] {
+            [(region, is_turned)] if region.rings.iter().map(Vec::len).sum::<usize>() == corners => {
+                self.is_same(face, region).then_some(*is_turned)
             }
-            if let Some(turned) = self.stays(&sample, face, None) {
-                kept.push((region, turned));
-            }
+            _ => None,
+        };
+        let regions = found.into_iter().map(|(region, is_turned)| {
+            let colours = |face: &ExactFace| colours(&own, plane, face);
+            let mut exact = ExactFace::of_region(&own, plane, &region, is_turned);
+            exact.colours = colours(&exact);
+            exact
+        });
+        Divided { regions: regions.collect(), whole }
+    }
+
+    /// Whether a region has no corners but those of a face.
+    fn is_same(&self, face: u32, region: &Region) -> bool {
+        let own = self.polygon(face);
+        region
+            .rings
+            .iter()
+            .flatten()
+            .all(|corner| own.corners.iter().any(|known| known.point.is(&corner.point)))
+    }
+
+    /// Hands out the edges of a face; those between points of the grid with planes along an axis.
+    fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(Segment)) {
+        if let Some(exact) = self.exact(face) {
+            return exact
+                .edges()
+                .for_each(|(corner, next)| each(Segment { ends: [corner.point, *next], line: corner.line }));
         }
-        let is_whole = is_one && kept.len() == 1 && !kept[0].1;
-        Divided { regions: kept, is_whole }
+        for ends in edges_of(&self.faces.list.get(face as usize)) {
+            let [from, to] = ends;
+            each(Segment { ends: ends.map(ExactPoint::of_grid), line: ExactPlane::along(axis, from, to) });
+        }
     }
 }
 
 /// The edges of a face.
 fn edges_of<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
     face.rings().flat_map(|ring| (0..ring.len()).map(move |i| [ring[i], ring[(i + 1) % ring.len()]]))
-}
-
-/// The box around some points.
-fn bounds(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
-    points.iter().fold([[i32::MAX; 3], [i32::MIN; 3]], |[low, high], point| {
-        [[0, 1, 2].map(|axis| low[axis].min(point[axis])), [0, 1, 2].map(|axis| high[axis].max(point[axis]))]
-    })
 }

@@ -17,6 +17,7 @@ use self::cells::{Cell, Walk, uniform};
 use self::division::Division;
 use self::items::{ITEM, Items, bounds_of};
 use self::run::{FaceWords, Place, Run, RunBuilder, TRIANGLE_WORDS};
+use super::store::exact::ExactPart;
 use super::store::segment::CUT;
 use super::store::summary::{NodeCounts, Summary};
 use super::store::writer::ModelWriter;
@@ -59,6 +60,7 @@ pub struct ModelBuilder {
     faces: u64,
     boolean_faces: usize,
     is_unbounded: bool,
+    exact: ExactPart,
     triangulator: Triangulator,
     wide: Vec<[i64; 3]>,
     triangles: Vec<[u32; 3]>,
@@ -82,6 +84,7 @@ impl ModelBuilder {
             faces: 0,
             boolean_faces: BOOLEAN_FACES,
             is_unbounded: false,
+            exact: ExactPart::default(),
             triangulator: Triangulator::new(),
             wide: Vec::new(),
             triangles: Vec::new(),
@@ -99,6 +102,11 @@ impl ModelBuilder {
     #[must_use]
     pub fn unbounded(self, is_unbounded: bool) -> ModelBuilder {
         ModelBuilder { is_unbounded, ..self }
+    }
+
+    /// Adds faces with corners beside the grid, for which others stand.
+    pub(super) fn exact(self, exact: ExactPart) -> ModelBuilder {
+        ModelBuilder { exact, ..self }
     }
 
     /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
@@ -185,7 +193,8 @@ impl ModelBuilder {
         progress: &dyn Progress,
         complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
     ) -> Result<BuildReport> {
-        let ModelBuilder { mut writer, grid, memory, run, faces, boolean_faces, is_unbounded, .. } = self;
+        let ModelBuilder { mut writer, grid, memory, run, faces, boolean_faces, is_unbounded, exact, .. } =
+            self;
         let (run, place) = run.finish()?;
         let stages = Mutex::new(Stages::default());
         let total = run.len() as u64;
@@ -230,7 +239,7 @@ impl ModelBuilder {
             return Ok(report);
         }
         complete(metadata, &report);
-        writer.finish(&Summary { grid, faces, is_unbounded, nodes: report.nodes }, metadata)?;
+        writer.finish(&Summary { grid, faces, is_unbounded, nodes: report.nodes }, &exact, metadata)?;
         Ok(report)
     }
 }

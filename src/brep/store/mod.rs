@@ -1,6 +1,7 @@
 //! Files of exact models: see `formats.md`.
 
 pub(super) mod block;
+pub(super) mod exact;
 mod open;
 mod pieces;
 mod reader;

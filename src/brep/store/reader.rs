@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::block::{Block, FaceBuffer};
+use super::exact::{EXACT, ExactPart};
 use super::pieces::Pieces;
 use super::segment::{CUT, FULL, INNER, LEAF, LeafHead, NodeKind, Rule, Segment, VOID};
 use super::summary::{NodeCounts, Summary};
@@ -67,6 +68,7 @@ impl ExactModel {
             ("directory", self.trailer.directory),
             ("model", self.trailer.section(super::summary::SUMMARY)),
             ("metadata", self.trailer.metadata),
+            ("exact faces", self.trailer.section(EXACT)),
         ];
         let Section { offset, length, .. } = self.trailer.metadata;
         let trailer = self.file_size().saturating_sub(offset + length);
@@ -152,6 +154,22 @@ impl ExactModel {
         }
         self.face(0, &mut buffer)?;
         Ok(!buffer.colours.is_empty())
+    }
+
+    /// Faces with corners beside the grid, in memory.
+    pub(in crate::brep) fn exact_part(&self) -> Result<ExactPart> {
+        let section = self.trailer.section(EXACT);
+        if section.length == 0 {
+            return Ok(ExactPart::default());
+        }
+        let bytes = section.read(&self.path, &*self.backend, "exact faces")?;
+        let bits = self.summary.grid.bits;
+        ExactPart::from_bytes(&self.path, &bytes, self.summary.faces, self.parts.len() as u64, bits)
+    }
+
+    /// Bytes of the section of [`ExactModel::exact_part`].
+    pub(in crate::brep) fn exact_bytes(&self) -> u64 {
+        self.trailer.section(EXACT).length
     }
 
     /// A segment.

@@ -42,6 +42,11 @@ impl ExactModel {
                 }
             }
         }
+        match self.exact_part() {
+            Err(error @ Error::Io { .. }) => return Err(error),
+            Err(error) => findings.push(finding("exact faces", error)),
+            Ok(_) => {}
+        }
         if !findings.is_empty() {
             return Ok(findings);
         }

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::block::BlockBuilder;
+use super::exact::{EXACT, ExactPart};
 use super::pieces::{ENTRY, Entry};
 use super::summary::{FACES, SUMMARY, Summary};
 use crate::brep::{Face, Grid};
@@ -81,7 +82,7 @@ impl ModelWriter {
     }
 
     /// Writes what stands after the segments and puts the file in its place.
-    pub(crate) fn finish(self, summary: &Summary, metadata: &Metadata) -> Result<()> {
+    pub(crate) fn finish(self, summary: &Summary, exact: &ExactPart, metadata: &Metadata) -> Result<()> {
         let ModelWriter { mut out, path, mut position, blocks, segments, .. } = self;
         let metadata = metadata.to_bytes(&path)?;
         let count = segments.len();
@@ -100,6 +101,10 @@ impl ModelWriter {
             Ok(section.written)
         };
         let summary_section = bytes(&summary.to_bytes(), &mut out, "write the model's section")?;
+        let mut more = vec![(FACES, blocks), (SUMMARY, summary_section)];
+        if !exact.faces.is_empty() {
+            more.push((EXACT, bytes(&exact.to_bytes(), &mut out, "write the exact faces")?));
+        }
         let metadata = bytes(&metadata, &mut out, "write the metadata")?;
         let trailer = Trailer {
             root_state: 2,
@@ -108,7 +113,7 @@ impl ModelWriter {
             stored_records: summary.nodes.total(),
             directory,
             metadata,
-            more: vec![(FACES, blocks), (SUMMARY, summary_section)],
+            more,
         };
         out.write_all(&trailer.to_bytes(position)).map_err(Error::io(&path, "write the trailer"))?;
         out.commit()

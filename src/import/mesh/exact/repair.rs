@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::brep::arrangement::{Operands, Rounds, arrange};
+use crate::brep::arrangement::{ExactFaces, Operands, Rounds, divide, round};
 use crate::brep::{FaceList, Faces};
 use crate::{Error, Progress, Result};
 
@@ -37,8 +37,9 @@ pub(super) fn repair(
         changed: &[],
         is_inside: &|windings| windings[0] > 0,
     };
-    let (faces, Rounds { pairs, divided, removed, rounds, displacement }) =
-        arrange(faces, &all, path, memory, progress)?;
+    let (faces, mut done) = divide(&ExactFaces::of_grid(faces), &all, path, memory, progress)?;
+    let faces = round(faces, false, path, memory, progress, &mut done)?.faces;
+    let Rounds { pairs, divided, removed, rounds, displacement } = done;
     if faces.is_empty() {
         return Err(Error::NoBody {
             path: path.to_path_buf(),

@@ -1,0 +1,156 @@
+//! Pairs of faces that have more in common than neighbours of a surface have, and what that is.
+
+use std::collections::HashSet;
+
+use super::boxes::touch;
+use super::meeting::{Meeting, meet};
+use super::point::ExactPoint;
+use super::polygons::{Common, common};
+use super::surface::{Surface, too_large};
+use crate::{Progress, Result, parallel};
+
+/// Common points of two faces.
+pub(super) struct Contact {
+    pub(super) faces: [u32; 2],
+    pub(super) segments: Vec<[ExactPoint; 2]>,
+    pub(super) points: Vec<ExactPoint>,
+    /// Whether the faces lie in one plane.
+    pub(super) in_plane: bool,
+}
+
+impl Surface<'_> {
+    /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and
+    /// what else such faces touch.
+    pub(super) fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
+        let mut bytes = self.bytes;
+        let mut all = Vec::new();
+        let mut add = |found: Vec<Contact>| {
+            let of = |contact: &Contact| {
+                let points = 2 * contact.segments.len() + contact.points.len();
+                (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
+            };
+            bytes += found.iter().map(of).sum::<u64>();
+            if bytes > memory {
+                return Err(too_large(self.path, bytes, memory));
+            }
+            all.extend(found);
+            Ok(())
+        };
+        let every: Vec<u32> =
+            (0..self.planes.len() as u32).filter(|face| self.planes[*face as usize].is_some()).collect();
+        if !self.operands.changed.is_empty() {
+            let is_changed = |face: u32| self.operands.changed[face as usize];
+            let changed: Vec<u32> = every.into_iter().filter(|face| is_changed(*face)).collect();
+            let is_wanted = |one, other| one != other && (one < other || !is_changed(other));
+            self.pairs(&changed, &is_wanted, progress, &mut add)?;
+            return Ok(all);
+        }
+        if !self.operands.are_bodies {
+            self.pairs(&every, &|one, other| one < other, progress, &mut add)?;
+            return Ok(all);
+        }
+        let differ = |one, other| one < other && self.operand(one) != self.operand(other);
+        let mut touched = vec![false; self.planes.len()];
+        let mut open = Vec::new();
+        let mut touch = |contacts: &[Contact], open: &mut Vec<u32>| {
+            for face in contacts.iter().flat_map(|contact| contact.faces) {
+                if !std::mem::replace(&mut touched[face as usize], true) {
+                    open.push(face);
+                }
+            }
+        };
+        self.pairs(&every, &differ, progress, &mut |found| {
+            touch(&found, &mut open);
+            add(found)
+        })?;
+        // Faces that are divided have to be wherever others of the same body touch them, too.
+        let mut seen: HashSet<[u32; 2]> = HashSet::new();
+        while !open.is_empty() {
+            let faces = std::mem::take(&mut open);
+            let same = |one, other| one != other && self.operand(one) == self.operand(other);
+            self.pairs(&faces, &same, progress, &mut |mut found| {
+                found.retain(|contact| {
+                    let [one, other] = contact.faces;
+                    seen.insert([one.min(other), one.max(other)])
+                });
+                touch(&found, &mut open);
+                add(found)
+            })?;
+        }
+        Ok(all)
+    }
+
+    /// Hands out, some at a time, the contacts of faces with others that are wanted.
+    fn pairs(
+        &self,
+        faces: &[u32],
+        is_wanted: &(dyn Fn(u32, u32) -> bool + Sync),
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(Vec<Contact>) -> Result<()>,
+    ) -> Result<()> {
+        const TASK: usize = 1 << 10;
+        let tasks: Vec<&[u32]> = faces.chunks(TASK).collect();
+        for tasks in tasks.chunks(64) {
+            progress.check()?;
+            let found = parallel::map(tasks, |faces| {
+                let mut found = Vec::new();
+                let mut others = Vec::new();
+                for &one in *faces {
+                    if progress.interrupted() {
+                        break;
+                    }
+                    let own = self.bounds(one);
+                    others.clear();
+                    self.boxes.each(&|bounds| touch(bounds, &own), |other| {
+                        if is_wanted(one, other) {
+                            others.push(other);
+                        }
+                    });
+                    others.sort_unstable();
+                    found.extend(others.iter().filter_map(|other| self.contact(one, *other)));
+                }
+                found
+            });
+            found.into_iter().try_for_each(&mut *each)?;
+        }
+        Ok(())
+    }
+
+    fn contact(&self, one: u32, other: u32) -> Option<Contact> {
+        let mut contact =
+            Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), in_plane: false };
+        if self.exact(one).is_some() || self.exact(other).is_some() {
+            let Common { segments, points, in_plane } = common(&self.polygon(one), &self.polygon(other));
+            // (Of one body, faces beside each other in a plane do not lie on each other unless they are turned to each other.)
+            let is_beside = in_plane
+                && self.operands.are_bodies
+                && self.operand(one) == self.operand(other)
+                && self.plane(one).is_turned_as(self.plane(other));
+            (contact.segments, contact.points, contact.in_plane) = (segments, points, in_plane && !is_beside);
+        } else {
+            self.triangles_meet(&mut contact);
+        }
+        let is_contact = contact.in_plane || !contact.segments.is_empty() || !contact.points.is_empty();
+        is_contact.then_some(contact)
+    }
+
+    /// What two faces of the grid have in common, by their triangles.
+    fn triangles_meet(&self, contact: &mut Contact) {
+        let [one, other] = contact.faces;
+        let (plane_a, plane_b) = (self.plane(one), self.plane(other));
+        self.with_pieces(one, |a| {
+            self.with_pieces(other, |b| {
+                for a in a {
+                    for b in b {
+                        match meet(a, plane_a, b, plane_b) {
+                            Meeting::Regular => {}
+                            Meeting::Point(point) => contact.points.push(point),
+                            Meeting::Segment(ends) => contact.segments.push(ends),
+                            Meeting::InPlane => contact.in_plane = true,
+                        }
+                    }
+                }
+            });
+        });
+    }
+}

@@ -1,0 +1,132 @@
+//! Common points of two polygons with holes, exactly: along the line in which their planes meet.
+
+use std::cmp::Ordering;
+
+use super::exact_face::ExactFace;
+use super::point::{ExactPlane, ExactPoint, cross};
+
+/// What two polygons have in common that neighbours have not.
+#[derive(Debug, Default)]
+pub(super) struct Common {
+    pub(super) segments: Vec<[ExactPoint; 2]>,
+    pub(super) points: Vec<ExactPoint>,
+    /// Whether they lie in one plane.
+    pub(super) in_plane: bool,
+}
+
+/// Finds what two polygons have in common but corners and edges of both; of those in one plane it is only said that they are.
+pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
+    if a.plane.is(&b.plane) {
+        return Common { in_plane: true, ..Common::default() };
+    }
+    let (Some(along_a), Some(along_b)) = (Section::of(a, &b.plane), Section::of(b, &a.plane)) else {
+        return Common::default();
+    };
+    let direction = cross(a.plane.normal, b.plane.normal);
+    let axis = (0..3).max_by_key(|axis| direction[*axis].unsigned_abs()).unwrap_or(0);
+    let mut places: Vec<ExactPoint> = along_a.points.iter().chain(&along_b.points).copied().collect();
+    places.sort_by(|a, b| a.compare(b, axis));
+    places.dedup_by(|a, b| a.compare(b, axis) == Ordering::Equal);
+    let ([between_a, at_a], [between_b, at_b]) =
+        (along_a.covers(&places, axis), along_b.covers(&places, axis));
+    let is_common: Vec<bool> = between_a.iter().zip(&between_b).map(|(a, b)| *a && *b).collect();
+    let mut found = Common::default();
+    for (index, ends) in places.windows(2).enumerate().filter(|(index, _)| is_common[*index]) {
+        let ends = [ends[0], ends[1]];
+        debug_assert!(index < is_common.len());
+        if !(has_edge(a, &ends) && has_edge(b, &ends)) {
+            found.segments.push(ends);
+        }
+    }
+    for (index, place) in places.iter().enumerate().filter(|(index, _)| at_a[*index] && at_b[*index]) {
+        let is_end = is_common.get(index).is_some_and(|is| *is) || (index > 0 && is_common[index - 1]);
+        if !is_end && !(has_corner(a, place) && has_corner(b, place)) {
+            found.points.push(*place);
+        }
+    }
+    found
+}
+
+fn has_corner(face: &ExactFace, point: &ExactPoint) -> bool {
+    face.corners.iter().any(|corner| corner.point.is(point))
+}
+
+fn has_edge(face: &ExactFace, [from, to]: &[ExactPoint; 2]) -> bool {
+    face.edges().any(|(corner, next)| {
+        (corner.point.is(from) && next.is(to)) || (corner.point.is(to) && next.is(from))
+    })
+}
+
+/// Where a plane meets the boundary of a polygon that does not lie in it.
+struct Section {
+    /// All points of edges in the plane that are corners or between corners on both sides.
+    points: Vec<ExactPoint>,
+    /// Where the line passes from inside to outside or back that lies beside it, on either side.
+    passed: [Vec<ExactPoint>; 2],
+}
+
+impl Section {
+    /// `None` if the polygon lies on one side.
+    fn of(face: &ExactFace, plane: &ExactPlane) -> Option<Section> {
+        let sides: Vec<i32> = face.corners.iter().map(|corner| plane.side(&corner.point)).collect();
+        if sides.iter().all(|side| *side > 0) || sides.iter().all(|side| *side < 0) {
+            return None;
+        }
+        let mut found = Section { points: Vec::new(), passed: [Vec::new(), Vec::new()] };
+        let mut start = 0;
+        for &end in &face.ring_ends {
+            let count = end - start;
+            for i in 0..count {
+                let (from, to) = (start + i, start + (i + 1) % count);
+                let (side, next) = (sides[from], sides[to]);
+                let point = match (side, next) {
+                    (0, _) => face.corners[from].point,
+                    (_, 0) => face.corners[to].point,
+                    _ if side == next => continue,
+                    _ => ExactPoint::of_planes([&face.plane, &face.corners[from].line, plane]),
+                };
+                if side == 0 || next != 0 {
+                    found.points.push(point);
+                }
+                // What lies in the plane counts to one side, then to the other.
+                for (passed, way) in found.passed.iter_mut().zip([1, -1]) {
+                    let is_beyond = |side: i32| side * way > 0;
+                    if is_beyond(side) != is_beyond(next) {
+                        // (An edge that ends in the plane passes there.)
+                        let at = if side == 0 { from } else { to };
+                        let is_at_corner = side == 0 || next == 0;
+                        passed.push(if is_at_corner { face.corners[at].point } else { point });
+                    }
+                }
+            }
+            start = end;
+        }
+        Some(found)
+    }
+
+    /// Whether the polygon has what lies between places along the line and those after them, and the places.
+    fn covers(&self, places: &[ExactPoint], axis: usize) -> [Vec<bool>; 2] {
+        let mut between = vec![false; places.len()];
+        for passed in &self.passed {
+            let mut counts = vec![0u32; places.len()];
+            for point in passed {
+                if let Ok(place) = places.binary_search_by(|place| place.compare(point, axis)) {
+                    counts[place] += 1;
+                }
+            }
+            let mut inside = false;
+            for (between, count) in between.iter_mut().zip(counts) {
+                inside ^= count % 2 == 1;
+                *between |= inside;
+            }
+        }
+        let mut at: Vec<bool> =
+            (0..places.len()).map(|index| between[index] || (index > 0 && between[index - 1])).collect();
+        for point in &self.points {
+            if let Ok(place) = places.binary_search_by(|place| place.compare(point, axis)) {
+                at[place] = true;
+            }
+        }
+        [between, at]
+    }
+}
