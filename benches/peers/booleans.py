@@ -29,7 +29,7 @@ VOLUMES = PAIRS / "volumes.json"
 STEPS = 2**25  # along the longest side of a pair's box, at most
 GOAL = 1e-9
 LIMIT = 60  # seconds that a referee may take for a pair
-PATIENCE = 20  # seconds for mending a surface
+PATIENCE = 10  # seconds for building and mending a body of a pair
 SHOWN = (1, 7, 2)
 NAMES = {1: "A and B", 7: "A or B", 2: "A without B"}
 
@@ -64,7 +64,7 @@ def pairs_of():
     """Name: first mesh, second mesh, how that one lies."""
     found = {f"{Path(mesh).stem}": (mesh, mesh, "moved") for mesh in CLEAN + NASTY}
     for number, (a, b) in enumerate(OTHERS):
-        found[f"{Path(a).stem}_{Path(b).stem}"] = (a, b, "turned" if number % 2 else "scaled")
+        found[f"{Path(a).stem}_{Path(b).stem}"] = (a, b, "turned" if number in (1, 3) else "scaled")
     for a, b, how in MADE:
         found[f"{Path(a).stem}_{Path(b).stem}_{how}"] = (a, b, how)
     return found
@@ -202,7 +202,9 @@ def body(points, faces, width):
     off, model = PAIRS / "body.off", PAIRS / "body.goblin"
     write_off(off, points, faces)
     build = [SPINNEY, "-q", "build", off, "-o", model, "--exact", "--grid", repr(width)]
-    if subprocess.run(build, stderr=subprocess.DEVNULL).returncode:
+    try:
+        subprocess.run(build, check=True, stderr=subprocess.DEVNULL, timeout=PATIENCE)
+    except subprocess.SubprocessError:
         subprocess.run([*build, "--close", "--repair"], check=True, timeout=PATIENCE)
         subprocess.run([SPINNEY, "-q", "export", model, off], check=True)
         points, polygons = read_off(off)
@@ -252,7 +254,7 @@ def make(name, first, second, how, ending=".off", fraction=None):
                 raise
     (a, a_faces), (b, b_faces) = first, second
     middle = (a.min(0) + a.max(0) - b.min(0) - b.max(0)) / 2
-    away = rng.uniform(0.02, 0.12, 3) * rng.choice([-1, 1], 3) * np.minimum(np.ptp(a, 0), np.ptp(b, 0))
+    away = (3 if how == "turned" else 1) * rng.uniform(0.02, 0.12, 3) * rng.choice([-1, 1], 3) * np.minimum(np.ptp(a, 0), np.ptp(b, 0))
     along = np.array([1, 0, 0])
     shift = {"slid": middle + along * away, "beside": along * np.ptp(a, 0), "same": 0 * middle, "within": middle}.get(how, middle + away)
     b = b + np.round(shift / width) * width
@@ -293,7 +295,67 @@ def referee(peer, a, b):
     print(json.dumps({**found, "a": volume(a, a_faces), "b": volume(b, b_faces)}))
 
 
-INSIDE = {"make": make, "referee": referee}
+def closed(*paths):
+    """Prints of which files each directed edge is there as often as its opposite, by coordinates."""
+    import numpy as np
+
+    found = []
+    for path in paths:
+        points, faces = read_off(path)
+        number = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1) if len(points) else np.zeros(0, "i8")
+        starts = number[[corner for face in faces for corner in face]] if faces else number[:0]
+        ends = number[[corner for face in faces for corner in face[1:] + face[:1]]] if faces else number[:0]
+        size = max(len(points), 1)
+        found.append(bool((np.sort(starts * size + ends) == np.sort(ends * size + starts)).all()))
+    print(json.dumps(found))
+
+
+def measured(peer, code, a, b):
+    """One operation: prints the seconds of reading, of importing, and of the operation alone; peak MiB, triangles, volume."""
+    import resource
+
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    code = int(code)
+    if peer == "libigl":
+        from igl.copyleft.cgal import mesh_boolean
+    else:
+        import manifold3d  # noqa: F401
+    marks = [time.process_time()]
+    (a, a_faces), (b, b_faces) = read(a), read(b)
+    marks.append(time.process_time())
+    if peer == "libigl":
+        marks.append(time.process_time())
+        points, faces = mesh_boolean(a, a_faces, b, b_faces, {1: "intersect", 7: "union", 2: "minus"}[code])[:2]
+        marks.append(time.process_time())
+    else:
+        (first, why), (second, why_not) = as_manifold(a, a_faces), as_manifold(b, b_faces)
+        assert (why, why_not) == ("NoError", "NoError"), (why, why_not)
+        del a, a_faces, b, b_faces
+        marks.append(time.process_time())
+        result = {1: first.__xor__, 7: first.__add__, 2: first.__sub__}[code](second)
+        result.num_tri()
+        marks.append(time.process_time())
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    if peer != "libigl":
+        mesh = result.to_mesh64()
+        points, faces = mesh.vert_properties[:, :3], mesh.tri_verts.astype("i8")
+    seconds = [after - before for before, after in zip(marks, marks[1:])]
+    print(json.dumps({"seconds": seconds, "peak": peak, "triangles": len(faces), "volume": volume(points, faces)}))
+
+
+def tori(path, other):
+    """A bumpy torus on a grid, and a shifted copy; prints the grid's width."""
+    import numpy as np
+
+    points, faces = read_ply(path)
+    width = 2.0 ** math.ceil(math.log2(1.2 * extent(points) / STEPS))
+    points = np.round(points / width) * width
+    write_ply(path, points, faces)
+    write_ply(other, points + np.round(np.array([0.3713, -0.2119, 0.1307]) / width) * width, faces)
+    print(json.dumps(width))
+
+
+INSIDE = {"make": make, "referee": referee, "closed": closed, "measured": measured, "tori": tori}
 
 
 def inside(*words, timeout=None):
@@ -326,12 +388,171 @@ def prepared(asked):
     return {name: known[name] for name in pairs_of() if name in known and (not asked or name in asked)}
 
 
-if __name__ == "__main__" and sys.argv[1:2] == ["inside"]:
-    INSIDE[sys.argv[2]](*sys.argv[3:])
-    sys.exit()
-if __name__ == "__main__":
+def model_of(mesh, width):
+    model = mesh.with_suffix(".goblin")
+    spinney("-q", "build", mesh, "-o", model, "--exact", "--grid", repr(width))
+    return model
+
+
+def facts_of(model):
+    return json.loads(spinney("stats", model, "--json"))
+
+
+def minterms(code, of):
+    """The volume of a result: with bit 8 all of space belongs to it, which counts nothing, and what is missing counts negative."""
+    parts = [of["both"], of["a_only"], of["b_only"]]
+    return math.fsum(part * ((code >> bit & 1) - (code >> 3)) for bit, part in enumerate(parts))
+
+
+def residual(of, a, b):
+    """How far parts are from making up the whole, as a share of A or B."""
+    whole = of["both"] + of["a_only"] + of["b_only"]
+    return max(abs(of["both"] + of["a_only"] - a), abs(of["both"] + of["b_only"] - b)) / whole
+
+
+def pairs(asked):
+    facts = prepared(asked)
+    rows, failed, disputes, worst = [], {"open": 0, "refused": 0, "off": 0}, [], 0.0
+    for name, of in facts.items():
+        a, b = (PAIRS / f"{name}_{side}.off" for side in "ab")
+        out = WORK / "result.goblin"
+        try:
+            a, b = model_of(a, of["grid"]), model_of(b, of["grid"])
+        except (subprocess.CalledProcessError, OSError):
+            failed["refused"] += 16
+            rows.append([name, of["triangles"], "not built"] + ["-"] * 7)
+            continue
+        volumes, files, seconds = {}, [], 0.0
+        for code in range(16):
+            began = os.times()
+            command = [str(word) for word in (SPINNEY, "-q", "combine", code, a, b, "-o", out)]
+            refused = subprocess.run(command, capture_output=True, text=True)
+            ended = os.times()
+            seconds += ended.children_user + ended.children_system - began.children_user - began.children_system
+            if refused.returncode:
+                print(f"{name}, {code}: {(refused.stderr.strip().split(chr(10)) or [''])[0]}", file=sys.stderr)
+                continue
+            files.append(WORK / f"result_{code}.off")
+            spinney("-q", "export", out, files[-1])
+            volumes[code] = facts_of(out)["volume"] or 0.0
+        is_open = sum(not fine for fine in inside("closed", *files)) if files else 0
+        known = {peer: found for peer, found in [("libigl", of), ("manifold", of["manifold"])] if "both" in found}
+        union = next((sum(found[key] for key in ("both", "a_only", "b_only")) for found in known.values()), math.nan)
+        errors = {
+            peer: max((abs(value - minterms(code, found)) / union for code, value in volumes.items()), default=math.nan)
+            for peer, found in known.items()
+        }
+        # What A and B have together is A or B, and what they have in common.
+        told, whole, parts = [facts_of(model)["volume"] for model in (a, b)], volumes.get(7, math.nan), (1, 2, 4)
+        ours = {key: volumes.get(code, math.nan) for key, code in zip(("both", "a_only", "b_only"), parts)}
+        sums = [abs(whole + ours["both"] - sum(told)) / union, residual(ours, *told), abs(sum(ours.values()) - whole) / union]
+        sums += [abs(volumes[code] + volumes[15 - code]) / union for code in range(8) if {code, 15 - code} <= volumes.keys()]
+        theirs = {peer: residual(found, of["manifold"].get("a", of.get("a")), of["manifold"].get("b", of.get("b"))) for peer, found in known.items()}
+        error = errors.get("libigl", errors.get("manifold", math.nan))
+        if len(known) == 2 and volumes:
+            differ = max(abs(known["libigl"][key] - known["manifold"][key]) for key in ("both", "a_only", "b_only")) / union
+            if differ > GOAL:
+                near = min(errors, key=errors.get)
+                sound = min(theirs, key=theirs.get)
+                disputes.append([name, f"{differ:.1e}", near, f"{errors[near]:.1e}", sound, f"{theirs[sound]:.1e}"])
+        failed["open"] += is_open
+        failed["refused"] += 16 - len(volumes)
+        failed["off"] += not error <= GOAL
+        worst = max(worst, error)
+        show = lambda found, peer: f"{found[peer]:.1e}" if peer in found else "-"  # noqa: E731
+        rows.append(
+            [name, of["triangles"], show(errors, "libigl"), show(errors, "manifold"), f"{max(sums):.1e}"]
+            + [show(theirs, "libigl"), show(theirs, "manifold"), is_open, 16 - len(volumes), f"{seconds:.2f}"]
+        )
+        for file in [*files, a, b, out]:
+            file.unlink(missing_ok=True)
+    head = ["pair", "triangles", "off libigl's volumes, largest of 16", "off manifold3d's", "sums: ours", "libigl", "manifold3d"]
+    table([*head, "not closed", "refused", "ours, 16 operations, CPU s"], rows)
+    print(f"{len(rows)} pairs, {16 * len(rows)} operations: {failed['open']} not closed, {failed['refused']} refused;", end=" ")
+    print(f"volumes of {failed['off']} pairs are off by more than {GOAL:g}, the largest by {worst:.1e} of A or B")
+    print()
+    if disputes:
+        table(["libigl and manifold3d differ", "by", "ours is nearer to", "off by", "sums are right by", "off by"], disputes)
+
+
+def peer_median(peer, code, a, b, times=3):
+    runs = [inside("measured", peer, code, a, b) for _ in range(times)]
+    seconds = [statistics.median(column) for column in zip(*(run["seconds"] for run in runs))]
+    return {**runs[0], "seconds": seconds, "peak": statistics.median(run["peak"] for run in runs)}
+
+
+def operations(bodies, peers=("manifold3d", "libigl"), codes=SHOWN, times=3):
+    """Lines of a table for each operation: bodies are names, mesh files and the grid's width."""
+    rows = []
+    for name, a, b, width in bodies:
+        first, second, out = model_of(a, width), model_of(b, width), WORK / "result.goblin"
+        for code in codes:
+            command = [SPINNEY, "-q", "--threads", 1, "combine", code, first, second, "-o", out]
+            cpu, _, peak = (statistics.median(column) for column in zip(*(once(command) for _ in range(times))))
+            ours = facts_of(out)["volume"]
+            row = [name, NAMES[code], f"{cpu:.2f}", f"{peak:.0f}"]
+            for peer in ("manifold3d", "libigl"):
+                if peer not in peers:
+                    row += ["-"] * (7 if peer == "manifold3d" else 4)
+                    continue
+                theirs = peer_median(peer, code, a, b, times)
+                reading, taking, alone = theirs["seconds"]
+                row += [f"{alone:.2f}", *([f"{reading + taking + alone:.2f}"] if peer == "manifold3d" else []), f"{theirs['peak']:.0f}"]
+                row += [f"{cpu / alone:.2f}", *([f"{cpu / (reading + taking + alone):.2f}"] if peer == "manifold3d" else [])]
+                row += [f"{peak / theirs['peak']:.2f}"] if peer == "manifold3d" else []
+                row += [f"{abs(ours - theirs['volume']) / abs(theirs['volume'] or math.nan):.1e}"]
+            rows.append(row)
+        for model in (first, second, out):
+            model.unlink(missing_ok=True)
+    head = ["bodies", "operation", "ours, CPU s", "MiB", "manifold3d, CPU s", "with import", "MiB", "CPU ours / theirs", "/ with import"]
+    table([*head, "MiB ours / theirs", "volumes differ", "libigl, CPU s", "MiB", "CPU ours / theirs", "volumes differ"], rows)
+
+
+def armadillo():
+    if not (MESH / "armadillo.ply").exists():
+        return print("skipped: no test data in ../shared/data/mesh\n")
+    facts = inside("make", "armadillo", "armadillo.ply", "bunny_hr.ply", "scaled", ".ply")
+    print(f"armadillo and bunny_hr, {facts['triangles']} triangles")
+    print()
+    operations([("armadillo, bunny", PAIRS / "armadillo_a.ply", PAIRS / "armadillo_b.ply", facts["grid"])])
+
+
+def coplanar():
+    """A body with a copy that lies along faces of its own."""
+    bodies = []
+    for name, mesh, how in [("cubes", "cube", "slid"), ("fandisk", "fandisk.ply", "slid")]:
+        if "." in mesh and not (MESH / mesh).exists():
+            continue
+        facts = inside("make", f"coplanar_{name}", mesh, mesh, how, ".ply")
+        bodies.append((name, *(PAIRS / f"coplanar_{name}_{side}.ply" for side in "ab"), facts["grid"]))
+    operations(bodies, times=int(os.environ.get("RUNS", 3)))
+
+
+def large():
+    """Union alone: libigl would take hours."""
+    a, b = PAIRS / "torus_large_a.ply", PAIRS / "torus_large_b.ply"
+    python(TORUS, 4000, 1600, a)
+    width = inside("tori", a, b)
+    operations([("bumpy tori of 12.8 million", a, b, width)], ("manifold3d",), (7,), times=int(os.environ.get("RUNS", 3)))
+    a.unlink()
+    b.unlink()
+
+
+def main():
+    if sys.argv[1:2] == ["inside"]:
+        return INSIDE[sys.argv[2]](*sys.argv[3:])
     start(data=False, peer="python3")
-    t=time.time()
-    for n in pairs_of():
-        try: f=prepared([n]); print(n, round(time.time()-t,1), f, flush=True)
-        except Exception as e: print(n, 'FAILED', e, getattr(e,'stderr','')[-600:], flush=True)
+    PAIRS.mkdir(parents=True, exist_ok=True)
+    if not {"numpy", "manifold3d", "igl"} <= install():
+        sys.exit("NumPy, manifold3d and libigl are needed")
+    words = [word for word in sys.argv[1:] if not word.startswith("--")]
+    parts = {"pairs": lambda: pairs([word for word in words if word not in parts]), "armadillo": armadillo, "coplanar": coplanar, "large": large}
+    asked = [part for part in parts if part in words] or ["pairs", "armadillo", "coplanar"]
+    if "--large" in sys.argv and "large" not in asked:
+        asked.append("large")
+    for part in asked:
+        parts[part]()
+
+
+if __name__ == "__main__":
+    main()

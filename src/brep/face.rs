@@ -54,6 +54,15 @@ pub trait Faces {
         false
     }
 
+    /// What the body's volume is more than that of the faces, in cubes of the grid's step: models may keep corners beside the
+    /// grid, which faces stand in for.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    fn volume_beside(&self) -> Result<f64> {
+        Ok(0.0)
+    }
+
     /// Number of faces.
     fn len(&self) -> u64;
 

@@ -46,16 +46,20 @@ impl<'a> Sample<'a> {
         let [u, v] = others(axis);
         let ring = &region.rings[0];
         // The least point is a convex corner.
-        let ring: Vec<&ExactPoint> = ring.iter().map(|corner| &corner.point).collect();
-        let order =
-            |a: usize, b: usize| ring[a].compare(ring[b], u).then_with(|| ring[a].compare(ring[b], v));
+        let order = |a: usize, b: usize| {
+            let (a, b) = (&ring[a].point, &ring[b].point);
+            a.compare(b, u).then_with(|| a.compare(b, v))
+        };
         let least =
             (1..ring.len()).fold(0, |best, other| if order(other, best).is_lt() { other } else { best });
-        let (last, next) = (ring[(least + ring.len() - 1) % ring.len()], ring[(least + 1) % ring.len()]);
-        let corner = ring[least];
+        let (last, next) = (&ring[(least + ring.len() - 1) % ring.len()], &ring[(least + 1) % ring.len()]);
+        let (before, after) = (&last.line, &ring[least].line);
+        let [last, corner, next] = [last, &ring[least], next].map(|corner| &corner.point);
+        // (The edges' planes tell with less work than three points do.)
+        let sides = (before.side(next), after.side(last));
         let is_in = |point: &ExactPoint| {
-            turn(axis, [last, corner, point]) > 0
-                && turn(axis, [corner, next, point]) > 0
+            before.side(point) == sides.0
+                && after.side(point) == sides.1
                 && turn(axis, [next, last, point]) > 0
         };
         // (Depths without the weight of the point itself.)
@@ -73,8 +77,35 @@ impl<'a> Sample<'a> {
         }
         match deepest {
             Some((point, _)) => Sample::mean(plane, &[corner, point]),
-            None => Sample::mean(plane, &[last, corner, next]),
+            None => Sample::near_middle(plane, [last, corner, next])
+                .unwrap_or_else(|| Sample::mean(plane, &[last, corner, next])),
         }
+    }
+
+    /// A point of few bits in the middle of a triangle; `None` if the triangle is too thin to be sure.
+    fn near_middle(plane: &'a ExactPlane, corners: [&ExactPoint; 3]) -> Option<Sample<'a>> {
+        /// Parts of a step.
+        const FINE: i64 = 1 << 20;
+        let axis = plane.main_axis();
+        let [u, v] = others(axis);
+        let at = [u, v].map(|axis| {
+            let sum: f64 = corners.iter().map(|corner| corner.near[axis]).sum();
+            (sum / 3.0 * FINE as f64).round() as i64
+        });
+        let mut near = [0.0; 3];
+        (near[u], near[v]) = (at[0] as f64 / FINE as f64, at[1] as f64 / FINE as f64);
+        let normal = plane.normal.map(|part| part as f64);
+        near[axis] = (plane.offset as f64 - normal[u] * near[u] - normal[v] * near[v]) / normal[axis];
+        let is_left = |i: usize| {
+            let (from, to) = (corners[i].near, corners[(i + 1) % 3].near);
+            let along = [to[u] - from[u], to[v] - from[v]];
+            let there = [near[u] - from[u], near[v] - from[v]];
+            let size: f64 = along.iter().chain(&there).map(|part| part.abs()).sum();
+            along[0] * there[1] - along[1] * there[0] > (size + 1.0) * (4.0 * ERROR)
+        };
+        let few = Some((at.map(i128::from), i128::from(FINE)));
+        let all = (0..3).all(is_left);
+        all.then(|| Sample { plane, axis, at: at.map(small), weight: small(FINE), small: few, near })
     }
 
     /// The mean of some points.

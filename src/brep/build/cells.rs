@@ -204,7 +204,7 @@ impl Walk<'_> {
         }));
         self.check_pairs(cell, list, boxes, out)?;
         self.check_windings(cell, list, boxes, out);
-        let rule = self.rule(list);
+        let mut rule = self.rule(list);
         let inside = cell.winding == 1;
         if rule != Rule::Crossings || !(0..=1).contains(&cell.winding) {
             let corner = FinePoint { at: min, bits: 1 };
@@ -217,6 +217,7 @@ impl Walk<'_> {
             if i32::from(expected) != cell.winding {
                 // What is behind is one more than what is in front.
                 let more = cell.winding - i32::from(expected);
+                rule = Rule::Crossings;
                 out.defects.push(Found {
                     kind: DefectKind::Winding(if more > 0 { more + 1 } else { more }),
                     at: min.map(|at| at as f64 / 2.0),
@@ -387,21 +388,17 @@ fn has_edge(piece: &Piece, edge: [[i32; 3]; 2]) -> bool {
 
 /// The word of a cell that no face cuts.
 pub(super) fn uniform(cell: &Cell, bits: u8, out: &mut Arena) -> u32 {
-    match cell.winding {
-        0 => {
-            out.counts.void += 1;
-            VOID
-        }
-        winding => {
-            if winding != 1 {
-                let (min, width) = cell.bounds(bits);
-                let at = min.map(|min| (min + width / 2) as f64 / 2.0);
-                out.defects.push(Found { kind: DefectKind::Winding(winding), at, faces: Vec::new() });
-            }
-            out.counts.full += 1;
-            FULL
-        }
+    if !(0..=1).contains(&cell.winding) {
+        let (min, width) = cell.bounds(bits);
+        let at = min.map(|min| (min + width / 2) as f64 / 2.0);
+        out.defects.push(Found { kind: DefectKind::Winding(cell.winding), at, faces: Vec::new() });
     }
+    if cell.winding > 0 {
+        out.counts.full += 1;
+        return FULL;
+    }
+    out.counts.void += 1;
+    VOID
 }
 
 const _: () = assert!(VOID == 0 && FULL == 1 && INNER == 2 && CUT == 3);

@@ -60,6 +60,7 @@ pub struct ModelBuilder {
     faces: u64,
     boolean_faces: usize,
     is_unbounded: bool,
+    takes_defects: bool,
     exact: ExactPart,
     triangulator: Triangulator,
     wide: Vec<[i64; 3]>,
@@ -84,6 +85,7 @@ impl ModelBuilder {
             faces: 0,
             boolean_faces: BOOLEAN_FACES,
             is_unbounded: false,
+            takes_defects: false,
             exact: ExactPart::default(),
             triangulator: Triangulator::new(),
             wide: Vec::new(),
@@ -104,9 +106,9 @@ impl ModelBuilder {
         ModelBuilder { is_unbounded, ..self }
     }
 
-    /// Adds faces with corners beside the grid, for which others stand.
+    /// Adds faces with corners beside the grid, for which others stand: a file is then made even if those have defects.
     pub(super) fn exact(self, exact: ExactPart) -> ModelBuilder {
-        ModelBuilder { exact, ..self }
+        ModelBuilder { takes_defects: !exact.faces.is_empty(), exact, ..self }
     }
 
     /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
@@ -193,8 +195,18 @@ impl ModelBuilder {
         progress: &dyn Progress,
         complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
     ) -> Result<BuildReport> {
-        let ModelBuilder { mut writer, grid, memory, run, faces, boolean_faces, is_unbounded, exact, .. } =
-            self;
+        let ModelBuilder {
+            mut writer,
+            grid,
+            memory,
+            run,
+            faces,
+            boolean_faces,
+            is_unbounded,
+            takes_defects,
+            exact,
+            ..
+        } = self;
         let (run, place) = run.finish()?;
         let stages = Mutex::new(Stages::default());
         let total = run.len() as u64;
@@ -235,7 +247,7 @@ impl ModelBuilder {
                 faces: found.faces.into_iter().map(u64::from).collect(),
             })
             .collect();
-        if report.defect_count > 0 {
+        if report.defect_count > 0 && !takes_defects {
             return Ok(report);
         }
         complete(metadata, &report);

@@ -383,6 +383,10 @@ impl Faces for ExactModel {
         self.summary.is_unbounded
     }
 
+    fn volume_beside(&self) -> Result<f64> {
+        if self.exact_bytes() == 0 { Ok(0.0) } else { self.volume_of_exact_part() }
+    }
+
     fn len(&self) -> u64 {
         self.summary.faces
     }

@@ -62,6 +62,15 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
     if *displacement > 0.0 {
         global.report("moved", format_args!("new vertices, by {displacement} at most, to the grid"));
     }
+    let built = &report.built;
+    if built.defect_count > 0 {
+        let count = built.defect_count;
+        global.report(
+            "thin",
+            format_args!("{count} places where the surface passes through itself on the grid, as"),
+        );
+        built.defects.iter().take(5).for_each(|defect| global.report("", format_args!("{defect}")));
+    }
     let far = if report.is_unbounded { ", around all that is far away" } else { "" };
     global.report("result", format_args!("{after} faces{far}"));
 }

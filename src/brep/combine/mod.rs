@@ -1,0 +1,150 @@
+//! Set operations on bodies: the sixteen of O. A. Tyukachev (2010), on surfaces, exact up to moving new vertices to the grid.
+//!
+//! A body is an oriented surface and a bit that says whether what is far away belongs to it. With that bit all sixteen
+//! operations make bodies: nothing and everything have no faces and differ in the bit, and a complement has the same
+//! faces turned round. The number of an operation is its truth table, and a face stays where the table has different
+//! values in front of it and behind it (the index theorem; where faces of two bodies lie on each other, the windings of both
+//! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
+
+mod placed;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use self::placed::Placed;
+use self::table::Table;
+use super::arrangement::{Operands, Rounded, Rounds, divide, round};
+use super::attributes::DOMAIN;
+use super::store::exact::ExactPart;
+use super::{Attributes, BOOLEAN_FACES, BuildReport, ExactModel, Faces, Grid, ModelBuilder};
+use crate::io::Output;
+use crate::store::{Metadata, TagScope};
+use crate::{Progress, Result};
+
+/// Counts of a set operation on bodies.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct CombineReport {
+    /// Faces of each body.
+    pub before: Vec<u64>,
+    /// Faces of the result.
+    pub after: u64,
+    /// Pairs of faces that touch or pass through each other.
+    pub pairs: u64,
+    /// Faces that were divided, or of which a part was taken away.
+    pub divided: u64,
+    /// The furthest that a new vertex was moved to the grid, in the models' unit.
+    pub displacement: f64,
+    /// The grid.
+    pub grid: Grid,
+    /// Whether what is far away belongs to the result.
+    pub is_unbounded: bool,
+    /// Counts of the octree; and where the surface has defects when its new vertices are moved to the grid, which happens
+    /// where it is thinner than the grid's step. What is made of the file by further operations is right there, too.
+    pub built: BuildReport,
+}
+
+/// Makes the body of a set operation on others, and writes it into a file; `operation` is a number from 0 to 15: bit 0 says that
+/// what is in both bodies belongs to the result, bit 1 what is in the first alone, bit 2 what is in the second alone, bit 3
+/// what is in neither. So 1 is the intersection, 2 and 4 are the differences, 6 the symmetric difference, 7 the union, 12
+/// the complement of the first. Of more than two bodies there are 0, 1 (what is in all), 2 (in the first alone), 6 (in an odd
+/// number of them), 7 (in any), and 8, 9, 13, 14, 15, the complements of these; of one 0, 3, 12 and 15.
+///
+/// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
+/// which go to the nearest points of the grid. Names of parts are those of all bodies, one after the other. Memory:
+/// all faces, with about 250 bytes each.
+///
+/// ```
+/// use spinney::brep::{ExactModel, combine};
+/// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+/// use spinney::io::Output;
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| folder.path().join(name);
+/// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// # std::fs::write(path("a.off"), text).unwrap();
+/// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
+/// let a = ExactModel::open(&path("a.goblin"), &Default::default())?;
+/// let report = combine(2, &[&a, &a], Output::create(&path("nothing.goblin"))?, 64 << 20, &())?;
+/// assert_eq!((report.after, report.is_unbounded), (0, false));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If there is no such operation of so many bodies, if the grids do not fit together, if the memory is not enough, if the grid
+/// cannot hold the result, if files cannot be read or written, or on interruption. There is no file then.
+pub fn combine(
+    operation: u8,
+    models: &[&ExactModel],
+    output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<CombineReport> {
+    let table = Table::new(operation, models.len())?;
+    let first = models[0];
+    let placed = Placed::of(models)?;
+    let grid = placed.grid.clone();
+    let (faces, ends) = placed.faces(models, memory / 2, progress)?;
+    let far: Vec<i32> = models.iter().map(|model| model.is_unbounded().into()).collect();
+    let operands = Operands {
+        ends: &ends,
+        far: &far,
+        are_bodies: true,
+        changed: &[],
+        is_inside: &|windings| table.is_inside(windings),
+    };
+    let is_unbounded = table.is_inside(&far);
+    let before = models.iter().map(|model| model.len()).collect();
+    let (exact, mut done) = divide(&faces, &operands, first.path(), memory / 2, progress)?;
+    drop(faces);
+    let rounded = round(exact, is_unbounded, first.path(), memory / 2, progress, &mut done)?;
+    let Rounded { faces, stands_in, exact } = rounded;
+    let Rounds { pairs, divided, displacement, .. } = done;
+    let displacement = displacement * grid.width();
+    let after = faces.len();
+    let stand_ins =
+        (0..).zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number)).collect();
+    let is_on_grid = exact.is_empty();
+    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
+        .boolean_faces(BOOLEAN_FACES)
+        .unbounded(is_unbounded)
+        .exact(ExactPart { faces: exact, stand_ins });
+    faces.each(&mut |face| builder.push(face))?;
+    drop(faces);
+    let mut metadata = metadata(operation, models, &grid);
+    metadata.tags.insert("model.displacement".into(), displacement.to_string());
+    let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
+    if built.defect_count > 0 && is_on_grid {
+        return Err(built.error(
+            first.path(),
+            "the result passes through itself, and so at least one of the models does",
+            "check them with verify, and build them again",
+        ));
+    }
+    Ok(CombineReport { before, after, pairs, divided, displacement, grid, is_unbounded, built })
+}
+
+/// Names, attributes, unit and place of the result.
+fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
+    let first = models[0].metadata();
+    let mut metadata = Metadata { frame: grid.frame(first.frame.crs.clone()), ..Metadata::default() };
+    let names = models.iter().flat_map(|model| model.parts());
+    metadata.class_names = (0..).zip(names.clone().cloned()).collect();
+    metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();
+    let paths: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
+    metadata.provenance.push(format!("operation {operation} of {}", paths.join(" ")));
+    let unit = models.iter().find_map(|model| model.metadata().tags.get("unit"));
+    metadata.tags.extend(unit.map(|unit| ("unit".to_string(), unit.clone())));
+    let mut attributes = Attributes::beside(names.map(|name| name.len() + 10).sum());
+    let mut parts = 0;
+    for model in models {
+        attributes.append(&model.attributes(), parts, model.parts().len() as u32);
+        parts += model.parts().len() as u32;
+    }
+    if attributes.lost() > 0 {
+        metadata.tags.insert("model.lost_attributes".into(), attributes.lost().to_string());
+    }
+    if !attributes.is_empty() {
+        metadata.scoped_tags.insert(TagScope { channel: None, domain: DOMAIN.into() }, attributes.to_tags());
+    }
+    metadata
+}

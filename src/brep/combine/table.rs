@@ -1,0 +1,81 @@
+//! Tables of set operations: which places belong to the result.
+
+use crate::{Error, Result};
+
+/// Set operations, by their numbers: bit 0 says that what is in both bodies belongs to the result, bit 1 what is in the
+/// first alone, bit 2 what is in the second alone, bit 3 what is in neither. Of more than two bodies there are 0, 1 (what is in
+/// all), 2 (in the first alone), 6 (in an odd number of them), 7 (in any) and the complements of these; of one, all that
+/// depend on no second: 0, 3, 12 and 15.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Table {
+    number: u8,
+    count: usize,
+}
+
+impl Table {
+    pub(super) fn new(number: u8, count: usize) -> Result<Table> {
+        let (bodies, are_right) = match number {
+            0 | 3 | 12 | 15 if count == 1 => ("one body or more", true),
+            0 | 1 | 2 | 6 | 7 | 8 | 9 | 13 | 14 | 15 => ("two bodies or more", count >= 2),
+            3 | 12 => ("one body or two", count <= 2 && count > 0),
+            _ => ("two bodies", count == 2),
+        };
+        if number > 15 || !are_right {
+            let found = format!("operation {number} of {count}");
+            return Err(Error::invalid("bodies", found, format!("{bodies} for an operation from 0 to 15")));
+        }
+        Ok(Table { number, count })
+    }
+
+    /// Whether a place belongs to the result that lies in those of the bodies.
+    pub(super) fn is_inside(self, bodies: &[i32]) -> bool {
+        let is_in = |body: usize| bodies.get(body).is_some_and(|winding| *winding > 0);
+        if self.count <= 2 {
+            let index = match (is_in(0), is_in(1)) {
+                (true, true) => 0,
+                (true, false) => 1,
+                (false, true) => 2,
+                (false, false) => 3,
+            };
+            return self.number >> index & 1 == 1;
+        }
+        // (Of two bodies these are the same as the table.)
+        let (turned, base) =
+            if self.number & 8 != 0 { (true, 15 - self.number) } else { (false, self.number) };
+        let inside = match base {
+            1 => (0..self.count).all(is_in),
+            2 => is_in(0) && !(1..self.count).any(is_in),
+            6 => (0..self.count).filter(|body| is_in(*body)).count() % 2 == 1,
+            7 => (0..self.count).any(is_in),
+            _ => false,
+        };
+        inside != turned
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tyukachev's table of the sets: A and B, A alone, B alone, neither, as bits of the operation.
+    #[test]
+    fn tables_are_those_of_the_literature() {
+        let places = [[1, 1], [1, 0], [0, 1], [0, 0]];
+        for number in 0..16 {
+            let table = Table::new(number, 2).unwrap();
+            let found: u8 =
+                (0..).zip(places).map(|(bit, place)| u8::from(table.is_inside(&place)) << bit).sum();
+            assert_eq!(found, number);
+            // Those of many are the same for two, and go on with the third where that is in nothing, or in what was there.
+            let Ok(of_three) = Table::new(number, 3) else { continue };
+            for [a, b] in places {
+                let nothing = of_three.is_inside(&[a, b, 0]);
+                if matches!(number, 0 | 2 | 6 | 7 | 8 | 9 | 13 | 15) {
+                    assert_eq!(nothing, table.is_inside(&[a, b]), "{number}");
+                }
+            }
+        }
+        assert!(Table::new(16, 2).is_err() && Table::new(7, 0).is_err() && Table::new(4, 3).is_err());
+        assert!(Table::new(12, 1).unwrap().is_inside(&[0]) && !Table::new(12, 1).unwrap().is_inside(&[1]));
+    }
+}
