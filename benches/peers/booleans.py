@@ -21,21 +21,23 @@ import time
 import zlib
 from pathlib import Path
 
-from common import SPINNEY, WORK, once, start, table
+from common import SPINNEY, WORK, runs, start, table
 from exact import MESH, PYTHON, READ, TORUS, install, python, spinney
 
 PAIRS = Path(os.environ.get("PAIRS", WORK / "booleans"))
 VOLUMES = PAIRS / "volumes.json"
 STEPS = 2**25  # along the longest side of a pair's box, at most
 GOAL = 1e-9
-LIMIT = 60  # seconds that a referee may take for a pair
+LIMIT = 150  # seconds that a referee may take for a pair
 PATIENCE = 10  # seconds for building and mending a body of a pair
+PLENTY = 120  # seconds that libigl may take for an operation that is measured
 SHOWN = (1, 7, 2)
 NAMES = {1: "A and B", 7: "A or B", 2: "A without B"}
 
 # 74660.stl is left out: its surface is not resolved.
 NASTY = ["1313535", "301921", "36088", "39926", "51334", "59082", "61459", "91946", "939888"]
-NASTY = [f"nasty/{name}.stl" for name in NASTY] + [f"nasty/{name}.obj" for name in ("Offset1", "Offset2", "self_intersectA", "self_intersectB")]
+NASTY = [f"nasty/{name}.stl" for name in NASTY]
+NASTY += [f"nasty/{name}.obj" for name in ("Offset1", "Offset2", "self_intersectA", "self_intersectB")]
 CLEAN = ["fandisk.ply", "rocker-arm.ply", "spot.ply", "bunny_hr.ply", "teapot.obj", "suzanne.ply"]
 OTHERS = [
     ("fandisk.ply", "rocker-arm.ply"),
@@ -281,8 +283,9 @@ def referee(peer, a, b):
         from igl.copyleft.cgal import mesh_boolean
 
         began = time.process_time()
-        for key, words in [("both", (a, a_faces, b, b_faces, "intersect")), ("a_only", (a, a_faces, b, b_faces, "minus")), ("b_only", (b, b_faces, a, a_faces, "minus"))]:
-            found[key] = volume(*mesh_boolean(*words)[:2])
+        there, back = (a, a_faces, b, b_faces), (b, b_faces, a, a_faces)
+        for key, words, name in [("both", there, "intersect"), ("a_only", there, "minus"), ("b_only", back, "minus")]:
+            found[key] = volume(*mesh_boolean(*words, name)[:2])
     else:
         began = time.process_time()
         (first, why), (second, why_not) = as_manifold(a, a_faces), as_manifold(b, b_faces)
@@ -447,7 +450,7 @@ def pairs(asked):
         ours = {key: volumes.get(code, math.nan) for key, code in zip(("both", "a_only", "b_only"), parts)}
         sums = [abs(whole + ours["both"] - sum(told)) / union, residual(ours, *told), abs(sum(ours.values()) - whole) / union]
         sums += [abs(volumes[code] + volumes[15 - code]) / union for code in range(8) if {code, 15 - code} <= volumes.keys()]
-        theirs = {peer: residual(found, of["manifold"].get("a", of.get("a")), of["manifold"].get("b", of.get("b"))) for peer, found in known.items()}
+        theirs = {peer: residual(found, found["a"], found["b"]) for peer, found in known.items()}
         error = errors.get("libigl", errors.get("manifold", math.nan))
         if len(known) == 2 and volumes:
             differ = max(abs(known["libigl"][key] - known["manifold"][key]) for key in ("both", "a_only", "b_only")) / union
@@ -475,32 +478,39 @@ def pairs(asked):
         table(["libigl and manifold3d differ", "by", "ours is nearer to", "off by", "sums are right by", "off by"], disputes)
 
 
-def peer_median(peer, code, a, b, times=3):
-    runs = [inside("measured", peer, code, a, b) for _ in range(times)]
-    seconds = [statistics.median(column) for column in zip(*(run["seconds"] for run in runs))]
-    return {**runs[0], "seconds": seconds, "peak": statistics.median(run["peak"] for run in runs)}
+def peer_median(peer, code, a, b, times):
+    """None if libigl is too slow for that."""
+    try:
+        found = [inside("measured", peer, code, a, b, timeout=PLENTY if peer == "libigl" else None) for _ in range(times)]
+    except subprocess.TimeoutExpired:
+        return None
+    seconds = [statistics.median(column) for column in zip(*(run["seconds"] for run in found))]
+    return {**found[0], "seconds": seconds, "peak": statistics.median(run["peak"] for run in found)}
 
 
-def operations(bodies, peers=("manifold3d", "libigl"), codes=SHOWN, times=3):
-    """Lines of a table for each operation: bodies are names, mesh files and the grid's width."""
-    rows = []
+def operations(bodies, peers=("manifold3d", "libigl"), codes=SHOWN):
+    """A line of a table for each operation: bodies are names, mesh files and the grid's width."""
+    rows, times = [], int(os.environ.get("RUNS", 3))
     for name, a, b, width in bodies:
         first, second, out = model_of(a, width), model_of(b, width), WORK / "result.goblin"
+        slow = set()
         for code in codes:
-            command = [SPINNEY, "-q", "--threads", 1, "combine", code, first, second, "-o", out]
-            cpu, _, peak = (statistics.median(column) for column in zip(*(once(command) for _ in range(times))))
-            ours = facts_of(out)["volume"]
+            cpu, _, peak = runs([SPINNEY, "-q", "--threads", 1, "combine", code, first, second, "-o", out])
+            ours = facts_of(out)["volume"] or 0.0
             row = [name, NAMES[code], f"{cpu:.2f}", f"{peak:.0f}"]
             for peer in ("manifold3d", "libigl"):
-                if peer not in peers:
-                    row += ["-"] * (7 if peer == "manifold3d" else 4)
+                theirs = peer_median(peer, code, a, b, times) if peer in peers and peer not in slow else None
+                if theirs is None:
+                    row += [f"over {PLENTY}" if peer in peers else "-"] + ["-"] * (6 if peer == "manifold3d" else 3)
+                    slow.add(peer)
                     continue
-                theirs = peer_median(peer, code, a, b, times)
-                reading, taking, alone = theirs["seconds"]
-                row += [f"{alone:.2f}", *([f"{reading + taking + alone:.2f}"] if peer == "manifold3d" else []), f"{theirs['peak']:.0f}"]
-                row += [f"{cpu / alone:.2f}", *([f"{cpu / (reading + taking + alone):.2f}"] if peer == "manifold3d" else [])]
-                row += [f"{peak / theirs['peak']:.2f}"] if peer == "manifold3d" else []
-                row += [f"{abs(ours - theirs['volume']) / abs(theirs['volume'] or math.nan):.1e}"]
+                alone, total = theirs["seconds"][-1], sum(theirs["seconds"])
+                differ = f"{abs(ours - theirs['volume']) / abs(theirs['volume'] or math.nan):.1e}"
+                if peer == "manifold3d":
+                    row += [f"{alone:.2f}", f"{total:.2f}", f"{theirs['peak']:.0f}", f"{cpu / alone:.2f}", f"{cpu / total:.2f}"]
+                    row += [f"{peak / theirs['peak']:.2f}", differ]
+                else:
+                    row += [f"{alone:.2f}", f"{theirs['peak']:.0f}", f"{cpu / alone:.2f}", differ]
             rows.append(row)
         for model in (first, second, out):
             model.unlink(missing_ok=True)
@@ -525,7 +535,7 @@ def coplanar():
             continue
         facts = inside("make", f"coplanar_{name}", mesh, mesh, how, ".ply")
         bodies.append((name, *(PAIRS / f"coplanar_{name}_{side}.ply" for side in "ab"), facts["grid"]))
-    operations(bodies, times=int(os.environ.get("RUNS", 3)))
+    operations(bodies)
 
 
 def large():
@@ -533,7 +543,7 @@ def large():
     a, b = PAIRS / "torus_large_a.ply", PAIRS / "torus_large_b.ply"
     python(TORUS, 4000, 1600, a)
     width = inside("tori", a, b)
-    operations([("bumpy tori of 12.8 million", a, b, width)], ("manifold3d",), (7,), times=int(os.environ.get("RUNS", 3)))
+    operations([("bumpy tori of 12.8 million", a, b, width)], ("manifold3d",), (7,))
     a.unlink()
     b.unlink()
 
@@ -546,7 +556,8 @@ def main():
     if not {"numpy", "manifold3d", "igl"} <= install():
         sys.exit("NumPy, manifold3d and libigl are needed")
     words = [word for word in sys.argv[1:] if not word.startswith("--")]
-    parts = {"pairs": lambda: pairs([word for word in words if word not in parts]), "armadillo": armadillo, "coplanar": coplanar, "large": large}
+    parts = {"pairs": lambda: pairs([word for word in words if word not in parts]), "armadillo": armadillo}
+    parts.update(coplanar=coplanar, large=large)
     asked = [part for part in parts if part in words] or ["pairs", "armadillo", "coplanar"]
     if "--large" in sys.argv and "large" not in asked:
         asked.append("large")

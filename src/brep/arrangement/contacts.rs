@@ -119,38 +119,38 @@ impl Surface<'_> {
     fn contact(&self, one: u32, other: u32) -> Option<Contact> {
         let mut contact =
             Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), in_plane: false };
-        if self.exact(one).is_some() || self.exact(other).is_some() {
-            let Common { segments, points, in_plane } = common(&self.polygon(one), &self.polygon(other));
-            // (Of one body, faces beside each other in a plane do not lie on each other unless they are turned to each other.)
-            let is_beside = in_plane
-                && self.operands.are_bodies
-                && self.operand(one) == self.operand(other)
-                && self.plane(one).is_turned_as(self.plane(other));
-            (contact.segments, contact.points, contact.in_plane) = (segments, points, in_plane && !is_beside);
+        let (plane_a, plane_b) = (self.plane(one), self.plane(other));
+        if let (Some(a), Some(b)) = (self.triangle(one), self.triangle(other)) {
+            match meet(&a, plane_a, &b, plane_b) {
+                Meeting::Regular => {}
+                Meeting::Point(point) => contact.points.push(point),
+                Meeting::Segment(ends) => contact.segments.push(ends),
+                Meeting::InPlane => contact.in_plane = true,
+            }
+        } else if plane_a.is(plane_b) {
+            contact.in_plane = self.lie_on_each_other(one, other);
         } else {
-            self.triangles_meet(&mut contact);
+            // (By whole polygons: edges along which they were cut into triangles would divide others.)
+            let Common { segments, points } = common(&self.polygon(one), &self.polygon(other));
+            (contact.segments, contact.points) = (segments, points);
         }
         let is_contact = contact.in_plane || !contact.segments.is_empty() || !contact.points.is_empty();
         is_contact.then_some(contact)
     }
 
-    /// What two faces of the grid have in common, by their triangles.
-    fn triangles_meet(&self, contact: &mut Contact) {
-        let [one, other] = contact.faces;
+    /// Whether two faces of one plane may have an area in common.
+    fn lie_on_each_other(&self, one: u32, other: u32) -> bool {
+        if self.exact(one).is_some() || self.exact(other).is_some() {
+            // (Of one body, faces in a plane do not lie on each other unless they are turned to each other.)
+            let is_one = self.operands.are_bodies && self.operand(one) == self.operand(other);
+            return !(is_one && self.plane(one).is_turned_as(self.plane(other)));
+        }
         let (plane_a, plane_b) = (self.plane(one), self.plane(other));
         self.with_pieces(one, |a| {
             self.with_pieces(other, |b| {
-                for a in a {
-                    for b in b {
-                        match meet(a, plane_a, b, plane_b) {
-                            Meeting::Regular => {}
-                            Meeting::Point(point) => contact.points.push(point),
-                            Meeting::Segment(ends) => contact.segments.push(ends),
-                            Meeting::InPlane => contact.in_plane = true,
-                        }
-                    }
-                }
-            });
-        });
+                let mut pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+                pairs.any(|(a, b)| matches!(meet(a, plane_a, b, plane_b), Meeting::InPlane))
+            })
+        })
     }
 }

@@ -24,5 +24,6 @@ mod surface;
 pub(crate) use exact_face::{ExactFace, ExactFaces};
 pub(crate) use overlay::{Corner, Vertices};
 pub(crate) use point::{ExactPlane, ExactPoint};
-pub(crate) use rounds::{Rounded, Rounds, divide, round};
+pub(crate) use rounds::{Rounded, Rounds, Turner, divide, round};
+pub(crate) use sample::Sample;
 pub(crate) use surface::Operands;

@@ -22,7 +22,7 @@ pub(crate) struct ExactPlane {
 
 impl ExactPlane {
     /// The plane through a point.
-    pub(super) fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
+    pub(crate) fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
         let offset = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(base[axis])).sum();
         ExactPlane { normal, offset }
     }

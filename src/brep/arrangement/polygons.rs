@@ -10,15 +10,10 @@ use super::point::{ExactPlane, ExactPoint, cross};
 pub(super) struct Common {
     pub(super) segments: Vec<[ExactPoint; 2]>,
     pub(super) points: Vec<ExactPoint>,
-    /// Whether they lie in one plane.
-    pub(super) in_plane: bool,
 }
 
-/// Finds what two polygons have in common but corners and edges of both; of those in one plane it is only said that they are.
+/// Finds what two polygons of different planes have in common but corners and edges of both.
 pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
-    if a.plane.is(&b.plane) {
-        return Common { in_plane: true, ..Common::default() };
-    }
     let (Some(along_a), Some(along_b)) = (Section::of(a, &b.plane), Section::of(b, &a.plane)) else {
         return Common::default();
     };
@@ -31,9 +26,8 @@ pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
         (along_a.covers(&places, axis), along_b.covers(&places, axis));
     let is_common: Vec<bool> = between_a.iter().zip(&between_b).map(|(a, b)| *a && *b).collect();
     let mut found = Common::default();
-    for (index, ends) in places.windows(2).enumerate().filter(|(index, _)| is_common[*index]) {
+    for (_, ends) in places.windows(2).enumerate().filter(|(index, _)| is_common[*index]) {
         let ends = [ends[0], ends[1]];
-        debug_assert!(index < is_common.len());
         if !(has_edge(a, &ends) && has_edge(b, &ends)) {
             found.segments.push(ends);
         }

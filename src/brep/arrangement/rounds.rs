@@ -121,6 +121,7 @@ pub(crate) fn round(
             far: &far,
             are_bodies: false,
             changed: &changed,
+            winding: &|_, _| None,
             is_inside: &|windings| windings[0] > 0,
         };
         let mut rounder = Rounder::default();
@@ -194,13 +195,13 @@ impl Rounded {
 
 /// Turns faces to the other side; keeps its buffers from face to face.
 #[derive(Default)]
-struct Turner {
+pub(crate) struct Turner {
     points: Vec<[i32; 3]>,
     colours: Vec<[u8; 3]>,
 }
 
 impl Turner {
-    fn turn<'a>(&'a mut self, face: &Face<'a>) -> Face<'a> {
+    pub(crate) fn turn<'a>(&'a mut self, face: &Face<'a>) -> Face<'a> {
         self.points.clear();
         self.colours.clear();
         let mut start = 0;

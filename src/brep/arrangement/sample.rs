@@ -8,16 +8,16 @@ use super::overlay::Region;
 use super::point::{ERROR, ExactPlane, ExactPoint, area, others, sign, turn};
 
 /// A point of a plane by its place as seen along the plane's main axis, in homogeneous coordinates of at most 535 bits.
-pub(super) struct Sample<'a> {
+pub(crate) struct Sample<'a> {
     pub(super) plane: &'a ExactPlane,
-    pub(super) axis: usize,
+    pub(crate) axis: usize,
     /// Along the two other axes.
     at: [I1024; 2],
     /// Positive.
     weight: I1024,
     /// Coordinates and weight once more in fewer bits, if these are below 2^68 and 2^40.
     small: Option<([i128; 2], i128)>,
-    pub(super) near: [f64; 3],
+    pub(crate) near: [f64; 3],
 }
 
 fn widen<const N: usize>(number: bnum::Int<N>) -> I1024 {
@@ -129,7 +129,7 @@ impl<'a> Sample<'a> {
 
     /// Whether the line along the axis through the point, moved a little to greater coordinates (along the second axis
     /// by far less than along the first), meets a polygon: by even and odd.
-    pub(super) fn meets(&self, points: &[[i32; 3]], ring_ends: &[usize]) -> bool {
+    pub(crate) fn meets(&self, points: &[[i32; 3]], ring_ends: &[usize]) -> bool {
         let mut inside = false;
         let mut start = 0;
         for &end in ring_ends {
@@ -176,9 +176,40 @@ impl<'a> Sample<'a> {
         corner.beyond(self, place)
     }
 
+    /// Whether the line along the axis through the point, moved as in [`Sample::meets`], goes between two corners of a box in half
+    /// steps.
+    pub(crate) fn is_between(&self, low: &[i64; 3], high: &[i64; 3]) -> bool {
+        let axes = others(self.axis);
+        // (Moved to greater coordinates, it is beyond what it was at.)
+        let is_beyond = |place: usize, at: i64| {
+            let difference = at as f64 / 2.0 - self.near[axes[place]];
+            if difference.abs() > 2.0 * ERROR {
+                return difference < 0.0;
+            }
+            match self.small {
+                Some((own, weight)) => 2 * own[place] >= i128::from(at) * weight,
+                None => self.at[place] + self.at[place] >= small(at) * self.weight,
+            }
+        };
+        (0..2).all(|place| is_beyond(place, low[axes[place]]) && !is_beyond(place, high[axes[place]]))
+    }
+
+    /// The side of a plane on which a place of the line lies that is so many half steps along the axis; 0 in the plane.
+    pub(crate) fn height_at(&self, plane: &ExactPlane, half: i64) -> i32 {
+        let mut near = self.near;
+        near[self.axis] = half as f64 / 2.0;
+        if let Some(side) = plane.side_near(near) {
+            return side;
+        }
+        let [u, v] = others(self.axis);
+        let its = |axis: usize| small(plane.normal[axis]);
+        let along = its(u) * self.at[0] + its(v) * self.at[1] - widen(wide_offset(plane)) * self.weight;
+        sign(&(along + along + its(self.axis) * small(half) * self.weight))
+    }
+
     /// The side of a plane on which the point lies; where it lies on it, that on which it comes to lie when it is moved
     /// as in [`Sample::meets`], in its own plane. 0 if the planes are the same.
-    pub(super) fn side(&self, plane: &ExactPlane) -> i32 {
+    pub(crate) fn side(&self, plane: &ExactPlane) -> i32 {
         if let Some(side) = plane.side_near(self.near) {
             return side;
         }

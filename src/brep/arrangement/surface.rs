@@ -1,6 +1,7 @@
 //! Faces with what bounds no body taken away: by winding numbers of the surfaces that they belong to.
 
 use std::borrow::Cow;
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -40,6 +41,9 @@ pub(crate) struct Operands<'a> {
     pub(crate) are_bodies: bool,
     /// If there are any: the faces of which each may pass through any other; no other pair does.
     pub(crate) changed: &'a [bool],
+    /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
+    /// them.
+    pub(crate) winding: &'a (dyn Fn(usize, &Sample<'_>) -> Option<Result<i32>> + Sync),
     /// Whether places which they go around so many times are inside.
     pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
 }
@@ -83,13 +87,12 @@ pub(super) fn resolve(
     }
     let (components, samples) = surface.components(&of_face, progress)?;
     let kept = parallel::map(&samples, |(_, face)| {
-        let face = *face;
-        // (Of bodies it is known what is in front of a face, and behind it.)
-        let own = operands.are_bodies.then(|| surface.operand(face));
-        if progress.interrupted() { None } else { surface.face_stays(face, own) }
+        if progress.interrupted() { Ok(None) } else { surface.face_stays(*face, operands.are_bodies) }
     });
-    let kept: HashMap<u32, Option<bool>> =
-        samples.iter().map(|(component, _)| *component).zip(kept).collect();
+    let mut kept_of: HashMap<u32, Option<bool>> = HashMap::new();
+    for ((component, _), kept) in samples.iter().zip(kept) {
+        kept_of.insert(*component, kept?);
+    }
     let mut counts = Resolved { pairs: contacts.len() as u64, ..Resolved::default() };
     let mut divided: Vec<u32> = of_face.keys().copied().collect();
     divided.sort_unstable();
@@ -108,12 +111,15 @@ pub(super) fn resolve(
                 let batch = &divided[next..divided.len().min(next + BATCH)];
                 let found = parallel::map(batch, |face| {
                     if progress.interrupted() {
-                        return Divided::default();
+                        return Ok(Divided::default());
                     }
                     surface.divide(*face, &of_face[face], &contacts)
                 });
                 progress.check()?;
-                regions_of = batch.iter().copied().zip(found).collect();
+                regions_of.clear();
+                for (face, found) in batch.iter().zip(found) {
+                    regions_of.insert(*face, found?);
+                }
             }
             next += 1;
             let found = regions_of.remove(&number).unwrap_or_default();
@@ -126,7 +132,7 @@ pub(super) fn resolve(
                 }
             }
         } else {
-            match kept.get(&components[number as usize]) {
+            match kept_of.get(&components[number as usize]) {
                 Some(Some(is_turned)) => each(Kept::Face { face, is_turned: *is_turned })?,
                 // (What has no area is nothing that is missed.)
                 _ => counts.removed += u64::from(surface.planes[number as usize].is_some()),
@@ -224,6 +230,13 @@ impl<'a> Surface<'a> {
         self.operands.ends.partition_point(|end| *end <= face)
     }
 
+    /// A face that is a triangle of the grid.
+    pub(super) fn triangle(&self, face: u32) -> Option<Piece> {
+        let points = self.faces.list.get(face as usize).points;
+        let corners: [[i32; 3]; 3] = points.try_into().ok()?;
+        self.exact(face).is_none().then(|| Piece::of_triangle(corners))
+    }
+
     /// Looks at a face as triangles.
     pub(super) fn with_pieces<R>(&self, face: u32, look: impl FnOnce(&[Piece]) -> R) -> R {
         match self.pieces.get(&face) {
@@ -294,7 +307,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether a face bounds what is inside, by a point of it: see [`Surface::stays`].
-    fn face_stays(&self, face: u32, alone: Option<usize>) -> Option<bool> {
+    fn face_stays(&self, face: u32, alone: bool) -> Result<Option<bool>> {
         let plane = self.plane(face);
         if let Some(exact) = self.exact(face) {
             return self.stays(&Sample::of_region(plane, &exact.region()), face, alone);
@@ -316,59 +329,90 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
-    /// round. Of faces that lie on each other, one stays for all; but if `alone` is the face's body, what else of it lies
-    /// there does not matter.
-    fn stays(&self, sample: &Sample<'_>, face: u32, alone: Option<usize>) -> Option<bool> {
+    /// round. Of faces that lie on each other, one stays for all; but of a body's faces that touch no other's (`alone`) each
+    /// does.
+    fn stays(&self, sample: &Sample<'_>, face: u32, alone: bool) -> Result<Option<bool>> {
+        // Faces in the same place, and whether they are turned up.
+        let mut same: Vec<(u32, bool)> = Vec::new();
+        let is_up = |face: u32| self.plane(face).normal[sample.axis] > 0;
+        if alone {
+            same.push((face, is_up(face)));
+        } else {
+            let near = sample.near;
+            let holds = |[low, high]: &Bounds| {
+                (0..3).all(|axis| {
+                    f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
+                })
+            };
+            self.boxes.each(&holds, |other| {
+                let is_there = other == face || sample.side(self.plane(other)) == 0;
+                if is_there && self.meets(sample, other) {
+                    same.push((other, is_up(other)));
+                }
+            });
+            same.sort_unstable();
+        }
+        let [above, below] = self.windings(sample, &same)?;
+        let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));
+        if front == back {
+            return Ok(None);
+        }
+        let is_up = back;
+        let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first());
+        Ok(stays.filter(|(stays, _)| *stays == face).map(|(_, up)| *up != is_up))
+    }
+
+    /// The winding numbers above and below a sample, on which these faces lie.
+    fn windings(&self, sample: &Sample<'_>, same: &[(u32, bool)]) -> Result<[Vec<i32>; 2]> {
+        let count = self.operands.far.len();
+        let mut changes: Vec<Option<i32>> = vec![None; count];
+        for (face, up) in same {
+            *changes[self.operand(*face)].get_or_insert(0) += if *up { 1 } else { -1 };
+        }
+        // By a line upwards, where nothing else is known.
+        let (mut above, mut is_asked) = (self.operands.far.to_vec(), vec![true; count]);
+        for operand in (0..count).filter(|_| self.operands.are_bodies) {
+            let known = match changes[operand] {
+                // Outside is in front; two walls of one body that lie on each other have the inside on both sides.
+                Some(change) => Some(i32::from(change <= 0)),
+                None => (self.operands.winding)(operand, sample).transpose()?,
+            };
+            if let Some(winding) = known {
+                (above[operand], is_asked[operand]) = (winding, false);
+            }
+        }
+        if is_asked.contains(&true) {
+            self.add_above(sample, same, &is_asked, &mut above);
+        }
+        let below = above.iter().zip(&changes).map(|(above, change)| above + change.unwrap_or(0)).collect();
+        Ok([above, below])
+    }
+
+    /// Adds what faces above a sample, but for these, change in the winding numbers of some operands.
+    fn add_above(&self, sample: &Sample<'_>, same: &[(u32, bool)], is_asked: &[bool], above: &mut [i32]) {
         let (axis, near) = (sample.axis, sample.near);
         let [u, v] = others(axis);
-        let reaches = |[low, high]: &[[i32; 3]; 2]| {
+        let reaches = |[low, high]: &Bounds| {
             let holds = |axis: usize| {
                 f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
             };
             holds(u) && holds(v) && near[axis] <= f64::from(high[axis]) + 1e-6
         };
-        // The winding numbers above and below; faces in the same place, and whether they are turned up.
-        let mut above = self.operands.far.to_vec();
-        let mut below = above.clone();
-        let mut same: Vec<(u32, bool)> = Vec::new();
         self.boxes.each(&reaches, |other| {
             let plane = self.plane(other);
             let up = plane.normal[axis].signum() as i32;
             let operand = self.operand(other);
-            if up == 0 || (alone == Some(operand) && other != face) {
+            if up == 0 || !is_asked[operand] || !self.meets(sample, other) {
                 return;
             }
-            if !self.meets(sample, other) {
-                return;
-            }
-            let side = if other == face { 0 } else { sample.side(plane) };
-            // Those that lie below do not count.
-            if side * up > 0 {
-                return;
-            }
-            below[operand] += up;
-            if side == 0 {
-                same.push((other, up > 0));
-            } else {
+            if same.binary_search_by_key(&other, |(face, _)| *face).is_err() && sample.side(plane) * up < 0 {
                 above[operand] += up;
             }
         });
-        if let Some(own) = alone {
-            let is_up = self.plane(face).normal[axis] > 0;
-            (above[own], below[own]) = if is_up { (0, 1) } else { (1, 0) };
-        }
-        let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));
-        if front == back {
-            return None;
-        }
-        let is_up = back;
-        same.sort_unstable();
-        let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first())?;
-        (stays.0 == face).then_some(stays.1 != is_up)
     }
 
     /// Divides a face by what touches it.
-    fn divide(&self, face: u32, touching: &[u32], contacts: &[Contact]) -> Divided {
+    fn divide(&self, face: u32, touching: &[u32], contacts: &[Contact]) -> Result<Divided> {
         let plane = self.plane(face);
         let axis = plane.main_axis();
         let mut segments = Vec::new();
@@ -392,12 +436,22 @@ impl<'a> Surface<'a> {
             });
         }
         let own = self.faces.list.get(face as usize);
+        let failed = RefCell::new(None);
         let choose = |region: &Region| {
             let sample = Sample::of_region(plane, region);
             // Edges of others may have made regions outside of the face.
-            if self.meets(&sample, face) { self.stays(&sample, face, None) } else { None }
+            if !self.meets(&sample, face) {
+                return None;
+            }
+            self.stays(&sample, face, false).unwrap_or_else(|error| {
+                failed.replace(Some(error));
+                None
+            })
         };
         let found = regions(plane, &segments, &points, choose);
+        if let Some(error) = failed.take() {
+            return Err(error);
+        }
         let whole = match &found[..] {
             [(region, is_turned)] if region.rings.iter().map(Vec::len).sum::<usize>() == corners => {
                 self.is_same(face, region).then_some(*is_turned)
@@ -410,7 +464,7 @@ impl<'a> Surface<'a> {
             exact.colours = colours(&exact);
             exact
         });
-        Divided { regions: regions.collect(), whole }
+        Ok(Divided { regions: regions.collect(), whole })
     }
 
     /// Whether a region has no corners but those of a face.

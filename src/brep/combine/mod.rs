@@ -6,13 +6,16 @@
 //! values in front of it and behind it (the index theorem; where faces of two bodies lie on each other, the windings of both
 //! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
 
+mod overlap;
 mod placed;
 mod table;
 #[cfg(test)]
 mod tests;
+mod winding;
 
-use self::placed::Placed;
+use self::placed::{Bodies, Placed};
 use self::table::Table;
+use self::winding::winding;
 use super::arrangement::{Operands, Rounded, Rounds, divide, round};
 use super::attributes::DOMAIN;
 use super::store::exact::ExactPart;
@@ -80,42 +83,53 @@ pub fn combine(
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
     let table = Table::new(operation, models.len())?;
-    let first = models[0];
+    let before = models.iter().map(|model| model.len()).collect();
     let placed = Placed::of(models)?;
     let grid = placed.grid.clone();
-    let (faces, ends) = placed.faces(models, memory / 2, progress)?;
-    let far: Vec<i32> = models.iter().map(|model| model.is_unbounded().into()).collect();
+    let path = models[0].path();
+    let (those, table) = table.on_those_that_matter();
+    let (placed, models) =
+        (placed.of_those(&those), those.iter().map(|number| models[*number]).collect::<Vec<_>>());
+    let mut bodies = Bodies::new(&models, &placed, table, progress)?;
+    let (faces, ends) = bodies.near(memory / 2, progress)?;
+    let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
     let operands = Operands {
         ends: &ends,
         far: &far,
         are_bodies: true,
         changed: &[],
+        winding: &|number, sample| {
+            (!bodies.are_all_near).then(|| winding(models[number], number, &placed, sample))
+        },
         is_inside: &|windings| table.is_inside(windings),
     };
     let is_unbounded = table.is_inside(&far);
-    let before = models.iter().map(|model| model.len()).collect();
-    let (exact, mut done) = divide(&faces, &operands, first.path(), memory / 2, progress)?;
+    let (exact, mut done) = divide(&faces, &operands, path, memory / 2, progress)?;
     drop(faces);
-    let rounded = round(exact, is_unbounded, first.path(), memory / 2, progress, &mut done)?;
+    let rounded = round(exact, is_unbounded, path, memory / 2, progress, &mut done)?;
     let Rounded { faces, stands_in, exact } = rounded;
     let Rounds { pairs, divided, displacement, .. } = done;
     let displacement = displacement * grid.width();
-    let after = faces.len();
-    let stand_ins =
-        (0..).zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number)).collect();
     let is_on_grid = exact.is_empty();
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
         .boolean_faces(BOOLEAN_FACES)
-        .unbounded(is_unbounded)
-        .exact(ExactPart { faces: exact, stand_ins });
+        .unbounded(is_unbounded);
+    let mut settled = 0u32;
+    bodies.settled(progress, &mut |face| {
+        settled += 1;
+        builder.push(face)
+    })?;
     faces.each(&mut |face| builder.push(face))?;
+    let after = u64::from(settled) + faces.len();
     drop(faces);
-    let mut metadata = metadata(operation, models, &grid);
+    let stand_ins = (settled..).zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number));
+    let builder = builder.exact(ExactPart { faces: exact, stand_ins: stand_ins.collect() });
+    let mut metadata = metadata(operation, &models, &grid);
     metadata.tags.insert("model.displacement".into(), displacement.to_string());
     let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
     if built.defect_count > 0 && is_on_grid {
         return Err(built.error(
-            first.path(),
+            path,
             "the result passes through itself, and so at least one of the models does",
             "check them with verify, and build them again",
         ));
@@ -125,8 +139,8 @@ pub fn combine(
 
 /// Names, attributes, unit and place of the result.
 fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
-    let first = models[0].metadata();
-    let mut metadata = Metadata { frame: grid.frame(first.frame.crs.clone()), ..Metadata::default() };
+    let crs = models.iter().find_map(|model| model.crs().cloned());
+    let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
     let names = models.iter().flat_map(|model| model.parts());
     metadata.class_names = (0..).zip(names.clone().cloned()).collect();
     metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();

@@ -2,14 +2,18 @@
 
 use std::path::Path;
 
-use crate::brep::arrangement::{Corner, ExactFace, ExactFaces};
+use super::overlap::{Fate, Overlap};
+use super::table::Table;
+use crate::brep::arrangement::{Corner, ExactFace, ExactFaces, Turner};
 use crate::brep::store::exact::ExactPart;
-use crate::brep::{ExactModel, Face, FaceList, Faces, Grid, MOST_BITS};
+use crate::brep::{ExactModel, Face, FaceList, Faces, Grid, MOST_BITS, Node, NodeState};
+use crate::geometry::crossing::ring_normal;
 use crate::{Error, Progress, Result};
 
 /// Models on one grid.
 pub(super) struct Placed {
     pub(super) grid: Grid,
+    grids: Vec<Grid>,
     /// Of each model: steps of the grid in one of its own, and what is added then.
     shifts: Vec<(i64, [i64; 3])>,
 }
@@ -70,82 +74,215 @@ impl Placed {
         for (_, shift) in &mut shifts {
             (0..3).for_each(|axis| shift[axis] -= origin[axis]);
         }
-        Ok(Placed { grid, shifts })
+        Ok(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts })
     }
 
-    /// The faces of all models in a list, and where those of each end.
-    pub(super) fn faces(
-        &self,
-        models: &[&ExactModel],
-        memory: u64,
-        progress: &dyn Progress,
-    ) -> Result<(ExactFaces, Vec<u32>)> {
-        let parts = models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
-        let mut found = ExactFaces::of_grid(FaceList::new(self.grid.clone(), parts));
-        let mut is_coloured = false;
-        for model in models {
-            is_coloured |= model.is_coloured()?;
+    /// Some of the models, on the same grid.
+    pub(super) fn of_those(&self, those: &[usize]) -> Placed {
+        Placed {
+            grid: self.grid.clone(),
+            grids: those.iter().map(|number| self.grids[*number].clone()).collect(),
+            shifts: those.iter().map(|number| self.shifts[*number]).collect(),
         }
-        let mut ends = Vec::new();
-        let (mut first_part, mut first_source) = (0, 0);
-        let mut points = Vec::new();
-        for (model, (times, shift)) in models.iter().zip(&self.shifts) {
+    }
+
+    /// A point of a model on the common grid.
+    pub(super) fn point(&self, model: usize, point: [i32; 3]) -> [i32; 3] {
+        let (times, shift) = self.shifts[model];
+        [0, 1, 2].map(|axis| (times * i64::from(point[axis]) + shift[axis]) as i32)
+    }
+
+    /// The cell of a model's node in half steps of the common grid.
+    pub(super) fn half_units(&self, model: usize, node: &Node<'_>) -> [[i64; 3]; 2] {
+        let (times, shift) = self.shifts[model];
+        let bounds = node.bounds(&self.grids[model]);
+        bounds.map(|corner| [0, 1, 2].map(|axis| times * corner[axis] + 2 * shift[axis]))
+    }
+
+    /// Whether the cell of a model that has a place, in half steps of the common grid, is inside (1) or outside (0); `None` if faces cut it.
+    fn place(&self, number: usize, model: &ExactModel, at: [i64; 3]) -> Result<Option<i32>> {
+        let mut node = model.root()?;
+        let has = |node: &Node<'_>| {
+            let [low, high] = self.half_units(number, node);
+            (0..3).all(|axis| low[axis] <= at[axis] && at[axis] < high[axis])
+        };
+        if !has(&node) {
+            return Ok(Some(model.far_winding()));
+        }
+        loop {
+            match node.state() {
+                NodeState::Void => return Ok(Some(0)),
+                NodeState::Full => return Ok(Some(1)),
+                NodeState::Leaf { .. } => return Ok(None),
+                NodeState::Inner => {
+                    let [low, high] = self.half_units(number, &node);
+                    let upper = |axis: usize| usize::from(2 * at[axis] >= low[axis] + high[axis]) << axis;
+                    node = model.child(&node, upper(0) | upper(1) | upper(2))?;
+                }
+            }
+        }
+    }
+
+    /// A face with corners beside a model's grid on the common one.
+    fn exact(&self, model: usize, face: ExactFace) -> ExactFace {
+        let (times, shift) = self.shifts[model];
+        let corner = |corner: Corner| Corner {
+            point: corner.point.placed(times, shift),
+            line: corner.line.placed(times, shift),
+        };
+        ExactFace {
+            plane: face.plane.placed(times, shift),
+            corners: face.corners.into_iter().map(corner).collect(),
+            ..face
+        }
+    }
+}
+
+/// Models whose faces are read one after the other, as those of one.
+pub(super) struct Bodies<'a> {
+    models: &'a [&'a ExactModel],
+    placed: &'a Placed,
+    table: Table,
+    overlaps: Vec<Overlap>,
+    /// Whether all faces are taken as near: where corners lie beside the grid, octrees are only those of the faces that stand for
+    /// others, which may be some steps off, or nowhere.
+    pub(super) are_all_near: bool,
+    is_coloured: bool,
+    /// Numbers of each model's first part and first source.
+    first: Vec<(u32, u64)>,
+}
+
+impl<'a> Bodies<'a> {
+    /// Goes through all octrees.
+    pub(super) fn new(
+        models: &'a [&'a ExactModel],
+        placed: &'a Placed,
+        table: Table,
+        progress: &dyn Progress,
+    ) -> Result<Bodies<'a>> {
+        let (mut overlaps, mut is_coloured) = (Vec::new(), false);
+        let mut first = Vec::new();
+        let mut parts = 0;
+        let are_all_near = models.iter().any(|model| model.exact_bytes() > 0);
+        for (number, model) in models.iter().enumerate() {
+            if !are_all_near {
+                overlaps.push(Overlap::of(number, models, placed, table, progress)?);
+            }
+            is_coloured |= model.is_coloured()?;
+            first.push((parts, 0));
+            parts += model.parts().len() as u32;
+        }
+        Ok(Bodies { models, placed, table, overlaps, are_all_near, is_coloured, first })
+    }
+
+    /// The faces that are near other bodies; and where those of each model end.
+    pub(super) fn near(&mut self, memory: u64, progress: &dyn Progress) -> Result<(ExactFaces, Vec<u32>)> {
+        let parts = self.models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
+        let mut found = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
+        let (mut ends, mut first_source) = (Vec::new(), 0u64);
+        for (number, model) in self.models.iter().enumerate() {
+            self.first[number].1 = first_source;
             let mut sources = 0;
             // (A face has about as many bytes in the section as in memory.)
             check_room(model.path(), &found, 2 * model.exact_bytes(), memory)?;
             let ExactPart { faces: exact, stand_ins } = model.exact_part()?;
             let mut stand_ins = stand_ins.into_iter().map(u64::from).peekable();
-            let white = |count: usize| vec![[255; 3]; count];
-            model.each(&mut |face| {
-                if found.list.len().is_multiple_of(1 << 12) {
-                    progress.check()?;
-                    check_room(model.path(), &found, 0, memory)?;
-                }
+            self.each(number, progress, &mut |face, fate| {
                 sources = sources.max(face.source.saturating_add(1));
-                if stand_ins.next_if_eq(&face.number).is_some() {
-                    return Ok(());
-                }
-                points.clear();
-                points.extend(face.points.iter().map(|point| {
-                    [0, 1, 2].map(|axis| (times * i64::from(point[axis]) + shift[axis]) as i32)
-                }));
-                let colours;
-                let colours = match (is_coloured, face.colours) {
-                    (true, []) => {
-                        colours = white(points.len());
-                        &colours
+                if stand_ins.next_if_eq(&face.number).is_none() && fate.is_none() {
+                    found.list.push(face);
+                    if found.list.len().is_multiple_of(1 << 12) {
+                        check_room(model.path(), &found, 0, memory)?;
                     }
-                    (_, colours) => colours,
-                };
-                let (part, source) = (first_part + face.part, face.source.saturating_add(first_source));
-                found.list.push(&Face { points: &points, colours, part, source, ..*face });
+                }
                 Ok(())
             })?;
-            for face in exact {
-                let colours = match (is_coloured, face.colours.len()) {
-                    (true, 0) => white(face.corners.len()),
-                    _ => face.colours,
-                };
-                let corner = |corner: Corner| Corner {
-                    point: corner.point.placed(*times, *shift),
-                    line: corner.line.placed(*times, *shift),
-                };
+            for mut face in exact {
+                if self.is_coloured && face.colours.is_empty() {
+                    face.colours = vec![[255; 3]; face.corners.len()];
+                }
+                let face = self.placed.exact(number, face);
+                let part = face.part.saturating_add(self.first[number].0);
                 sources = sources.max(face.source.saturating_add(1));
-                found.push(ExactFace {
-                    plane: face.plane.placed(*times, *shift),
-                    corners: face.corners.into_iter().map(corner).collect(),
-                    ring_ends: face.ring_ends,
-                    colours,
-                    part: first_part + face.part,
-                    source: face.source.saturating_add(first_source),
-                });
+                found.push(ExactFace { part, source: face.source.saturating_add(first_source), ..face });
             }
             check_room(model.path(), &found, 0, memory)?;
-            first_part += model.parts().len() as u32;
-            first_source = sources.saturating_add(first_source);
+            first_source = sources;
             ends.push(found.list.len() as u32);
         }
         Ok((found, ends))
+    }
+
+    /// Hands out what becomes of the faces that are not near other bodies.
+    pub(super) fn settled(
+        &self,
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        let mut turner = Turner::default();
+        for number in 0..self.models.len() {
+            self.each(number, progress, &mut |face, fate| match fate {
+                Some(Fate::Kept) => each(face),
+                Some(Fate::Turned) => each(&turner.turn(face)),
+                _ => Ok(()),
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Hands out the faces of a model on the common grid, with what becomes of those that are not near other bodies.
+    fn each(
+        &self,
+        number: usize,
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(&Face<'_>, Option<Fate>) -> Result<()>,
+    ) -> Result<()> {
+        let model = self.models[number];
+        let overlap = self.overlaps.get(number);
+        let (first_part, first_source) = self.first[number];
+        let (mut points, mut white) = (Vec::new(), Vec::new());
+        model.each(&mut |face| {
+            if face.number.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            let fate = match overlap.filter(|overlap| !overlap.near.has(face.number)) {
+                None => None,
+                Some(overlap) if face.points.len() == 3 && ring_normal(face.points) != [0; 3] => {
+                    Some(overlap.fate(face.number))
+                }
+                Some(overlap) => self.fate_of_sliver(number, face, overlap)?,
+            };
+            if fate == Some(Fate::Dropped) {
+                return each(face, fate);
+            }
+            points.clear();
+            points.extend(face.points.iter().map(|point| self.placed.point(number, *point)));
+            white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
+            let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
+            let (part, source) =
+                (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
+            each(&Face { points: &points, colours, part, source, ..*face }, fate)
+        })
+    }
+
+    /// What becomes of a face, which may have no area: such faces are in no cell, and go where their corners are.
+    fn fate_of_sliver(&self, number: usize, face: &Face<'_>, overlap: &Overlap) -> Result<Option<Fate>> {
+        if ring_normal(face.rings().next().unwrap_or_default()) != [0; 3] {
+            return Ok(Some(overlap.fate(face.number)));
+        }
+        let at = self.placed.point(number, face.points[0]).map(|at| 2 * i64::from(at));
+        let mut places = Vec::new();
+        for (other, model) in self.models.iter().enumerate() {
+            if other == number {
+                places.push(0);
+                continue;
+            }
+            match self.placed.place(other, model, at)? {
+                Some(place) => places.push(place),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(self.table.fate(number, &places)))
     }
 }
 

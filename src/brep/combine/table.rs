@@ -1,5 +1,6 @@
 //! Tables of set operations: which places belong to the result.
 
+use super::overlap::Fate;
 use crate::{Error, Result};
 
 /// Set operations, by their numbers: bit 0 says that what is in both bodies belongs to the result, bit 1 what is in the
@@ -25,6 +26,32 @@ impl Table {
             return Err(Error::invalid("bodies", found, format!("{bodies} for an operation from 0 to 15")));
         }
         Ok(Table { number, count })
+    }
+
+    /// What becomes of a face of a body where it is in other bodies, or not; the body's own place does not matter.
+    pub(super) fn fate(self, own: usize, places: &[i32]) -> Fate {
+        let inside = |place: i32| {
+            let mut places = places.to_vec();
+            places[own] = place;
+            self.is_inside(&places)
+        };
+        match (inside(0), inside(1)) {
+            (false, true) => Fate::Kept,
+            (true, false) => Fate::Turned,
+            _ => Fate::Dropped,
+        }
+    }
+
+    /// The bodies that the result depends on, and the operation on them.
+    pub(super) fn on_those_that_matter(self) -> (Vec<usize>, Table) {
+        let of_one = |number| Table { number, count: 1 };
+        match (self.number, self.count) {
+            (0 | 15, _) => (Vec::new(), of_one(self.number)),
+            (3 | 12, _) => (vec![0], of_one(self.number)),
+            (5, 2) => (vec![1], of_one(3)),
+            (10, 2) => (vec![1], of_one(12)),
+            (_, count) => ((0..count).collect(), self),
+        }
     }
 
     /// Whether a place belongs to the result that lies in those of the bodies.

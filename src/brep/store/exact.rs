@@ -129,7 +129,8 @@ impl ExactPart {
                 let weight = number(&bytes[3 * COORDINATE..]);
                 let is_positive = !weight.is_negative() && !weight.is_zero();
                 let point = is_positive.then(|| ExactPoint::of(at, weight))?;
-                point.near.iter().all(|at| (0.0..side).contains(at)).then_some(point)
+                // (It may lie half a step beside the first or the last points.)
+                point.near.iter().all(|at| (-1.0..side).contains(at)).then_some(point)
             })
             .collect();
         let points = points.ok_or_else(|| corrupt("a vertex beside the grid's cells".into()))?;

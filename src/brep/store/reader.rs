@@ -167,6 +167,11 @@ impl ExactModel {
         ExactPart::from_bytes(&self.path, &bytes, self.summary.faces, self.parts.len() as u64, bits)
     }
 
+    /// The winding number of the surface around what is far away: 0 or 1.
+    pub(in crate::brep) fn far_winding(&self) -> i32 {
+        self.summary.is_unbounded.into()
+    }
+
     /// Bytes of the section of [`ExactModel::exact_part`].
     pub(in crate::brep) fn exact_bytes(&self) -> u64 {
         self.trailer.section(EXACT).length

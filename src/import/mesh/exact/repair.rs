@@ -35,6 +35,7 @@ pub(super) fn repair(
         far: &[0],
         are_bodies: false,
         changed: &[],
+        winding: &|_, _| None,
         is_inside: &|windings| windings[0] > 0,
     };
     let (faces, mut done) = divide(&ExactFaces::of_grid(faces), &all, path, memory, progress)?;

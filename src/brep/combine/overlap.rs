@@ -1,0 +1,178 @@
+//! Where bodies come near each other: both octrees are gone through side by side, and what is far from all other surfaces is
+//! settled cell by cell, without a look at its faces.
+
+use super::placed::Placed;
+use super::table::Table;
+use crate::brep::{ExactModel, Faces, Node, NodeState};
+use crate::{Progress, Result};
+
+/// What becomes of a face that touches no other body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fate {
+    Kept,
+    Turned,
+    Dropped,
+}
+
+/// A bit per face.
+pub(super) struct Bits(Vec<u64>);
+
+impl Bits {
+    pub(super) fn new(count: u64) -> Bits {
+        Bits(vec![0; count.div_ceil(64) as usize])
+    }
+
+    pub(super) fn set(&mut self, number: u64) {
+        if let Some(word) = self.0.get_mut((number / 64) as usize) {
+            *word |= 1 << (number % 64);
+        }
+    }
+
+    pub(super) fn has(&self, number: u64) -> bool {
+        self.0.get((number / 64) as usize).is_some_and(|word| word >> (number % 64) & 1 == 1)
+    }
+}
+
+/// The faces of one body among others.
+pub(super) struct Overlap {
+    /// Those in cells that faces of other bodies are in or near, too.
+    pub(super) near: Bits,
+    /// Of the others, those to be turned, and those to be dropped.
+    turned: Bits,
+    dropped: Bits,
+}
+
+impl Overlap {
+    /// What becomes of a face that is not near.
+    pub(super) fn fate(&self, number: u64) -> Fate {
+        match (self.turned.has(number), self.dropped.has(number)) {
+            (_, true) => Fate::Dropped,
+            (true, _) => Fate::Turned,
+            _ => Fate::Kept,
+        }
+    }
+
+    /// Finds out about one of several models.
+    pub(super) fn of(
+        own: usize,
+        models: &[&ExactModel],
+        placed: &Placed,
+        table: Table,
+        progress: &dyn Progress,
+    ) -> Result<Overlap> {
+        let count = models[own].len();
+        let found = Overlap { near: Bits::new(count), turned: Bits::new(count), dropped: Bits::new(count) };
+        let mut walk = Walk { own, models, placed, table, progress, found, visited: 0 };
+        let mut places: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
+        let mut others = Vec::new();
+        for other in (0..models.len()).filter(|other| *other != own) {
+            others.push((other, models[other].root()?));
+        }
+        walk.node(&models[own].root()?, &others, &mut places)?;
+        Ok(walk.found)
+    }
+}
+
+struct Walk<'a> {
+    own: usize,
+    models: &'a [&'a ExactModel],
+    placed: &'a Placed,
+    table: Table,
+    progress: &'a dyn Progress,
+    found: Overlap,
+    visited: u64,
+}
+
+impl<'a> Walk<'a> {
+    /// Goes through a node; `others` are nodes of other bodies that may be near it, and `places` tells of each body without such
+    /// nodes whether the cell is inside of it.
+    fn node(&mut self, node: &Node<'a>, others: &[(usize, Node<'a>)], places: &mut Vec<i32>) -> Result<()> {
+        self.visited += 1;
+        if self.visited.is_multiple_of(1 << 12) {
+            self.progress.check()?;
+        }
+        if matches!(node.state(), NodeState::Void | NodeState::Full) {
+            return Ok(());
+        }
+        // (A step more on each side, since new vertices move.)
+        let [low, high] = self.placed.half_units(self.own, node);
+        let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
+        let is_leaf = matches!(node.state(), NodeState::Leaf { .. });
+        let mut places = places.clone();
+        let mut near: Vec<(usize, Node<'a>)> = Vec::new();
+        let mut next = 0;
+        while next < others.len() {
+            let other = others[next].0;
+            let first = near.len();
+            let mut uniform = None;
+            while next < others.len() && others[next].0 == other {
+                self.refine(&others[next], &around, is_leaf, &mut near, &mut uniform)?;
+                next += 1;
+            }
+            // Without a surface near the cell, all of it is on one side.
+            if near.len() == first {
+                places[other] = uniform.unwrap_or_else(|| self.models[other].far_winding());
+            }
+        }
+        if near.is_empty() {
+            return self.settle(node, &places);
+        }
+        if is_leaf {
+            node.faces().for_each(|face| self.found.near.set(face));
+            return Ok(());
+        }
+        for child in 0..8 {
+            let child = self.models[self.own].child(node, child)?;
+            self.node(&child, &near, &mut places)?;
+        }
+        Ok(())
+    }
+
+    /// Appends the nodes with faces that meet a box, as small as it or as they are; of those without, it is noted on which side
+    /// they are.
+    fn refine(
+        &self,
+        (other, node): &(usize, Node<'a>),
+        around: &[[i64; 3]; 2],
+        to_leaves: bool,
+        near: &mut Vec<(usize, Node<'a>)>,
+        uniform: &mut Option<i32>,
+    ) -> Result<()> {
+        let [low, high] = self.placed.half_units(*other, node);
+        if (0..3).any(|axis| high[axis] < around[0][axis] || around[1][axis] < low[axis]) {
+            return Ok(());
+        }
+        match node.state() {
+            NodeState::Void => *uniform = Some(0),
+            NodeState::Full => *uniform = Some(1),
+            NodeState::Inner if to_leaves || high[0] - low[0] > around[1][0] - around[0][0] => {
+                for child in 0..8 {
+                    let child = (*other, self.models[*other].child(node, child)?);
+                    self.refine(&child, around, to_leaves, near, uniform)?;
+                }
+            }
+            _ => near.push((*other, node.clone())),
+        }
+        Ok(())
+    }
+
+    /// Notes what becomes of the faces of a cell that no other surface is near.
+    fn settle(&mut self, node: &Node<'a>, places: &[i32]) -> Result<()> {
+        match self.table.fate(self.own, places) {
+            Fate::Kept => Ok(()),
+            fate => self.note(node, fate),
+        }
+    }
+
+    fn note(&mut self, node: &Node<'a>, fate: Fate) -> Result<()> {
+        let bits = if fate == Fate::Turned { &mut self.found.turned } else { &mut self.found.dropped };
+        node.faces().for_each(|face| bits.set(face));
+        if node.state() == NodeState::Inner {
+            for child in 0..8 {
+                let child = self.models[self.own].child(node, child)?;
+                self.note(&child, fate)?;
+            }
+        }
+        Ok(())
+    }
+}
