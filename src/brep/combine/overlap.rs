@@ -63,12 +63,12 @@ impl Overlap {
         let count = models[own].len();
         let found = Overlap { near: Bits::new(count), turned: Bits::new(count), dropped: Bits::new(count) };
         let mut walk = Walk { own, models, placed, table, progress, found, visited: 0 };
-        let mut places: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
+        let places: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
         let mut others = Vec::new();
         for other in (0..models.len()).filter(|other| *other != own) {
             others.push((other, models[other].root()?));
         }
-        walk.node(&models[own].root()?, &others, &mut places)?;
+        walk.node(&models[own].root()?, &others, &places)?;
         Ok(walk.found)
     }
 }
@@ -86,7 +86,7 @@ struct Walk<'a> {
 impl<'a> Walk<'a> {
     /// Goes through a node; `others` are nodes of other bodies that may be near it, and `places` tells of each body without such
     /// nodes whether the cell is inside of it.
-    fn node(&mut self, node: &Node<'a>, others: &[(usize, Node<'a>)], places: &mut Vec<i32>) -> Result<()> {
+    fn node(&mut self, node: &Node<'a>, others: &[(usize, Node<'a>)], places: &[i32]) -> Result<()> {
         self.visited += 1;
         if self.visited.is_multiple_of(1 << 12) {
             self.progress.check()?;
@@ -98,23 +98,30 @@ impl<'a> Walk<'a> {
         let [low, high] = self.placed.half_units(self.own, node);
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
         let is_leaf = matches!(node.state(), NodeState::Leaf { .. });
-        let mut places = places.clone();
+        let mut places = places.to_vec();
         let mut near: Vec<(usize, Node<'a>)> = Vec::new();
-        let mut next = 0;
-        while next < others.len() {
-            let other = others[next].0;
+        let mut is_far = true;
+        for nodes in others.chunk_by(|a, b| a.0 == b.0) {
             let first = near.len();
-            let mut uniform = None;
-            while next < others.len() && others[next].0 == other {
-                self.refine(&others[next], &around, is_leaf, &mut near, &mut uniform)?;
-                next += 1;
+            for node in nodes {
+                self.refine(node, &around, is_leaf, &mut near)?;
+            }
+            let other = nodes[0].0;
+            let side = |node: &Node<'_>| match node.state() {
+                NodeState::Void => Some(0),
+                NodeState::Full => Some(1),
+                _ => None,
+            };
+            if near[first..].iter().any(|(_, node)| side(node).is_none()) {
+                is_far = false;
+                continue;
             }
             // Without a surface near the cell, all of it is on one side.
-            if near.len() == first {
-                places[other] = uniform.unwrap_or_else(|| self.models[other].far_winding());
-            }
+            let found = near[first..].first().and_then(|(_, node)| side(node));
+            places[other] = found.unwrap_or_else(|| self.models[other].far_winding());
+            near.truncate(first);
         }
-        if near.is_empty() {
+        if is_far {
             return self.settle(node, &places);
         }
         if is_leaf {
@@ -123,32 +130,28 @@ impl<'a> Walk<'a> {
         }
         for child in 0..8 {
             let child = self.models[self.own].child(node, child)?;
-            self.node(&child, &near, &mut places)?;
+            self.node(&child, &near, &places)?;
         }
         Ok(())
     }
 
-    /// Appends the nodes with faces that meet a box, as small as it or as they are; of those without, it is noted on which side
-    /// they are.
+    /// Appends the nodes that meet a box, those with faces as small as it or as they are.
     fn refine(
         &self,
         (other, node): &(usize, Node<'a>),
         around: &[[i64; 3]; 2],
         to_leaves: bool,
         near: &mut Vec<(usize, Node<'a>)>,
-        uniform: &mut Option<i32>,
     ) -> Result<()> {
         let [low, high] = self.placed.half_units(*other, node);
         if (0..3).any(|axis| high[axis] < around[0][axis] || around[1][axis] < low[axis]) {
             return Ok(());
         }
         match node.state() {
-            NodeState::Void => *uniform = Some(0),
-            NodeState::Full => *uniform = Some(1),
             NodeState::Inner if to_leaves || high[0] - low[0] > around[1][0] - around[0][0] => {
                 for child in 0..8 {
                     let child = (*other, self.models[*other].child(node, child)?);
-                    self.refine(&child, around, to_leaves, near, uniform)?;
+                    self.refine(&child, around, to_leaves, near)?;
                 }
             }
             _ => near.push((*other, node.clone())),
