@@ -7,7 +7,7 @@ use super::exact_face::{ExactFace, ExactFaces};
 use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::snapping::snap;
-use super::surface::{Kept, Operands, Resolved, resolve};
+use super::surface::{Kept, Operands, Resolved, crossings, resolve};
 use crate::brep::planar::PlanarFaces;
 use crate::brep::{Face, FaceList, Faces};
 use crate::geometry::crossing::ring_normal;
@@ -24,13 +24,7 @@ pub(crate) struct Rounds {
     pub(crate) removed: u64,
     /// Times that faces were divided.
     pub(crate) rounds: u32,
-    /// The furthest that a new vertex was moved, in steps of the grid.
-    pub(crate) displacement: f64,
 }
-
-/// Times after which a surface is left as it is, as where it gets worse: the builder of the file then tells where it still
-/// crosses itself. (The worst scans of the test data take five.)
-const MOST_ROUNDS: u32 = 12;
 
 /// What takes faces, and whether each is new.
 pub(super) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
@@ -62,10 +56,11 @@ pub(crate) fn divide(
             Ok(())
         })?;
     let rounds = u32::from(divided + removed > 0);
-    Ok((found, Rounds { pairs, divided, removed, rounds, displacement: 0.0 }))
+    Ok((found, Rounds { pairs, divided, removed, rounds }))
 }
 
 /// A surface on the grid, and what of it is not exact.
+#[derive(Clone)]
 pub(crate) struct Rounded {
     /// Planar faces with corners on the grid.
     pub(crate) faces: FaceList,
@@ -73,93 +68,139 @@ pub(crate) struct Rounded {
     pub(crate) stands_in: Vec<bool>,
     /// These others.
     pub(crate) exact: Vec<ExactFace>,
+    /// Whether each face is new, and may pass through others.
+    changed: Vec<bool>,
+    /// Vertices that were moved.
+    moved: Vec<[i32; 3]>,
+    /// The furthest that one was moved, in steps.
+    pub(crate) displacement: f64,
 }
 
-/// Moves the vertices of a closed surface to the grid, and mends what that does to it; `far` says whether what is far away is
-/// inside. Counts go to those of what was done before.
+/// Moves the vertices of a surface to the grid.
 ///
 /// # Errors
-/// If `memory` bytes are not enough, or on interruption.
-pub(crate) fn round(
-    exact: ExactFaces,
-    far: bool,
-    path: &Path,
-    memory: u64,
-    progress: &dyn Progress,
-    rounds: &mut Rounds,
-) -> Result<Rounded> {
+/// None but on interruption.
+pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
     let mut rounder = Rounder::default();
     let ExactFaces { list, exact: mut beside } = exact;
     let stands_in: Vec<bool> = (0..list.len() as u32).map(|number| beside.contains_key(&number)).collect();
-    let (mut rounded, mut changed, ()) =
-        Rounded { faces: list, stands_in, exact: Vec::new() }.again(|faces, each| {
-            for number in 0..faces.list.len() as u32 {
-                match beside.get(&number) {
-                    Some(exact) => {
-                        rounder
-                            .round(exact, &mut |face| each(&Face { number: number.into(), ..*face }, true))?;
-                    }
-                    None => each(&faces.list.get(number as usize), false)?,
+    let whole = Rounded {
+        faces: list,
+        stands_in,
+        exact: Vec::new(),
+        changed: Vec::new(),
+        moved: Vec::new(),
+        displacement: 0.0,
+    };
+    let (mut rounded, ()) = whole.again(|faces, each| {
+        for number in 0..faces.list.len() as u32 {
+            match beside.get(&number) {
+                Some(exact) => {
+                    rounder.round(exact, &mut |face| each(&Face { number: number.into(), ..*face }, true))?;
                 }
+                None => each(&faces.list.get(number as usize), false)?,
             }
-            Ok(())
-        })?;
+        }
+        Ok(())
+    })?;
     let mut numbers: Vec<u32> = beside.keys().copied().collect();
     numbers.sort_unstable();
     rounded.exact.extend(numbers.into_iter().filter_map(|number| beside.remove(&number)));
-    if !rounder.is_moved {
-        return Ok(rounded);
-    }
-    rounds.displacement = rounder.displacement;
-    let mut moved = rounder.corners;
-    let far = [i32::from(far)];
-    let first = rounds.divided;
-    loop {
-        let ends = [rounded.faces.len() as u32];
-        let operands = Operands {
-            ends: &ends,
-            far: &far,
-            are_bodies: false,
-            changed: &changed,
-            winding: &|_, _| None,
-            is_inside: &|windings| windings[0] > 0,
-        };
-        let mut rounder = Rounder::default();
-        let (next, is_new, resolved) = rounded.again(|faces, each| {
-            let mut turner = Turner::default();
-            resolve(faces, &operands, path, memory, progress, &mut |kept| match kept {
-                Kept::Face { face, is_turned: false } => each(&face, false),
-                Kept::Face { face, is_turned: true } => each(&turner.turn(&face), true),
-                Kept::Region { face, exact } => {
-                    rounder.round(&exact, &mut |part| each(&Face { number: face.number, ..*part }, true))
-                }
-            })
-        })?;
-        (rounded, changed) = (next, is_new);
-        rounds.displacement = rounds.displacement.max(rounder.displacement);
-        let Resolved { divided, removed, .. } = resolved;
-        let is_worse = divided > 2 * first.max(50);
-        if divided + removed == 0 || is_worse || rounds.rounds == MOST_ROUNDS {
-            return Ok(rounded);
-        }
-        rounds.rounds += 1;
-        moved.extend(rounder.corners);
-        if divided > 0 {
-            // Moving corners has made new crossings: what is thinner than a step has to go.
-            let bent = rounded.again(|faces, each| snap(&faces.list, &moved, &changed, progress, each))?;
-            (rounded, changed) = (bent.0, bent.1);
-        }
-    }
+    rounded.take(rounder);
+    Ok(rounded)
 }
 
 impl Rounded {
-    /// Collects what is made of the faces as planar ones, and whether each is new. Faces that were exact and do not come back as
-    /// they were go to the exact ones.
+    fn take(&mut self, rounder: Rounder) {
+        self.displacement = self.displacement.max(rounder.displacement);
+        self.moved.extend(rounder.corners);
+    }
+
+    /// Adds faces that were not moved.
+    pub(crate) fn append(&mut self, faces: &FaceList) {
+        for number in 0..faces.len() as usize {
+            self.faces.push(&faces.get(number));
+        }
+        self.stands_in.resize(self.faces.len() as usize, false);
+        self.changed.resize(self.faces.len() as usize, false);
+    }
+
+    /// Number of pairs of faces of which one was moved, and that have more in common now than neighbours have.
+    ///
+    /// # Errors
+    /// If `memory` bytes are not enough, or on interruption.
+    pub(crate) fn crossings(&self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<u64> {
+        if !self.changed.contains(&true) {
+            return Ok(0);
+        }
+        let faces = ExactFaces::of_grid(self.faces.clone());
+        crossings(&faces, &self.operands(&[faces.list.len() as u32], &[0]), path, memory, progress)
+    }
+
+    fn operands<'a>(&'a self, ends: &'a [u32], far: &'a [i32]) -> Operands<'a> {
+        Operands {
+            ends,
+            far,
+            are_bodies: false,
+            changed: &self.changed,
+            winding: &|_, _| None,
+            is_inside: &|windings| windings[0] > 0,
+        }
+    }
+
+    /// Mends what moving the vertices of a whole surface has done to it, as far as that gets in so many rounds; `far` says whether
+    /// what is far away is inside. Counts the rounds, and says whether nothing is left to do.
+    ///
+    /// # Errors
+    /// If `memory` bytes are not enough, or on interruption.
+    pub(crate) fn mended(
+        self,
+        far: bool,
+        most_rounds: u32,
+        path: &Path,
+        memory: u64,
+        progress: &dyn Progress,
+        rounds: &mut u32,
+    ) -> Result<(Rounded, bool)> {
+        let far = [i32::from(far)];
+        let mut state = self;
+        let mut first = None;
+        loop {
+            let before = state.clone();
+            let ends = [state.faces.len() as u32];
+            let operands = before.operands(&ends, &far);
+            let mut rounder = Rounder::default();
+            let (next, Resolved { divided, removed, .. }) = state.again(|faces, each| {
+                let mut turner = Turner::default();
+                resolve(faces, &operands, path, memory, progress, &mut |kept| match kept {
+                    Kept::Face { face, is_turned: false } => each(&face, false),
+                    Kept::Face { face, is_turned: true } => each(&turner.turn(&face), true),
+                    Kept::Region { face, exact } => {
+                        rounder.round(&exact, &mut |part| each(&Face { number: face.number, ..*part }, true))
+                    }
+                })
+            })?;
+            state = next;
+            state.take(rounder);
+            let first = *first.get_or_insert(divided.max(50));
+            if divided + removed == 0 || *rounds == most_rounds || divided > 2 * first {
+                return Ok((state, divided + removed == 0));
+            }
+            *rounds += 1;
+            if divided > 0 {
+                // Moving corners has made new crossings: what is thinner than a step has to go.
+                let (moved, changed) = (state.moved.clone(), state.changed.clone());
+                state = state.again(|faces, each| snap(&faces.list, &moved, &changed, progress, each))?.0;
+            }
+        }
+    }
+    /// Collects what is made of the faces as planar ones. Faces that were exact and do not come back as they were go to the exact
+    /// ones.
     fn again<R>(
         self,
         make: impl FnOnce(&ExactFaces, &mut EachFace<'_>) -> Result<R>,
-    ) -> Result<(Rounded, Vec<bool>, R)> {
-        let Rounded { faces, stands_in, mut exact } = self;
+    ) -> Result<(Rounded, R)> {
+        let Rounded { faces, stands_in, mut exact, moved, displacement, .. } = self;
         let faces = ExactFaces::of_grid(faces);
         let old = &faces.list;
         let mut list = FaceList::new(old.grid().clone(), old.parts().to_vec());
@@ -189,7 +230,7 @@ impl Rounded {
             }
         }
         let stands_in = still.into_iter().map(|still| !still).collect();
-        Ok((Rounded { faces: list, stands_in, exact }, changed, made))
+        Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement }, made))
     }
 }
 

@@ -142,6 +142,18 @@ pub(super) fn resolve(
     Ok(counts)
 }
 
+/// Counts the pairs of faces that have more in common than neighbours have.
+pub(super) fn crossings(
+    faces: &ExactFaces,
+    operands: &Operands<'_>,
+    path: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let surface = Surface::of(faces, operands, path, faces.list.len() * FACE + faces.bytes());
+    Ok(surface.contacts(memory, progress)?.len() as u64)
+}
+
 pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     Error::TooLarge {
         path: path.to_path_buf(),
@@ -431,7 +443,9 @@ impl<'a> Surface<'a> {
             // Edges in the plane divide it, wherever they were cut into triangles.
             self.edges(other, axis, |segment| {
                 if segment.ends.iter().all(|end| plane.side(end) == 0) {
-                    segments.push(segment);
+                    // (The line of an edge may be a plane that this face lies in.)
+                    let line = if plane.is(&segment.line) { line } else { segment.line };
+                    segments.push(Segment { line, ..segment });
                 }
             });
         }

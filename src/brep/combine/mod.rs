@@ -104,21 +104,40 @@ pub fn combine(
         is_inside: &|windings| table.is_inside(windings),
     };
     let is_unbounded = table.is_inside(&far);
-    let (exact, mut done) = divide(&faces, &operands, path, memory / 2, progress)?;
+    let (exact, done) = divide(&faces, &operands, path, memory / 2, progress)?;
     drop(faces);
-    let rounded = round(exact, is_unbounded, path, memory / 2, progress, &mut done)?;
-    let Rounded { faces, stands_in, exact } = rounded;
-    let Rounds { pairs, divided, displacement, .. } = done;
+    let Rounds { pairs, divided, .. } = done;
+    let mut rounded = round(exact)?;
+    let mut is_whole = bodies.are_all_near;
+    if rounded.crossings(path, memory / 2, progress)? > 0 {
+        if let (false, Some(rest)) = (is_whole, bodies.all_settled(memory / 4, progress)?) {
+            rounded.append(&rest);
+            is_whole = true;
+        }
+        if is_whole {
+            let mut rounds = 0;
+            let whole = rounded.clone();
+            let (mended, is_done) =
+                whole.mended(is_unbounded, MOST_ROUNDS, path, memory / 2, progress, &mut rounds)?;
+            // (Otherwise the surface stays as it is, and it is told where it passes through itself.)
+            if is_done {
+                rounded = mended;
+            }
+        }
+    }
+    let Rounded { faces, stands_in, exact, displacement, .. } = rounded;
     let displacement = displacement * grid.width();
     let is_on_grid = exact.is_empty();
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
         .boolean_faces(BOOLEAN_FACES)
         .unbounded(is_unbounded);
     let mut settled = 0u32;
-    bodies.settled(progress, &mut |face| {
-        settled += 1;
-        builder.push(face)
-    })?;
+    if !is_whole {
+        bodies.settled(progress, &mut |face| {
+            settled += 1;
+            builder.push(face)
+        })?;
+    }
     faces.each(&mut |face| builder.push(face))?;
     let after = u64::from(settled) + faces.len();
     drop(faces);
@@ -136,6 +155,9 @@ pub fn combine(
     }
     Ok(CombineReport { before, after, pairs, divided, displacement, grid, is_unbounded, built })
 }
+
+/// Times that faces are divided anew to mend what moving vertices to the grid did.
+const MOST_ROUNDS: u32 = 4;
 
 /// Names, attributes, unit and place of the result.
 fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {

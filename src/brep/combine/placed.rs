@@ -230,6 +230,21 @@ impl<'a> Bodies<'a> {
         Ok(())
     }
 
+    /// What becomes of the faces that are not near other bodies, in a list; `None` if that would be larger than `memory`.
+    pub(super) fn all_settled(&self, memory: u64, progress: &dyn Progress) -> Result<Option<FaceList>> {
+        // (A triangle takes about as much.)
+        const TRIANGLE: u64 = 80;
+        if self.models.iter().map(|model| model.len()).sum::<u64>() * TRIANGLE > memory {
+            return Ok(None);
+        }
+        let mut list = FaceList::new(self.placed.grid.clone(), Vec::new());
+        self.settled(progress, &mut |face| {
+            list.push(face);
+            Ok(())
+        })?;
+        Ok(Some(list))
+    }
+
     /// Hands out the faces of a model on the common grid, with what becomes of those that are not near other bodies.
     fn each(
         &self,

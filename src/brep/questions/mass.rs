@@ -67,10 +67,7 @@ impl ExactModel {
     /// See [`Faces::volume_beside`]: in doubles.
     pub(in crate::brep) fn volume_of_exact_part(&self) -> Result<f64> {
         let part = self.exact_part()?;
-        // From the middle of the grid, so that cones are small.
-        let middle = (1u64 << self.grid().bits) as f64 / 2.0;
         let cone = |[a, b, c]: [[f64; 3]; 3]| {
-            let [a, b, c] = [a, b, c].map(|point| point.map(|at| at - middle));
             a[0] * (b[1] * c[2] - b[2] * c[1])
                 + a[1] * (b[2] * c[0] - b[0] * c[2])
                 + a[2] * (b[0] * c[1] - b[1] * c[0])

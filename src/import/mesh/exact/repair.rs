@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::brep::arrangement::{ExactFaces, Operands, Rounds, divide, round};
+use crate::brep::arrangement::{ExactFaces, Operands, Rounded, Rounds, divide, round};
 use crate::brep::{FaceList, Faces};
 use crate::{Error, Progress, Result};
 
@@ -22,6 +22,10 @@ pub struct Repair {
     pub displacement: f64,
 }
 
+/// Times after which a surface is left as it is, as where it gets worse: the builder of the file then tells where it still
+/// crosses itself. (The worst scans of the test data take five.)
+const MOST_ROUNDS: u32 = 12;
+
 /// Takes away what does not bound the body; the surface is closed. `path` is a model's for errors.
 pub(super) fn repair(
     faces: FaceList,
@@ -38,9 +42,10 @@ pub(super) fn repair(
         winding: &|_, _| None,
         is_inside: &|windings| windings[0] > 0,
     };
-    let (faces, mut done) = divide(&ExactFaces::of_grid(faces), &all, path, memory, progress)?;
-    let faces = round(faces, false, path, memory, progress, &mut done)?.faces;
-    let Rounds { pairs, divided, removed, rounds, displacement } = done;
+    let (faces, done) = divide(&ExactFaces::of_grid(faces), &all, path, memory, progress)?;
+    let Rounds { pairs, divided, removed, mut rounds } = done;
+    let (rounded, _) = round(faces)?.mended(false, MOST_ROUNDS, path, memory, progress, &mut rounds)?;
+    let Rounded { faces, displacement, .. } = rounded;
     if faces.is_empty() {
         return Err(Error::NoBody {
             path: path.to_path_buf(),
