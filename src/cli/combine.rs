@@ -23,7 +23,7 @@ pub(crate) struct Args {
     /// Operation: see below
     #[arg(value_parser = parse_operation)]
     operation: OperationName,
-    /// Tree files of one kind
+    /// Tree files of one kind, or exact models
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// The file to make; - is standard output
@@ -60,6 +60,9 @@ Set operations; a cell is present if it is not VOID. By number (1: both, 2: A on
   12 not     13 b|!a                14 nand              15 all     (not: of one file, too; or: of many)
 Solids whose cells tell coverage are combined by how far they fill cells, taken to overlap as far as they
 can: A-A is empty, volumes add up, and only cells with both surfaces can be off, by half a cell at most.
+Exact models (build --exact) are combined as surfaces, exactly, if their grids have the same steps (--grid): new
+corners are kept as fractions, and rounded to the grid only for questions and export. Operations with 8 have all
+that is far away. (0, 1, 2, 6, 7 and their complements are for any number of models.)
 Operations on values:
   over       the first of any number of files that has something
   mask       A where B has something

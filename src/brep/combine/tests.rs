@@ -183,3 +183,32 @@ fn laws_of_sets_hold() {
         assert_same(&combined(2, &[a, b, c]), &combined(2, &[&combined(2, &[a, b]), c]), &what("minus both"));
     }
 }
+
+/// Operations on results, on lattices of few points, where many planes go through one edge.
+#[test]
+fn volumes_of_results_add_up() {
+    let of = |corners: Tetrahedron| model(&tetrahedron(corners).unwrap());
+    let check = |a: &ExactModel, b: &ExactModel, c: &ExactModel, what: &str| {
+        for operation in [1, 2, 6, 7] {
+            let x = combined(operation, &[a, b]);
+            let [both, any] = [1, 7].map(|operation| six_volumes(&combined(operation, &[&x, c])));
+            assert_eq!((both + any) % P, (six_volumes(&x) + six_volumes(c)) % P, "{what}, {operation}");
+        }
+    };
+    check(
+        &of([[0, 2, 1], [0, 3, 2], [2, 1, 2], [3, 1, 0]]),
+        &of([[0, 0, 1], [1, 1, 3], [2, 3, 3], [3, 2, 2]]),
+        &of([[1, 0, 0], [2, 0, 2], [2, 2, 0], [3, 2, 3]]),
+        "first",
+    );
+    check(
+        &of([[2, 2, 0], [2, 3, 2], [2, 3, 3], [3, 0, 1]]),
+        &of([[0, 0, 2], [0, 2, 3], [1, 2, 3], [3, 2, 0]]),
+        &of([[0, 3, 3], [2, 3, 0], [3, 0, 0], [3, 3, 2]]),
+        "second",
+    );
+    for seed in 200..240 {
+        let bodies = bodies(seed, [4, 5, 6, 12][seed as usize % 4], 3);
+        check(&bodies[0], &bodies[1], &bodies[2], &format!("{seed}"));
+    }
+}
