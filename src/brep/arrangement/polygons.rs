@@ -34,7 +34,8 @@ pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
     }
     for (index, place) in places.iter().enumerate().filter(|(index, _)| at_a[*index] && at_b[*index]) {
         let is_end = is_common.get(index).is_some_and(|is| *is) || (index > 0 && is_common[index - 1]);
-        if !is_end && !(has_corner(a, place) && has_corner(b, place)) {
+        let is_regular = is_end || (has_corner(a, place) && has_corner(b, place));
+        if !is_regular {
             found.points.push(*place);
         }
     }

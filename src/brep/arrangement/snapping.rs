@@ -7,7 +7,7 @@
 
 use super::boxes::{BoxTree, touch};
 use super::rounds::EachFace;
-use crate::brep::{Face, FaceList, Faces};
+use crate::brep::{Face, FaceList};
 use crate::{Progress, Result};
 
 /// Hands out all faces, with corners added where edges pass some vertices closer than a step, and whether that was so
@@ -25,7 +25,7 @@ pub(super) fn snap(
     let tree = BoxTree::of((0..).zip(&unique).map(|(number, at)| (number, [*at; 2])).collect());
     let (mut points, mut colours, mut ring_ends) = (Vec::new(), Vec::new(), Vec::new());
     let mut near = Vec::new();
-    for number in 0..faces.len() as usize {
+    for (number, is_changed) in changed.iter().enumerate() {
         if number % 4096 == 0 {
             progress.check()?;
         }
@@ -46,7 +46,7 @@ pub(super) fn snap(
             ring_ends.push(points.len());
         }
         let face = Face { points: &points, ring_ends: &ring_ends, colours: &colours, ..face };
-        each(&face, added > 0 || changed[number])?;
+        each(&face, added > 0 || *is_changed)?;
     }
     Ok(())
 }

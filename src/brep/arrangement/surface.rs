@@ -164,6 +164,9 @@ pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     }
 }
 
+/// Components by their first faces, each with a face that has an area.
+type Samples = Vec<(u32, u32)>;
+
 /// A face's regions that stay.
 #[derive(Default)]
 struct Divided {
@@ -266,7 +269,7 @@ impl<'a> Surface<'a> {
         &self,
         touching: &HashMap<u32, Vec<u32>>,
         progress: &dyn Progress,
-    ) -> Result<(Vec<u32>, Vec<(u32, u32)>)> {
+    ) -> Result<(Vec<u32>, Samples)> {
         let count = self.planes.len() as u32;
         let mut parents: Vec<u32> = (0..count).collect();
         let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
