@@ -233,7 +233,7 @@ impl ExactPoint {
             }
             let low = near.floor() as i32;
             let twice_middle = wide(2 * i128::from(low) + 1) * self.weight;
-            low + i32::from(self.at[axis] + self.at[axis] >= twice_middle)
+            low.saturating_add(i32::from(self.at[axis] + self.at[axis] >= twice_middle))
         })
     }
 }
