@@ -31,16 +31,24 @@ fn shorts(numbers: impl IntoIterator<Item = u32>) -> Vec<u8> {
     numbers.into_iter().flat_map(u32::to_le_bytes).collect()
 }
 
+fn trailer(file: &[u8]) -> usize {
+    let end = file.len() - 16;
+    end - short(file, end) as usize
+}
+
+/// A section of a file, if there.
+pub fn section<'a>(file: &'a [u8], tag: &[u8; 4]) -> Option<&'a [u8]> {
+    let trailer = trailer(file);
+    let mut sections = (0..short(file, trailer + 64) as usize).map(|i| trailer + 68 + 24 * i);
+    let at = sections.find(|at| file[*at..].starts_with(tag))?;
+    let start = long(file, at + 8) as usize;
+    Some(&file[start..start + long(file, at + 16) as usize])
+}
+
 impl BrepFile {
     pub fn of(file: &[u8]) -> BrepFile {
-        let end = file.len() - 16;
-        let trailer = end - short(file, end) as usize;
-        let section = |tag: &[u8; 4]| {
-            let mut sections = (0..short(file, trailer + 64) as usize).map(|i| trailer + 68 + 24 * i);
-            let at = sections.find(|at| file[*at..].starts_with(tag)).unwrap();
-            let start = long(file, at + 8) as usize;
-            &file[start..start + long(file, at + 16) as usize]
-        };
+        let trailer = trailer(file);
+        let section = |tag: &[u8; 4]| section(file, tag).unwrap();
         let pieces = |tag: &[u8; 4]| {
             let piece = |entry: &[u8]| {
                 let start = long(entry, 8) as usize;

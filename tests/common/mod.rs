@@ -9,6 +9,8 @@ pub mod gltf_file;
 pub mod mesh_file;
 pub mod octree;
 pub mod reference;
+#[cfg(feature = "mesh")]
+pub mod sets;
 pub mod solid;
 pub mod tiff_file;
 

@@ -11,6 +11,7 @@ mod island;
 mod targets;
 
 mod attack_autumnal;
+mod attack_exact_faces;
 mod attack_goblin;
 mod attack_model;
 mod autumnal;

@@ -7,6 +7,12 @@ mod common;
 mod brep_topology;
 mod coverage;
 mod crops;
+#[cfg(feature = "mesh")]
+mod exact_bodies;
+#[cfg(feature = "mesh")]
+mod exact_operands;
+#[cfg(feature = "mesh")]
+mod exact_sets;
 mod operations;
 mod pixels;
 mod queries;

@@ -10,6 +10,7 @@ mod cli_build;
 mod cli_crs;
 mod cli_edits;
 mod cli_exact;
+mod cli_exact_sets;
 mod cli_gltf;
 mod cli_info;
 mod cli_meshes;

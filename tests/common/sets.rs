@@ -1,0 +1,107 @@
+//! Set operations on exact models made in tests, and what their results really are.
+
+use spinney::Result;
+use spinney::brep::questions::{Location, MassProperties};
+use spinney::brep::topology::{Topology, TopologyOptions};
+use spinney::brep::{BOOLEAN_FACES, CombineReport, ExactModel, FaceList, Faces, Grid, combine};
+use spinney::io::Output;
+
+use super::exact::{Ring, built, model_on};
+
+pub type Solid = Vec<Vec<Ring>>;
+
+/// Memory that is enough.
+pub const MEMORY: u64 = 256 << 20;
+
+/// A model in memory, with the bytes of its file.
+pub struct Body {
+    pub model: ExactModel,
+    pub bytes: Vec<u8>,
+}
+
+/// A grid of 2^bits steps of 1.
+pub fn grid(bits: u8) -> Grid {
+    Grid { bits, origin: [0; 3], step: 1.0, divisor: 1.0 }
+}
+
+impl Body {
+    pub fn of_bytes(bytes: Vec<u8>) -> Body {
+        Body { model: ExactModel::from_bytes(bytes.clone()).unwrap(), bytes }
+    }
+
+    pub fn of_list(list: &FaceList) -> Body {
+        let (bytes, report) = built(list, 64 << 20, BOOLEAN_FACES);
+        assert_eq!(report.defects, []);
+        Body::of_bytes(bytes.unwrap())
+    }
+
+    /// A body on a grid of 2^bits whole numbers.
+    pub fn of(faces: &Solid, bits: u8) -> Body {
+        Body::of_list(&model_on(grid(bits), faces))
+    }
+
+    /// The volume; that of a complement is less than nothing.
+    pub fn volume(&self) -> f64 {
+        MassProperties::of(&self.model, &()).unwrap().volume
+    }
+
+    /// Whether every edge has two faces.
+    pub fn is_closed(&self) -> bool {
+        let topology = Topology::of(&self.model, &TopologyOptions::default(), &()).unwrap();
+        topology.euler().boundaries == 0 && topology.is_closed()
+    }
+
+    pub fn is_inside(&self, point: [f64; 3]) -> bool {
+        self.model.locate(point).unwrap() == Location::Inside
+    }
+
+    /// Fails if the surface is open, or the file not as it should be.
+    pub fn check(&self) {
+        assert!(self.is_closed());
+        assert_eq!(self.model.verify(&()).unwrap(), []);
+    }
+}
+
+/// The result of an operation.
+pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineReport)> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("c.goblin");
+    let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
+    let result = combine(operation, &models, Output::create(&path).unwrap(), MEMORY, &());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), usize::from(result.is_ok()));
+    result.map(|report| (Body::of_bytes(std::fs::read(&path).unwrap()), report))
+}
+
+pub fn combined(operation: u8, bodies: &[&Body]) -> Body {
+    let (body, report) =
+        try_combined(operation, bodies).unwrap_or_else(|error| panic!("operation {operation}: {error}"));
+    assert_eq!((report.after, report.is_unbounded), (body.model.len(), body.model.is_unbounded()));
+    body
+}
+
+/// The operation with the bodies in the other order.
+pub fn exchanged(operation: u8) -> u8 {
+    operation & 9 | (operation & 2) << 1 | (operation & 4) >> 1
+}
+
+/// Whether a place belongs to the result that is in those of two bodies.
+pub fn holds(operation: u8, [a, b]: [bool; 2]) -> bool {
+    let bit = match (a, b) {
+        (true, true) => 0,
+        (true, false) => 1,
+        (false, true) => 2,
+        (false, false) => 3,
+    };
+    operation >> bit & 1 == 1
+}
+
+/// The tetrahedron of four points, outward; `None` if it has no volume.
+pub fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Option<Solid> {
+    let to = |p: [i32; 3]| [0, 1, 2].map(|axis| i128::from(p[axis]) - i128::from(a[axis]));
+    let (u, v, w) = (to(b), to(c), to(d));
+    let across = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let six = (0..3).map(|axis| across[axis] * w[axis]).sum::<i128>();
+    let (b, c) = if six > 0 { (b, c) } else { (c, b) };
+    let faces = [[a, c, b], [a, b, d], [b, c, d], [c, a, d]];
+    (six != 0).then(|| faces.iter().map(|ring| vec![ring.to_vec()]).collect())
+}

@@ -1,0 +1,153 @@
+//! The section of faces with corners beside the grid: every field set to whatever does harm, with right checksums, and bytes at
+//! random. Files are refused, or answer, and are combined again or refused.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use spinney::brep::{ExactModel, combine};
+use spinney::io::Output;
+use spinney::store::OpenOptions;
+
+use super::attack_goblin::{Field, changed, fields};
+use crate::common::Random;
+use crate::common::command::{is_alone, own_peak_memory};
+use crate::common::exact::{cuboid, model_on, push};
+use crate::common::sets::{Body, combined, grid, tetrahedron};
+use crate::targets::models::ask_model;
+use crate::targets::seal::{self, SECTION, TRAILER};
+
+/// Two bodies that pass through each other in all kinds of planes, as one; with colours or without.
+fn crossing(is_coloured: bool) -> Vec<u8> {
+    let colour = is_coloured.then_some([1, 2, 3]);
+    let of = |faces: Vec<Vec<Vec<[i32; 3]>>>| {
+        let mut list = model_on(grid(5), &[]);
+        faces.iter().for_each(|rings| push(&mut list, rings, 0, colour));
+        Body::of_list(&list)
+    };
+    let a = of(cuboid([3; 3], [20, 21, 19]));
+    let b = of(tetrahedron([[1, 12, 11], [29, 9, 2], [12, 30, 9], [14, 7, 28]]).unwrap());
+    combined(7, &[&a, &b]).bytes
+}
+
+/// Where the section is.
+fn place(file: &[u8]) -> (usize, usize) {
+    let trailer = seal::trailer(file).unwrap();
+    let mut sections = (0..seal::short(file, trailer + 64) as usize).map(|i| trailer + TRAILER + SECTION * i);
+    let at = sections.find(|at| file[*at..].starts_with(b"EXAC")).unwrap();
+    (seal::long(file, at + 8) as usize, seal::long(file, at + 16) as usize)
+}
+
+/// All fields of the section; of numbers that are wider than eight bytes, the first and the last.
+fn all_fields(file: &[u8]) -> Vec<Field> {
+    let (start, length) = place(file);
+    let count = |word: usize| seal::short(file, start + 4 * word) as usize;
+    let [faces, planes, vertices, rings, corners, stand_ins] = [0, 1, 2, 3, 4, 5].map(count);
+    let mut all = fields("the head", start, &[4; 8]);
+    let mut at = start + 32;
+    for (name, times, sizes) in [
+        ("a plane", planes, &[8, 8, 8, 8, 8][..]),
+        ("a vertex", vertices, &[8, 8, 8, 1, 8, 8, 8, 1, 8, 8, 8, 1, 8, 8, 6]),
+        ("a face", faces, &[4, 4, 8]),
+        ("the ends of faces", faces, &[4]),
+        ("the ends of rings", rings, &[4]),
+        ("a corner", corners, &[4, 4]),
+        ("a colour", if count(6) == 1 { corners } else { 0 }, &[1, 1, 1]),
+        ("a face that stands for others", stand_ins, &[4]),
+    ] {
+        for _ in 0..times {
+            all.extend(fields(name, at, sizes));
+            at += sizes.iter().sum::<usize>();
+        }
+    }
+    assert_eq!(at, start + length);
+    let trailer = seal::trailer(file).unwrap();
+    for section in 0..seal::short(file, trailer + 64) as usize {
+        all.extend(fields("a section", trailer + TRAILER + section * SECTION, &[4, 4, 8, 8]));
+    }
+    all
+}
+
+/// Asks everything of a file, and combines it with another.
+fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
+    let case = Instant::now();
+    ask_model(file.clone());
+    let opened = ExactModel::from_backend(Path::new("(changed)"), Box::new(file), &OpenOptions::new());
+    if let Ok(model) = opened {
+        let is_good = model.verify(&()).unwrap().is_empty();
+        for (operation, models) in [(7, [&model, other]), (2, [other, &model])] {
+            let result = combine(operation, &models, Output::create(target).unwrap(), 16 << 20, &());
+            // (What is no surface may have no result.)
+            if result.is_ok() && is_good {
+                ExactModel::from_bytes(std::fs::read(target).unwrap()).unwrap();
+            }
+        }
+    }
+    assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
+}
+
+fn attack(test: &str, is_coloured: bool, share: u64) {
+    if !is_alone(&format!("attack_exact_faces::{test}")) {
+        return;
+    }
+    let file = crossing(is_coloured);
+    let other = Body::of(&cuboid([8; 3], [26, 12, 30]), 5).model;
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("x.goblin");
+    let mut random = Random(7);
+    let (mut cases, start) = (0u64, Instant::now());
+    for field in all_fields(&file) {
+        changed(&file, &field, &mut |mut file, what| {
+            // Some of all, so that it does not take long.
+            if random.below(share) == 0 {
+                seal::goblin(&mut file);
+                ask(file, &other, &target, &what);
+                cases += 1;
+            }
+        });
+    }
+    println!("{cases} cases in {:?}", start.elapsed());
+    assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
+}
+
+#[test]
+fn fields_of_exact_faces() {
+    attack("fields_of_exact_faces", false, 64);
+}
+
+#[test]
+fn fields_of_coloured_exact_faces() {
+    attack("fields_of_coloured_exact_faces", true, 64);
+}
+
+#[test]
+fn bytes_at_random() {
+    if !is_alone("attack_exact_faces::bytes_at_random") {
+        return;
+    }
+    let good = crossing(true);
+    let (start, length) = place(&good);
+    let other = Body::of(&cuboid([8; 3], [26, 12, 30]), 5).model;
+    let folder = tempfile::tempdir().unwrap();
+    let target = folder.path().join("x.goblin");
+    let mut random = Random(8);
+    for round in 0..200 {
+        let mut file = good.clone();
+        for _ in 0..1 + random.below(4) {
+            let at = start + random.below(length as u64) as usize;
+            match random.below(4) {
+                0 => file[at] = random.next() as u8,
+                1 => file[at] = file[at].wrapping_add(1),
+                2 => file[at] = 0,
+                // A few bytes from elsewhere in it.
+                _ => {
+                    let from = start + random.below(length as u64 - 8) as usize;
+                    let to = at.min(start + length - 8);
+                    file.copy_within(from..from + 8, to);
+                }
+            }
+        }
+        seal::goblin(&mut file);
+        ask(file, &other, &target, &format!("round {round}"));
+    }
+    assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
+}

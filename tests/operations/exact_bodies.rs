@@ -1,0 +1,319 @@
+//! Set operations on exact models in any position: what they have in common, how large they are, and which points are in them.
+
+use spinney::brep::Faces;
+
+use crate::common::Random;
+use crate::common::exact::{cuboid, prism, turned};
+use crate::common::sets::{Body, Solid, combined, exchanged, holds, tetrahedron, try_combined};
+use crate::common::solid::{Triangle, winding};
+
+/// Operations whose results add up.
+const ALL: std::ops::Range<u8> = 0..16;
+
+fn scaled(faces: &Solid, times: i32) -> Solid {
+    mapped(faces, |point| point.map(|at| at * times))
+}
+
+fn mapped(faces: &Solid, map: impl Fn([i32; 3]) -> [i32; 3]) -> Solid {
+    let ring = |ring: &Vec<[i32; 3]>| ring.iter().copied().map(&map).collect();
+    faces.iter().map(|rings| rings.iter().map(ring).collect()).collect()
+}
+
+/// The triangles of faces without holes.
+fn triangles(faces: &Solid) -> Vec<Triangle> {
+    let fan = |ring: &Vec<[i32; 3]>| -> Vec<Triangle> {
+        (2..ring.len()).map(|i| [0, i - 1, i].map(|corner| ring[corner].map(f64::from))).collect()
+    };
+    faces.iter().flat_map(|rings| fan(&rings[0])).collect()
+}
+
+/// Results of some operations, which have to be closed.
+struct Results<'a> {
+    bodies: [&'a Body; 2],
+    results: Vec<(u8, Body)>,
+}
+
+impl<'a> Results<'a> {
+    fn of(bodies: [&'a Body; 2], operations: impl IntoIterator<Item = u8>, name: &str) -> Results<'a> {
+        let result = |operation: u8| {
+            let (body, report) = try_combined(operation, &bodies)
+                .unwrap_or_else(|error| panic!("{name}, operation {operation}: {error}"));
+            assert_eq!(body.model.is_unbounded(), operation >= 8, "{name}, operation {operation}");
+            assert_eq!(body.model.verify(&()).unwrap(), [], "{name}, operation {operation}");
+            // (What is thinner than a step cannot be a surface on the grid.)
+            assert!(report.built.defect_count > 0 || body.is_closed(), "{name}, operation {operation}");
+            (operation, body)
+        };
+        Results { bodies, results: operations.into_iter().map(result).collect() }
+    }
+
+    fn volume(&self, operation: u8) -> f64 {
+        self.results.iter().find(|(known, _)| *known == operation).unwrap().1.volume()
+    }
+
+    /// Fails unless volumes are sums of those of the three parts, or leave out what the complement has, and these parts are
+    /// all of both bodies.
+    fn assert_add_up(&self, name: &str) {
+        let [a, b] = self.bodies.map(Body::volume);
+        let side = f64::from(1u32 << self.bodies[0].model.grid().bits);
+        let least = 1e-9 * (a.abs() + b.abs()) + 1e-15 * side.powi(3);
+        let [common, first, second] = [1, 2, 4].map(|operation| self.volume(operation));
+        let assert_near = |found: f64, expected: f64, what: &str| {
+            assert!((found - expected).abs() <= least, "{name}, {what}: {found} {expected}");
+        };
+        assert_near(common + first, a, "first");
+        assert_near(common + second, b, "second");
+        for (operation, body) in &self.results {
+            let sum = |table: u8| {
+                let parts = [(1, common), (2, first), (4, second)].into_iter();
+                parts.filter(|(bit, _)| table & bit > 0).map(|(_, volume)| volume).sum::<f64>()
+            };
+            let expected = if *operation < 8 { sum(*operation) } else { -sum(15 - operation) };
+            assert_near(body.volume(), expected, &format!("operation {operation}"));
+        }
+    }
+}
+
+#[test]
+fn bodies_that_touch() {
+    let tetrahedron = |corners| tetrahedron(corners).unwrap();
+    let [o, p, q, r] = [[10, 20, 30], [70, 10, 50], [30, 90, 20], [40, 40, 100]];
+    let first = tetrahedron([o, p, q, r]);
+    let middle = |a: [i32; 3], b: [i32; 3]| [0, 1, 2].map(|axis| (a[axis] + b[axis]) / 2);
+    // A point on the other side of the face o, p, q.
+    let below = [50, 45, -40];
+    let cases = [
+        ("a face", tetrahedron([o, p, q, below]), 0.0),
+        ("half of a face", tetrahedron([o, p, middle(p, q), below]), 0.0),
+        ("a face and more", tetrahedron([o, [130, 0, 70], q, below]), 0.0),
+        ("a part of a face", tetrahedron([o, middle(o, p), middle(o, q), below]), 0.0),
+        ("an edge", tetrahedron([o, p, [0, -60, 0], below]), 0.0),
+        ("a part of an edge", tetrahedron([o, middle(o, p), [0, -60, 0], below]), 0.0),
+        ("a vertex", tetrahedron([o, [-20, 0, 0], [0, -30, 0], [0, 0, -40]]), 0.0),
+        ("a vertex on an edge", tetrahedron([middle(o, p), [50, -60, 0], [60, -50, 10], below]), 0.0),
+        ("the same", first.clone(), 1.0),
+        ("half of it", tetrahedron([o, p, q, middle(o, r)]), 0.5),
+        ("a face from inside", tetrahedron([o, p, q, [40, 45, 40]]), 2.0),
+    ];
+    for (name, second, share) in cases {
+        let shift = |faces: &Solid| scaled(&mapped(faces, |p| p.map(|at| at + 100)), 1 << 6);
+        let (a, b) = (Body::of(&shift(&first), 16), Body::of(&shift(&second), 16));
+        let results = Results::of([&a, &b], ALL, name);
+        results.assert_add_up(name);
+        let common = results.volume(1);
+        let expected = if share <= 1.0 { share * a.volume() } else { b.volume() };
+        assert!((common - expected).abs() < 1e-9 * a.volume(), "{name}: {common} {expected}");
+        Results::of([&b, &a], ALL, name).assert_add_up(name);
+    }
+}
+
+/// Very thin wedges that cross: planes meet far outside of the space, and corners lie close to each other.
+#[test]
+fn slivers() {
+    let far = 1 << 20;
+    let wedge = |thick: i32| {
+        prism(&[vec![[1000, 1000], [far - 1000, 70_000], [far - 1000, 70_000 + thick]]], 5000, far - 5000)
+    };
+    let turn = |faces: &Solid| turned(mapped(faces, |[x, y, z]| [y + 300_000, x, z]));
+    let lean =
+        |faces: &Solid| mapped(&triangulated(faces), |[x, y, z]| [x, y + x / 7 + z / 3, z - x / 5 + 300_000]);
+    for thick in [1, 1000] {
+        let bodies = [wedge(thick), turn(&wedge(thick)), turn(&wedge(1))].map(|faces| {
+            // (Between points of the lattice there is room for what is thinner.)
+            [&faces, &lean(&faces)].map(|faces| Body::of(&scaled(faces, 16), 25))
+        });
+        for [one, other] in [[0, 1], [1, 2], [0, 2]] {
+            for kind in [[0, 0], [1, 1], [0, 1]] {
+                let (a, b) = (&bodies[one][kind[0]], &bodies[other][kind[1]]);
+                let name = format!("{thick}, {one} and {other}, {kind:?}");
+                // (Symmetric differences of such make an octree of millions of nodes.)
+                let operations = ALL.filter(|operation| kind == [0, 0] || operation % 15 % 3 != 0);
+                Results::of([a, b], operations, &name).assert_add_up(&name);
+            }
+        }
+    }
+}
+
+fn triangulated(faces: &Solid) -> Solid {
+    let fan = |ring: &Vec<[i32; 3]>| -> Solid {
+        (2..ring.len()).map(|i| vec![vec![ring[0], ring[i - 1], ring[i]]]).collect()
+    };
+    faces.iter().flat_map(|rings| fan(&rings[0])).collect()
+}
+
+/// A tetrahedron with corners on a lattice of so many points along each side, which are so many steps apart.
+fn random_tetrahedron(random: &mut Random, points: u64, step: i32) -> Solid {
+    loop {
+        let corners = [0; 4].map(|_| [0; 3].map(|_| random.below(points) as i32 * step));
+        if let Some(faces) = tetrahedron(corners) {
+            return faces;
+        }
+    }
+}
+
+/// Tetrahedra, and the body of all of them.
+fn random_heap(random: &mut Random, points: u64, step: i32, bits: u8) -> (Vec<Vec<Triangle>>, Body) {
+    let count = 1 + random.below(4);
+    let solids: Vec<Solid> = (0..count).map(|_| random_tetrahedron(random, points, step)).collect();
+    let bodies: Vec<Body> = solids.iter().map(|faces| Body::of(faces, bits)).collect();
+    let body = match &bodies[..] {
+        [_] => bodies.into_iter().next().unwrap(),
+        _ => combined(7, &bodies.iter().collect::<Vec<_>>()),
+    };
+    (solids.iter().map(triangles).collect(), body)
+}
+
+/// Heaps of tetrahedra on lattices of so many points, in a fine grid.
+fn heaps(seed: u64, points: u64, rounds: u32) {
+    let mut random = Random(seed);
+    let mut inside = [0; 4];
+    let bits = 20;
+    let step = ((1u64 << bits) - 1) / points;
+    for round in 0..rounds {
+        let name = format!("{points}, round {round}");
+        let [(solids_a, a), (solids_b, b)] =
+            [(); 2].map(|()| random_heap(&mut random, points, step as i32, bits));
+        let results = Results::of([&a, &b], [1, 2, 4, 7, 8], &name);
+        results.assert_add_up(&name);
+        for (operation, result) in results.results {
+            for _ in 0..40 {
+                let point = [0; 3].map(|_| random.below(points * step * 8) as f64 / 8.0 + 0.0123);
+                if result.model.nearest(point).unwrap().is_some_and(|nearest| nearest.distance < 4.0) {
+                    continue;
+                }
+                let is_in = |solids: &[Vec<Triangle>]| solids.iter().any(|solid| winding(solid, point) > 0.5);
+                let places = [is_in(&solids_a), is_in(&solids_b)];
+                assert_eq!(
+                    result.is_inside(point),
+                    holds(operation, places),
+                    "{name}, {operation} at {point:?}"
+                );
+                inside[usize::from(places[0]) + 2 * usize::from(places[1])] += 1;
+            }
+        }
+    }
+    assert!(inside.iter().all(|count| *count > 10), "{inside:?}");
+}
+
+#[test]
+fn heaps_on_lattices() {
+    heaps(2, 100, 50);
+}
+
+#[test]
+fn heaps_on_fine_lattices() {
+    heaps(3, 1001, 50);
+}
+
+/// The other order, in general position: as many faces, and the same volume but for the order of a sum.
+#[test]
+fn the_order_of_bodies_does_not_matter() {
+    let mut random = Random(6);
+    for round in 0..20 {
+        let mut body = || Body::of(&random_tetrahedron(&mut random, 1 << 20, 1), 20);
+        let (a, b) = (body(), body());
+        for operation in ALL {
+            let one = combined(operation, &[&a, &b]);
+            let other = combined(exchanged(operation), &[&b, &a]);
+            let name = format!("{round}, operation {operation}");
+            assert_eq!(one.model.len(), other.model.len(), "{name}");
+            let scale = one.volume().abs().max(1.0);
+            assert!((one.volume() - other.volume()).abs() <= 1e-14 * scale, "{name}");
+        }
+    }
+}
+
+/// The symmetries of the cube: which axis each axis comes from, and whether it is mirrored.
+fn symmetries() -> Vec<([usize; 3], [bool; 3])> {
+    let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
+    let mirrors = (0..8).map(|number| [0, 1, 2].map(|axis| number >> axis & 1 > 0));
+    mirrors.flat_map(|mirror| orders.map(|order| (order, mirror))).collect()
+}
+
+/// Faces turned in a cube with sides of so much.
+fn symmetric(faces: &Solid, (order, mirror): ([usize; 3], [bool; 3]), side: i32) -> Solid {
+    let faces = mapped(faces, |point| {
+        [0, 1, 2].map(|axis| if mirror[axis] { side - point[order[axis]] } else { point[order[axis]] })
+    });
+    let mirrors = mirror.iter().filter(|is| **is).count();
+    let is_odd = (order[1] + 3 - order[0]) % 3 == 2;
+    if (mirrors % 2 == 1) != is_odd { turned(faces) } else { faces }
+}
+
+#[test]
+fn symmetries_of_the_cube_do_not_matter() {
+    let side = 1 << 12;
+    let mut random = Random(8);
+    let mut heap = || -> [Solid; 2] { [(); 2].map(|()| random_tetrahedron(&mut random, 1 << 12, 1)) };
+    let boxes =
+        || [cuboid([100, 200, 300], [2000, 2500, 2600]), cuboid([1500, 200, 900], [4000, 2600, 2700])];
+    for (pair, is_whole) in [(heap(), false), (boxes(), true)] {
+        let mut first: Option<Vec<f64>> = None;
+        for symmetry in symmetries() {
+            let [a, b] = pair.each_ref().map(|faces| Body::of(&symmetric(faces, symmetry, side), 13));
+            let volumes: Vec<f64> = [1, 2, 7, 8]
+                .map(|operation| {
+                    let body = combined(operation, &[&a, &b]);
+                    if is_whole { body.volume() } else { body.volume() }
+                })
+                .to_vec();
+            let first = first.get_or_insert_with(|| volumes.clone());
+            for (found, expected) in volumes.iter().zip(first) {
+                let error = (found - *expected).abs();
+                let most = if is_whole { 0.0 } else { 1e-12 * f64::from(side).powi(3) };
+                assert!(error <= most, "{symmetry:?}: {found} {expected}");
+            }
+        }
+    }
+}
+
+/// Octahedra that were turned, one after the other: numbers stay as wide as they are, and files small.
+#[test]
+fn turned_bodies_one_after_the_other() {
+    let mut random = Random(12);
+    let bits = 16;
+    let side = 1u64 << bits;
+    let mut octahedron = |size: u64| {
+        let centre = [0; 3].map(|_| (size + random.below(side - 2 * size)) as i32);
+        let corners: Vec<[i32; 3]> = (0..6)
+            .map(|corner| {
+                let mut at = centre.map(|at| at + random.below(size / 2) as i32 - (size / 4) as i32);
+                let far = (size / 2 + random.below(size / 5)) as i32;
+                at[corner / 2] = centre[corner / 2] + if corner % 2 == 0 { far } else { -far };
+                at
+            })
+            .collect();
+        let octant = |octant: usize| {
+            let [a, b, c] = [0, 1, 2].map(|axis| corners[2 * axis + (octant >> axis & 1)]);
+            vec![if octant.count_ones() % 2 == 0 { vec![a, b, c] } else { vec![a, c, b] }]
+        };
+        (0..8).map(octant).collect::<Solid>()
+    };
+    let first = cuboid([1 << 12; 3], [3 << 14; 3]);
+    let mut body = Body::of(&first, bits);
+    let points: Vec<[f64; 3]> = {
+        let mut random = Random(13);
+        (0..300).map(|_| [0; 3].map(|_| random.below(side * 8) as f64 / 8.0 + 0.01)).collect()
+    };
+    let mut is_in: Vec<bool> = points.iter().map(|point| winding(&triangles(&first), *point) > 0.5).collect();
+    let mut most = 0;
+    for step in 0..60 {
+        let next = octahedron(side / 3);
+        let operation = [2, 7][step % 2];
+        let walls = triangles(&next);
+        for (is_in, point) in is_in.iter_mut().zip(&points) {
+            *is_in = holds(operation, [*is_in, winding(&walls, *point) > 0.5]);
+        }
+        body = combined(operation, &[&body, &Body::of(&next, bits)]);
+        most = most.max(body.bytes.len());
+        if step % 10 == 9 {
+            for (point, expected) in points.iter().zip(&is_in) {
+                if body.model.nearest(*point).unwrap().is_some_and(|nearest| nearest.distance > 4.0) {
+                    assert_eq!(body.is_inside(*point), *expected, "step {step} at {point:?}");
+                }
+            }
+        }
+    }
+    println!("{} faces, {most} bytes", body.model.len());
+    assert!(most < 2 << 20, "{most} bytes");
+}

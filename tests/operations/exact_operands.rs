@@ -1,0 +1,293 @@
+//! What set operations on exact models keep of their operands, and what they say to those that do not fit together.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicI64, Ordering};
+
+use spinney::brep::{Attributes, ExactModel, Faces, Grid, combine};
+use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+use spinney::io::Output;
+use spinney::{Error, Progress};
+
+use crate::common::Random;
+use crate::common::exact::{cuboid, model_on};
+use crate::common::sets::{Body, MEMORY, combined, tetrahedron, try_combined};
+
+/// The body in a file of a mesh.
+fn imported(name: &str, text: &str) -> Body {
+    let folder = tempfile::tempdir().unwrap();
+    let [mesh, path] = [name, "x.goblin"].map(|name| folder.path().join(name));
+    std::fs::write(&mesh, text).unwrap();
+    let mut options = ExactOptions::new();
+    options.grid = Some(1.0 / 1024.0);
+    import_exact(open_all(&[mesh], MEMORY).unwrap(), &options, Output::create(&path).unwrap(), &()).unwrap();
+    Body::of_bytes(std::fs::read(path).unwrap())
+}
+
+/// A tetrahedron of a CityJSON file, and an object without geometry.
+fn city(name: &str, shift: i32) -> Body {
+    let [a, b, c] = [shift, shift + 40, shift + 1];
+    let text = format!(
+        r#"{{"type":"CityJSON","version":"2.0","transform":{{"scale":[1,1,1],"translate":[0,0,0]}},
+        "metadata":{{"title":"{name}"}},"CityObjects":{{"{name}":{{"type":"Road","attributes":{{"lanes":2}},
+        "geometry":[{{"type":"Solid","lod":"2","boundaries":[[[[0,2,1]],[[0,1,3]],[[0,3,2]],[[1,2,3]]]]}}]}},
+        "{name}-x":{{"type":"GenericCityObject"}}}},
+        "vertices":[[{a},{a},{a}],[{b},{c},{a}],[{a},{b},{c}],[{c},{a},{b}]]}}"#
+    );
+    imported("a.city.json", &text)
+}
+
+#[test]
+fn parts_and_attributes_are_those_of_all() {
+    let [a, b, c] = [("one", 0), ("two", 7), ("three", 11)].map(|(name, shift)| city(name, shift));
+    for (operation, bodies) in [(7, vec![&a, &b]), (6, vec![&a, &b, &c]), (8, vec![&b, &a])] {
+        let result = combined(operation, &bodies);
+        let parts: Vec<String> = bodies.iter().flat_map(|body| body.model.parts().to_vec()).collect();
+        assert_eq!(result.model.parts(), parts);
+        let attributes: Vec<Attributes> = bodies.iter().map(|body| body.model.attributes()).collect();
+        let found = result.model.attributes();
+        for number in 0..parts.len() {
+            let (body, own) = (number / 2, number % 2);
+            assert_eq!(found.part(number as u32), attributes[body].part(own as u32), "part {number}");
+        }
+        let files: Vec<String> = attributes.iter().flat_map(|own| own.files().to_vec()).collect();
+        assert_eq!(found.files(), files);
+        // Faces are of the parts that had them.
+        let mut counts = vec![0; parts.len()];
+        let mut sources = Vec::new();
+        let mut add = |face: &spinney::brep::Face<'_>| {
+            counts[face.part as usize] += 1;
+            sources.push((face.part, face.source));
+            Ok(())
+        };
+        result.model.each(&mut add).unwrap();
+        assert!(counts.iter().step_by(2).all(|count| *count > 0), "{counts:?}");
+        assert!(counts.iter().skip(1).step_by(2).all(|count| *count == 0), "{counts:?}");
+        // Four faces each, one file after the other.
+        assert!(sources.iter().all(|(part, source)| u64::from(*part) / 2 == source / 4), "{sources:?}");
+        // They go on.
+        let again = combined(2, &[&result, &c]);
+        assert_eq!(again.model.parts(), [parts, c.model.parts().to_vec()].concat());
+        assert_eq!(again.model.attributes().files().len(), files.len() + c.model.attributes().files().len());
+    }
+}
+
+const COLOURED: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+    property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 4\n\
+    property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n60 1 0 255 0 0\n1 60 0 255 0 0\n\
+    0 1 60 255 0 0\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+const PLAIN: &str = "OFF\n4 4 0\n-20 3 3\n70 4 4\n7 40 5\n8 8 41\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+
+#[test]
+fn colours_stay_and_others_are_white() {
+    let (red, plain) = (imported("a.ply", COLOURED), imported("b.off", PLAIN));
+    for (operation, bodies) in
+        [(7, [&red, &plain]), (7, [&plain, &red]), (6, [&red, &plain]), (2, [&plain, &red])]
+    {
+        let is_first = std::ptr::eq(bodies[0], &red);
+        // One after the other, so that colours of corners beside the grid go through a file, too.
+        let far = Body::of_list(&model_on(red.model.grid().clone(), &cuboid([0; 3], [9; 3])));
+        let result = combined(operation, &bodies);
+        for result in [combined(7, &[&result, &far]), result] {
+            assert!(result.model.is_coloured().unwrap());
+            let mut counts = [0; 2];
+            let mut look = |face: &spinney::brep::Face<'_>| {
+                let is_red = (face.part == 0) == is_first && face.part < 2;
+                let expected = if is_red { [255, 0, 0] } else { [255; 3] };
+                assert!(face.colours.len() == face.points.len());
+                assert!(face.colours.iter().all(|colour| *colour == expected), "{face:?}");
+                counts[usize::from(is_red)] += 1;
+                Ok(())
+            };
+            result.model.each(&mut look).unwrap();
+            assert!(counts[0] > 0 && counts[1] > 0, "{counts:?}");
+        }
+    }
+    assert!(!combined(7, &[&plain, &plain]).model.is_coloured().unwrap());
+}
+
+/// A box on a grid, its corners in steps.
+fn on_grid(grid: &Grid, min: [i32; 3], max: [i32; 3]) -> Body {
+    Body::of_list(&model_on(grid.clone(), &cuboid(min, max)))
+}
+
+fn grid(bits: u8, origin: [i64; 3], step: f64, divisor: f64) -> Grid {
+    Grid { bits, origin, step, divisor }
+}
+
+#[test]
+fn grids_that_fit_become_one() {
+    let whole = grid(4, [0; 3], 1.0, 1.0);
+    // The box from 2 to 6, on several grids.
+    let first = on_grid(&whole, [2; 3], [6; 3]);
+    let cases = [
+        (grid(4, [-3, 5, 0], 1.0, 1.0), [7, -1, 4], 1.0),
+        (grid(8, [-64, -64, -64], 0.25, 1.0), [80; 3], 0.25),
+        (grid(10, [0; 3], 1.0, 10.0), [40; 3], 0.1),
+        (grid(3, [0; 3], 2.0, 1.0), [2; 3], 1.0),
+        (grid(4, [-100, 0, 100], 1.0, 1.0), [4; 3], 1.0),
+    ];
+    for (other, min, width) in cases {
+        let min = [0, 1, 2].map(|axis| min[axis].max(0));
+        let steps = (2.0 / other.width()).round() as i32;
+        let max = min.map(|at| at + steps);
+        let second = on_grid(&other, min, max);
+        let [low, high] = [min, max].map(|point| other.to_world(point));
+        let common: f64 = (0..3).map(|axis| (high[axis].min(6.0) - low[axis].max(2.0)).max(0.0)).product();
+        for (a, b) in [(&first, &second), (&second, &first)] {
+            let [both, all] = [1, 7].map(|operation| combined(operation, &[a, b]));
+            assert!((both.volume() - common).abs() < 1e-12, "{other:?}: {} {common}", both.volume());
+            assert!((all.volume() - (64.0 + 8.0 - common)).abs() < 1e-12, "{other:?}");
+            assert_eq!(all.model.grid().width(), width);
+            all.check();
+            for point in [[2.5; 3], [5.5; 3], [1.5; 3], [0, 1, 2].map(|axis| low[axis] + 0.55)] {
+                let is_in = |[low, high]: [[f64; 3]; 2]| {
+                    (0..3).all(|axis| low[axis] < point[axis] && point[axis] < high[axis])
+                };
+                let places = [is_in([[2.0; 3], [6.0; 3]]), is_in([low, high])];
+                assert_eq!(all.is_inside(point), places[0] || places[1], "{other:?} at {point:?}");
+                assert_eq!(both.is_inside(point), places[0] && places[1], "{other:?} at {point:?}");
+            }
+        }
+    }
+}
+
+/// Corners beside the grid go to another grid as they are.
+#[test]
+fn exact_corners_go_to_other_grids() {
+    let coarse = grid(8, [0; 3], 1.0, 1.0);
+    let body =
+        |corners: [[i32; 3]; 4]| Body::of_list(&model_on(coarse.clone(), &tetrahedron(corners).unwrap()));
+    let a = body([[10, 20, 30], [200, 11, 17], [31, 222, 40], [50, 60, 201]]);
+    let b = body([[0, 90, 31], [207, 71, 99], [61, 22, 140], [150, 160, 91]]);
+    let both = combined(1, &[&a, &b]);
+    for other in
+        [grid(10, [0; 3], 0.25, 1.0), grid(4, [-7, -9, 300], 1.0, 1.0), grid(12, [-900, 4, 5], 1.0, 16.0)]
+    {
+        let cube = on_grid(&other, [1; 3], [5; 3]);
+        let apart = cube.volume();
+        for bodies in [[&both, &cube], [&cube, &both]] {
+            let [common, all] = [1, 7].map(|operation| combined(operation, &bodies).volume());
+            let expected = both.volume() + apart;
+            assert!(
+                (common + all - expected).abs() < 1e-9 * expected,
+                "{other:?}: {common} {all} {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn grids_that_do_not_fit_are_told() {
+    let whole = on_grid(&grid(4, [0; 3], 1.0, 1.0), [2; 3], [6; 3]);
+    let cases = [
+        grid(4, [0; 3], 1.5, 1.0),
+        grid(4, [0; 3], 1.0, 3.3),
+        grid(4, [0; 3], std::f64::consts::PI, 1.0),
+        grid(4, [1 << 40, 0, 0], 1.0, 1.0),
+        grid(4, [0, -(1 << 53), 0], 1.0, 1.0),
+        grid(4, [0, 0, 1 << 50], 1024.0, 1.0),
+        grid(4, [0; 3], 1.0, (1u64 << 40) as f64),
+    ];
+    for other in cases {
+        let second = on_grid(&other, [2; 3], [6; 3]);
+        for bodies in [[&whole, &second], [&second, &whole]] {
+            let error = try_combined(7, &bodies).err().unwrap_or_else(|| panic!("{other:?}"));
+            let text = error.to_string();
+            assert!(matches!(error, Error::Invalid { .. }) && text.contains("--grid"), "{text}");
+        }
+    }
+}
+
+/// Tetrahedra that pass through each other.
+fn heap(seed: u64, count: usize) -> Vec<Body> {
+    let mut random = Random(seed);
+    let mut point = || [0; 3].map(|_| random.below(1 << 16) as i32);
+    let solids = (0..).map(|_| tetrahedron([point(), point(), point(), point()]));
+    let bodies: Vec<Body> =
+        solids.into_iter().flatten().take(count).map(|faces| Body::of(&faces, 17)).collect();
+    bodies
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads() {
+    let bodies = heap(1, 6);
+    let bodies: Vec<&Body> = bodies.iter().collect();
+    for operation in [7, 2, 6] {
+        let bytes = [1, 4].map(|threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| combined(operation, &bodies).bytes)
+        });
+        assert!(bytes[0] == bytes[1], "operation {operation}");
+    }
+}
+
+/// Combines into a file that is there already.
+fn over(bodies: &[&Body], memory: u64, progress: &dyn Progress, path: &Path) -> Result<Vec<u8>, Error> {
+    std::fs::write(path, "as it was").unwrap();
+    let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
+    let result = combine(7, &models, Output::create(path).unwrap(), memory, progress);
+    let bytes = std::fs::read(path).unwrap();
+    assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    assert_eq!(bytes == b"as it was", result.is_err());
+    result.map(|_| bytes)
+}
+
+#[test]
+fn too_little_memory_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("c.goblin");
+    let bodies = heap(2, 12);
+    let bodies: Vec<&Body> = bodies.iter().collect();
+    let enough = over(&bodies, MEMORY, &(), &path).unwrap();
+    let mut too_little = 0;
+    for bits in 10..28 {
+        match over(&bodies, 1 << bits, &(), &path) {
+            Ok(bytes) => assert!(bytes == enough, "{bits}"),
+            Err(Error::TooLarge { limit, .. }) => {
+                assert!(limit <= 1 << bits);
+                too_little += 1;
+            }
+            Err(error) => panic!("{error}"),
+        }
+    }
+    assert!(too_little > 2 && too_little < 16, "{too_little}");
+}
+
+/// Interrupted after some questions.
+struct Stop(AtomicI64);
+
+impl Progress for Stop {
+    fn interrupted(&self) -> bool {
+        self.0.fetch_sub(1, Ordering::Relaxed) <= 0
+    }
+}
+
+#[test]
+fn interruption_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("c.goblin");
+    let bodies = heap(3, 4);
+    let bodies: Vec<&Body> = bodies.iter().collect();
+    let expected = over(&bodies, MEMORY, &(), &path).unwrap();
+    let mut questions = 0i64;
+    let found = loop {
+        match over(&bodies, MEMORY, &Stop(questions.into()), &path) {
+            Ok(bytes) => break bytes,
+            Err(error) => assert!(matches!(error, Error::Interrupted), "{error}"),
+        }
+        questions += 1 + questions / 8;
+    };
+    assert!(questions > 10, "{questions}");
+    assert!(found == expected);
+}
+
+#[test]
+fn wrong_numbers_of_bodies_are_told() {
+    let body = on_grid(&grid(4, [0; 3], 1.0, 1.0), [1; 3], [5; 3]);
+    let cases: [(u8, usize); 9] =
+        [(7, 0), (7, 1), (1, 1), (5, 1), (3, 3), (4, 3), (10, 3), (16, 2), (255, 1)];
+    for (operation, count) in cases {
+        let error = try_combined(operation, &vec![&body; count]).err().unwrap();
+        assert!(error.to_string().contains("bodies"), "{error}");
+    }
+}
