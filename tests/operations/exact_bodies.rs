@@ -317,3 +317,43 @@ fn turned_bodies_one_after_the_other() {
     println!("{} faces, {most} bytes", body.model.len());
     assert!(most < 2 << 20, "{most} bytes");
 }
+
+#[test]
+fn heaps_on_coarse_lattices() {
+    heaps(1, 11, 50);
+}
+
+/// The grid has no points but those of the lattice: new vertices move far, and volumes are still right.
+#[test]
+fn heaps_on_grids_as_coarse_as_their_lattices() {
+    let mut random = Random(4);
+    for round in 0..40 {
+        let bits = [4, 6, 8, 10][round % 4];
+        let mut body = || random_heap(&mut random, 1 << bits, 1, bits).1;
+        let (a, b) = (body(), body());
+        let name = format!("{bits} bits, round {round}");
+        Results::of([&a, &b], ALL, &name).assert_add_up(&name);
+    }
+}
+
+/// Three tetrahedra on a lattice of four points: the second operation has a body with corners beside the grid.
+#[test]
+fn second_operations_on_a_small_lattice() {
+    let cases = [
+        [
+            [[0, 2, 1], [0, 3, 2], [2, 1, 2], [3, 1, 0]],
+            [[0, 0, 1], [1, 1, 3], [2, 3, 3], [3, 2, 2]],
+            [[1, 0, 0], [2, 0, 2], [2, 2, 0], [3, 2, 3]],
+        ],
+        [
+            [[2, 2, 0], [2, 3, 2], [2, 3, 3], [3, 0, 1]],
+            [[0, 0, 2], [0, 2, 3], [1, 2, 3], [3, 2, 0]],
+            [[0, 3, 3], [2, 3, 0], [3, 0, 0], [3, 3, 2]],
+        ],
+    ];
+    for (number, bodies) in cases.into_iter().enumerate() {
+        let [a, b, c] = bodies.map(|corners| Body::of(&tetrahedron(corners).unwrap(), 2));
+        let name = format!("case {number}");
+        Results::of([&combined(2, &[&a, &b]), &c], ALL, &name).assert_add_up(&name);
+    }
+}

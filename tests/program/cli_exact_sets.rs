@@ -185,6 +185,11 @@ fn questions_to_results() {
                 .find(|odd| text.contains(*odd));
             assert!(is_odd.is_none() && !text.is_empty(), "{file}: {is_odd:?} in {text}");
         }
+        assert!(
+            !is_unbounded || texts[1].contains("far away") || texts[1].contains("unbounded"),
+            "{}",
+            texts[1]
+        );
         // Meshes have a surface, and with it a body; nothing may be no file of theirs.
         for format in ["ply", "stl", "obj", "off", "city.json"] {
             let mesh = folder.name(&format!("out.{format}"));
