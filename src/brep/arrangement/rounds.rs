@@ -184,7 +184,8 @@ impl Rounded {
             state.take(rounder);
             let first = *first.get_or_insert(divided.max(50));
             if divided + removed == 0 || *rounds == most_rounds || divided > 2 * first {
-                return Ok((state, divided + removed == 0));
+                let is_done = divided + removed == 0 && is_closed(&state.faces);
+                return Ok((state, is_done));
             }
             *rounds += 1;
             if divided > 0 {
@@ -232,6 +233,20 @@ impl Rounded {
         let stands_in = still.into_iter().map(|still| !still).collect();
         Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement }, made))
     }
+}
+
+/// Whether each edge is there as often in one direction as in the other.
+fn is_closed(faces: &FaceList) -> bool {
+    let mut edges = Vec::new();
+    for number in 0..faces.len() as usize {
+        for ring in faces.get(number).rings() {
+            edges.extend((0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]));
+        }
+    }
+    let mut turned: Vec<_> = edges.iter().map(|[from, to]| [*to, *from]).collect();
+    edges.sort_unstable();
+    turned.sort_unstable();
+    edges == turned
 }
 
 /// Turns faces to the other side; keeps its buffers from face to face.

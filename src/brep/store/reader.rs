@@ -156,6 +156,16 @@ impl ExactModel {
         Ok(!buffer.colours.is_empty())
     }
 
+    /// Number of faces with corners beside the grid, of which operations are made, and of those that stand in for them where
+    /// the model is asked something.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn exact_faces(&self) -> Result<(u64, u64)> {
+        let part = self.exact_part()?;
+        Ok((part.faces.len() as u64, part.stand_ins.len() as u64))
+    }
+
     /// Faces with corners beside the grid, in memory.
     pub(in crate::brep) fn exact_part(&self) -> Result<ExactPart> {
         let section = self.trailer.section(EXACT);

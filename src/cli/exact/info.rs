@@ -11,21 +11,24 @@ use super::{list, space, unit};
 
 /// Tells what is in an exact model.
 pub(crate) fn info(model: &ExactModel, is_json: bool) -> Result<()> {
-    if is_json { print_json(&as_json(model)) } else { print_text(&as_text(model)?) }
+    if is_json { print_json(&as_json(model)?) } else { print_text(&as_text(model)?) }
 }
 
-fn as_json(model: &ExactModel) -> serde_json::Value {
+fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
+    let exact_faces = model.exact_faces()?.0;
     let grid = model.grid();
     let nodes: serde_json::Map<_, _> =
         model.nodes().named().into_iter().map(|(name, count)| (name.to_lowercase(), json!(count))).collect();
     let sections: serde_json::Map<_, _> =
         model.sections().into_iter().map(|(name, bytes)| (name.to_string(), json!(bytes))).collect();
     let metadata = model.metadata();
-    json!({
+    Ok(json!({
         "file": model.path().display().to_string(),
         "format": "Goblin",
         "tree": "exact model",
         "faces": model.len(),
+        "unbounded": model.is_unbounded(),
+        "exact_faces": exact_faces,
         "depth": model.depth(),
         "grid": { "bits": grid.bits, "origin": grid.origin, "step": grid.width() },
         "space": space(model),
@@ -39,7 +42,7 @@ fn as_json(model: &ExactModel) -> serde_json::Value {
         "tags": metadata.tags,
         "bytes": model.file_size(),
         "sections": sections,
-    })
+    }))
 }
 
 /// Attributes of each part, and of the files that the model is of; nothing where nothing is said.
@@ -61,7 +64,15 @@ fn as_text(model: &ExactModel) -> Result<String> {
     let unit = unit(model);
     writeln!(text, "{}", model.path().display())?;
     writeln!(text, "  format      Goblin, exact model")?;
-    writeln!(text, "  faces       {}", model.len())?;
+    let far = if model.is_unbounded() { ", and all that is far away is inside" } else { "" };
+    writeln!(text, "  faces       {}{far}", model.len())?;
+    let (exact, stand_ins) = model.exact_faces()?;
+    if exact > 0 {
+        writeln!(
+            text,
+            "  exact       {exact} faces with corners beside the grid, for which {stand_ins} stand in"
+        )?;
+    }
     let steps = format!("steps of {}{unit}, {} bits", grid.width(), grid.bits);
     writeln!(text, "  grid        {steps}, from {}", list(grid.to_world([0; 3])))?;
     writeln!(text, "  octree      depth {}, {} segments", model.depth(), model.segments())?;
