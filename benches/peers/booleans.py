@@ -495,7 +495,7 @@ def operations(bodies, peers=("manifold3d", "libigl"), codes=SHOWN):
         first, second, out = model_of(a, width), model_of(b, width), WORK / "result.goblin"
         slow = set()
         for code in codes:
-            cpu, _, peak = runs([SPINNEY, "-q", "--threads", 1, "combine", code, first, second, "-o", out])
+            cpu, _, peak = runs([SPINNEY, "-q", "--threads", 1, "combine", code, first, second, "--memory", "3G", "-o", out])
             ours = facts_of(out)["volume"] or 0.0
             row = [name, NAMES[code], f"{cpu:.2f}", f"{peak:.0f}"]
             for peer in ("manifold3d", "libigl"):

@@ -65,7 +65,7 @@ pub fn questions(model: &ExactModel) -> Result<()> {
     let mut points: Vec<[f64; 3]> =
         [[0; 3], [most; 3], [most / 2, 1, most / 3]].map(|point| grid.to_world(point)).into();
     let mut buffer = FaceBuffer::default();
-    for number in [0, 1, 7, model.len() - 1] {
+    for number in [0, 1, 7, model.len().saturating_sub(1)] {
         if model.face(number, &mut buffer).is_ok() {
             let face = buffer.face();
             assert!(u64::from(face.part) < model.parts().len() as u64);

@@ -251,12 +251,8 @@ fn symmetries_of_the_cube_do_not_matter() {
         let mut first: Option<Vec<f64>> = None;
         for symmetry in symmetries() {
             let [a, b] = pair.each_ref().map(|faces| Body::of(&symmetric(faces, symmetry, side), 13));
-            let volumes: Vec<f64> = [1, 2, 7, 8]
-                .map(|operation| {
-                    let body = combined(operation, &[&a, &b]);
-                    if is_whole { body.volume() } else { body.volume() }
-                })
-                .to_vec();
+            let volumes: Vec<f64> =
+                [1, 2, 7, 8].map(|operation| combined(operation, &[&a, &b]).volume()).to_vec();
             let first = first.get_or_insert_with(|| volumes.clone());
             for (found, expected) in volumes.iter().zip(first) {
                 let error = (found - *expected).abs();
@@ -285,7 +281,7 @@ fn turned_bodies_one_after_the_other() {
             .collect();
         let octant = |octant: usize| {
             let [a, b, c] = [0, 1, 2].map(|axis| corners[2 * axis + (octant >> axis & 1)]);
-            vec![if octant.count_ones() % 2 == 0 { vec![a, b, c] } else { vec![a, c, b] }]
+            vec![if octant.count_ones().is_multiple_of(2) { vec![a, b, c] } else { vec![a, c, b] }]
         };
         (0..8).map(octant).collect::<Solid>()
     };
