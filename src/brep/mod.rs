@@ -12,6 +12,7 @@ pub(crate) mod planar;
 pub mod questions;
 mod store;
 pub mod topology;
+mod triangulated;
 
 pub use attributes::Attributes;
 pub(crate) use build::show_place;
@@ -20,3 +21,4 @@ pub use combine::{CombineReport, combine};
 pub use face::{Face, FaceList, Faces};
 pub use grid::{Grid, MOST_BITS};
 pub use store::{ExactModel, FaceBuffer, Node, NodeCounts, NodeKind, NodeState, Rule, is_model_file};
+pub use triangulated::Triangulated;

@@ -13,6 +13,7 @@ mod exact_bodies;
 mod exact_operands;
 #[cfg(feature = "mesh")]
 mod exact_sets;
+mod exact_triangles;
 mod operations;
 mod pixels;
 mod queries;

@@ -3,10 +3,29 @@
 
 use std::collections::HashMap;
 
+use super::point::others;
+
+/// Flips inner edges of a triangulation of points of a plane, whose triangles are counterclockwise seen from where the normal
+/// points to: see [`flip`].
+pub(crate) fn flip_in_plane(normal: [f64; 3], points: &[[f64; 3]], triangles: &mut [[u32; 3]]) {
+    let axis = (0..3).max_by(|a, b| normal[*a].abs().total_cmp(&normal[*b].abs())).unwrap_or(2);
+    let [u, v] = others(axis);
+    let length = normal.iter().map(|part| part * part).sum::<f64>().sqrt();
+    let normal = normal.map(|part| part / length);
+    // Two directions in the plane that make a right-handed system with the normal.
+    let across = normal[axis].hypot(normal[u]);
+    let flat = |at: &[f64; 3]| {
+        let first = (normal[axis] * at[u] - normal[u] * at[axis]) / across;
+        let second = at[v] * across - normal[v] * (normal[u] * at[u] + normal[axis] * at[axis]) / across;
+        [first, second]
+    };
+    flip(&points.iter().map(flat).collect::<Vec<_>>(), triangles);
+}
+
 /// Flips inner edges of a triangulation, counterclockwise triangles over points of a plane, until every edge is
 /// locally Delaunay; or until there were so many flips that rounding must be at work. The same triangles in any case
 /// for the same input.
-pub(super) fn flip(points: &[[f64; 2]], triangles: &mut [[u32; 3]]) {
+fn flip(points: &[[f64; 2]], triangles: &mut [[u32; 3]]) {
     let mut sides: HashMap<[u32; 2], usize> = HashMap::new();
     for (number, &[a, b, c]) in triangles.iter().enumerate() {
         for edge in [[a, b], [b, c], [c, a]] {

@@ -21,6 +21,7 @@ mod sample;
 mod snapping;
 mod surface;
 
+pub(crate) use delaunay::flip_in_plane;
 pub(crate) use exact_face::{ExactFace, ExactFaces};
 pub(crate) use overlay::{Corner, Vertices};
 pub(crate) use point::{ExactPlane, ExactPoint};

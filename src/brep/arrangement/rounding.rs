@@ -77,21 +77,8 @@ impl Rounder {
             return false;
         }
         // Without long thin triangles, moving the corners makes fewer that pass through others.
-        let axis = plane.main_axis();
-        let [u, v] = others(axis);
-        let normal = plane.normal.map(|part| part as f64);
-        let length = normal.iter().map(|part| part * part).sum::<f64>().sqrt();
-        let normal = normal.map(|part| part / length);
-        // Two directions in the plane that make a right-handed system with the side that the face is turned to.
-        let across = normal[axis].hypot(normal[u]);
-        let flat = |point: &[i64; 3]| {
-            let at = point.map(|at| at as f64);
-            let first = (normal[axis] * at[u] - normal[u] * at[axis]) / across;
-            let second = at[v] * across - normal[v] * (normal[u] * at[u] + normal[axis] * at[axis]) / across;
-            [first, second]
-        };
-        let flat: Vec<[f64; 2]> = fine.iter().map(flat).collect();
-        delaunay::flip(&flat, &mut self.triangles);
+        let corners: Vec<[f64; 3]> = fine.iter().map(|point| point.map(|at| at as f64)).collect();
+        delaunay::flip_in_plane(plane.normal.map(|part| part as f64), &corners, &mut self.triangles);
         true
     }
 }

@@ -77,9 +77,6 @@ pub(crate) struct Rounded {
 }
 
 /// Moves the vertices of a surface to the grid.
-///
-/// # Errors
-/// None but on interruption.
 pub(crate) fn round(exact: ExactFaces) -> Result<Rounded> {
     let mut rounder = Rounder::default();
     let ExactFaces { list, exact: mut beside } = exact;
@@ -195,6 +192,7 @@ impl Rounded {
             }
         }
     }
+
     /// Collects what is made of the faces as planar ones. Faces that were exact and do not come back as they were go to the exact
     /// ones.
     fn again<R>(

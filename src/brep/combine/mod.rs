@@ -1,4 +1,4 @@
-//! Set operations on bodies: the sixteen of O. A. Tyukachev (2010), on surfaces, exact up to moving new vertices to the grid.
+//! Set operations on bodies: the sixteen of O. A. Tyukachev (2010), on surfaces, exactly.
 //!
 //! A body is an oriented surface and a bit that says whether what is far away belongs to it. With that bit all sixteen
 //! operations make bodies: nothing and everything have no faces and differ in the bit, and a complement has the same
@@ -6,6 +6,7 @@
 //! values in front of it and behind it (the index theorem; where faces of two bodies lie on each other, the windings of both
 //! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
 
+mod bodies;
 mod overlap;
 mod placed;
 mod table;
@@ -13,7 +14,8 @@ mod table;
 mod tests;
 mod winding;
 
-use self::placed::{Bodies, Placed};
+use self::bodies::Bodies;
+use self::placed::Placed;
 use self::table::Table;
 use self::winding::winding;
 use super::arrangement::{Operands, Rounded, Rounds, divide, round};
@@ -54,8 +56,9 @@ pub struct CombineReport {
 /// number of them), 7 (in any), and 8, 9, 13, 14, 15, the complements of these; of one 0, 3, 12 and 15.
 ///
 /// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
-/// which go to the nearest points of the grid. Names of parts are those of all bodies, one after the other. Memory:
-/// all faces, with about 250 bytes each.
+/// which stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
+/// are those of the bodies on which the operation depends, one after the other. Memory: about 300 bytes for each face that is near
+/// other bodies, half of `memory` at most; of models with corners beside the grid these are all.
 ///
 /// ```
 /// use spinney::brep::{ExactModel, combine};
@@ -73,8 +76,8 @@ pub struct CombineReport {
 /// ```
 ///
 /// # Errors
-/// If there is no such operation of so many bodies, if the grids do not fit together, if the memory is not enough, if the grid
-/// cannot hold the result, if files cannot be read or written, or on interruption. There is no file then.
+/// If there is no such operation of so many bodies, if grids, coordinate systems or units do not fit together, if the memory is not
+/// enough, if a model is no body, if files cannot be read or written, or on interruption. There is no file then.
 pub fn combine(
     operation: u8,
     models: &[&ExactModel],
@@ -145,7 +148,11 @@ pub fn combine(
     let builder = builder.exact(ExactPart { faces: exact, stand_ins: stand_ins.collect() });
     let mut metadata = metadata(operation, &models, &grid);
     metadata.tags.insert("model.displacement".into(), displacement.to_string());
-    let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
+    let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
+        if built.defect_count > 0 {
+            metadata.tags.insert(THIN.into(), built.defect_count.to_string());
+        }
+    })?;
     if built.defect_count > 0 && is_on_grid {
         return Err(built.error(
             path,
@@ -155,6 +162,9 @@ pub fn combine(
     }
     Ok(CombineReport { before, after, pairs, divided, displacement, grid, is_unbounded, built })
 }
+
+/// The tag that counts the places where a surface passes through itself when its vertices are moved to the grid.
+const THIN: &str = "model.thin_places";
 
 /// Times that faces are divided anew to mend what moving vertices to the grid did.
 const MOST_ROUNDS: u32 = 4;

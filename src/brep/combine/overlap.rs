@@ -14,15 +14,15 @@ pub(super) enum Fate {
     Dropped,
 }
 
-/// A bit per face.
-pub(super) struct Bits(Vec<u64>);
+/// A set of faces, a bit for each of a model.
+pub(super) struct FaceSet(Vec<u64>);
 
-impl Bits {
-    pub(super) fn new(count: u64) -> Bits {
-        Bits(vec![0; count.div_ceil(64) as usize])
+impl FaceSet {
+    fn new(count: u64) -> FaceSet {
+        FaceSet(vec![0; count.div_ceil(64) as usize])
     }
 
-    pub(super) fn set(&mut self, number: u64) {
+    fn add(&mut self, number: u64) {
         if let Some(word) = self.0.get_mut((number / 64) as usize) {
             *word |= 1 << (number % 64);
         }
@@ -36,10 +36,10 @@ impl Bits {
 /// The faces of one body among others.
 pub(super) struct Overlap {
     /// Those in cells that faces of other bodies are in or near, too.
-    pub(super) near: Bits,
+    pub(super) near: FaceSet,
     /// Of the others, those to be turned, and those to be dropped.
-    turned: Bits,
-    dropped: Bits,
+    turned: FaceSet,
+    dropped: FaceSet,
 }
 
 impl Overlap {
@@ -61,7 +61,8 @@ impl Overlap {
         progress: &dyn Progress,
     ) -> Result<Overlap> {
         let count = models[own].len();
-        let found = Overlap { near: Bits::new(count), turned: Bits::new(count), dropped: Bits::new(count) };
+        let found =
+            Overlap { near: FaceSet::new(count), turned: FaceSet::new(count), dropped: FaceSet::new(count) };
         let mut walk = Walk { own, models, placed, table, progress, found, visited: 0 };
         let places: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
         let mut others = Vec::new();
@@ -125,7 +126,7 @@ impl<'a> Walk<'a> {
             return self.settle(node, &places);
         }
         if is_leaf {
-            node.faces().for_each(|face| self.found.near.set(face));
+            node.faces().for_each(|face| self.found.near.add(face));
             return Ok(());
         }
         for child in 0..8 {
@@ -168,8 +169,8 @@ impl<'a> Walk<'a> {
     }
 
     fn note(&mut self, node: &Node<'a>, fate: Fate) -> Result<()> {
-        let bits = if fate == Fate::Turned { &mut self.found.turned } else { &mut self.found.dropped };
-        node.faces().for_each(|face| bits.set(face));
+        let faces = if fate == Fate::Turned { &mut self.found.turned } else { &mut self.found.dropped };
+        node.faces().for_each(|face| faces.add(face));
         if node.state() == NodeState::Inner {
             for child in 0..8 {
                 let child = self.models[self.own].child(node, child)?;

@@ -1,14 +1,9 @@
-//! Models on one grid, and all their faces.
+//! Models on one grid.
 
-use std::path::Path;
-
-use super::overlap::{Fate, Overlap};
-use super::table::Table;
-use crate::brep::arrangement::{Corner, ExactFace, ExactFaces, Turner};
-use crate::brep::store::exact::ExactPart;
-use crate::brep::{ExactModel, Face, FaceList, Faces, Grid, MOST_BITS, Node, NodeState};
-use crate::geometry::crossing::ring_normal;
-use crate::{Error, Progress, Result};
+use crate::brep::arrangement::{Corner, ExactFace};
+use crate::brep::{ExactModel, Faces, Grid, MOST_BITS, Node, NodeState};
+use crate::space::Crs;
+use crate::{Error, Result};
 
 /// Models on one grid.
 pub(super) struct Placed {
@@ -19,7 +14,9 @@ pub(super) struct Placed {
 }
 
 impl Placed {
+    /// Finds the grid that holds all models: that of the first, if it does.
     pub(super) fn of(models: &[&ExactModel]) -> Result<Placed> {
+        check_systems(models)?;
         let grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
         let finest =
             grids.iter().copied().reduce(|best, grid| if grid.width() < best.width() { grid } else { best });
@@ -44,10 +41,11 @@ impl Placed {
             }
             let origin = origin.map(|at| at as i64);
             shifts.push((times, origin));
-            if let Some([low, high]) = model.grid_bounds()? {
+            for corner in bounds(model)?.into_iter().flatten() {
                 for axis in 0..3 {
-                    least[axis] = least[axis].min(origin[axis] + times * i64::from(low[axis]));
-                    most[axis] = most[axis].max(origin[axis] + times * i64::from(high[axis]));
+                    let at = origin[axis] + times * i64::from(corner[axis]);
+                    least[axis] = least[axis].min(at);
+                    most[axis] = most[axis].max(at);
                 }
             }
         }
@@ -99,8 +97,9 @@ impl Placed {
         bounds.map(|corner| [0, 1, 2].map(|axis| times * corner[axis] + 2 * shift[axis]))
     }
 
-    /// Whether the cell of a model that has a place, in half steps of the common grid, is inside (1) or outside (0); `None` if faces cut it.
-    fn place(&self, number: usize, model: &ExactModel, at: [i64; 3]) -> Result<Option<i32>> {
+    /// Whether the cell of a model that has a place, in half steps of the common grid, is inside (1) or outside (0); `None` if
+    /// faces cut it.
+    pub(super) fn place(&self, number: usize, model: &ExactModel, at: [i64; 3]) -> Result<Option<i32>> {
         let mut node = model.root()?;
         let has = |node: &Node<'_>| {
             let [low, high] = self.half_units(number, node);
@@ -124,7 +123,7 @@ impl Placed {
     }
 
     /// A face with corners beside a model's grid on the common one.
-    fn exact(&self, model: usize, face: ExactFace) -> ExactFace {
+    pub(super) fn exact(&self, model: usize, face: ExactFace) -> ExactFace {
         let (times, shift) = self.shifts[model];
         let corner = |corner: Corner| Corner {
             point: corner.point.placed(times, shift),
@@ -138,182 +137,42 @@ impl Placed {
     }
 }
 
-/// Models whose faces are read one after the other, as those of one.
-pub(super) struct Bodies<'a> {
-    models: &'a [&'a ExactModel],
-    placed: &'a Placed,
-    table: Table,
-    overlaps: Vec<Overlap>,
-    /// Whether all faces are taken as near: where corners lie beside the grid, octrees are only those of the faces that stand for
-    /// others, which may be some steps off, or nowhere.
-    pub(super) are_all_near: bool,
-    is_coloured: bool,
-    /// Numbers of each model's first part and first source.
-    first: Vec<(u32, u64)>,
+/// Least and greatest coordinates of a model on its grid: what is thinner than a step may be nowhere in the octree.
+fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
+    let mut found = model.grid_bounds()?;
+    if model.exact_bytes() > 0 {
+        for corner in model.exact_part()?.faces.iter().flat_map(|face| &face.corners) {
+            let at = corner.point.rounded();
+            let [low, high] = found.get_or_insert([at; 2]);
+            for axis in 0..3 {
+                low[axis] = low[axis].min(at[axis]);
+                high[axis] = high[axis].max(at[axis]);
+            }
+        }
+    }
+    Ok(found)
 }
 
-impl<'a> Bodies<'a> {
-    /// Goes through all octrees.
-    pub(super) fn new(
-        models: &'a [&'a ExactModel],
-        placed: &'a Placed,
-        table: Table,
-        progress: &dyn Progress,
-    ) -> Result<Bodies<'a>> {
-        let (mut overlaps, mut is_coloured) = (Vec::new(), false);
-        let mut first = Vec::new();
-        let mut parts = 0;
-        let are_all_near = models.iter().any(|model| model.exact_bytes() > 0);
-        for (number, model) in models.iter().enumerate() {
-            if !are_all_near {
-                overlaps.push(Overlap::of(number, models, placed, table, progress)?);
-            }
-            is_coloured |= model.is_coloured()?;
-            first.push((parts, 0));
-            parts += model.parts().len() as u32;
+/// Fails if models tell different coordinate systems or units of length.
+fn check_systems(models: &[&ExactModel]) -> Result<()> {
+    let names: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
+    let mut known: Option<(&str, &Crs)> = None;
+    let mut unit: Option<(&str, &str)> = None;
+    for (model, name) in models.iter().zip(&names) {
+        if let (Some((first, crs)), Some(other)) = (known, model.crs()) {
+            Crs::check_same((first, Some(crs)), (name, Some(other)))?;
         }
-        Ok(Bodies { models, placed, table, overlaps, are_all_near, is_coloured, first })
-    }
-
-    /// The faces that are near other bodies; and where those of each model end.
-    pub(super) fn near(&mut self, memory: u64, progress: &dyn Progress) -> Result<(ExactFaces, Vec<u32>)> {
-        let parts = self.models.iter().flat_map(|model| model.parts().iter().cloned()).collect();
-        let mut found = ExactFaces::of_grid(FaceList::new(self.placed.grid.clone(), parts));
-        let (mut ends, mut first_source) = (Vec::new(), 0u64);
-        for (number, model) in self.models.iter().enumerate() {
-            self.first[number].1 = first_source;
-            let mut sources = 0;
-            // (A face has about as many bytes in the section as in memory.)
-            check_room(model.path(), &found, 2 * model.exact_bytes(), memory)?;
-            let ExactPart { faces: exact, stand_ins } = model.exact_part()?;
-            let mut stand_ins = stand_ins.into_iter().map(u64::from).peekable();
-            self.each(number, progress, &mut |face, fate| {
-                sources = sources.max(face.source.saturating_add(1));
-                if stand_ins.next_if_eq(&face.number).is_none() && fate.is_none() {
-                    found.list.push(face);
-                    if found.list.len().is_multiple_of(1 << 12) {
-                        check_room(model.path(), &found, 0, memory)?;
-                    }
-                }
-                Ok(())
-            })?;
-            for mut face in exact {
-                if self.is_coloured && face.colours.is_empty() {
-                    face.colours = vec![[255; 3]; face.corners.len()];
-                }
-                let face = self.placed.exact(number, face);
-                let part = face.part.saturating_add(self.first[number].0);
-                sources = sources.max(face.source.saturating_add(1));
-                found.push(ExactFace { part, source: face.source.saturating_add(first_source), ..face });
-            }
-            check_room(model.path(), &found, 0, memory)?;
-            first_source = sources;
-            ends.push(found.list.len() as u32);
+        known = known.or(model.crs().map(|crs| (name.as_str(), crs)));
+        let own = model.metadata().tags.get("unit");
+        if let (Some((first, unit)), Some(own)) =
+            (unit, own.filter(|own| unit.is_some_and(|(_, unit)| unit != *own)))
+        {
+            let found = format!("{name}: {own}");
+            return Err(Error::invalid("unit", found, format!("{unit}, as {first} has")));
         }
-        Ok((found, ends))
+        unit = unit.or(own.map(|unit| (name.as_str(), unit.as_str())));
     }
-
-    /// Hands out what becomes of the faces that are not near other bodies.
-    pub(super) fn settled(
-        &self,
-        progress: &dyn Progress,
-        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
-    ) -> Result<()> {
-        let mut turner = Turner::default();
-        for number in 0..self.models.len() {
-            self.each(number, progress, &mut |face, fate| match fate {
-                Some(Fate::Kept) => each(face),
-                Some(Fate::Turned) => each(&turner.turn(face)),
-                _ => Ok(()),
-            })?;
-        }
-        Ok(())
-    }
-
-    /// What becomes of the faces that are not near other bodies, in a list; `None` if that would be larger than `memory`.
-    pub(super) fn all_settled(&self, memory: u64, progress: &dyn Progress) -> Result<Option<FaceList>> {
-        // (A triangle takes about as much.)
-        const TRIANGLE: u64 = 80;
-        if self.models.iter().map(|model| model.len()).sum::<u64>() * TRIANGLE > memory {
-            return Ok(None);
-        }
-        let mut list = FaceList::new(self.placed.grid.clone(), Vec::new());
-        self.settled(progress, &mut |face| {
-            list.push(face);
-            Ok(())
-        })?;
-        Ok(Some(list))
-    }
-
-    /// Hands out the faces of a model on the common grid, with what becomes of those that are not near other bodies.
-    fn each(
-        &self,
-        number: usize,
-        progress: &dyn Progress,
-        each: &mut dyn FnMut(&Face<'_>, Option<Fate>) -> Result<()>,
-    ) -> Result<()> {
-        let model = self.models[number];
-        let overlap = self.overlaps.get(number);
-        let (first_part, first_source) = self.first[number];
-        let (mut points, mut white) = (Vec::new(), Vec::new());
-        model.each(&mut |face| {
-            if face.number.is_multiple_of(1 << 12) {
-                progress.check()?;
-            }
-            let fate = match overlap.filter(|overlap| !overlap.near.has(face.number)) {
-                None => None,
-                Some(overlap) if face.points.len() == 3 && ring_normal(face.points) != [0; 3] => {
-                    Some(overlap.fate(face.number))
-                }
-                Some(overlap) => self.fate_of_sliver(number, face, overlap)?,
-            };
-            if fate == Some(Fate::Dropped) {
-                return each(face, fate);
-            }
-            points.clear();
-            points.extend(face.points.iter().map(|point| self.placed.point(number, *point)));
-            white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
-            let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
-            let (part, source) =
-                (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
-            each(&Face { points: &points, colours, part, source, ..*face }, fate)
-        })
-    }
-
-    /// What becomes of a face, which may have no area: such faces are in no cell, and go where their corners are.
-    fn fate_of_sliver(&self, number: usize, face: &Face<'_>, overlap: &Overlap) -> Result<Option<Fate>> {
-        if ring_normal(face.rings().next().unwrap_or_default()) != [0; 3] {
-            return Ok(Some(overlap.fate(face.number)));
-        }
-        let at = self.placed.point(number, face.points[0]).map(|at| 2 * i64::from(at));
-        let mut places = Vec::new();
-        for (other, model) in self.models.iter().enumerate() {
-            if other == number {
-                places.push(0);
-                continue;
-            }
-            match self.placed.place(other, model, at)? {
-                Some(place) => places.push(place),
-                None => return Ok(None),
-            }
-        }
-        Ok(Some(self.table.fate(number, &places)))
-    }
-}
-
-/// Fails if faces, and so many bytes more, are too much.
-fn check_room(path: &Path, faces: &ExactFaces, more: u64, memory: u64) -> Result<()> {
-    let needed = faces.list.bytes().saturating_add(more);
-    if needed <= memory && faces.list.len() < 1 << 31 {
-        return Ok(());
-    }
-    Err(Error::TooLarge {
-        path: path.to_path_buf(),
-        what: "the faces of the models that are to be combined".into(),
-        needed,
-        limit: memory,
-        advice: "allow more with --memory".into(),
-    })
+    Ok(())
 }
 
 /// The error of models that no grid of so many points holds.

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use spinney::brep::ExactModel;
+use spinney::brep::{ExactModel, Faces, Triangulated};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::io::Output;
 
@@ -13,15 +13,35 @@ use super::super::args::check_output;
 use super::super::report::{Work, report_output};
 
 /// Writes the faces of an exact model as they are.
-pub(crate) fn export(model: &ExactModel, path: &Path, format: MeshFormat, global: &Global) -> Result<()> {
+pub(crate) fn export(
+    model: &ExactModel,
+    path: &Path,
+    format: MeshFormat,
+    triangles: bool,
+    global: &Global,
+) -> Result<()> {
     let start = Instant::now();
     check_output([model.path()], path)?;
     let work = Work::start(global, "faces")?;
     let output = Output::create(path)?;
-    let summary = export_exact(model, format, output, &work)
+    let cut = if triangles { Some(Triangulated::of(model)?) } else { None };
+    let faces: &dyn Faces = cut.as_ref().map_or(model, |cut| cut);
+    let summary = export_exact(faces, format, output, &work)
         .with_context(|| format!("cannot write {}", path.display()))?;
     work.finish();
     global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
+    let (exact, _) = model.exact_faces()?;
+    if exact > 0 {
+        let thin = model.metadata().tags.get("model.thin_places");
+        let thin = thin.map_or(String::new(), |count| {
+            format!(", where the surface passes through itself in {count} places")
+        });
+        global
+            .report("rounded", format_args!("{exact} faces with corners beside the grid, to the grid{thin}"));
+    }
+    if model.is_unbounded() {
+        global.report("far", format_args!("all that is far away is inside: faces look inwards"));
+    }
     if summary.moved > 0 {
         let moved = summary.moved;
         global.report("moved", format_args!("{moved} corners, since the format has single precision"));

@@ -22,7 +22,7 @@ pub(super) struct MeshOptions {
     /// The smooth surface where cells are half full (surface nets), instead of the cells' faces
     #[arg(long)]
     pub(super) smooth: bool,
-    /// Triangles only, in PLY, OBJ and OFF too
+    /// Triangles only, in PLY, OBJ and OFF too; also of exact models
     #[arg(long)]
     pub(super) triangles: bool,
 }
@@ -41,14 +41,9 @@ pub(super) fn run(args: &Args, format: MeshFormat, global: &Global) -> Result<()
     let start = Instant::now();
     let MeshOptions { level, smooth, triangles } = args.mesh;
     if let Some(model) = exact::open(&args.tree.file)? {
-        let given = [
-            ("--view", args.tree.is_viewed()),
-            ("--level", level.is_some()),
-            ("--smooth", smooth),
-            ("--triangles", triangles),
-        ];
+        let given = [("--view", args.tree.is_viewed()), ("--level", level.is_some()), ("--smooth", smooth)];
         exact::refuse(&args.tree.file, &given)?;
-        return exact::export(&model, &args.output, format, global);
+        return exact::export(&model, &args.output, format, triangles, global);
     }
     let tree = args.tree.open()?;
     check_output([args.tree.file.as_path()], &args.output)?;

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::{Face, Model, ModelInfo};
-use crate::Result;
 use crate::brep::{ExactModel, Faces, is_model_file};
 use crate::store::OpenOptions;
+use crate::{Error, Result};
 
 /// Opens the file of an exact model; `None` if it is none.
 pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
@@ -13,6 +13,11 @@ pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
         return Ok(None);
     }
     let model = ExactModel::open(path, &OpenOptions::new())?;
+    if model.is_unbounded() {
+        let expected = "one that has not: take the complement with `combine not`";
+        let found = format!("{}: a body that has all that is far away", path.display());
+        return Err(Error::invalid("model", found, expected));
+    }
     let frame = &model.metadata().frame;
     let most = [(1 << model.grid().bits) - 1; 3];
     let info = ModelInfo {
