@@ -43,8 +43,10 @@ fn models(files: &[PathBuf]) -> Result<Vec<ExactModel>> {
     for file in files {
         match open(file)? {
             Some(model) => models.push(model),
+            // (What cannot be read is told as such.)
+            None if !file.exists() => bail!("{}: no such file", file.display()),
             None => bail!(
-                "{}: is no exact model, but others of the files are: make cells of these (`spinney build MODEL.goblin -o \
+                "{}: is no exact model, but others of the files are: make cells of those (`spinney build MODEL.goblin -o \
                  CELLS.goblin`), or build it with --exact",
                 file.display()
             ),
