@@ -190,12 +190,8 @@ impl<'a> Bodies<'a> {
 
 /// The error of a face that lies where no cell has one.
 fn not_in_the_octree(path: &Path, face: u64) -> Error {
-    Error::corrupt(
-        path,
-        format!("face {face}"),
-        "corners beyond those of all cells",
-        "faces that are in the octree",
-    )
+    let found = format!("face {face} with corners beyond those of all cells");
+    Error::corrupt(path, "faces", found, "faces that are in the octree")
 }
 
 /// Fails if faces, and so many bytes more, are too much.
