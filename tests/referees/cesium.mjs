@@ -69,10 +69,19 @@ const told = await new Promise((resolve, reject) => {
   });
   const profile = fs.mkdtempSync(path.join(os.tmpdir(), 'chromium-'));
   let browser;
+  // Processes that the browser has started may write a little longer than it lives; what stays then is a temporary folder.
+  const remove = (times) => {
+    try {
+      fs.rmSync(profile, { recursive: true, force: true });
+    } catch (error) {
+      if (times > 0) setTimeout(() => remove(times - 1), 500);
+      else console.log(`left ${profile}: ${error.code}`);
+    }
+  };
   const finish = (end) => {
     clearTimeout(limit);
     server.close();
-    browser?.on('exit', () => fs.rmSync(profile, { recursive: true, force: true, maxRetries: 5 }));
+    browser?.on('exit', () => remove(10));
     browser?.kill();
     server.closeAllConnections();
     end();
