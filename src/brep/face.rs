@@ -54,7 +54,7 @@ pub trait Faces {
         false
     }
 
-    /// What the body's volume is more than that of the faces, in cubes of the grid's step: models may keep corners beside the
+    /// Volume of the body less that of the faces, in cubes of the grid's step: models may keep corners beside the
     /// grid, which faces stand in for.
     ///
     /// # Errors

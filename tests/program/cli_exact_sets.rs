@@ -154,7 +154,7 @@ fn what_means_nothing_is_refused() {
     assert!(refuse(&["union", a, &other]).contains("--grid"));
 }
 
-/// Whatever has no faces, or no end, is answered for as everything else is.
+/// Bodies without faces, or without an end, are answered for as all others are.
 #[test]
 fn questions_to_results() {
     let folder = Folder::new();

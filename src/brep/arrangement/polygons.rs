@@ -5,7 +5,7 @@ use std::cmp::Ordering;
 use super::exact_face::ExactFace;
 use super::point::{ExactPlane, ExactPoint, cross};
 
-/// What two polygons have in common that neighbours have not.
+/// Segments and points that two polygons have in common and neighbours have not.
 #[derive(Debug, Default)]
 pub(super) struct Common {
     pub(super) segments: Vec<[ExactPoint; 2]>,
@@ -14,7 +14,7 @@ pub(super) struct Common {
 
 /// Finds what two polygons of different planes have in common but corners and edges of both.
 pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
-    let (Some(along_a), Some(along_b)) = (Section::of(a, &b.plane), Section::of(b, &a.plane)) else {
+    let (Some(along_a), Some(along_b)) = (LineSection::of(a, &b.plane), LineSection::of(b, &a.plane)) else {
         return Common::default();
     };
     let direction = cross(a.plane.normal, b.plane.normal);
@@ -53,21 +53,21 @@ fn has_edge(face: &ExactFace, [from, to]: &[ExactPoint; 2]) -> bool {
 }
 
 /// Where a plane meets the boundary of a polygon that does not lie in it.
-struct Section {
+struct LineSection {
     /// All points of edges in the plane that are corners or between corners on both sides.
     points: Vec<ExactPoint>,
     /// Where the line passes from inside to outside or back that lies beside it, on either side.
     passed: [Vec<ExactPoint>; 2],
 }
 
-impl Section {
+impl LineSection {
     /// `None` if the polygon lies on one side.
-    fn of(face: &ExactFace, plane: &ExactPlane) -> Option<Section> {
+    fn of(face: &ExactFace, plane: &ExactPlane) -> Option<LineSection> {
         let sides: Vec<i32> = face.corners.iter().map(|corner| plane.side(&corner.point)).collect();
         if sides.iter().all(|side| *side > 0) || sides.iter().all(|side| *side < 0) {
             return None;
         }
-        let mut found = Section { points: Vec::new(), passed: [Vec::new(), Vec::new()] };
+        let mut found = LineSection { points: Vec::new(), passed: [Vec::new(), Vec::new()] };
         let mut start = 0;
         for &end in &face.ring_ends {
             let count = end - start;

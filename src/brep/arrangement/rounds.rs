@@ -26,7 +26,7 @@ pub(crate) struct Rounds {
     pub(crate) rounds: u32,
 }
 
-/// What takes faces, and whether each is new.
+/// Function that takes faces, and whether each is new.
 pub(super) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
 
 /// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors.

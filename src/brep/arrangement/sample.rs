@@ -150,7 +150,7 @@ impl<'a> Sample<'a> {
     }
 
     /// Whether an edge passes the point's half-line to greater first coordinates, as seen along the axis.
-    fn passes<P: Place>(&self, a: &P, b: &P) -> bool {
+    fn passes<P: CornerPlace>(&self, a: &P, b: &P) -> bool {
         let above_b = self.beyond(1, b) > 0;
         if (self.beyond(1, a) > 0) == above_b {
             return false;
@@ -167,7 +167,7 @@ impl<'a> Sample<'a> {
     }
 
     /// The sign of the difference of a corner's first or second coordinate from the point's.
-    fn beyond(&self, place: usize, corner: &impl Place) -> i32 {
+    fn beyond(&self, place: usize, corner: &impl CornerPlace) -> i32 {
         let axis = others(self.axis)[place];
         let difference = corner.near(axis) - self.near[axis];
         if difference.abs() > 2.0 * ERROR {
@@ -232,7 +232,7 @@ impl<'a> Sample<'a> {
 }
 
 /// A corner of a polygon, as seen from a sample.
-trait Place {
+trait CornerPlace {
     fn near(&self, axis: usize) -> f64;
 
     /// The sign of the difference of a coordinate from the sample's.
@@ -242,7 +242,7 @@ trait Place {
     fn turn(&self, to: &Self, sample: &Sample<'_>) -> i32;
 }
 
-impl Place for [i32; 3] {
+impl CornerPlace for [i32; 3] {
     fn near(&self, axis: usize) -> f64 {
         self[axis].into()
     }
@@ -273,7 +273,7 @@ impl Place for [i32; 3] {
     }
 }
 
-impl Place for ExactPoint {
+impl CornerPlace for ExactPoint {
     fn near(&self, axis: usize) -> f64 {
         self.near[axis]
     }

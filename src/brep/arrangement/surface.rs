@@ -48,7 +48,7 @@ pub(crate) struct Operands<'a> {
     pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
 }
 
-/// What is left of a face.
+/// Remains of a face.
 pub(super) enum Kept<'a> {
     /// The face, or its back.
     Face { face: Face<'a>, is_turned: bool },

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::overlap::{Fate, Overlap};
 use super::placed::Placed;
-use super::table::Table;
+use super::table::OperationTable;
 use crate::brep::arrangement::{ExactFace, ExactFaces, Turner};
 use crate::brep::store::exact::ExactPart;
 use crate::brep::{ExactModel, Face, FaceList, Faces};
@@ -15,7 +15,7 @@ use crate::{Error, Progress, Result};
 pub(super) struct Bodies<'a> {
     models: &'a [&'a ExactModel],
     placed: &'a Placed,
-    table: Table,
+    table: OperationTable,
     overlaps: Vec<Overlap>,
     /// Whether all faces are taken as near: where corners lie beside the grid, octrees are only those of the faces that stand for
     /// others, which may be some steps off, or nowhere.
@@ -30,7 +30,7 @@ impl<'a> Bodies<'a> {
     pub(super) fn new(
         models: &'a [&'a ExactModel],
         placed: &'a Placed,
-        table: Table,
+        table: OperationTable,
         progress: &dyn Progress,
     ) -> Result<Bodies<'a>> {
         let (mut overlaps, mut is_coloured) = (Vec::new(), false);
@@ -114,7 +114,7 @@ impl<'a> Bodies<'a> {
         Ok(())
     }
 
-    /// What becomes of the faces that are not near other bodies, in a list; `None` if that would be larger than `memory`.
+    /// The faces of the result that come from faces not near other bodies, in a list; `None` if that would be larger than `memory`.
     pub(super) fn all_settled(&self, memory: u64, progress: &dyn Progress) -> Result<Option<FaceList>> {
         // (A triangle takes about as much.)
         const TRIANGLE: u64 = 80;
@@ -167,7 +167,7 @@ impl<'a> Bodies<'a> {
         })
     }
 
-    /// What becomes of a face, which may have no area: such faces are in no cell, and go where their corners are.
+    /// The fate of a face, which may have no area: such faces are in no cell, and go where their corners are.
     fn fate_of_sliver(&self, number: usize, face: &Face<'_>, overlap: &Overlap) -> Result<Option<Fate>> {
         if ring_normal(face.rings().next().unwrap_or_default()) != [0; 3] {
             return Ok(Some(overlap.fate(face.number)));

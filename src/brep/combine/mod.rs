@@ -16,7 +16,7 @@ mod winding;
 
 use self::bodies::Bodies;
 use self::placed::Placed;
-use self::table::Table;
+use self::table::OperationTable;
 use self::winding::winding;
 use super::arrangement::{Operands, Rounded, Rounds, divide, round};
 use super::attributes::DOMAIN;
@@ -85,7 +85,7 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    let table = Table::new(operation, models.len())?;
+    let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
     let placed = Placed::of(models)?;
     let grid = placed.grid.clone();

@@ -2,11 +2,11 @@
 //! settled cell by cell, without a look at its faces.
 
 use super::placed::Placed;
-use super::table::Table;
+use super::table::OperationTable;
 use crate::brep::{ExactModel, Faces, Node, NodeState};
 use crate::{Progress, Result};
 
-/// What becomes of a face that touches no other body.
+/// Fate of a face that touches no other body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fate {
     Kept,
@@ -43,7 +43,7 @@ pub(super) struct Overlap {
 }
 
 impl Overlap {
-    /// What becomes of a face that is not near.
+    /// The fate of a face that is not near.
     pub(super) fn fate(&self, number: u64) -> Fate {
         match (self.turned.has(number), self.dropped.has(number)) {
             (_, true) => Fate::Dropped,
@@ -57,7 +57,7 @@ impl Overlap {
         own: usize,
         models: &[&ExactModel],
         placed: &Placed,
-        table: Table,
+        table: OperationTable,
         progress: &dyn Progress,
     ) -> Result<Overlap> {
         let count = models[own].len();
@@ -78,7 +78,7 @@ struct Walk<'a> {
     own: usize,
     models: &'a [&'a ExactModel],
     placed: &'a Placed,
-    table: Table,
+    table: OperationTable,
     progress: &'a dyn Progress,
     found: Overlap,
     visited: u64,

@@ -8,13 +8,13 @@ use crate::{Error, Result};
 /// all), 2 (in the first alone), 6 (in an odd number of them), 7 (in any) and the complements of these; of one, all that
 /// depend on no second: 0, 3, 12 and 15.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Table {
+pub(super) struct OperationTable {
     number: u8,
     count: usize,
 }
 
-impl Table {
-    pub(super) fn new(number: u8, count: usize) -> Result<Table> {
+impl OperationTable {
+    pub(super) fn new(number: u8, count: usize) -> Result<OperationTable> {
         let (bodies, are_right) = match number {
             0 | 3 | 12 | 15 if count == 1 => ("one body or more", true),
             0 | 1 | 2 | 6 | 7 | 8 | 9 | 13 | 14 | 15 => ("two bodies or more", count >= 2),
@@ -25,10 +25,10 @@ impl Table {
             let found = format!("operation {number} of {count}");
             return Err(Error::invalid("bodies", found, format!("{bodies} for an operation from 0 to 15")));
         }
-        Ok(Table { number, count })
+        Ok(OperationTable { number, count })
     }
 
-    /// What becomes of a face of a body where it is in other bodies, or not; the body's own place does not matter.
+    /// The fate of a face of a body where it is in other bodies, or not; the body's own place does not matter.
     pub(super) fn fate(self, own: usize, places: &[i32]) -> Fate {
         let inside = |place: i32| {
             let mut places = places.to_vec();
@@ -43,8 +43,8 @@ impl Table {
     }
 
     /// The bodies that the result depends on, and the operation on them.
-    pub(super) fn on_those_that_matter(self) -> (Vec<usize>, Table) {
-        let of_one = |number| Table { number, count: 1 };
+    pub(super) fn on_those_that_matter(self) -> (Vec<usize>, OperationTable) {
+        let of_one = |number| OperationTable { number, count: 1 };
         match (self.number, self.count) {
             (0 | 15, _) => (Vec::new(), of_one(self.number)),
             (3 | 12, _) => (vec![0], of_one(self.number)),
@@ -89,12 +89,12 @@ mod tests {
     fn tables_are_those_of_the_literature() {
         let places = [[1, 1], [1, 0], [0, 1], [0, 0]];
         for number in 0..16 {
-            let table = Table::new(number, 2).unwrap();
+            let table = OperationTable::new(number, 2).unwrap();
             let found: u8 =
                 (0..).zip(places).map(|(bit, place)| u8::from(table.is_inside(&place)) << bit).sum();
             assert_eq!(found, number);
             // Those of many are the same for two, and go on with the third where that is in nothing, or in what was there.
-            let Ok(of_three) = Table::new(number, 3) else { continue };
+            let Ok(of_three) = OperationTable::new(number, 3) else { continue };
             for [a, b] in places {
                 let nothing = of_three.is_inside(&[a, b, 0]);
                 if matches!(number, 0 | 2 | 6 | 7 | 8 | 9 | 13 | 15) {
@@ -102,7 +102,14 @@ mod tests {
                 }
             }
         }
-        assert!(Table::new(16, 2).is_err() && Table::new(7, 0).is_err() && Table::new(4, 3).is_err());
-        assert!(Table::new(12, 1).unwrap().is_inside(&[0]) && !Table::new(12, 1).unwrap().is_inside(&[1]));
+        assert!(
+            OperationTable::new(16, 2).is_err()
+                && OperationTable::new(7, 0).is_err()
+                && OperationTable::new(4, 3).is_err()
+        );
+        assert!(
+            OperationTable::new(12, 1).unwrap().is_inside(&[0])
+                && !OperationTable::new(12, 1).unwrap().is_inside(&[1])
+        );
     }
 }

@@ -17,7 +17,7 @@ pub(super) fn winding(
     placed: &Placed,
     sample: &Sample<'_>,
 ) -> Result<i32> {
-    let mut line = Line { model, number, placed, sample, faces: Vec::new() };
+    let mut line = LineWalk { model, number, placed, sample, faces: Vec::new() };
     let root = model.root()?;
     // Where a cell begins that is all inside or all outside, and on which side it is.
     let (end, mut winding) = match line.node(&root)? {
@@ -50,7 +50,7 @@ pub(super) fn winding(
     Ok(winding)
 }
 
-struct Line<'a> {
+struct LineWalk<'a> {
     model: &'a ExactModel,
     number: usize,
     placed: &'a Placed,
@@ -59,7 +59,7 @@ struct Line<'a> {
     faces: Vec<u64>,
 }
 
-impl<'a> Line<'a> {
+impl<'a> LineWalk<'a> {
     /// Follows the line through a cell, if it gets there: stops at a part that no face cuts, with the place where that begins.
     fn node(&mut self, node: &Node<'a>) -> Result<ControlFlow<(i64, i32)>> {
         let [low, high] = self.placed.half_units(self.number, node);
