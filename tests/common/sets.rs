@@ -3,7 +3,7 @@
 use spinney::Result;
 use spinney::brep::questions::{Location, MassProperties};
 use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{BOOLEAN_FACES, CombineReport, ExactModel, FaceList, Faces, Grid, combine};
+use spinney::brep::{BOOLEAN_FACES, CombineReport, ExactModel, Face, FaceList, Faces, Grid, combine};
 use spinney::io::Output;
 
 use super::exact::{Ring, built, model_on};
@@ -51,13 +51,29 @@ impl Body {
         topology.euler().boundaries == 0 && topology.is_closed()
     }
 
+    /// Whether each edge is there as often in one direction as in the other.
+    pub fn edges_cancel(&self) -> bool {
+        let mut edges = Vec::new();
+        let mut add = |face: &Face<'_>| {
+            for ring in face.rings() {
+                edges.extend((0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]));
+            }
+            Ok(())
+        };
+        self.model.each(&mut add).unwrap();
+        let mut turned: Vec<_> = edges.iter().map(|[from, to]| [*to, *from]).collect();
+        edges.sort_unstable();
+        turned.sort_unstable();
+        edges == turned
+    }
+
     pub fn is_inside(&self, point: [f64; 3]) -> bool {
         self.model.locate(point).unwrap() == Location::Inside
     }
 
     /// Fails if the surface is open, or the file not as it should be.
     pub fn check(&self) {
-        assert!(self.is_closed());
+        assert!(self.is_closed() && self.edges_cancel());
         assert_eq!(self.model.verify(&()).unwrap(), []);
     }
 }

@@ -40,6 +40,7 @@ impl<'a> Results<'a> {
                 .unwrap_or_else(|error| panic!("{name}, operation {operation}: {error}"));
             assert_eq!(body.model.is_unbounded(), operation >= 8, "{name}, operation {operation}");
             assert_eq!(body.model.verify(&()).unwrap(), [], "{name}, operation {operation}");
+            assert!(body.edges_cancel(), "{name}, operation {operation}");
             // (What is thinner than a step cannot be a surface on the grid.)
             assert!(report.built.defect_count > 0 || body.is_closed(), "{name}, operation {operation}");
             (operation, body)
@@ -130,6 +131,39 @@ fn slivers() {
                 let operations = ALL.filter(|operation| kind == [0, 0] || operation % 15 % 3 != 0);
                 Results::of([a, b], operations, &name).assert_add_up(&name);
             }
+        }
+    }
+}
+
+/// Vertices on edges, with faces without an area there, near the other body, far from it and inside of it; and faces that lie on
+/// each other.
+#[test]
+fn vertices_on_edges() {
+    let mut random = Random(77);
+    for round in 0..12 {
+        // Faces are cut at random points of their edges, each by itself.
+        let mut cut = Vec::new();
+        for rings in triangulated(&scaled(&cuboid([40, 50, 60], [90, 80, 100]), 60)) {
+            let [a, b, c] = [0, 1, 2].map(|corner| rings[0][corner]);
+            let on = |p: [i32; 3], q: [i32; 3], place: i32| {
+                [0, 1, 2].map(|axis| p[axis] + (q[axis] - p[axis]) / 60 * place)
+            };
+            let at = on(a, b, 1 + random.below(59) as i32);
+            // What joins the cut edge to the whole one.
+            cut.extend([vec![vec![at, b, c]], vec![vec![a, at, c]], vec![vec![a, b, at]]]);
+        }
+        let first = Body::of(&cut, 13);
+        let corner = |random: &mut Random| [0; 3].map(|_: i32| 500 + random.below(5000) as i32);
+        let low = corner(&mut random);
+        let second = match round % 3 {
+            0 => random_tetrahedron(&mut random, 1000, 8),
+            1 => cuboid(low, low.map(|at| at + 1 + random.below(2000) as i32)),
+            _ => cut.clone(),
+        };
+        let second = Body::of(&second, 13);
+        assert!(first.edges_cancel() && second.edges_cancel());
+        for (a, b) in [(&first, &second), (&second, &first)] {
+            Results::of([a, b], ALL, &format!("round {round}")).assert_add_up(&format!("round {round}"));
         }
     }
 }

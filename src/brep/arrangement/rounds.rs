@@ -122,6 +122,13 @@ impl Rounded {
         self.changed.resize(self.faces.len() as usize, false);
     }
 
+    /// Adds a face that stands for nothing of the others.
+    pub(crate) fn push(&mut self, face: &Face<'_>) {
+        self.faces.push(face);
+        self.stands_in.push(true);
+        self.changed.push(true);
+    }
+
     /// Number of pairs of faces of which one was moved, and that have more in common now than neighbours have.
     ///
     /// # Errors

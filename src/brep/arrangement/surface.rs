@@ -60,7 +60,8 @@ pub(super) enum Kept<'a> {
 const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 
 /// Hands out the faces that bound what is inside, in the order of those that they come from. Where faces pass through each
-/// other, they are divided; where they lie on each other, one stays. Surfaces have to be closed.
+/// other, they are divided; where they lie on each other, one stays. Surfaces have to be closed. Faces without an area stay where
+/// all around them does; of bodies none stays, so that vertices may lie on edges.
 ///
 /// All faces are held in memory; planes, boxes and edges take about 250 bytes each. The result depends on no number of
 /// threads.
@@ -132,10 +133,13 @@ pub(super) fn resolve(
                 }
             }
         } else {
+            let has_area = surface.planes[number as usize].is_some();
             match kept_of.get(&components[number as usize]) {
-                Some(Some(is_turned)) => each(Kept::Face { face, is_turned: *is_turned })?,
+                Some(Some(is_turned)) if has_area || !operands.are_bodies => {
+                    each(Kept::Face { face, is_turned: *is_turned })?
+                }
                 // (What has no area is nothing that is missed.)
-                _ => counts.removed += u64::from(surface.planes[number as usize].is_some()),
+                _ => counts.removed += u64::from(has_area),
             }
         }
     }

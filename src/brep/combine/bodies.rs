@@ -15,7 +15,6 @@ use crate::{Error, Progress, Result};
 pub(super) struct Bodies<'a> {
     models: &'a [&'a ExactModel],
     placed: &'a Placed,
-    table: OperationTable,
     overlaps: Vec<Overlap>,
     /// Whether all faces are taken as near: where corners lie beside the grid, octrees are only those of the faces that stand for
     /// others, which may be some steps off, or nowhere.
@@ -45,7 +44,7 @@ impl<'a> Bodies<'a> {
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
-        Ok(Bodies { models, placed, table, overlaps, are_all_near, is_coloured, first })
+        Ok(Bodies { models, placed, overlaps, are_all_near, is_coloured, first })
     }
 
     /// The faces that are near other bodies; and where those of each model end.
@@ -144,12 +143,13 @@ impl<'a> Bodies<'a> {
             if face.number.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            let fate = match overlap.filter(|overlap| !overlap.near.has(face.number)) {
-                None => None,
-                Some(overlap) if face.points.len() == 3 && ring_normal(face.points) != [0; 3] => {
+            // (What has no area is in no cell.)
+            let has_area = || ring_normal(face.rings().next().unwrap_or_default()) != [0; 3];
+            let fate = match overlap {
+                Some(overlap) if !overlap.near.has(face.number) && has_area() => {
                     Some(overlap.fate(face.number))
                 }
-                Some(overlap) => self.fate_of_sliver(number, face, overlap)?,
+                _ => None,
             };
             if fate == Some(Fate::Dropped) {
                 return each(face, fate);
@@ -165,26 +165,6 @@ impl<'a> Bodies<'a> {
                 (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
             each(&Face { points: &points, colours, part, source, ..*face }, fate)
         })
-    }
-
-    /// The fate of a face, which may have no area: such faces are in no cell, and go where their corners are.
-    fn fate_of_sliver(&self, number: usize, face: &Face<'_>, overlap: &Overlap) -> Result<Option<Fate>> {
-        if ring_normal(face.rings().next().unwrap_or_default()) != [0; 3] {
-            return Ok(Some(overlap.fate(face.number)));
-        }
-        let at = self.placed.point(number, face.points[0]).map(|at| 2 * i64::from(at));
-        let mut places = Vec::new();
-        for (other, model) in self.models.iter().enumerate() {
-            if other == number {
-                places.push(0);
-                continue;
-            }
-            match self.placed.place(other, model, at)? {
-                Some(place) => places.push(place),
-                None => return Ok(None),
-            }
-        }
-        Ok(Some(self.table.fate(number, &places)))
     }
 }
 

@@ -9,6 +9,7 @@
 mod bodies;
 mod overlap;
 mod placed;
+mod seams;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -16,6 +17,7 @@ mod winding;
 
 use self::bodies::Bodies;
 use self::placed::Placed;
+use self::seams::Seams;
 use self::table::OperationTable;
 use self::winding::winding;
 use super::arrangement::{Operands, Rounded, Rounds, divide, round};
@@ -108,24 +110,33 @@ pub fn combine(
     };
     let is_unbounded = table.is_inside(&far);
     let (exact, done) = divide(&faces, &operands, path, memory / 2, progress)?;
+    let mut is_whole = bodies.are_all_near;
+    let mut seams = if is_whole { Seams::default() } else { Seams::between(&faces.list, &ends) };
     drop(faces);
     let Rounds { pairs, divided, .. } = done;
     let mut rounded = round(exact)?;
-    let mut is_whole = bodies.are_all_near;
-    if rounded.crossings(path, memory / 2, progress)? > 0 {
-        if let (false, Some(rest)) = (is_whole, bodies.all_settled(memory / 4, progress)?) {
-            rounded.append(&rest);
-            is_whole = true;
-        }
-        if is_whole {
-            let mut rounds = 0;
-            let whole = rounded.clone();
-            let (mended, is_done) =
-                whole.mended(is_unbounded, MOST_ROUNDS, path, memory / 2, progress, &mut rounds)?;
-            // (Otherwise the surface stays as it is, and it is told where it passes through itself.)
-            if is_done {
-                rounded = mended;
-            }
+    let is_thin = rounded.crossings(path, memory / 2, progress)? > 0;
+    if let (true, false, Some(rest)) = (is_thin, is_whole, bodies.all_settled(memory / 4, progress)?) {
+        rounded.append(&rest);
+        seams = Seams::default();
+        is_whole = true;
+    }
+    seams.add_all(&rounded.faces);
+    if is_whole {
+        let is_coloured = rounded.faces.is_coloured();
+        std::mem::take(&mut seams).close(is_coloured, &mut |face| {
+            rounded.push(face);
+            Ok(())
+        })?;
+    }
+    if is_thin && is_whole {
+        let mut rounds = 0;
+        let whole = rounded.clone();
+        let (mended, is_done) =
+            whole.mended(is_unbounded, MOST_ROUNDS, path, memory / 2, progress, &mut rounds)?;
+        // (Otherwise the surface stays as it is, and it is told where it passes through itself.)
+        if is_done {
+            rounded = mended;
         }
     }
     let Rounded { faces, stands_in, exact, displacement, .. } = rounded;
@@ -134,18 +145,27 @@ pub fn combine(
     let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
         .boolean_faces(BOOLEAN_FACES)
         .unbounded(is_unbounded);
-    let mut settled = 0u32;
+    let mut settled = 0u64;
     if !is_whole {
         bodies.settled(progress, &mut |face| {
             settled += 1;
+            seams.add_watched(face);
             builder.push(face)
         })?;
     }
     faces.each(&mut |face| builder.push(face))?;
-    let after = u64::from(settled) + faces.len();
+    // (The builder has refused numbers of more bits.)
+    let numbers = (settled..).map(|number| number as u32);
+    let mut stand_ins: Vec<u32> =
+        numbers.zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number)).collect();
+    let mut after = settled + faces.len();
+    seams.close(faces.is_coloured(), &mut |face| {
+        stand_ins.push(after as u32);
+        after += 1;
+        builder.push(face)
+    })?;
     drop(faces);
-    let stand_ins = (settled..).zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number));
-    let builder = builder.exact(ExactPart { faces: exact, stand_ins: stand_ins.collect() });
+    let builder = builder.exact(ExactPart { faces: exact, stand_ins });
     let mut metadata = metadata(operation, &models, &grid);
     metadata.tags.insert("model.displacement".into(), displacement.to_string());
     let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {

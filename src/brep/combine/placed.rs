@@ -1,7 +1,7 @@
 //! Models on one grid.
 
 use crate::brep::arrangement::{Corner, ExactFace};
-use crate::brep::{ExactModel, Faces, Grid, MOST_BITS, Node, NodeState};
+use crate::brep::{ExactModel, Faces, Grid, MOST_BITS, Node};
 use crate::space::Crs;
 use crate::{Error, Result};
 
@@ -95,31 +95,6 @@ impl Placed {
         let (times, shift) = self.shifts[model];
         let bounds = node.bounds(&self.grids[model]);
         bounds.map(|corner| [0, 1, 2].map(|axis| times * corner[axis] + 2 * shift[axis]))
-    }
-
-    /// Whether the cell of a model that has a place, in half steps of the common grid, is inside (1) or outside (0); `None` if
-    /// faces cut it.
-    pub(super) fn place(&self, number: usize, model: &ExactModel, at: [i64; 3]) -> Result<Option<i32>> {
-        let mut node = model.root()?;
-        let has = |node: &Node<'_>| {
-            let [low, high] = self.half_units(number, node);
-            (0..3).all(|axis| low[axis] <= at[axis] && at[axis] < high[axis])
-        };
-        if !has(&node) {
-            return Ok(Some(model.far_winding()));
-        }
-        loop {
-            match node.state() {
-                NodeState::Void => return Ok(Some(0)),
-                NodeState::Full => return Ok(Some(1)),
-                NodeState::Leaf { .. } => return Ok(None),
-                NodeState::Inner => {
-                    let [low, high] = self.half_units(number, &node);
-                    let upper = |axis: usize| usize::from(2 * at[axis] >= low[axis] + high[axis]) << axis;
-                    node = model.child(&node, upper(0) | upper(1) | upper(2))?;
-                }
-            }
-        }
     }
 
     /// A face with corners beside a model's grid on the common one.
