@@ -5,12 +5,12 @@ use crate::brep::MOST_BITS;
 use crate::space::{Dimension, morton_encode};
 
 /// Least and greatest coordinates.
-pub(super) type Bounds = [[i32; 3]; 2];
+pub(crate) type Bounds = [[i32; 3]; 2];
 
 const FAN_OUT: usize = 8;
 
 /// A tree over boxes, which are known by numbers.
-pub(super) struct BoxTree {
+pub(crate) struct BoxTree {
     /// Numbers of the boxes in the order of the lowest level.
     numbers: Vec<u32>,
     /// Boxes of each level, the lowest first: each covers eight of the level below.
@@ -22,7 +22,7 @@ pub(super) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
 
 impl BoxTree {
     /// The tree over some boxes, with their numbers.
-    pub(super) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
+    pub(crate) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
         let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
         boxes.sort_by_cached_key(|(number, [low, high])| {
             let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
@@ -39,7 +39,7 @@ impl BoxTree {
     }
 
     /// Hands out the numbers of all boxes that pass a test, which all boxes around them pass, too.
-    pub(super) fn each(&self, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(u32)) {
+    pub(crate) fn each(&self, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(u32)) {
         let top = self.levels.len() - 1;
         // Nodes to be looked at: level and place.
         let mut open: Vec<(usize, usize)> = (0..self.levels[top].len()).map(|place| (top, place)).collect();
@@ -59,6 +59,16 @@ impl BoxTree {
     }
 }
 
+/// The box around points, and so much more on all sides.
+pub(crate) fn bounds_of(points: &[[i32; 3]], more: i32) -> Bounds {
+    points.iter().fold([[i32::MAX; 3], [i32::MIN; 3]], |[low, high], point| {
+        [
+            [0, 1, 2].map(|axis| low[axis].min(point[axis] - more)),
+            [0, 1, 2].map(|axis| high[axis].max(point[axis] + more)),
+        ]
+    })
+}
+
 /// The box around two boxes.
 fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
     [
@@ -68,7 +78,7 @@ fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
 }
 
 /// Whether two boxes have a point in common.
-pub(super) fn touch([low, high]: &Bounds, [other_low, other_high]: &Bounds) -> bool {
+pub(crate) fn touch([low, high]: &Bounds, [other_low, other_high]: &Bounds) -> bool {
     (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::boxes::Bounds;
+use super::boxes::{Bounds, bounds_of};
 use super::overlay::{Corner, Region};
 use super::point::{ExactPlane, ExactPoint};
 use crate::brep::{Face, FaceList, Faces};
@@ -157,13 +157,7 @@ impl ExactFaces {
     /// The box around a face.
     pub(super) fn bounds(&self, face: u32) -> Bounds {
         let more = i32::from(self.exact.contains_key(&face));
-        let points = self.list.get(face as usize).points;
-        points.iter().fold([[i32::MAX; 3], [i32::MIN; 3]], |[low, high], point| {
-            [
-                [0, 1, 2].map(|axis| low[axis].min(point[axis] - more)),
-                [0, 1, 2].map(|axis| high[axis].max(point[axis] + more)),
-            ]
-        })
+        bounds_of(self.list.get(face as usize).points, more)
     }
 
     /// Bytes of memory that they take.

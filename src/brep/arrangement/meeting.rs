@@ -118,14 +118,16 @@ fn is_beside(a: &Piece, b: &Piece, axis: usize, shared: [Option<(usize, usize)>;
             let way = order(&one.corners);
             let (own, its) = if *is_turned { (common.1, common.0) } else { common };
             let corner = flat(one.corners[own]);
-            (0..3).any(|i| {
-                let (from, to) = (way[i], way[(i + 1) % 3]);
+            // (Inside of an edge that does not end in the common corner is that corner.)
+            let mut edges =
+                (0..3).map(|i| (way[i], way[(i + 1) % 3])).filter(|(from, to)| [*from, *to].contains(&own));
+            edges.any(|(from, to)| {
                 let (p, q) = (flat(one.corners[from]), flat(one.corners[to]));
                 (0..3).filter(|k| *k != its).all(|k| {
                     let point = flat(other.corners[k]);
                     match turn(p, q, point) {
                         // On the line of an edge that ends in the common corner, but on the other side of it.
-                        0 if from == own || to == own => {
+                        0 => {
                             let far = if from == own { q } else { p };
                             let along = |at: [i64; 2]| [at[0] - corner[0], at[1] - corner[1]].map(i128::from);
                             let (far, there) = (along(far), along(point));
@@ -214,6 +216,9 @@ mod tests {
         for b in [
             A,
             [[0, 0, 0], [0, 8, 0], [8, 0, 0]],
+            [[0, 0, 0], [2, 0, 0], [0, 2, 0]],
+            [[0, 0, 0], [2, 1, 0], [1, 2, 0]],
+            [[0, 0, 0], [-1, 9, 0], [1, 9, 0]],
             [[1, 1, 0], [9, 1, 0], [1, 9, 0]],
             [[2, 0, 0], [6, 0, 0], [4, -3, 0]],
             [[8, 0, 0], [16, 0, 0], [0, 4, 0]],

@@ -21,9 +21,10 @@ mod sample;
 mod snapping;
 mod surface;
 
+pub(crate) use boxes::{BoxTree, bounds_of, touch};
 pub(crate) use delaunay::flip_in_plane;
 pub(crate) use exact_face::{ExactFace, ExactFaces};
-pub(crate) use overlay::{Corner, Vertices};
+pub(crate) use overlay::{Corner, Vertices, root};
 pub(crate) use point::{ExactPlane, ExactPoint};
 pub(crate) use rounds::{Rounded, Rounds, Turner, divide, round};
 pub(crate) use sample::Sample;

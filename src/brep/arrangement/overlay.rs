@@ -456,7 +456,7 @@ fn components(overlay: &Overlay<'_>) -> Vec<u32> {
 }
 
 /// The representative of a set, of sets that are told by the parents of their members.
-pub(super) fn root(parents: &mut [u32], mut member: u32) -> u32 {
+pub(crate) fn root(parents: &mut [u32], mut member: u32) -> u32 {
     while parents[member as usize] != member {
         parents[member as usize] = parents[parents[member as usize] as usize];
         member = parents[member as usize];

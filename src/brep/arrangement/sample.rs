@@ -30,7 +30,7 @@ fn small(number: i64) -> I1024 {
 
 impl<'a> Sample<'a> {
     /// The middle of a triangle of the grid.
-    pub(super) fn of_triangle(plane: &'a ExactPlane, corners: &[[i32; 3]; 3]) -> Sample<'a> {
+    pub(crate) fn of_triangle(plane: &'a ExactPlane, corners: &[[i32; 3]; 3]) -> Sample<'a> {
         let axis = plane.main_axis();
         let sum = |axis: usize| corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>();
         let near = [0, 1, 2].map(|axis| sum(axis) as f64 / 3.0);

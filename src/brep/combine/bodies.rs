@@ -13,9 +13,10 @@ use crate::{Error, Progress, Result};
 
 /// Models whose faces are read one after the other, as those of one.
 pub(super) struct Bodies<'a> {
-    models: &'a [&'a ExactModel],
-    placed: &'a Placed,
-    overlaps: Vec<Overlap>,
+    pub(super) models: &'a [&'a ExactModel],
+    pub(super) placed: &'a Placed,
+    pub(super) table: OperationTable,
+    pub(super) overlaps: Vec<Overlap>,
     /// Whether all faces are taken as near: where corners lie beside the grid, octrees are only those of the faces that stand for
     /// others, which may be some steps off, or nowhere.
     pub(super) are_all_near: bool,
@@ -44,7 +45,7 @@ impl<'a> Bodies<'a> {
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
-        Ok(Bodies { models, placed, overlaps, are_all_near, is_coloured, first })
+        Ok(Bodies { models, placed, table, overlaps, are_all_near, is_coloured, first })
     }
 
     /// The faces that are near other bodies; and where those of each model end.
@@ -56,7 +57,7 @@ impl<'a> Bodies<'a> {
             self.first[number].1 = first_source;
             let mut sources = first_source;
             // (A face has about as many bytes in the section as in memory.)
-            check_room(model.path(), &found, 2 * model.exact_bytes(), memory)?;
+            self.check_room(number, found.list.bytes().saturating_add(2 * model.exact_bytes()), memory)?;
             let ExactPart { faces: exact, stand_ins } = model.exact_part()?;
             let mut stand_ins = stand_ins.into_iter().map(u64::from).peekable();
             self.each(number, progress, &mut |face, fate| {
@@ -64,7 +65,7 @@ impl<'a> Bodies<'a> {
                 if stand_ins.next_if_eq(&face.number).is_none() && fate.is_none() {
                     found.list.push(face);
                     if found.list.len().is_multiple_of(1 << 12) {
-                        check_room(model.path(), &found, 0, memory)?;
+                        self.check_room(number, found.list.bytes(), memory)?;
                     }
                 }
                 Ok(())
@@ -89,7 +90,7 @@ impl<'a> Bodies<'a> {
                 sources = sources.max(source.saturating_add(1));
                 found.push(ExactFace { part, source, ..face });
             }
-            check_room(model.path(), &found, 0, memory)?;
+            self.check_room(number, found.list.bytes(), memory)?;
             first_source = sources;
             ends.push(found.list.len() as u32);
         }
@@ -154,16 +155,42 @@ impl<'a> Bodies<'a> {
             if fate == Some(Fate::Dropped) {
                 return each(face, fate);
             }
-            points.clear();
-            points.extend(face.points.iter().map(|point| self.placed.point(number, *point)));
-            if points.iter().flatten().any(|at| (*at as u32) >> self.placed.grid.bits != 0) {
-                return Err(not_in_the_octree(model.path(), face.number));
-            }
+            self.put(number, face.number, face.points, &mut points)?;
             white.resize(if self.is_coloured { points.len() } else { 0 }, [255; 3]);
             let colours = if face.colours.is_empty() { &white[..] } else { face.colours };
             let (part, source) =
                 (face.part.saturating_add(first_part), face.source.saturating_add(first_source));
             each(&Face { points: &points, colours, part, source, ..*face }, fate)
+        })
+    }
+
+    /// Puts a face's corners on the common grid.
+    pub(super) fn put(
+        &self,
+        number: usize,
+        face: u64,
+        corners: &[[i32; 3]],
+        points: &mut Vec<[i32; 3]>,
+    ) -> Result<()> {
+        points.clear();
+        points.extend(corners.iter().map(|point| self.placed.point(number, *point)));
+        match points.iter().flatten().any(|at| (*at as u32) >> self.placed.grid.bits != 0) {
+            true => Err(not_in_the_octree(self.models[number].path(), face)),
+            false => Ok(()),
+        }
+    }
+
+    /// Fails if so many bytes for the faces of a model and those before it are too much.
+    pub(super) fn check_room(&self, number: usize, needed: u64, memory: u64) -> Result<()> {
+        if needed <= memory {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: self.models[number].path().to_path_buf(),
+            what: "the faces of the models that are to be combined".into(),
+            needed,
+            limit: memory,
+            advice: "allow more with --memory".into(),
         })
     }
 }
@@ -172,19 +199,4 @@ impl<'a> Bodies<'a> {
 fn not_in_the_octree(path: &Path, face: u64) -> Error {
     let found = format!("face {face} with corners beyond those of all cells");
     Error::corrupt(path, "faces", found, "faces that are in the octree")
-}
-
-/// Fails if faces, and so many bytes more, are too much.
-fn check_room(path: &Path, faces: &ExactFaces, more: u64, memory: u64) -> Result<()> {
-    let needed = faces.list.bytes().saturating_add(more);
-    if needed <= memory && faces.list.len() < 1 << 31 {
-        return Ok(());
-    }
-    Err(Error::TooLarge {
-        path: path.to_path_buf(),
-        what: "the faces of the models that are to be combined".into(),
-        needed,
-        limit: memory,
-        advice: "allow more with --memory".into(),
-    })
 }

@@ -7,6 +7,7 @@
 //! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
 
 mod bodies;
+mod components;
 mod overlap;
 mod placed;
 mod seams;
@@ -87,6 +88,8 @@ pub fn combine(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
+    // (Of more, numbers of faces in memory would have more than 32 bits.)
+    let memory = memory.min(1 << 38);
     let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
     let placed = Placed::of(models)?;
@@ -96,6 +99,9 @@ pub fn combine(
     let (placed, models) =
         (placed.of_those(&those), those.iter().map(|number| models[*number]).collect::<Vec<_>>());
     let mut bodies = Bodies::new(&models, &placed, table, progress)?;
+    if !bodies.are_all_near {
+        bodies.settle_components(memory / 2, progress)?;
+    }
     let (faces, ends) = bodies.near(memory / 2, progress)?;
     let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
     let operands = Operands {

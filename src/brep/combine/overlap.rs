@@ -28,6 +28,21 @@ impl FaceSet {
         }
     }
 
+    fn remove(&mut self, number: u64) {
+        if let Some(word) = self.0.get_mut((number / 64) as usize) {
+            *word &= !(1 << (number % 64));
+        }
+    }
+
+    /// The numbers in the set, ascending.
+    pub(super) fn numbers(&self) -> impl Iterator<Item = u32> {
+        let of_word = |(index, word): (u32, &u64)| {
+            let word = *word;
+            (0..64).filter(move |bit| word >> bit & 1 == 1).map(move |bit| 64 * index + bit)
+        };
+        (0..).zip(&self.0).flat_map(of_word)
+    }
+
     pub(super) fn has(&self, number: u64) -> bool {
         self.0.get((number / 64) as usize).is_some_and(|word| word >> (number % 64) & 1 == 1)
     }
@@ -35,7 +50,7 @@ impl FaceSet {
 
 /// The faces of one body among others.
 pub(super) struct Overlap {
-    /// Those in cells that faces of other bodies are in or near, too.
+    /// Those in cells that faces of other bodies are in or near, too, but for those that are settled otherwise.
     pub(super) near: FaceSet,
     /// Of the others, those to be turned, and those to be dropped.
     turned: FaceSet,
@@ -49,6 +64,16 @@ impl Overlap {
             (_, true) => Fate::Dropped,
             (true, _) => Fate::Turned,
             _ => Fate::Kept,
+        }
+    }
+
+    /// Notes the fate of a face that is not near after all.
+    pub(super) fn settle(&mut self, number: u64, fate: Fate) {
+        self.near.remove(number);
+        match fate {
+            Fate::Kept => {}
+            Fate::Turned => self.turned.add(number),
+            Fate::Dropped => self.dropped.add(number),
         }
     }
 
