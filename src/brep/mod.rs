@@ -2,6 +2,7 @@
 
 pub(crate) mod arrangement;
 pub(crate) mod attributes;
+mod boxes;
 mod build;
 mod combine;
 mod face;

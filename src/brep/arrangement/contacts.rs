@@ -2,11 +2,11 @@
 
 use std::collections::HashSet;
 
-use super::boxes::touch;
 use super::meeting::{Meeting, meet};
 use super::point::ExactPoint;
 use super::polygons::{Common, common};
 use super::surface::{Surface, too_large};
+use crate::brep::boxes::touch;
 use crate::{Progress, Result, parallel};
 
 /// Common points of two faces.

@@ -2,9 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::boxes::{Bounds, bounds_of};
 use super::overlay::{Corner, Region};
 use super::point::{ExactPlane, ExactPoint};
+use crate::brep::boxes::{Bounds, bounds_of};
 use crate::brep::{Face, FaceList, Faces};
 
 /// A face with corners that may lie beside the grid; rings as those of [`Face`].

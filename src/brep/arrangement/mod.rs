@@ -7,7 +7,6 @@
 //! stay or go together with those beside them. (The scheme is that of Zhou, Grinspun, Zorin and Jacobson, "Mesh
 //! Arrangements for Solid Geometry", 2016, but for the winding numbers, which need no order around edges here.)
 
-mod boxes;
 mod contacts;
 mod delaunay;
 mod exact_face;
@@ -21,7 +20,6 @@ mod sample;
 mod snapping;
 mod surface;
 
-pub(crate) use boxes::{BoxTree, bounds_of, touch};
 pub(crate) use delaunay::flip_in_plane;
 pub(crate) use exact_face::{ExactFace, ExactFaces};
 pub(crate) use overlay::{Corner, Vertices, root};

@@ -5,8 +5,8 @@
 //! thin triangles fall together. Which vertices these are depends on the edge alone, so that faces beside each other stay
 //! so.
 
-use super::boxes::{BoxTree, touch};
 use super::rounds::EachFace;
+use crate::brep::boxes::{BoxTree, touch};
 use crate::brep::{Face, FaceList};
 use crate::{Progress, Result};
 

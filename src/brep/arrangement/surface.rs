@@ -5,13 +5,13 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::boxes::{BOX, Bounds, BoxTree};
 use super::contacts::Contact;
 use super::exact_face::{ExactFace, ExactFaces};
 use super::overlay::{Region, Segment, VertexKey, Vertices, regions, root};
 use super::point::{ExactPlane, ExactPoint, others};
 use super::rounding::colours;
 use super::sample::Sample;
+use crate::brep::boxes::{BOX, Bounds, BoxTree};
 use crate::brep::piece::Piece;
 use crate::brep::{Face, Faces};
 use crate::geometry::Triangulator;

@@ -8,6 +8,7 @@ use super::defects::{DefectKind, Found};
 use super::division::{Division, each_bit};
 use super::items::Items;
 use super::pairs::{Contact, Shared, contact, passes};
+use crate::brep::boxes::{Bounds, BoxTree};
 use crate::brep::piece::Piece;
 use crate::brep::store::segment::{CUT, FULL, INNER, LeafHead, NodeKind, Rule, VOID};
 use crate::geometry::Stages;
@@ -48,7 +49,42 @@ struct Lists {
     items: Vec<u32>,
     /// Children that each face of a cell cuts, as bits.
     children: Vec<u8>,
-    boxes: Vec<[[i32; 3]; 2]>,
+    boxes: Vec<Bounds>,
+}
+
+/// Bounds of a leaf's faces in its cell, or a little beyond.
+struct Near<'a> {
+    boxes: &'a [Bounds],
+    /// Where they are many: faces of one plane may be any number.
+    tree: Option<BoxTree>,
+}
+
+impl<'a> Near<'a> {
+    fn of(boxes: &'a [Bounds]) -> Near<'a> {
+        /// A tree takes longer for fewer.
+        const MANY: usize = 64;
+        let numbered = || (0..).zip(boxes.iter().copied()).collect();
+        Near { boxes, tree: (boxes.len() > MANY).then(|| BoxTree::of(numbered())) }
+    }
+
+    /// Hands out the places, from a first one on, of all boxes that pass a test, which boxes around them pass, too.
+    #[inline]
+    fn each(&self, first: usize, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(usize)) {
+        match &self.tree {
+            None => {
+                for (place, bounds) in self.boxes.iter().enumerate().skip(first) {
+                    if meets(bounds) {
+                        each(place);
+                    }
+                }
+            }
+            Some(tree) => tree.each(meets, |place| {
+                if place as usize >= first {
+                    each(place as usize);
+                }
+            }),
+        }
+    }
 }
 
 /// Faces below which cells are not worth a task of their own.
@@ -187,7 +223,7 @@ impl Walk<'_> {
         cell: &Cell,
         list: &[u32],
         kind: NodeKind,
-        boxes: &mut Vec<[[i32; 3]; 2]>,
+        boxes: &mut Vec<Bounds>,
         out: &mut Arena,
     ) -> Result<u32> {
         // Bounds of the faces within the cell, or a little beyond.
@@ -202,8 +238,9 @@ impl Walk<'_> {
                 [0, 1, 2].map(|axis| high[axis].min(most[axis])),
             ]
         }));
-        self.check_pairs(cell, list, boxes, out)?;
-        self.check_windings(cell, list, boxes, out);
+        let near = Near::of(boxes);
+        self.check_pairs(cell, list, &near, out)?;
+        self.check_windings(cell, list, &near, out);
         let mut rule = self.rule(list);
         let inside = cell.winding == 1;
         if rule != Rule::Crossings || !(0..=1).contains(&cell.winding) {
@@ -229,23 +266,26 @@ impl Walk<'_> {
         Ok(out.leaf(LeafHead { kind, rule, inside }, faces))
     }
 
-    /// Looks for faces that pass through each other or lie on each other. `boxes` are their bounds in the cell.
-    fn check_pairs(&self, cell: &Cell, list: &[u32], boxes: &[[[i32; 3]; 2]], out: &mut Arena) -> Result<()> {
+    /// Looks for faces that pass through each other or lie on each other.
+    fn check_pairs(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) -> Result<()> {
         let (min, width) = cell.bounds(self.bits);
         let owns = |point: [i32; 3]| {
             (0..3).all(|axis| (0..width).contains(&(2 * i64::from(point[axis]) - min[axis])))
         };
+        let mut others = Vec::new();
         for (index, &one) in list.iter().enumerate() {
             if index & 0xff == 0xff {
                 self.progress.check()?;
             }
-            let [low, high] = boxes[index];
-            for (&other, [other_low, other_high]) in list.iter().zip(boxes).skip(index + 1) {
-                // (Without a branch for each.)
-                let apart = |axis: usize| (other_low[axis] > high[axis]) | (low[axis] > other_high[axis]);
-                if apart(0) | apart(1) | apart(2) {
-                    continue;
-                }
+            let [low, high] = near.boxes[index];
+            others.clear();
+            // (Without a branch for each axis.)
+            let apart = |axis: usize, [other_low, other_high]: &Bounds| {
+                (other_low[axis] > high[axis]) | (low[axis] > other_high[axis])
+            };
+            let touches = |other: &Bounds| !(apart(0, other) | apart(1, other) | apart(2, other));
+            near.each(index + 1, &touches, |other| others.push(list[other]));
+            for &other in &others {
                 if let Some(kind) = self.conflict(one, other, list, owns) {
                     let [[low, high], [other_low, other_high]] =
                         [one, other].map(|item| *self.items.bounds(item));
@@ -298,8 +338,7 @@ impl Walk<'_> {
 
     /// Looks at both sides of each face that has its sample in the cell: outside should be in front, and inside
     /// behind; or, where faces of bodies that touch lie on each other, the one or the other on both sides.
-    /// `boxes` are their bounds in the cell.
-    fn check_windings(&self, cell: &Cell, list: &[u32], boxes: &[[[i32; 3]; 2]], out: &mut Arena) {
+    fn check_windings(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) {
         let (min, width) = cell.bounds(self.bits);
         for &item in list {
             let Some(sample) = self.items.sample(item) else { continue };
@@ -313,28 +352,28 @@ impl Walk<'_> {
             let (start, end) = (corner.at.map(around), sample.at.map(around));
             let mut winding = cell.winding;
             let mut beyond = 0;
-            for (&other, [low, high]) in list.iter().zip(boxes) {
-                // The way leads along x, then y, then z: few faces reach it.
+            // The way leads along x, then y, then z: few faces reach it.
+            let reached = |[low, high]: &Bounds| {
                 let spans = |axis: usize, at: &[[i32; 2]; 3]| {
                     (low[axis] <= at[axis][0]) & (at[axis][1] <= high[axis])
                 };
                 let (from_z, to_x, to_y) = (spans(2, &start), spans(0, &end), spans(1, &end));
-                let is_near = [from_z & spans(1, &start), from_z & to_x, to_x & to_y];
-                if is_near == [false; 3] {
-                    continue;
-                }
-                let outline = self.items.outline(other);
+                [from_z & spans(1, &start), from_z & to_x, to_x & to_y, to_x & to_y & spans(2, &end)]
+            };
+            near.each(0, &|bounds| reached(bounds) != [false; 4], |other| {
+                let is_reached = reached(&near.boxes[other]);
+                let outline = self.items.outline(list[other]);
                 let mut at = corner;
-                for (axis, is_near) in is_near.into_iter().enumerate() {
-                    if is_near {
+                for (axis, is_reached) in is_reached.into_iter().take(3).enumerate() {
+                    if is_reached {
                         winding += outline.change_along(axis, &at, sample.at[axis]);
                     }
                     at.at[axis] = sample.at[axis];
                 }
-                if is_near[2] && spans(2, &end) && outline.has(&sample) {
+                if is_reached[3] && outline.has(&sample) {
                     beyond += outline.side_of_moved(&sample);
                 }
-            }
+            });
             let other_side = winding + beyond;
             if let Some(wrong) = [winding, other_side].into_iter().find(|winding| !(0..=1).contains(winding))
             {

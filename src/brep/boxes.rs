@@ -18,7 +18,7 @@ pub(crate) struct BoxTree {
 }
 
 /// Bytes of a box in a tree.
-pub(super) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
+pub(crate) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
 
 impl BoxTree {
     /// The tree over some boxes, with their numbers.
