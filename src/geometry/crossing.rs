@@ -156,8 +156,19 @@ impl Outline<'_> {
         if self.side(point) != 0 {
             return false;
         }
-        let axis = (0..3).max_by_key(|axis| self.normal[*axis].unsigned_abs()).unwrap_or(2);
+        let axis = self.main_axis();
         self.is_met(axis, point) || self.is_on_boundary(axis, point)
+    }
+
+    /// Whether a point of the plane, moved a little within it, lies on the polygon: of polygons beside each other in a plane, one has
+    /// it.
+    pub(crate) fn has_moved(&self, point: &FinePoint) -> bool {
+        self.is_met(self.main_axis(), point)
+    }
+
+    /// The axis along which the polygon is seen largest; the same for all of a plane.
+    fn main_axis(&self) -> usize {
+        (0..3).max_by_key(|axis| self.normal[*axis].unsigned_abs()).unwrap_or(2)
     }
 
     /// Whether a point of the plane lies on an edge, seen along an axis.

@@ -135,6 +135,60 @@ fn slivers() {
     }
 }
 
+/// Parts of a box that is cut again and again, in units.
+fn parts(random: &mut Random, [low, high]: [[i32; 3]; 2], cuts: u32, found: &mut Vec<[[i32; 3]; 2]>) {
+    let axis = random.below(3) as usize;
+    let width = high[axis] - low[axis];
+    if cuts == 0 || width < 2 {
+        found.push([low, high]);
+        return;
+    }
+    let at = low[axis] + 1 + random.below(width as u64 - 1) as i32;
+    let put = |point: [i32; 3]| [0, 1, 2].map(|k| if k == axis { at } else { point[k] });
+    parts(random, [low, put(high)], cuts - 1, found);
+    parts(random, [put(low), high], cuts - 1, found);
+}
+
+/// Boxes that fill space without gaps, of which some are taken: walls lie on parts of other walls, and edges on walls.
+#[test]
+fn boxes_side_by_side() {
+    const SIDE: i32 = 8;
+    let mut random = Random(5);
+    for round in 0..24 {
+        let [a, b] = [0; 2].map(|_: i32| {
+            let mut boxes = Vec::new();
+            parts(&mut random, [[0; 3], [SIDE; 3]], 1 + round % 5, &mut boxes);
+            boxes.retain(|_| random.below(3) > 0);
+            let mut faces = Solid::new();
+            let mut cells = vec![false; (SIDE * SIDE * SIDE) as usize];
+            for [low, high] in boxes {
+                for ring in cuboid(low, high).iter_mut().map(|rings| &mut rings[0]) {
+                    ring.rotate_left(random.below(4) as usize);
+                    let [p, q, r, s] = [0, 1, 2, 3].map(|corner| ring[corner]);
+                    match random.below(4) {
+                        0 => faces.push(vec![vec![p, q, r, s]]),
+                        _ => faces.extend([vec![vec![p, q, r]], vec![vec![p, r, s]]]),
+                    }
+                }
+                for (number, cell) in (0..).zip(&mut cells) {
+                    let at = [number % SIDE, number / SIDE % SIDE, number / SIDE / SIDE];
+                    *cell |= (0..3).all(|axis| (low[axis]..high[axis]).contains(&at[axis]));
+                }
+            }
+            (Body::of(&scaled(&faces, 64), 10), cells)
+        });
+        let results = Results::of([&a.0, &b.0], ALL, &format!("round {round}"));
+        for operation in 0..8 {
+            let both = a.1.iter().zip(&b.1);
+            let count = both.filter(|(a, b)| holds(operation, [**a, **b])).count();
+            let expected = count as f64 * f64::from(1 << 18);
+            let found = results.volume(operation);
+            assert!((found - expected).abs() < 1e-3, "{round}, operation {operation}: {found} {expected}");
+        }
+        results.assert_add_up(&format!("round {round}"));
+    }
+}
+
 /// Vertices on edges, with faces without an area there, near the other body, far from it and inside of it; and faces that lie on
 /// each other.
 #[test]

@@ -7,7 +7,7 @@ use super::arena::Arena;
 use super::defects::{DefectKind, Found};
 use super::division::{Division, each_bit};
 use super::items::Items;
-use super::pairs::{Contact, Shared, contact, passes};
+use super::pairs::{Contact, Shared, contact, passes, twin};
 use crate::brep::boxes::{Bounds, BoxTree};
 use crate::brep::piece::Piece;
 use crate::brep::store::segment::{CUT, FULL, INNER, LeafHead, NodeKind, Rule, VOID};
@@ -325,8 +325,10 @@ impl Walk<'_> {
                         // The face at the other side of the edge is in the cell in which they meet.
                         let turned = [across[1], across[0]];
                         let pieces = list.iter().flat_map(|item| self.items.triangles(*item));
-                        let mut twins = pieces.filter(|piece| has_edge(piece, turned));
-                        if twins.any(|twin| passes(through, &owner.corners, &twin.corners)) {
+                        let twins =
+                            pieces.filter(|piece| has_edge(piece, turned)).map(|piece| &piece.corners);
+                        let twin = twin(&owner.corners, across, twins);
+                        if twin.is_some_and(|twin| passes(through, &owner.corners, twin)) {
                             return Some(DefectKind::Crossing);
                         }
                     }
@@ -350,8 +352,10 @@ impl Walk<'_> {
             // The points of the grid around each coordinate.
             let around = |at: i64| [(at >> sample.bits) as i32, -(-at >> sample.bits) as i32];
             let (start, end) = (corner.at.map(around), sample.at.map(around));
+            let normal = self.items.plane(item).normal.map(i128::from);
             let mut winding = cell.winding;
             let mut beyond = 0;
+            let mut is_alone = true;
             // The way leads along x, then y, then z: few faces reach it.
             let reached = |[low, high]: &Bounds| {
                 let spans = |axis: usize, at: &[[i32; 2]; 3]| {
@@ -370,10 +374,22 @@ impl Walk<'_> {
                     }
                     at.at[axis] = sample.at[axis];
                 }
-                if is_reached[3] && outline.has(&sample) {
+                if !is_reached[3] || outline.side(&sample) != 0 {
+                    return;
+                }
+                let n = outline.normal.map(i128::from);
+                let is_in_plane =
+                    (0..3).all(|axis| n[axis] * normal[(axis + 1) % 3] == n[(axis + 1) % 3] * normal[axis]);
+                if !is_in_plane {
+                    is_alone &= !outline.has(&sample);
+                } else if outline.has_moved(&sample) {
                     beyond += outline.side_of_moved(&sample);
                 }
             });
+            // Where another body's edge touches the face, what is on which side depends on how far one goes.
+            if !is_alone {
+                continue;
+            }
             let other_side = winding + beyond;
             if let Some(wrong) = [winding, other_side].into_iter().find(|winding| !(0..=1).contains(winding))
             {

@@ -3,6 +3,8 @@
 //! Faces of a body may touch: along edges, in corners, and where two bodies have a wall in common, turned to
 //! opposite sides. They may not pass through each other, nor lie on each other turned to the same side.
 
+use std::cmp::Ordering;
+
 use super::defects::DefectKind;
 use crate::brep::piece::Piece;
 use crate::geometry::crossing::ring_normal;
@@ -151,6 +153,34 @@ fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
     found
 }
 
+/// The triangle that is at the other end of what is behind a triangle at one of its edges: of those that have the edge the other way
+/// round, the first that is met by who turns around it there. (Bodies that touch have more than two faces at an edge.)
+pub(super) fn twin<'a>(
+    one: &Triangle,
+    edge: [[i32; 3]; 2],
+    others: impl Iterator<Item = &'a Triangle>,
+) -> Option<&'a Triangle> {
+    let apex = |t: &Triangle| t.iter().copied().find(|point| !edge.contains(point)).unwrap_or(edge[0]);
+    let own = apex(one);
+    let normal = |c: [i32; 3]| ring_normal(&[edge[0], edge[1], c]);
+    let is_opposite =
+        |point: [i32; 3]| (0..3).any(|k| normal(own)[k].signum() * normal(point)[k].signum() < 0);
+    // Less than half a turn, half of one, more. What lies on the triangle belongs to another body.
+    let turn = |point: [i32; 3]| match orientation(one[0], one[1], one[2], point) {
+        side if side < 0 => Some(0),
+        0 => is_opposite(point).then_some(1),
+        _ => Some(2),
+    };
+    others.filter(|other| turn(apex(other)).is_some()).reduce(|best, other| {
+        let (b, o) = (apex(best), apex(other));
+        let is_first = match turn(o).cmp(&turn(b)) {
+            Ordering::Equal => orientation(edge[0], edge[1], b, o) > 0,
+            order => order == Ordering::Less,
+        };
+        if is_first { other } else { best }
+    })
+}
+
 /// Whether an edge that meets the common edge of two triangles, in a point between the ends of both, passes there from
 /// one side of their surface to the other.
 pub(super) fn passes([from, to]: [[i32; 3]; 2], one: &Triangle, other: &Triangle) -> bool {
@@ -244,6 +274,28 @@ mod tests {
         assert_eq!(conflict(&[a[1], a[2], a[0]], &[b[2], b[0], b[1]]), found);
         assert_eq!(conflict(&[a[1], a[0], a[2]], &[b[1], b[0], b[2]]), found);
         found
+    }
+
+    /// Two boxes side by side have four faces at an edge of their wall.
+    #[test]
+    fn twins_are_those_of_the_same_body() {
+        let edge = [[0, 0, 0], [0, 8, 0]];
+        let wall = [edge[0], edge[1], [0, 4, -8]];
+        let [top, front, coincident, its_top, below] = [
+            [edge[1], edge[0], [8, 4, 0]],
+            [edge[1], edge[0], [-8, 4, 3]],
+            [edge[1], edge[0], [0, 3, -5]],
+            [edge[1], edge[0], [-8, 4, 0]],
+            [edge[1], edge[0], [8, 4, -8]],
+        ];
+        // (Behind the wall is where x is more.)
+        assert!(orientation(wall[0], wall[1], wall[2], [1, 0, 0]) < 0);
+        let of = |others: &[Triangle]| twin(&wall, edge, others.iter()).copied();
+        assert_eq!(of(&[coincident, front, top, its_top]), Some(top));
+        assert_eq!(of(&[top, below, coincident]), Some(below));
+        assert_eq!(of(&[its_top, front]), Some(front));
+        assert_eq!(of(&[front, [edge[1], edge[0], [0, 4, 8]]]), Some([edge[1], edge[0], [0, 4, 8]]));
+        assert_eq!(of(&[coincident]), None);
     }
 
     #[test]

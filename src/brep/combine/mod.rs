@@ -60,8 +60,8 @@ pub struct CombineReport {
 ///
 /// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
 /// which stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
-/// are those of the bodies on which the operation depends, one after the other. Memory: about 300 bytes for each face that is near
-/// other bodies, half of `memory` at most; of models with corners beside the grid these are all.
+/// are those of the bodies on which the operation depends, one after the other. Memory: about 100 bytes for each face in cells near
+/// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; of models with corners beside the grid the latter are all.
 ///
 /// ```
 /// use spinney::brep::{ExactModel, combine};
