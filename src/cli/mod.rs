@@ -5,6 +5,7 @@ mod build;
 mod combine;
 mod compact;
 mod completions;
+mod contours;
 mod diff;
 mod dump;
 mod edit;
@@ -70,6 +71,7 @@ enum Command {
     Point(point::Args),
     Stats(stats::Args),
     Find(find::Args),
+    Contours(contours::Args),
     Render(render::Args),
     Legend(legend::Args),
     Dump(dump::Args),
@@ -96,6 +98,7 @@ impl Command {
             Command::Point(args) => point::run(&args),
             Command::Stats(args) => stats::run(&args, global),
             Command::Find(args) => find::run(&args),
+            Command::Contours(args) => contours::run(&args, global),
             Command::Render(args) => render::run(&args, global),
             Command::Legend(args) => legend::run(&args, global),
             Command::Dump(args) => dump::run(&args),

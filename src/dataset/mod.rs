@@ -1,6 +1,7 @@
 //! Datasets: tree files of either format, as they are or through views, behind one interface, for the command
 //! line and for bindings.
 
+mod contours;
 mod questions;
 mod solids;
 mod texts;

@@ -18,6 +18,7 @@ mod paint;
 mod render;
 #[cfg(feature = "raster")]
 pub mod tiles;
+pub mod vector;
 #[cfg(feature = "raster")]
 mod window;
 

@@ -6,6 +6,7 @@
 
 pub mod cell_blocks;
 mod classes;
+mod contours;
 mod count;
 pub(crate) mod dump;
 mod field;
@@ -25,6 +26,10 @@ mod walk;
 mod window;
 mod zonal;
 
+pub use contours::{
+    Contour, ContourLevels, ContourNodata, ContourRequest, ContourSummary, TakeContour,
+};
+pub(crate) use contours::{Extremes, Ground, Relief, file_extremes, source_extremes, trace_contours};
 pub(crate) use field::Field;
 pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};

@@ -100,6 +100,16 @@ pub(crate) fn autumnal_statistics(
     Ok(gather.finish(volume))
 }
 
+/// Extremes, sums and number of all cells of a box, which may stick out of the picture: nodes of the tree are taken whole.
+///
+/// # Errors
+/// If the file is damaged there.
+pub(super) fn tally_of(file: &Goblin, bounds: &Bounds) -> Result<Tally> {
+    let mut gather = Gather::new(file.header().form, false);
+    ended(walk(file, bounds, &mut gather))?;
+    Ok(gather.count.finish())
+}
+
 /// Statistics of all cells of a tally, of a box of so many cells.
 fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistics {
     let tally = if count_classes { tally_of_classes(tally.value_type, tally.classes) } else { tally };

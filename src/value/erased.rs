@@ -216,7 +216,6 @@ impl ValueType {
     }
 
     /// Adds the samples that many values have in a channel as numbers, NaN where one is missing.
-    #[cfg(feature = "raster")]
     pub(crate) fn push_numbers(self, channel: usize, bytes: &[u8], numbers: &mut Vec<f64>) {
         let size = self.sample.size();
         let (first, width) = (channel * size, self.size());

@@ -1,0 +1,161 @@
+//! `spinney contours`: lines of equal values, and the areas between them.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use clap::ValueEnum;
+use spinney::export::vector::{
+    AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
+};
+use spinney::io::Output;
+use spinney::query::{Contour, ContourLevels, ContourNodata, ContourRequest};
+
+use super::args::{Memory, OutputLimit, ViewedTree, check_output, level_of, number};
+use super::report::{Work, report_output};
+use super::{Global, exact};
+
+const EXAMPLES: &str = "Examples:
+  spinney contours dem.goblin --every 100 -o contours.geojson
+  spinney contours dem.goblin --every 100 --base 50 --level 9 -o overview.svg
+  spinney contours dem.goblin --levels 0,200,500,1000 -o contours.gpkg
+  spinney contours dem.goblin --levels 0,200,500,1000 --bands -o zones.gpkg
+  spinney contours dem.goblin --every 20 --view bbox=5,44,17,48 -o alps.csv
+
+Values go straight from one cell's centre to the next. One that is equal to a level counts as above it;
+four cells that make a saddle, by their mean. Lines of a level never touch: they stay a millionth of a
+cell away from the centres of cells. Higher values are to the right of a line. At the edge of the
+picture lines go on to the edge of its cells.
+
+GeoJSON has the coordinates of the file's own coordinate system; if that is not WGS 84, it is named in
+a member \"crs\", as in the format's version of 2008.";
+
+/// Write contour lines of a picture at any level of detail, or the areas between them
+///
+/// Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; bands, which are polygons with holes,
+/// min and max. Memory does not grow with the picture's area: lines that wait for their ends are put into a temporary file beside
+/// the output.
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    tree: ViewedTree,
+    #[command(flatten)]
+    levels: LevelOptions,
+    /// The value that --every counts from
+    #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
+    base: f64,
+    /// Output: .geojson, .csv (well-known text), .svg or .gpkg; `-` is standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Format where the output's name does not say
+    #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg"])]
+    format: Option<String>,
+    /// Areas between neighbouring levels instead of lines
+    #[arg(long)]
+    bands: bool,
+    /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they were
+    #[arg(long)]
+    level: Option<u8>,
+    /// What lines do near VOID cells; bands always go on to the edge of the last cells
+    #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "bands")]
+    nodata: Nodata,
+    /// Points with a third coordinate: the value, of bands the least one
+    #[arg(long = "3d")]
+    has_z: bool,
+    #[command(flatten)]
+    limit: OutputLimit,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+/// The values of lines.
+#[derive(clap::Args)]
+#[group(required = true, multiple = false)]
+struct LevelOptions {
+    /// Distance between neighbouring levels
+    #[arg(long, value_name = "STEP")]
+    every: Option<f64>,
+    /// The levels
+    #[arg(long, value_name = "V,...", value_delimiter = ',', allow_hyphen_values = true, value_parser = number::<f64>)]
+    levels: Option<Vec<f64>>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Nodata {
+    /// End: no line goes between four cells of which one is VOID
+    Open,
+    /// Go on to the edge of the last cells and end there, as those of gdal_contour
+    Extend,
+    /// Go on along the edge of the last cells, and of the picture, so that all are closed
+    Close,
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    if exact::open(&args.tree.file)?.is_some() {
+        exact::refuse(&args.tree.file, &[("contours", true)])?;
+    }
+    let tree = args.tree.open()?;
+    let named = args.format.as_deref().map(str::parse).transpose()?;
+    let format = named.or_else(|| VectorFormat::of(&args.output)).with_context(|| {
+        format!("{}: unknown format; use .geojson, .csv, .svg or .gpkg, or --format", args.output.display())
+    })?;
+    check_output([args.tree.file.as_path()], &args.output)?;
+    let levels = match (args.levels.every, &args.levels.levels) {
+        (Some(step), _) => ContourLevels::Every { step, base: args.base },
+        (None, levels) => ContourLevels::At(levels.clone().unwrap_or_default()),
+    };
+    let mut request = ContourRequest::new(levels);
+    request.level = Some(level_of(&tree, args.level)?);
+    request.memory = args.memory.bytes;
+    request.nodata = match args.nodata {
+        Nodata::Open => ContourNodata::Open,
+        Nodata::Extend => ContourNodata::Extend,
+        Nodata::Close => ContourNodata::Close,
+    };
+    let (kind, name, attributes): (_, _, &[&str]) = match args.bands {
+        false => (GeometryKind::Line, "contours", &["value"]),
+        true => (GeometryKind::Polygon, "bands", &["min", "max"]),
+    };
+    let frame = &tree.metadata().frame;
+    let [low, high] = frame.world_box(&tree.header().picture());
+    let layer = VectorLayer {
+        name: name.into(),
+        kind,
+        has_z: args.has_z,
+        attributes: attributes.iter().map(|name| ((*name).into(), AttributeType::Number)).collect(),
+        crs: frame.crs.clone(),
+        bounds: [[low[0], low[1]], [high[0], high[1]]],
+    };
+    let work = Work::start(global, "cells")?;
+    let output = args.limit.create(&args.output)?;
+    if output.is_file() {
+        let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
+        request.folder = Some(folder.map_or_else(|| ".".into(), PathBuf::from));
+    }
+    let write = |output: Output| {
+        let mut writer = VectorWriter::create(output, format, layer)?;
+        let mut each = |contour: &Contour<'_>| match args.bands {
+            false => writer.write(contour, &[AttributeValue::Number(contour.value())]),
+            true => writer.write(contour, &contour.range().map(AttributeValue::Number)),
+        };
+        let summary = match args.bands {
+            false => tree.contours(&request, &work, &mut each),
+            true => tree.contour_bands(&request, &work, &mut each),
+        }?;
+        writer.finish().map(|()| summary)
+    };
+    let summary = write(output).with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    let what = if args.bands { "polygons" } else { "lines" };
+    global.report(
+        "contours",
+        format_args!(
+            "{} {what} of {} points, {} of {} tiles read",
+            summary.count, summary.points, summary.tiles_read, summary.tiles
+        ),
+    );
+    report_output(global, &args.output, start);
+    Ok(())
+}

@@ -1,0 +1,240 @@
+//! Lines and polygons with attributes, as files of other programs: one layer of features of one kind each.
+//!
+//! Features are written as they come, points as they are handed out, so that none has to be held. Files of GeoPackage alone hold
+//! a feature, up to a mebibyte of it.
+//!
+//! ```
+//! use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
+//! use spinney::io::Output;
+//!
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let path = folder.path().join("paths.geojson");
+//! let layer = VectorLayer {
+//!     name: "paths".into(),
+//!     kind: GeometryKind::Line,
+//!     has_z: false,
+//!     attributes: vec![("length".into(), AttributeType::Number)],
+//!     crs: None,
+//!     bounds: [[0.0, 0.0], [3.0, 4.0]],
+//! };
+//! let mut writer = VectorWriter::create(Output::create(&path)?, VectorFormat::GeoJson, layer)?;
+//! let path_of_points = [vec![[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]]];
+//! writer.write(&path_of_points, &[AttributeValue::Number(5.0)])?;
+//! writer.finish()?;
+//! # let text = std::fs::read_to_string(path).unwrap();
+//! # assert!(text.contains(r#""properties":{"length":5},"geometry":{"type":"LineString","coordinates":[[0,0],[3,4]]}"#), "{text}");
+//! # Ok::<(), spinney::Error>(())
+//! ```
+
+mod csv;
+mod geojson;
+#[cfg(feature = "mbtiles")]
+mod geopackage;
+mod svg;
+mod text;
+
+use std::path::Path;
+use std::str::FromStr;
+
+use crate::io::Output;
+use crate::query::Contour;
+use crate::space::Crs;
+use crate::{Error, Result};
+
+/// Format of a file of lines or polygons.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum VectorFormat {
+    /// `GeoJSON` (RFC 7946): coordinates as they are, with the member `crs` of the format's first version (2008) where they are in another
+    /// coordinate system than WGS 84 whose number is known.
+    GeoJson,
+    /// Comma-separated values, with geometries in well-known text.
+    Csv,
+    /// A drawing: y goes up, attributes are `data-` attributes.
+    Svg,
+    /// `GeoPackage`, version 1.3 (feature `mbtiles`).
+    GeoPackage,
+}
+
+impl VectorFormat {
+    /// The format of a file by its name's ending; `None` if it is another one.
+    pub fn of(path: &Path) -> Option<VectorFormat> {
+        path.extension()?.to_str()?.parse().ok()
+    }
+}
+
+impl FromStr for VectorFormat {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<VectorFormat> {
+        match name.to_ascii_lowercase().as_str() {
+            "geojson" | "json" => Ok(VectorFormat::GeoJson),
+            "csv" => Ok(VectorFormat::Csv),
+            "svg" => Ok(VectorFormat::Svg),
+            "gpkg" => Ok(VectorFormat::GeoPackage),
+            _ => Err(Error::invalid("format", name, "geojson, csv, svg or gpkg")),
+        }
+    }
+}
+
+/// Kind of all features of a layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GeometryKind {
+    /// Lines: the only part of each has its points.
+    Line,
+    /// Polygons: the first part is the outer ring, all others are holes. Rings end with the point that they begin with.
+    Polygon,
+}
+
+/// Type of an attribute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AttributeType {
+    /// Numbers.
+    Number,
+    /// Texts.
+    Text,
+}
+
+/// An attribute of a feature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AttributeValue<'a> {
+    /// A number; one that is not finite is none.
+    Number(f64),
+    /// A text.
+    Text(&'a str),
+    /// Nothing.
+    None,
+}
+
+/// Description of a layer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VectorLayer {
+    /// Its name.
+    pub name: String,
+    /// Kind of all features.
+    pub kind: GeometryKind,
+    /// Whether points have a third coordinate.
+    pub has_z: bool,
+    /// Names and types of the attributes.
+    pub attributes: Vec<(String, AttributeType)>,
+    /// The coordinate system, where known.
+    pub crs: Option<Crs>,
+    /// Least and greatest x and y of all features, or of what is around them.
+    pub bounds: [[f64; 2]; 2],
+}
+
+/// The geometry of a feature.
+pub trait Geometry {
+    /// Number of parts.
+    fn parts(&self) -> usize;
+
+    /// Number of points of a part.
+    fn count(&self, part: usize) -> u64;
+
+    /// Hands out the points of a part, in order, many at a time.
+    ///
+    /// # Errors
+    /// If they cannot be read, or `each` fails.
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()>;
+}
+
+impl Geometry for [Vec<[f64; 3]>] {
+    fn parts(&self) -> usize {
+        self.len()
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        self.get(part).map_or(0, |points| points.len() as u64)
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        self.get(part).map_or(Ok(()), |points| each(points))
+    }
+}
+
+impl<const PARTS: usize> Geometry for [Vec<[f64; 3]>; PARTS] {
+    fn parts(&self) -> usize {
+        PARTS
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        self[..].count(part)
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        self[..].points(part, each)
+    }
+}
+
+impl Geometry for Contour<'_> {
+    fn parts(&self) -> usize {
+        Contour::parts(self)
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        Contour::count(self, part)
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        Contour::points(self, part, each)
+    }
+}
+
+/// A file of a format in the making.
+trait FormatWriter {
+    fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()>;
+    fn finish(self: Box<Self>) -> Result<()>;
+}
+
+/// A layer that is being written. The file appears when it is finished.
+pub struct VectorWriter {
+    writer: Box<dyn FormatWriter>,
+    attributes: Vec<(String, AttributeType)>,
+}
+
+impl VectorWriter {
+    /// Starts a file of a layer.
+    ///
+    /// # Errors
+    /// If the output cannot be written, or is a stream and the format is a database.
+    pub fn create(output: Output, format: VectorFormat, layer: VectorLayer) -> Result<VectorWriter> {
+        let attributes = layer.attributes.clone();
+        let writer: Box<dyn FormatWriter> = match format {
+            VectorFormat::GeoJson => Box::new(geojson::GeoJson::new(output, layer)?),
+            VectorFormat::Csv => Box::new(csv::Csv::new(output, layer)?),
+            VectorFormat::Svg => Box::new(svg::Svg::new(output, layer)?),
+            #[cfg(feature = "mbtiles")]
+            VectorFormat::GeoPackage => Box::new(geopackage::GeoPackage::new(output, layer)?),
+            #[cfg(not(feature = "mbtiles"))]
+            VectorFormat::GeoPackage => {
+                let advice = "build the library with the feature mbtiles, or choose another format";
+                return Err(Error::unsupported(output.path(), "writing GeoPackage", advice));
+            }
+        };
+        Ok(VectorWriter { writer, attributes })
+    }
+
+    /// Writes a feature with its attributes, which are as many as the layer has, and of their types or none.
+    ///
+    /// # Errors
+    /// If it has other attributes, its points cannot be read, or the output cannot be written.
+    pub fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
+        let fits = |((_, wanted), value): (&(String, AttributeType), &AttributeValue<'_>)| match value {
+            AttributeValue::Number(_) => *wanted == AttributeType::Number,
+            AttributeValue::Text(_) => *wanted == AttributeType::Text,
+            AttributeValue::None => true,
+        };
+        if attributes.len() != self.attributes.len() || !self.attributes.iter().zip(attributes).all(fits) {
+            let found = format!("{attributes:?}");
+            return Err(Error::invalid("attributes of a feature", found, "those of the layer, in order"));
+        }
+        self.writer.write(geometry, attributes)
+    }
+
+    /// Ends the file and puts it in its place.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn finish(self) -> Result<()> {
+        self.writer.finish()
+    }
+}

@@ -1,0 +1,88 @@
+//! Text of formats that have points as text.
+
+use std::io::Write;
+
+use super::Geometry;
+use crate::io::Output;
+use crate::{Error, Result};
+
+/// Bytes that are written at a time.
+const BUFFER: usize = 1 << 16;
+
+/// An output with a buffer of text.
+pub(super) struct Text {
+    output: Output,
+    buffer: Vec<u8>,
+}
+
+impl Text {
+    pub(super) fn new(output: Output) -> Text {
+        Text { output, buffer: Vec::with_capacity(2 * BUFFER) }
+    }
+
+    pub(super) fn push(&mut self, text: &str) {
+        self.buffer.extend_from_slice(text.as_bytes());
+    }
+
+    /// The shortest text that is read as the same number: digits, no more than needed. What is not finite is `null`.
+    pub(super) fn push_number(&mut self, number: f64) {
+        // (Negative zero is zero.)
+        let number = if number == 0.0 { 0.0 } else { number };
+        let written = serde_json::to_writer(&mut self.buffer, &number);
+        debug_assert!(written.is_ok(), "memory takes everything");
+        if self.buffer.ends_with(b".0") {
+            self.buffer.truncate(self.buffer.len() - 2);
+        }
+    }
+
+    /// The text as a string of JSON.
+    pub(super) fn push_json(&mut self, text: &str) {
+        let written = serde_json::to_writer(&mut self.buffer, text);
+        debug_assert!(written.is_ok(), "memory takes everything");
+    }
+
+    /// The points of a part: `open`, coordinates with `between` between them, and `close` around each, and commas between points.
+    pub(super) fn push_points(
+        &mut self,
+        geometry: &dyn Geometry,
+        part: usize,
+        has_z: bool,
+        [open, between, close]: [&str; 3],
+    ) -> Result<()> {
+        let mut is_first = true;
+        geometry.points(part, &mut |points| {
+            for point in points {
+                if !std::mem::take(&mut is_first) {
+                    self.push(",");
+                }
+                self.push(open);
+                for (axis, number) in point[..if has_z { 3 } else { 2 }].iter().enumerate() {
+                    if axis > 0 {
+                        self.push(between);
+                    }
+                    self.push_number(*number);
+                }
+                self.push(close);
+                self.flush_some()?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Writes what has gathered, if it is much.
+    pub(super) fn flush_some(&mut self) -> Result<()> {
+        if self.buffer.len() >= BUFFER { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let written = self.output.write_all(&self.buffer);
+        written.map_err(|cause| Error::io(self.output.path(), "write")(cause))?;
+        self.buffer.clear();
+        Ok(())
+    }
+
+    pub(super) fn finish(mut self) -> Result<()> {
+        self.flush()?;
+        self.output.commit()
+    }
+}
