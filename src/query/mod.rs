@@ -26,9 +26,7 @@ mod walk;
 mod window;
 mod zonal;
 
-pub use contours::{
-    Contour, ContourLevels, ContourNodata, ContourRequest, ContourSummary, TakeContour,
-};
+pub use contours::{Contour, ContourLevels, ContourNodata, ContourRequest, ContourSummary, TakeContour};
 pub(crate) use contours::{Extremes, Ground, Relief, file_extremes, source_extremes, trace_contours};
 pub(crate) use field::Field;
 pub(crate) use find::source_find;

@@ -5,6 +5,7 @@ mod common;
 
 #[cfg(feature = "mesh")]
 mod brep_topology;
+mod contours;
 mod coverage;
 mod crops;
 #[cfg(feature = "mesh")]

@@ -6,6 +6,8 @@ mod common;
 mod cli;
 #[cfg(all(unix, feature = "cli"))]
 mod cli_build;
+#[cfg(feature = "mbtiles")]
+mod cli_contours;
 #[cfg(feature = "raster")]
 mod cli_crs;
 mod cli_edits;

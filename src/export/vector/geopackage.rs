@@ -53,7 +53,9 @@ fn failed(path: &Path) -> impl FnOnce(rusqlite::Error) -> Error {
     let path = path.to_path_buf();
     move |error| {
         let cause = match error.sqlite_error_code() {
-            Some(rusqlite::ErrorCode::DiskFull) => std::io::Error::new(std::io::ErrorKind::StorageFull, error),
+            Some(rusqlite::ErrorCode::DiskFull) => {
+                std::io::Error::new(std::io::ErrorKind::StorageFull, error)
+            }
             _ => std::io::Error::other(error),
         };
         Error::Io { path, doing: "write", cause }
@@ -73,7 +75,8 @@ impl GeoPackage {
         };
         let connection = Connection::open(&path).map_err(failed(&path))?;
         // A file that nobody sees yet needs no journal of the database's own.
-        let settings = "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA cache_size = -16384; BEGIN;";
+        let settings =
+            "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA cache_size = -16384; BEGIN;";
         connection.execute_batch(&format!("{settings}{SCHEMA}")).map_err(failed(&path))?;
         let table = quoted(&layer.name);
         let column = |(name, kind): &(String, AttributeType)| {
@@ -82,7 +85,8 @@ impl GeoPackage {
         };
         let geometry_type = if layer.kind == GeometryKind::Line { "LINESTRING" } else { "POLYGON" };
         let columns: String = layer.attributes.iter().map(column).collect();
-        let create = format!("CREATE TABLE {table} (fid INTEGER PRIMARY KEY NOT NULL, geom {geometry_type}{columns})");
+        let create =
+            format!("CREATE TABLE {table} (fid INTEGER PRIMARY KEY NOT NULL, geom {geometry_type}{columns})");
         let places = ", ?".repeat(layer.attributes.len());
         let insert = format!("INSERT INTO {table} VALUES (NULL, ?{places})");
         let insert_srs = "INSERT INTO gpkg_spatial_ref_sys VALUES (?1, ?2, ?3, ?4, ?5, NULL)";
@@ -182,7 +186,8 @@ impl FormatWriter for GeoPackage {
         let row = std::iter::once(Value::Integer(size as i64)).chain(attributes);
         connection.execute(&large, params_from_iter(row)).map_err(failed(path))?;
         let fid = connection.last_insert_rowid();
-        let mut blob = connection.blob_open("main", layer.name.as_str(), "geom", fid, false).map_err(failed(path))?;
+        let mut blob =
+            connection.blob_open("main", layer.name.as_str(), "geom", fid, false).map_err(failed(path))?;
         let mut at = 0;
         each(&mut bytes, &mut |bytes| {
             blob.write_all_at(bytes, at).map_err(failed(path))?;

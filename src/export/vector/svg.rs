@@ -22,7 +22,9 @@ impl Svg {
             }
             text.push_number(number);
         }
-        text.push("\">\n<g transform=\"scale(1,-1)\" stroke=\"#444\" stroke-width=\"1\" stroke-linejoin=\"round\" ");
+        text.push(
+            "\">\n<g transform=\"scale(1,-1)\" stroke=\"#444\" stroke-width=\"1\" stroke-linejoin=\"round\" ",
+        );
         text.push(match layer.kind {
             GeometryKind::Line => "fill=\"none\">\n",
             GeometryKind::Polygon => "fill=\"#b9cbb0\" fill-opacity=\"0.5\" fill-rule=\"evenodd\">\n",

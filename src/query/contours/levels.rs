@@ -35,7 +35,10 @@ impl Levels {
         match &mut levels {
             ContourLevels::Every { step, base } => {
                 if !(*step > 0.0 && step.is_finite() && base.is_finite()) {
-                    return invalid(format!("every {step} from {base}"), "a finite base, and a finite step above 0");
+                    return invalid(
+                        format!("every {step} from {base}"),
+                        "a finite base, and a finite step above 0",
+                    );
                 }
             }
             ContourLevels::At(values) => {

@@ -97,7 +97,8 @@ impl Nodes {
                         let start = grid.centre(column, row);
                         let mut end = start;
                         end[axis] += 1.0;
-                        let (values, ranks) = ([grid.numbers[a], grid.numbers[b]], [grid.ranks[a], grid.ranks[b]]);
+                        let (values, ranks) =
+                            ([grid.numbers[a], grid.numbers[b]], [grid.ranks[a], grid.ranks[b]]);
                         nodes.add_edge(levels, [start, end], values, ranks)?;
                     }
                 }

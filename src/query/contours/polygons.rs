@@ -95,7 +95,8 @@ impl Polygons {
         };
         let near = self.holes.range(rows).filter(|(_, hole)| is_near(hole));
         // How often the ring is crossed on the way left from a point of each.
-        let mut crossed: Vec<([f64; 2], _, bool)> = near.map(|(key, hole)| (hole.point, *key, false)).collect();
+        let mut crossed: Vec<([f64; 2], _, bool)> =
+            near.map(|(key, hole)| (hole.point, *key, false)).collect();
         if crossed.is_empty() {
             return Ok(Vec::new());
         }
@@ -106,14 +107,17 @@ impl Polygons {
                 let Some(a) = last.replace(*b) else { continue };
                 let (upper, lower) = (a[1].min(b[1]), a[1].max(b[1]));
                 let start = crossed.partition_point(|(point, ..)| point[1] < upper);
-                for (point, _, is_inside) in crossed[start..].iter_mut().take_while(|(point, ..)| point[1] < lower) {
+                for (point, _, is_inside) in
+                    crossed[start..].iter_mut().take_while(|(point, ..)| point[1] < lower)
+                {
                     let x = a[0] + (point[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
                     *is_inside ^= x < point[0];
                 }
             }
             Ok(())
         })?;
-        let mut inside: Vec<_> = crossed.into_iter().filter(|(.., is_inside)| *is_inside).map(|(_, key, _)| key).collect();
+        let mut inside: Vec<_> =
+            crossed.into_iter().filter(|(.., is_inside)| *is_inside).map(|(_, key, _)| key).collect();
         inside.sort_unstable();
         Ok(inside.iter().filter_map(|key| self.holes.remove(key)).map(|hole| hole.line).collect())
     }

@@ -3,10 +3,10 @@
 use super::levels::Levels;
 use super::nodes::Tracing;
 use super::{Extremes, Relief};
+use crate::Result;
 use crate::parallel;
 use crate::space::{Code, Dimension};
 use crate::tree::Child;
-use crate::Result;
 
 /// Neighbouring tiles of a row, up to but without `end`, whose cells have the same extremes.
 #[derive(Clone, Copy)]

@@ -70,7 +70,10 @@ fn link_square(nodes: &mut Nodes, levels: &Levels, values: [f64; 4], ranks: [i32
         for start in (0..4).filter(|side| is_high[*side] && !is_high[(side + 1) % 4]) {
             let end = if !is_saddle {
                 (0..4).find(ends).unwrap_or(start)
-            } else if *middle.get_or_insert_with(|| levels.rank(values.map(|value| 0.25 * value).iter().sum())) > level {
+            } else if *middle
+                .get_or_insert_with(|| levels.rank(values.map(|value| 0.25 * value).iter().sum()))
+                > level
+            {
                 (start + 1) % 4
             } else {
                 (start + 3) % 4
@@ -113,7 +116,8 @@ impl Split {
         let mean = |corners: &[usize]| {
             let (mut sum, mut share) = (0.0, 0.0);
             let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
-            for value in corners.iter().filter(|corner| ranks[**corner] != VOID).map(|corner| values[*corner]) {
+            for value in corners.iter().filter(|corner| ranks[**corner] != VOID).map(|corner| values[*corner])
+            {
                 (sum, share) = (sum + 0.25 * value, share + 0.25);
                 (least, most) = (least.min(value), most.max(value));
             }
@@ -159,7 +163,8 @@ impl Split {
             // Two cells that touch at a corner alone stay apart.
             if is_diagonal {
                 let towards = self.centres[start];
-                place = std::array::from_fn(|axis| place[axis] + away() * (towards[axis] - place[axis]).signum());
+                place =
+                    std::array::from_fn(|axis| place[axis] + away() * (towards[axis] - place[axis]).signum());
             }
             let turn = (nodes.add_border(place, self.middle.1)?, self.middle.1);
             let ends = (0..4).map(|step| (start + 3 * step + 3) % 4);
@@ -179,7 +184,12 @@ fn between(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
 
 /// Links what is along a piece of border that has values on its right, from one point with a rank to another, with the nodes between
 /// them.
-fn link_border(nodes: &mut Nodes, (from, before): (EdgeNodes, i32), edge: EdgeNodes, (to, after): (EdgeNodes, i32)) {
+fn link_border(
+    nodes: &mut Nodes,
+    (from, before): (EdgeNodes, i32),
+    edge: EdgeNodes,
+    (to, after): (EdgeNodes, i32),
+) {
     match nodes.tracing {
         Tracing::Open { .. } => {}
         Tracing::Bands => {

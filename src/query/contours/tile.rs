@@ -57,7 +57,8 @@ pub(super) fn trace(grid: &Grid, levels: &Levels, tracing: Tracing, is_reversed:
                 (is_done[at], last) = (true, node);
                 node = nodes.next[at];
             }
-            let ends = if is_ring { [None; 2] } else { [first as u32, last].map(|node| key(grid, &nodes, node)) };
+            let ends =
+                if is_ring { [None; 2] } else { [first as u32, last].map(|node| key(grid, &nodes, node)) };
             pieces.push(Piece { class: nodes.classes[first], points, ends, is_ring });
         }
     }

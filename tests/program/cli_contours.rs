@@ -1,0 +1,167 @@
+//! `spinney contours`: files of lines and bands.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use spinney::space::{Crs, Frame};
+use spinney::value::{Kind, Rule, SampleType};
+use tempfile::TempDir;
+
+use crate::common::command::{complaint, spinney, stdout};
+use crate::common::{made, quad, write_goblin};
+
+/// A hill with a hole of VOID in a picture of 40 x 30 cells somewhere in UTM zone 32.
+fn hill(crs: Option<Crs>) -> (TempDir, String) {
+    let form = quad(SampleType::F32, 1);
+    let cells = made(form, [40, 30, 1], |[x, y, _]| {
+        let (x, y) = (x as f64 - 19.7, y as f64 - 14.3);
+        let height = 100.0 - 6.0 * x.hypot(y);
+        (x.hypot(y) > 3.0).then(|| form.value.nearest(|_| height))
+    });
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("hill.goblin");
+    let frame = Frame { crs, ..Frame::planar([10.0, 0.0, 500_000.0, 0.0, -10.0, 5_200_000.0]) };
+    write_goblin(&path, &cells, (Rule::Mean, Kind::Continuous), frame);
+    (folder, path.to_str().unwrap().into())
+}
+
+fn features(path: &Path) -> (Value, Vec<Value>) {
+    let mut all: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+    let features = all["features"].take().as_array().unwrap().clone();
+    (all, features)
+}
+
+#[test]
+fn lines_as_geojson_have_values_and_a_coordinate_system() {
+    let (folder, file) = hill(Some(Crs::epsg(32632)));
+    let out = folder.path().join("lines.geojson");
+    spinney(&["contours", &file, "--every", "20", "-o", out.to_str().unwrap()]).success();
+    let (all, lines) = features(&out);
+    assert_eq!(all["crs"]["properties"]["name"], "urn:ogc:def:crs:EPSG::32632");
+    let values: Vec<f64> = lines.iter().map(|line| line["properties"]["value"].as_f64().unwrap()).collect();
+    assert!(values.contains(&40.0) && values.contains(&60.0) && values.contains(&-20.0), "{values:?}");
+    // The line of 40 goes clockwise around the hill, at a distance of 10 cells.
+    let ring = lines.iter().find(|line| line["properties"]["value"] == 40.0).unwrap();
+    assert_eq!(ring["geometry"]["type"], "LineString");
+    let points: Vec<[f64; 2]> = serde_json::from_value(ring["geometry"]["coordinates"].clone()).unwrap();
+    assert_eq!(points.first(), points.last());
+    let centre = [500_000.0 + 10.0 * 20.2, 5_200_000.0 - 10.0 * 14.8];
+    assert!(points.iter().all(|[x, y]| ((x - centre[0]).hypot(y - centre[1]) - 100.0).abs() < 1.0));
+    let turn: f64 = points
+        .windows(2)
+        .map(|pair| {
+            (pair[0][0] - centre[0]) * (pair[1][1] - centre[1])
+                - (pair[1][0] - centre[0]) * (pair[0][1] - centre[1])
+        })
+        .sum();
+    assert!(turn < 0.0, "higher values are on the right");
+    // Without one, or in WGS 84, nothing is said.
+    for crs in [None, Some(Crs::epsg(4326))] {
+        let (folder, file) = hill(crs);
+        let out = folder.path().join("lines.json");
+        spinney(&["-q", "contours", &file, "--levels", "40,60", "-o", out.to_str().unwrap()]).success();
+        assert!(features(&out).0.get("crs").is_none());
+    }
+}
+
+#[test]
+fn bands_cover_what_has_values() {
+    let (folder, file) = hill(None);
+    let out = folder.path().join("bands.geojson");
+    spinney(&["-q", "contours", &file, "--every", "25", "--bands", "-o", out.to_str().unwrap()]).success();
+    let (_, bands) = features(&out);
+    let area = |ring: &Value| {
+        let points: Vec<[f64; 2]> = serde_json::from_value(ring.clone()).unwrap();
+        let from = points[0];
+        let part = |pair: &[[f64; 2]]| {
+            (pair[0][0] - from[0]) * (pair[1][1] - from[1]) - (pair[1][0] - from[0]) * (pair[0][1] - from[1])
+        };
+        points.windows(2).map(part).sum::<f64>() / 2.0
+    };
+    let mut all = 0.0;
+    for band in &bands {
+        let (min, max) = (&band["properties"]["min"], &band["properties"]["max"]);
+        assert_eq!(max.as_f64().unwrap() - min.as_f64().unwrap(), 25.0);
+        let rings = band["geometry"]["coordinates"].as_array().unwrap();
+        assert!(area(&rings[0]) > 0.0, "outer rings are counterclockwise");
+        all += rings.iter().map(area).sum::<f64>();
+    }
+    let cells = spinney::open(&file).unwrap().statistics(None).unwrap().cells as f64;
+    assert!((all / 100.0 - cells).abs() < 1e-3, "{all} of {cells}");
+}
+
+#[test]
+fn all_formats_have_the_same_lines() {
+    let (folder, file) = hill(Some(Crs::epsg(32632)));
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let run = |name: &str, more: &[&str]| {
+        let out = path(name);
+        let mut words = vec!["-q", "contours", &file, "--every", "20", "--nodata", "close", "-o", &out];
+        words.extend(more);
+        spinney(&words).success();
+        fs::read(out).unwrap()
+    };
+    let count = features(Path::new(&{
+        run("a.geojson", &[]);
+        path("a.geojson")
+    }))
+    .1
+    .len();
+    let csv = String::from_utf8(run("a.csv", &["--3d"])).unwrap();
+    assert!(
+        csv.starts_with("WKT,value\r\n\"LINESTRING Z (") && csv.lines().count() == count + 1,
+        "{csv:.200}"
+    );
+    let svg = String::from_utf8(run("a.svg", &[])).unwrap();
+    assert!(svg.contains("viewBox=\"500000 -5200000 400 300\"") && svg.matches("<path").count() == count);
+    assert_eq!(
+        stdout(&["contours", &file, "--every", "20", "--nodata", "close", "-o", "-", "--format", "svg"]),
+        svg
+    );
+    let database = run("a.gpkg", &[]);
+    assert!(database == run("b.gpkg", &["--threads", "1", "--memory", "1"]), "the same bytes every time");
+    let database = rusqlite::Connection::open(path("a.gpkg")).unwrap();
+    let ask = |question: &str| database.query_row(question, [], |row| row.get::<_, i64>(0)).unwrap();
+    assert_eq!(ask("SELECT count(*) FROM contours WHERE value IS NOT NULL"), count as i64);
+    assert_eq!(ask("SELECT srs_id FROM gpkg_geometry_columns"), 32632);
+    let geometry: Vec<u8> = database.query_row("SELECT geom FROM contours", [], |row| row.get(0)).unwrap();
+    let points = u32::from_le_bytes(geometry[13..17].try_into().unwrap()) as usize;
+    assert_eq!((&geometry[..4], geometry.len()), (&b"GP\0\x01"[..], 17 + 16 * points));
+}
+
+#[test]
+fn what_cannot_be_done_leaves_no_file() {
+    let (folder, file) = hill(None);
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let out = path("out.geojson");
+    let refused = |words: &[&str], code: i32| {
+        let text = complaint(&[&["contours"], words].concat(), code);
+        assert!(!Path::new(&out).exists(), "{words:?}");
+        text
+    };
+    assert!(refused(&[&file, "--every", "0", "-o", &out], 1).contains("contour levels"));
+    assert!(refused(&[&file, "--every", "1e-9", "-o", &out], 1).contains("farther apart"));
+    assert!(refused(&[&file, "--every", "10", "--max-bytes", "100", "-o", &out], 1).contains("100"));
+    assert!(refused(&[&file, "--every", "10", "--level", "30", "-o", &out], 1).contains("--level"));
+    assert!(refused(&[&file, "--every", "10", "-o", &path("out.xyz")], 1).contains("unknown format"));
+    assert!(refused(&[&file, "--every", "10", "-o", "-", "--format", "gpkg"], 1).contains("stream"));
+    refused(&[&file, "-o", &out], 2);
+    refused(&[&file, "--every", "10", "--levels", "1,2", "-o", &out], 2);
+    refused(&[&file, "--every", "10", "--bands", "--nodata", "close", "-o", &out], 2);
+    // A file that was cut short, and one with a changed byte among its records.
+    let bytes = fs::read(&file).unwrap();
+    let bad = path("bad.goblin");
+    for length in [0, 50, bytes.len() / 2, bytes.len() - 1] {
+        fs::write(&bad, &bytes[..length]).unwrap();
+        refused(&[&bad, "--every", "10", "-o", &out], 1);
+    }
+    let mut changed = bytes;
+    changed[100] ^= 1;
+    fs::write(&bad, changed).unwrap();
+    refused(&[&bad, "--every", "10", "-o", &out], 1);
+    // An older file of that name stays.
+    fs::write(&out, "old").unwrap();
+    complaint(&["contours", &bad, "--every", "10", "-o", &out], 1);
+    assert_eq!(fs::read(&out).unwrap(), b"old");
+}
