@@ -72,8 +72,16 @@ impl Extremes {
 /// # Errors
 /// If the file is damaged there.
 pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
-    let (bounds, picture) = (code.bounds(file.header().depth()), file.header().picture());
-    Ok(Extremes::of(&tally_of(file, &bounds)?, bounds.intersect(&picture).volume()))
+    let bounds = code.bounds(file.header().depth());
+    let cells = bounds.intersect(&file.header().picture()).volume();
+    // The directory has those of nodes with segments, which are not opened.
+    if let Some(index) = file.find_segment(code) {
+        let entry = file.entry(index)?;
+        if entry.code == code {
+            return Ok(Extremes::of(&entry.zone, cells));
+        }
+    }
+    Ok(Extremes::of(&tally_of(file, &bounds)?, cells))
 }
 
 /// Extremes of a node of any source, of which `picture` are the cells that can be other than VOID. Nothing is known of nodes that the source has no tally of.

@@ -165,7 +165,7 @@ pub(crate) struct Ground<'a> {
 const TILE: u8 = 8;
 
 /// Bytes that a tile takes while it is traced, unless it has very many lines.
-const TILE_BYTES: u64 = 8 << 20;
+const TILE_BYTES: u64 = 4 << 20;
 
 /// Traces lines, or the polygons of bands, and hands them out in an order that depends on the tree alone.
 ///
@@ -195,7 +195,7 @@ pub(crate) fn trace_contours(
     let mut tracer = Tracer {
         ground,
         levels: &levels,
-        pieces: Pieces::new(usize::try_from(request.memory / 4).unwrap_or(usize::MAX), folder),
+        pieces: Pieces::new(usize::try_from(request.memory / 8).unwrap_or(usize::MAX), folder),
         joiner: Joiner::default(),
         polygons: Polygons::new(is_reversed),
         is_bands,
@@ -203,7 +203,7 @@ pub(crate) fn trace_contours(
         summary: ContourSummary { tiles: tiles[0].saturating_mul(tiles[1]), ..ContourSummary::default() },
     };
     let mut rows = Rows::new(ground.relief, &levels, tracing, tile_level, tiles);
-    let batch = (request.memory / 4 / TILE_BYTES).clamp(1, 1 << 10) as usize;
+    let batch = (request.memory / 8 / TILE_BYTES).clamp(1, 1 << 10) as usize;
     let cells = ground.size[0].saturating_mul(ground.size[1]);
     for row in 0..tiles[1] {
         progress.check()?;
