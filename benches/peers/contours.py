@@ -1,0 +1,29 @@
+#!/usr/bin/env python3
+"""Contour lines of the relief, every 100 m, from a tree, against gdal_contour from the TIFF.
+
+Both read the raster as they have it and write the same format. gdal_contour decides saddles in a way of its own, so that its lines are a
+few more or less.
+"""
+
+from common import RELIEF, SPINNEY, WORK, once, runs, start, table, tree
+
+start(peer="gdal_contour")
+goblin = WORK / "relief.goblin"
+tree(RELIEF, goblin)
+rows = []
+for name, ours, theirs, ending in [
+    ("lines", [], [], "geojson"),
+    ("lines", [], [], "gpkg"),
+    ("bands", ["--bands"], ["-p", "-amin", "min", "-amax", "max"], "gpkg"),
+]:
+    out, other = WORK / f"contours_{name}.{ending}", WORK / f"contours_{name}_gdal.{ending}"
+    mine = runs([SPINNEY, "-q", "contours", goblin, "--every", "100", *ours, "-o", out])
+    # (It does not replace files.)
+    other.unlink(missing_ok=True)
+    attribute = [] if theirs else ["-a", "value"]
+    gdal = once(["gdal_contour", "-q", "-i", "100", *attribute, *theirs, RELIEF, other])
+    rows.append([name, ending, *(f"{number:.2f}" for pair in zip(mine[:2], gdal[:2]) for number in pair),
+                 f"{mine[2]:.0f}", f"{gdal[2]:.0f}", f"{gdal[0] / mine[0]:.1f}", f"{mine[2] / gdal[2]:.2f}"])
+    out.unlink()
+    other.unlink()
+table(["what", "format", "CPU s", "GDAL", "wall s", "GDAL", "MiB", "GDAL", "times as fast", "memory of GDAL's"], rows)

@@ -1,0 +1,82 @@
+#!/usr/bin/env python3
+"""Contour lines against those of gdal_contour, segment by segment.
+
+    python tests/referees/contours.py PATH/TO/spinney FOLDER
+
+Needs GDAL's programs, without which it says that it is skipped. GDAL joins the lines through a saddle always in one way, whatever the mean of the four
+values is: in such squares only the number of segments is compared. Fails at the first picture that differs.
+"""
+
+import collections
+import csv
+import math
+import pathlib
+import random
+import shutil
+import subprocess
+import sys
+
+program, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+csv.field_size_limit(1 << 30)
+VOID = -9999
+
+
+def picture(seed):
+    """Noise, at times with holes, in float so that no value is that of a level."""
+    noise = random.Random(seed)
+    size = [noise.randrange(2, 600), noise.randrange(2, 60)]
+    width, height = size if seed % 2 else size[::-1]
+    holes = 0.1 if seed % 3 else 0.0
+    number = lambda: VOID if noise.random() < holes else round(8 * noise.random(), 5)
+    return [[number() for _ in range(width)] for _ in range(height)]
+
+
+def segments(path, rows):
+    """Segments in squares without a saddle, and how many are in each of the others."""
+    plain, saddles = collections.Counter(), collections.Counter()
+    for row in csv.DictReader(open(path, newline="")):
+        value, text = float(row["value"]), row["WKT"]
+        points = [tuple(map(float, point.split())) for point in text[text.index("(") + 1 : text.rindex(")")].split(",")]
+        for a, b in zip(points, points[1:]):
+            if math.dist(a, b) < 1e-4:
+                continue
+            column, line = math.floor((a[0] + b[0]) / 2 - 0.5), math.floor(len(rows) - (a[1] + b[1]) / 2 - 0.5)
+            corners = [rows[y][x] if 0 <= y < len(rows) and 0 <= x < len(rows[0]) else VOID
+                       for x, y in [(column, line), (column + 1, line), (column + 1, line + 1), (column, line + 1)]]
+            high = [corner >= value for corner in corners]
+            # (A quarter of a square with a void corner may be a saddle, too.)
+            if VOID in corners and corners.count(VOID) == 1 or high[0] == high[2] != high[1] == high[3]:
+                saddles[value, column, line] += 1
+            else:
+                plain[value, *(round(number, 2) for number in a + b)] += 1
+    return plain, saddles
+
+
+def compare(seed):
+    rows = picture(seed)
+    ascii_grid, source, tree = folder / "in.asc", folder / "in.tif", folder / "in.goblin"
+    head = f"ncols {len(rows[0])}\nnrows {len(rows)}\nxllcorner 0\nyllcorner 0\ncellsize 1\nNODATA_value {VOID}\n"
+    ascii_grid.write_text(head + "".join(" ".join(map(str, row)) + "\n" for row in rows))
+    subprocess.run(["gdal_translate", "-q", "-ot", "Float64", ascii_grid, source], check=True)
+    ours, theirs = folder / "ours.csv", folder / "theirs.csv"
+    theirs.unlink(missing_ok=True)
+    subprocess.run([program, "-q", "build", source, "-o", tree], check=True)
+    subprocess.run([program, "-q", "contours", tree, "--every", "1", "--nodata", "extend", "-o", ours], check=True)
+    csv_options = ["-f", "CSV", "-lco", "GEOMETRY=AS_WKT"]
+    subprocess.run(["gdal_contour", "-q", "-i", "1", "-a", "value", *csv_options, source, theirs], check=True)
+    (mine, saddles), (other, other_saddles) = segments(ours, rows), segments(theirs, rows)
+    count = sum(mine.values())
+    # (Places that are rounded to either side, and points closer than a tenth of a millimetre.)
+    differ = sum(((mine - other) + (other - mine)).values())
+    assert differ <= 2 + count / 1000, f"{seed}: {differ} of {count} segments differ"
+    wrong = sum(((saddles - other_saddles) + (other_saddles - saddles)).values())
+    assert wrong <= 2 + sum(saddles.values()) / 1000, f"{seed}: {wrong} segments of saddles differ"
+    return count, sum(saddles.values())
+
+
+if not shutil.which("gdal_contour"):
+    print("contours: skipped, gdal_contour is not there")
+    sys.exit(0)
+folder.mkdir(parents=True, exist_ok=True)
+total = [sum(column) for column in zip(*(compare(seed) for seed in range(12)))]
+print(f"contours: {total[0]} segments are gdal_contour's, and {total[1]} in saddles")
