@@ -45,11 +45,11 @@ pub(crate) struct Args {
     /// The value that --every counts from
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
     base: f64,
-    /// Output: .geojson, .csv (well-known text), .svg or .gpkg; `-` is standard output
+    /// Output: .geojson, .csv (well-known text), .svg, .gpkg or .shp; `-` is standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Format where the output's name does not say
-    #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg"])]
+    #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg", "shp"])]
     format: Option<String>,
     /// Areas between neighbouring levels instead of lines
     #[arg(long)]
@@ -99,7 +99,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let tree = args.tree.open()?;
     let named = args.format.as_deref().map(str::parse).transpose()?;
     let format = named.or_else(|| VectorFormat::of(&args.output)).with_context(|| {
-        format!("{}: unknown format; use .geojson, .csv, .svg or .gpkg, or --format", args.output.display())
+        format!(
+            "{}: unknown format; use .geojson, .csv, .svg, .gpkg or .shp, or --format",
+            args.output.display()
+        )
     })?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let levels = match (args.levels.every, &args.levels.levels) {

@@ -119,6 +119,12 @@ fn all_formats_have_the_same_lines() {
         stdout(&["contours", &file, "--every", "20", "--nodata", "close", "-o", "-", "--format", "svg"]),
         svg
     );
+    let shapes = run("a.shp", &["--3d"]);
+    let number = |bytes: &[u8], at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
+    assert_eq!((number(&shapes, 0), 2 * number(&shapes, 24)), (9994, shapes.len() as u32));
+    let [places, table] = ["a.shx", "a.dbf"].map(|name| fs::read(path(name)).unwrap());
+    assert_eq!((places.len(), table.len()), (100 + 8 * count, 32 + 32 + 1 + 25 * count + 1));
+    assert_eq!((number(&places, 100), table[4] as usize), (50, count));
     let database = run("a.gpkg", &[]);
     assert!(database == run("b.gpkg", &["--threads", "1", "--memory", "1"]), "the same bytes every time");
     let database = rusqlite::Connection::open(path("a.gpkg")).unwrap();

@@ -1,7 +1,7 @@
 //! Lines and polygons with attributes, as files of other programs: one layer of features of one kind each.
 //!
-//! Features are written as they come, points as they are handed out, so that none has to be held. Files of GeoPackage alone hold
-//! a feature, up to a mebibyte of it.
+//! Features are written as they come, points as they are handed out, so that none has to be held. For GeoPackage a feature is
+//! held, up to a mebibyte of it; for Shapefile a part of a feature.
 //!
 //! ```
 //! use spinney::export::vector::{AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter};
@@ -30,6 +30,8 @@ mod csv;
 mod geojson;
 #[cfg(feature = "mbtiles")]
 mod geopackage;
+#[cfg(feature = "raster")]
+mod shapefile;
 mod svg;
 mod text;
 
@@ -53,6 +55,9 @@ pub enum VectorFormat {
     Svg,
     /// `GeoPackage`, version 1.3 (feature `mbtiles`).
     GeoPackage,
+    /// Shapefile (feature `raster`): also the files `.shx`, `.dbf` and `.cpg` beside it, and `.prj` if the coordinate system is known
+    /// as well-known text or is WGS 84. Each of them appears whole; the one that was asked for is the last.
+    Shapefile,
 }
 
 impl VectorFormat {
@@ -71,7 +76,8 @@ impl FromStr for VectorFormat {
             "csv" => Ok(VectorFormat::Csv),
             "svg" => Ok(VectorFormat::Svg),
             "gpkg" => Ok(VectorFormat::GeoPackage),
-            _ => Err(Error::invalid("format", name, "geojson, csv, svg or gpkg")),
+            "shp" => Ok(VectorFormat::Shapefile),
+            _ => Err(Error::invalid("format", name, "geojson, csv, svg, gpkg or shp")),
         }
     }
 }
@@ -204,10 +210,13 @@ impl VectorWriter {
             VectorFormat::Svg => Box::new(svg::Svg::new(output, layer)?),
             #[cfg(feature = "mbtiles")]
             VectorFormat::GeoPackage => Box::new(geopackage::GeoPackage::new(output, layer)?),
+            #[cfg(feature = "raster")]
+            VectorFormat::Shapefile => Box::new(shapefile::Shapefile::new(output, layer)?),
             #[cfg(not(feature = "mbtiles"))]
-            VectorFormat::GeoPackage => {
-                let advice = "build the library with the feature mbtiles, or choose another format";
-                return Err(Error::unsupported(output.path(), "writing GeoPackage", advice));
+            format => {
+                let advice =
+                    "build the library with the features raster and mbtiles, or choose another format";
+                return Err(Error::unsupported(output.path(), format!("writing {format:?}"), advice));
             }
         };
         Ok(VectorWriter { writer, attributes })

@@ -48,10 +48,9 @@ impl Polygons {
                 let here = [point[0] - origin[0], point[1] - origin[1]];
                 ring.area += last[0] * here[1] - here[0] * last[1];
                 last = here;
-                for axis in 0..2 {
-                    ring.low[axis] = ring.low[axis].min(point[axis]);
-                    ring.high[axis] = ring.high[axis].max(point[axis]);
-                }
+                let [x, y] = *point;
+                ring.low = [ring.low[0].min(x), ring.low[1].min(y)];
+                ring.high = [ring.high[0].max(x), ring.high[1].max(y)];
             }
             Ok(())
         })?;
