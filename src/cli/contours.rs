@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use spinney::export::vector::{
-    AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
+    AttributeType, AttributeValue, GeometryKind, Smoothed, VectorFormat, VectorLayer, VectorWriter,
 };
 use spinney::io::Output;
 use spinney::query::{Contour, ContourLevels, ContourNodata, ContourRequest};
@@ -32,9 +32,9 @@ a member \"crs\", as in the format's version of 2008.";
 
 /// Write contour lines of a picture at any level of detail, or the areas between them
 ///
-/// Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; bands, which are polygons with holes,
-/// min and max. Memory does not grow with the picture's area: lines that wait for their ends are put into a temporary file beside
-/// the output.
+/// The values are those of the first channel. Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; bands, which are polygons with holes,
+/// min and max. Memory does not grow with the picture's area, only, with --bands, with the number of holes in polygons that are not whole yet: lines
+/// that wait for their ends are put into a temporary file beside the output.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -60,6 +60,10 @@ pub(crate) struct Args {
     /// What lines do near VOID cells; bands always go on to the edge of the last cells
     #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "bands")]
     nodata: Nodata,
+    /// Cut the corners of lines so many times, which doubles their points each time
+    #[arg(long, value_name = "TIMES", default_value_t = 0, conflicts_with = "bands")]
+    #[arg(value_parser = clap::value_parser!(u8).range(0..=8))]
+    smooth: u8,
     /// Points with a third coordinate: the value, of bands the least one
     #[arg(long = "3d")]
     has_z: bool,
@@ -140,7 +144,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let write = |output: Output| {
         let mut writer = VectorWriter::create(output, format, layer)?;
         let mut each = |contour: &Contour<'_>| match args.bands {
-            false => writer.write(contour, &[AttributeValue::Number(contour.value())]),
+            false => {
+                let line = Smoothed::new(contour, contour.is_closed(), args.smooth);
+                writer.write(&line, &[AttributeValue::Number(contour.value())])
+            }
             true => writer.write(contour, &contour.range().map(AttributeValue::Number)),
         };
         let summary = match args.bands {

@@ -59,7 +59,8 @@ impl Dataset {
     /// clockwise. What is below the first of [some values](crate::query::ContourLevels::At) or above the last is a band, too, and ends at the
     /// tree's least or greatest value.
     ///
-    /// A polygon is held, or in the temporary file, until all of it has been found.
+    /// A polygon is held, or in the temporary file, until all of it has been found. Besides `request.memory`, memory goes with the number
+    /// of holes that wait for the ring around them: about 200 bytes for each, which in rasters of noise are as many as cells.
     ///
     /// # Errors
     /// As [`Dataset::contours`].

@@ -9,7 +9,7 @@ use spinney::value::{Kind, Rule, SampleType};
 use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stdout};
-use crate::common::{made, quad, write_goblin};
+use crate::common::{Random, byte, made, quad, write_goblin};
 
 /// A hill with a hole of VOID in a picture of 40 x 30 cells somewhere in UTM zone 32.
 fn hill(crs: Option<Crs>) -> (TempDir, String) {
@@ -134,6 +134,40 @@ fn all_formats_have_the_same_lines() {
     let geometry: Vec<u8> = database.query_row("SELECT geom FROM contours", [], |row| row.get(0)).unwrap();
     let points = u32::from_le_bytes(geometry[13..17].try_into().unwrap()) as usize;
     assert_eq!((&geometry[..4], geometry.len()), (&b"GP\0\x01"[..], 17 + 16 * points));
+}
+
+#[test]
+fn smooth_lines_stay_closed() {
+    let (folder, file) = hill(None);
+    let out = folder.path().join("lines.geojson");
+    let run = |times: &str| {
+        let out = out.to_str().unwrap();
+        spinney(&["-q", "contours", &file, "--levels", "40", "--smooth", times, "-o", out]).success();
+        let (_, lines) = features(Path::new(out));
+        let points: Vec<[f64; 2]> =
+            serde_json::from_value(lines[0]["geometry"]["coordinates"].clone()).unwrap();
+        assert_eq!((lines.len(), points.first()), (1, points.last()));
+        points.len()
+    };
+    assert_eq!(run("2") - 1, 4 * (run("0") - 1));
+}
+
+/// (Noise has lines everywhere.)
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_does_not_grow_with_lines() {
+    use crate::common::command::peak_memory;
+    let form = quad(SampleType::U8, 1);
+    let cells = made(form, [1200, 1200, 1], |[x, y, _]| Some(byte((Random(x << 20 | y).next() % 4) as u8)));
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let file = path("noise.goblin");
+    write_goblin(Path::new(&file), &cells, (Rule::Mean, Kind::Continuous), Frame::identity());
+    let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin("spinney"));
+    command.args(["-q", "contours", &file, "--levels", "0.5,1.5,2.5", "--memory", "16M", "--threads", "2"]);
+    let peak = peak_memory(&mut command.args(["-o", &path("noise.csv")]).spawn().unwrap());
+    assert!(fs::metadata(path("noise.csv")).unwrap().len() > 50 << 20);
+    assert!(peak < 120 << 20, "{} MiB", peak >> 20);
 }
 
 #[test]

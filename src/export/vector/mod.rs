@@ -32,11 +32,14 @@ mod geojson;
 mod geopackage;
 #[cfg(feature = "raster")]
 mod shapefile;
+mod smooth;
 mod svg;
 mod text;
 
 use std::path::Path;
 use std::str::FromStr;
+
+pub use self::smooth::Smoothed;
 
 use crate::io::Output;
 use crate::query::Contour;

@@ -21,6 +21,13 @@ pub(super) struct Line {
     ends: [Option<Key>; 2],
 }
 
+impl Line {
+    /// A ring, by its first piece.
+    pub(super) fn ring(class: i32, first: PieceNumber, count: u64) -> Line {
+        Line { class, first, last: first, count, is_ring: true, ends: [None; 2] }
+    }
+}
+
 /// Lines in the making.
 #[derive(Default)]
 pub(super) struct Joiner {

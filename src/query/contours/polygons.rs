@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 
 use super::join::Line;
-use super::pieces::Pieces;
+use super::pieces::{PieceNumber, Pieces};
 use crate::Result;
 
 /// A closed ring.
 struct Ring {
-    line: Line,
+    /// Its first piece, and number of its points: there may be very many rings.
+    first: PieceNumber,
+    count: u64,
     /// Twice the area; positive if it is clockwise as pictures are looked at, rows going down.
     area: f64,
     low: [f64; 2],
@@ -19,7 +21,7 @@ struct Ring {
 
 /// Rings that are not part of a whole polygon yet. A polygon has all of its holes when no ring is in the making above its lower end.
 pub(super) struct Polygons {
-    outer: Vec<Ring>,
+    outer: Vec<(i32, Ring)>,
     /// By band, and by the row that they begin in, in the order of their coming.
     holes: BTreeMap<(i32, i64, u64), Ring>,
     number: u64,
@@ -37,8 +39,9 @@ impl Polygons {
     /// # Errors
     /// If its pieces cannot be read.
     pub(super) fn push(&mut self, line: Line, pieces: &Pieces) -> Result<()> {
-        let mut ring =
-            Ring { line, area: 0.0, low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2], point: [0.0; 2] };
+        let (low, high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let (class, first, count) = (line.class, line.first, line.count);
+        let mut ring = Ring { first, count, area: 0.0, low, high, point: [0.0; 2] };
         let mut first = None;
         let mut last = [0.0; 2];
         pieces.each(line.first, &mut |points| {
@@ -56,10 +59,10 @@ impl Polygons {
         })?;
         ring.point = first.unwrap_or_default();
         if (ring.area > 0.0) != self.is_reversed {
-            self.outer.push(ring);
+            self.outer.push((class, ring));
         } else {
             self.number += 1;
-            self.holes.insert((line.class, ring.low[1].floor() as i64, self.number), ring);
+            self.holes.insert((class, ring.low[1].floor() as i64, self.number), ring);
         }
         Ok(())
     }
@@ -75,10 +78,10 @@ impl Polygons {
     ) -> Result<()> {
         let mut outer = std::mem::take(&mut self.outer);
         // Of two around a hole the smaller one is nearer. (Those of one size come as they came.)
-        outer.sort_by(|a, b| a.area.abs().total_cmp(&b.area.abs()));
-        for ring in outer {
-            let mut rings = vec![ring.line];
-            rings.extend(self.take_holes(&ring, pieces)?);
+        outer.sort_by(|(_, a), (_, b)| a.area.abs().total_cmp(&b.area.abs()));
+        for (class, ring) in outer {
+            let mut rings = vec![Line::ring(class, ring.first, ring.count)];
+            rings.extend(self.take_holes(class, &ring, pieces)?);
             each(&rings, pieces)?;
             rings.iter().for_each(|line| pieces.remove(line.first));
         }
@@ -86,8 +89,7 @@ impl Polygons {
     }
 
     /// Takes the holes out that are in a ring.
-    fn take_holes(&mut self, outer: &Ring, pieces: &Pieces) -> Result<Vec<Line>> {
-        let class = outer.line.class;
+    fn take_holes(&mut self, class: i32, outer: &Ring, pieces: &Pieces) -> Result<Vec<Line>> {
         let rows = (class, outer.low[1].floor() as i64, 0)..=(class, outer.high[1].floor() as i64, u64::MAX);
         let is_near = |hole: &Ring| {
             (0..2).all(|axis| outer.low[axis] <= hole.low[axis] && hole.high[axis] <= outer.high[axis])
@@ -101,7 +103,7 @@ impl Polygons {
         }
         crossed.sort_by(|(a, ..), (b, ..)| a[1].total_cmp(&b[1]));
         let mut last: Option<[f64; 2]> = None;
-        pieces.each(outer.line.first, &mut |points| {
+        pieces.each(outer.first, &mut |points| {
             for b in points {
                 let Some(a) = last.replace(*b) else { continue };
                 let (upper, lower) = (a[1].min(b[1]), a[1].max(b[1]));
@@ -118,6 +120,10 @@ impl Polygons {
         let mut inside: Vec<_> =
             crossed.into_iter().filter(|(.., is_inside)| *is_inside).map(|(_, key, _)| key).collect();
         inside.sort_unstable();
-        Ok(inside.iter().filter_map(|key| self.holes.remove(key)).map(|hole| hole.line).collect())
+        Ok(inside
+            .iter()
+            .filter_map(|key| self.holes.remove(key))
+            .map(|hole| Line::ring(class, hole.first, hole.count))
+            .collect())
     }
 }
