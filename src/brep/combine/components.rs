@@ -7,10 +7,10 @@ use std::collections::HashMap;
 use super::bodies::Bodies;
 use super::overlap::Fate;
 use super::winding::winding;
-use crate::brep::FaceBuffer;
 use crate::brep::arrangement::{ExactPlane, Sample, root};
 use crate::brep::boxes::{BoxTree, bounds_of, touch};
 use crate::brep::piece::Piece;
+use crate::brep::{Face, FaceBuffer};
 use crate::geometry::Triangulator;
 use crate::geometry::crossing::ring_normal;
 use crate::{Error, Progress, Result, parallel};
@@ -71,8 +71,8 @@ impl Bodies<'_> {
                 if index % 4 == 0 {
                     progress.check()?;
                 }
-                self.each_of(body, chunk, &mut |_, points, _| {
-                    boxes.push((boxes.len() as u32, bounds_of(points, 0)));
+                self.each_of(body, chunk, &mut |face| {
+                    boxes.push((boxes.len() as u32, bounds_of(face.points, 0)));
                     Ok(())
                 })?;
             }
@@ -119,24 +119,24 @@ impl Bodies<'_> {
             progress.check()?;
             let apart = parallel::map(chunks, |chunk| {
                 let mut apart: Vec<u32> = Vec::new();
-                self.each_of(body, chunk, &mut |number, points, _| {
+                self.each_of(body, chunk, &mut |face| {
                     // (A step more, since new vertices move.)
-                    let own = bounds_of(points, 1);
+                    let own = bounds_of(face.points, 1);
                     let is_touched = Cell::new(false);
                     tree.each(&|bounds| !is_touched.get() && touch(bounds, &own), |other| {
                         let is_other = ends.partition_point(|end| *end <= other) != body;
                         is_touched.set(is_touched.get() || is_other);
                     });
                     if !is_touched.get() {
-                        apart.push(number);
+                        apart.push(face.number as u32);
                     }
                     Ok(())
                 })?;
                 Ok::<_, Error>(apart)
             });
             for apart in apart {
-                self.each_of(body, &apart?, &mut |number, points, _| {
-                    found.add(number, points);
+                self.each_of(body, &apart?, &mut |face| {
+                    found.add(face.number as u32, face.points);
                     Ok(())
                 })?;
             }
@@ -148,7 +148,7 @@ impl Bodies<'_> {
     /// The fate of a face that touches no other body, by a point of it.
     fn fate_of(&self, body: usize, number: u32) -> Result<Fate> {
         let mut fate = Fate::Dropped;
-        self.each_of(body, &[number], &mut |_, points, ring_ends| {
+        self.each_of(body, &[number], &mut |&Face { points, ring_ends, .. }| {
             let pieces = Piece::of_face(points, ring_ends, &mut Triangulator::new());
             let corners = pieces.first().map_or([points[0]; 3], |piece| piece.corners);
             let plane = ExactPlane::through(points[0], ring_normal(&points[..ring_ends[0]]));
@@ -164,18 +164,18 @@ impl Bodies<'_> {
         Ok(fate)
     }
 
-    /// Hands out some faces of a body: numbers, corners on the common grid, ends of rings.
+    /// Hands out some faces of a body, on the common grid.
     fn each_of(
         &self,
         body: usize,
         numbers: &[u32],
-        each: &mut dyn FnMut(u32, &[[i32; 3]], &[usize]) -> Result<()>,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
         let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
         for &number in numbers {
             self.models[body].face(number.into(), &mut buffer)?;
             self.put(body, number.into(), &buffer.points, &mut points)?;
-            each(number, &points, &buffer.ring_ends)?;
+            each(&Face { points: &points, ..buffer.face() })?;
         }
         Ok(())
     }
