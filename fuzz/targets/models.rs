@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use spinney::Result;
-use spinney::brep::questions::MassProperties;
+use spinney::brep::questions::{CuttingPlane, MassProperties};
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, FaceBuffer, Faces, Node};
 use spinney::export::mesh::{MeshFormat, export_exact};
@@ -82,6 +82,13 @@ pub fn questions(model: &ExactModel) -> Result<()> {
         note(model.signed_distance(pair[0]).map(drop));
         note(model.ray(pair[0], direction).map(drop));
         note(model.crossings(pair[0], pair[1]).map(drop));
+        // (What is everywhere but in a part of space has no sections, nor have planes of what is no number.)
+        let distance = (0..3).map(|axis| pair[0][axis] * direction[axis]).sum::<f64>();
+        let length = direction.iter().map(|part| part * part).sum::<f64>().sqrt();
+        let section = model.section(&CuttingPlane { normal: direction, distance }, &());
+        if !model.is_unbounded() && length.is_normal() && distance.is_finite() {
+            note(section.map(drop));
+        }
         let [min, max] = [f64::min, f64::max].map(|f| [0, 1, 2].map(|axis| f(pair[0][axis], pair[1][axis])));
         // (Boxes of what is no number are refused.)
         if min.iter().chain(&max).all(|at| at.is_finite()) {

@@ -22,6 +22,7 @@ mod recover;
 mod render;
 mod report;
 mod revert;
+mod section;
 mod signals;
 mod stats;
 mod stdio;
@@ -72,6 +73,7 @@ enum Command {
     Stats(stats::Args),
     Find(find::Args),
     Contours(contours::Args),
+    Section(section::Args),
     Render(render::Args),
     Legend(legend::Args),
     Dump(dump::Args),
@@ -99,6 +101,7 @@ impl Command {
             Command::Stats(args) => stats::run(&args, global),
             Command::Find(args) => find::run(&args),
             Command::Contours(args) => contours::run(&args, global),
+            Command::Section(args) => section::run(&args, global),
             Command::Render(args) => render::run(&args, global),
             Command::Legend(args) => legend::run(&args, global),
             Command::Dump(args) => dump::run(&args),

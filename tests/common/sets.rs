@@ -6,6 +6,7 @@ use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{BOOLEAN_FACES, CombineReport, ExactModel, Face, FaceList, Faces, Grid, combine};
 use spinney::io::Output;
 
+use super::Random;
 use super::exact::{Ring, built, model_on};
 
 pub type Solid = Vec<Vec<Ring>>;
@@ -120,4 +121,24 @@ pub fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Option<Solid> {
     let (b, c) = if six > 0 { (b, c) } else { (c, b) };
     let faces = [[a, c, b], [a, b, d], [b, c, d], [c, a, d]];
     (six != 0).then(|| faces.iter().map(|ring| vec![ring.to_vec()]).collect())
+}
+
+/// Convex faces without holes as triangles.
+pub fn triangulated(faces: &Solid) -> Solid {
+    let fan = |ring: &Vec<[i32; 3]>| -> Solid {
+        (2..ring.len()).map(|i| vec![vec![ring[0], ring[i - 1], ring[i]]]).collect()
+    };
+    faces.iter().flat_map(|rings| fan(&rings[0])).collect()
+}
+
+/// Triangles cut at random points of an edge, each by itself, with faces without an area that join these edges to whole ones; edges are
+/// multiples of `parts`.
+pub fn cut_at_edges(faces: &Solid, parts: i32, random: &mut Random) -> Solid {
+    let cut = |rings: &Vec<Ring>| {
+        let [a, b, c] = [0, 1, 2].map(|corner| rings[0][corner]);
+        let place = 1 + random.below(parts as u64 - 1) as i32;
+        let at = [0, 1, 2].map(|axis| a[axis] + (b[axis] - a[axis]) / parts * place);
+        [vec![vec![at, b, c]], vec![vec![a, at, c]], vec![vec![a, b, at]]]
+    };
+    faces.iter().flat_map(cut).collect()
 }

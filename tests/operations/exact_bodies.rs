@@ -4,7 +4,9 @@ use spinney::brep::Faces;
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, prism, turned};
-use crate::common::sets::{Body, Solid, combined, exchanged, holds, tetrahedron, try_combined};
+use crate::common::sets::{
+    Body, Solid, combined, cut_at_edges, exchanged, holds, tetrahedron, triangulated, try_combined,
+};
 use crate::common::solid::{Triangle, winding};
 
 /// Operations whose results add up.
@@ -195,17 +197,8 @@ fn boxes_side_by_side() {
 fn vertices_on_edges() {
     let mut random = Random(77);
     for round in 0..12 {
-        // Faces are cut at random points of their edges, each by itself.
-        let mut cut = Vec::new();
-        for rings in triangulated(&scaled(&cuboid([40, 50, 60], [90, 80, 100]), 60)) {
-            let [a, b, c] = [0, 1, 2].map(|corner| rings[0][corner]);
-            let on = |p: [i32; 3], q: [i32; 3], place: i32| {
-                [0, 1, 2].map(|axis| p[axis] + (q[axis] - p[axis]) / 60 * place)
-            };
-            let at = on(a, b, 1 + random.below(59) as i32);
-            // What joins the cut edge to the whole one.
-            cut.extend([vec![vec![at, b, c]], vec![vec![a, at, c]], vec![vec![a, b, at]]]);
-        }
+        let cut =
+            cut_at_edges(&triangulated(&scaled(&cuboid([40, 50, 60], [90, 80, 100]), 60)), 60, &mut random);
         let first = Body::of(&cut, 13);
         let corner = |random: &mut Random| [0; 3].map(|_: i32| 500 + random.below(5000) as i32);
         let low = corner(&mut random);
@@ -220,13 +213,6 @@ fn vertices_on_edges() {
             Results::of([a, b], ALL, &format!("round {round}")).assert_add_up(&format!("round {round}"));
         }
     }
-}
-
-fn triangulated(faces: &Solid) -> Solid {
-    let fan = |ring: &Vec<[i32; 3]>| -> Solid {
-        (2..ring.len()).map(|i| vec![vec![ring[0], ring[i - 1], ring[i]]]).collect()
-    };
-    faces.iter().flat_map(|rings| fan(&rings[0])).collect()
 }
 
 /// A tetrahedron with corners on a lattice of so many points along each side, which are so many steps apart.

@@ -13,6 +13,7 @@ mod exact_bodies;
 #[cfg(feature = "mesh")]
 mod exact_operands;
 #[cfg(feature = "mesh")]
+mod exact_sections;
 mod exact_sets;
 mod exact_triangles;
 mod operations;

@@ -22,6 +22,7 @@ mod cli_operations;
 mod cli_pictures;
 #[cfg(unix)]
 mod cli_safety;
+mod cli_section;
 mod cli_solids;
 mod cli_styles;
 mod cli_warp;

@@ -36,6 +36,7 @@ mod plane;
 mod ratio;
 mod ray;
 mod region;
+mod section;
 #[cfg(test)]
 mod testing;
 mod visited;
@@ -49,4 +50,5 @@ pub use mass::{MassProperties, MassSums};
 pub use nearest::{Nearest, nearest_on_face};
 pub use ray::Hit;
 pub use region::BoxPlace;
+pub use section::{CuttingPlane, SectionPolygon, TakeSection};
 pub use visited::Visited;

@@ -188,6 +188,21 @@ impl Geometry for Contour<'_> {
     }
 }
 
+#[cfg(feature = "mesh")]
+impl Geometry for crate::brep::questions::SectionPolygon {
+    fn parts(&self) -> usize {
+        self.rings.len()
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        self.rings[..].count(part)
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        self.rings[..].points(part, each)
+    }
+}
+
 /// A file of a format in the making.
 trait FormatWriter {
     fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()>;
