@@ -6,12 +6,12 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use clap::ValueEnum;
 use spinney::export::vector::{
-    AttributeType, AttributeValue, GeometryKind, Smoothed, VectorFormat, VectorLayer, VectorWriter,
+    AttributeType, AttributeValue, GeometryKind, Smoothed, VectorLayer, VectorWriter,
 };
 use spinney::io::Output;
 use spinney::query::{Contour, ContourLevels, ContourNodata, ContourRequest};
 
-use super::args::{Memory, OutputLimit, ViewedTree, check_output, level_of, number};
+use super::args::{Memory, OutputLimit, ViewedTree, check_output, level_of, number, vector_format};
 use super::report::{Work, report_output};
 use super::{Global, exact};
 
@@ -101,13 +101,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::refuse(&args.tree.file, &[("contours", true)])?;
     }
     let tree = args.tree.open()?;
-    let named = args.format.as_deref().map(str::parse).transpose()?;
-    let format = named.or_else(|| VectorFormat::of(&args.output)).with_context(|| {
-        format!(
-            "{}: unknown format; use .geojson, .csv, .svg, .gpkg or .shp, or --format",
-            args.output.display()
-        )
-    })?;
+    let format = vector_format(args.format.as_deref(), &args.output)?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let levels = match (args.levels.every, &args.levels.levels) {
         (Some(step), _) => ContourLevels::Every { step, base: args.base },

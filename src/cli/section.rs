@@ -10,7 +10,7 @@ use spinney::export::vector::{
     AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
 };
 
-use super::args::{OutputLimit, check_output, number, numbers};
+use super::args::{OutputLimit, check_output, number, numbers, vector_format};
 use super::report::{Work, report_output};
 use super::{Global, exact};
 
@@ -100,13 +100,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
             args.file.display()
         );
     };
-    let named = args.format.as_deref().map(str::parse).transpose()?;
-    let format = named.or_else(|| VectorFormat::of(&args.output)).with_context(|| {
-        format!(
-            "{}: unknown format; use .geojson, .csv, .svg, .gpkg or .shp, or --format",
-            args.output.display()
-        )
-    })?;
+    let format = vector_format(args.format.as_deref(), &args.output)?;
     check_output([args.file.as_path()], &args.output)?;
     let is_flat = args.flat || format == VectorFormat::Svg;
     let attributes =

@@ -94,17 +94,27 @@ impl Seams {
         let mut planar = PlanarFaces::new();
         planar.is_coloured = is_coloured;
         let mut path: Vec<([i32; 3], Seam)> = Vec::new();
-        while let Some(first) = ways.iter().find(|(_, ways)| !ways.is_empty()).map(|(from, _)| *from) {
+        let mut places: HashMap<[i32; 3], usize> = HashMap::new();
+        while let Some(first) = ways.first_entry() {
+            let mut at = *first.key();
+            if first.get().is_empty() {
+                first.remove();
+                continue;
+            }
             path.clear();
-            let mut at = first;
+            places.clear();
             // As many ways lead to a point as from it; where one is reached again, a ring is complete.
             while let Some((to, seam)) = ways.get_mut(&at).and_then(Vec::pop) {
+                places.insert(at, path.len());
                 path.push((at, seam));
                 at = to;
-                if let Some(start) = path.iter().position(|(from, _)| *from == to) {
+                if let Some(start) = places.get(&to).copied() {
                     let ring: Vec<[i32; 3]> = path[start..].iter().map(|(from, _)| *from).collect();
                     let Seam { part, source, .. } = path[start].1;
                     path.truncate(start);
+                    ring.iter().for_each(|from| {
+                        places.remove(from);
+                    });
                     if is_thin(&ring) {
                         let colours = vec![[255; 3]; if is_coloured { ring.len() } else { 0 }];
                         let ring_ends = [ring.len()];
@@ -120,7 +130,6 @@ impl Seams {
                     }
                 }
             }
-            ways.remove(&first);
         }
         Ok(())
     }

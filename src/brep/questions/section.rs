@@ -56,9 +56,10 @@ pub struct SectionPolygon {
 }
 
 impl ExactModel {
-    /// Cuts the body by a plane. Points are computed in double precision. The section is that just below the plane, which matters where faces
-    /// lie in it: what ends there from below counts, what stands on it does not. Of models with corners beside the grid it is the faces that stand in for these which are cut. Takes time and memory with the
-    /// length of the outlines; the octree leads to the faces there.
+    /// Cuts the body by a plane. Points are computed in double precision. The section is that just below the plane, which matters where
+    /// faces lie in it: what ends there from below counts, what stands on it does not. Of models with corners beside the grid, faces
+    /// that stand in for the exact ones are cut. Takes time and memory with the length of the outlines; the octree leads to the faces
+    /// there.
     ///
     /// ```
     /// use spinney::brep::ExactModel;
@@ -409,7 +410,7 @@ fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) ->
     for ring in rings {
         let points: Vec<[f64; 2]> = ring.iter().map(flat).collect();
         let area = area(&points);
-        let ring = FlatRing { points, ring, area };
+        let ring = FlatRing { bounds: bounds(&points), points, ring, area };
         if area > 0.0 { outer.push(ring) } else { holes.push(ring) }
     }
     // Of several around a hole the smallest one is nearest.
@@ -420,7 +421,8 @@ fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) ->
         .collect();
     for hole in holes {
         let point = hole.points[0];
-        if let Some(place) = outer.iter().position(|outer| -hole.area <= outer.area && outer.has(point)) {
+        let first = outer.partition_point(|outer| outer.area < -hole.area);
+        if let Some(place) = (first..outer.len()).find(|place| outer[*place].has(point)) {
             found[place].area += hole.area;
             found[place].rings.push(hole.ring);
         }
@@ -434,11 +436,17 @@ struct FlatRing {
     ring: Vec<[f64; 3]>,
     /// Counterclockwise.
     area: f64,
+    /// Least and greatest coordinates.
+    bounds: [[f64; 2]; 2],
 }
 
 impl FlatRing {
     /// Whether a point lies inside, by even and odd.
     fn has(&self, [x, y]: [f64; 2]) -> bool {
+        let [low, high] = self.bounds;
+        if x < low[0] || x > high[0] || y < low[1] || y > high[1] {
+            return false;
+        }
         let mut inside = false;
         for ends in self.points.windows(2) {
             let [a, b] = [ends[0], ends[1]];
@@ -459,6 +467,12 @@ fn area(points: &[[f64; 2]]) -> f64 {
         a[0] * b[1] - a[1] * b[0]
     });
     twice.sum::<f64>() / 2.0
+}
+
+fn bounds(points: &[[f64; 2]]) -> [[f64; 2]; 2] {
+    points.iter().fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [x, y]| {
+        [[low[0].min(*x), low[1].min(*y)], [high[0].max(*x), high[1].max(*y)]]
+    })
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use spinney::export::image::{Format, format_of};
+use spinney::export::vector::VectorFormat;
 use spinney::io::Output;
 use spinney::store::split_commit;
 
@@ -26,6 +27,17 @@ impl OutputLimit {
             Some(most) => output.with_limit(most),
             None => output,
         })
+    }
+}
+
+/// The format of lines and polygons that `--format` says, or else the output's name.
+pub(crate) fn vector_format(named: Option<&str>, output: &Path) -> Result<VectorFormat> {
+    match named.map(str::parse).transpose()?.or_else(|| VectorFormat::of(output)) {
+        Some(format) => Ok(format),
+        None => bail!(
+            "{}: unknown format; use .geojson, .csv, .svg, .gpkg or .shp, or --format",
+            output.display()
+        ),
     }
 }
 
