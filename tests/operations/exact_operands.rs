@@ -25,15 +25,18 @@ fn imported(name: &str, text: &str) -> Body {
 
 /// A tetrahedron of a CityJSON file, and an object without geometry.
 fn city(name: &str, shift: i32) -> Body {
+    imported("a.city.json", &city_text(name, shift))
+}
+
+fn city_text(name: &str, shift: i32) -> String {
     let [a, b, c] = [shift, shift + 40, shift + 1];
-    let text = format!(
+    format!(
         r#"{{"type":"CityJSON","version":"2.0","transform":{{"scale":[1,1,1],"translate":[0,0,0]}},
         "metadata":{{"title":"{name}"}},"CityObjects":{{"{name}":{{"type":"Road","attributes":{{"lanes":2}},
         "geometry":[{{"type":"Solid","lod":"2","boundaries":[[[[0,2,1]],[[0,1,3]],[[0,3,2]],[[1,2,3]]]]}}]}},
         "{name}-x":{{"type":"GenericCityObject"}}}},
         "vertices":[[{a},{a},{a}],[{b},{c},{a}],[{a},{b},{c}],[{c},{a},{b}]]}}"#
-    );
-    imported("a.city.json", &text)
+    )
 }
 
 #[test]
@@ -195,6 +198,24 @@ fn grids_that_do_not_fit_are_told() {
             let text = error.to_string();
             assert!(matches!(error, Error::Invalid { .. }) && text.contains("--grid"), "{text}");
         }
+    }
+}
+
+#[test]
+fn other_coordinate_systems_are_told() {
+    let of = |number: u32| {
+        let known =
+            format!(r#""metadata":{{"referenceSystem":"https://www.opengis.net/def/crs/EPSG/0/{number}","#);
+        imported("a.city.json", &city_text("one", 0).replace(r#""metadata":{"#, &known))
+    };
+    let (here, there, anywhere) = (of(7415), of(28992), city("one", 5));
+    let error = try_combined(7, &[&here, &there]).err().unwrap();
+    assert!(error.to_string().contains("28992") && error.to_string().contains("7415"), "{error}");
+    // What does not say where it is goes with both.
+    for known in [&here, &there] {
+        let result = combined(7, &[&anywhere, known]);
+        assert_eq!(result.model.crs(), known.model.crs());
+        assert!(result.model.crs().is_some());
     }
 }
 
