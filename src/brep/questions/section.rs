@@ -119,6 +119,7 @@ impl ExactModel {
         let world = |point: &[f64; 3]| self.grid().to_world_between(*point);
         let mut found = Vec::with_capacity(distances.len());
         for (plane, distance) in distances.iter().enumerate() {
+            progress.check()?;
             let rings = cut.rings(plane).into_iter().map(|ring| ring.iter().map(world).collect());
             found.push(polygons(rings, &CuttingPlane { normal, distance: *distance }));
         }
@@ -161,6 +162,7 @@ impl ExactModel {
             let found = parallel::map(&tasks, |distances| self.cut(normal, distances, progress));
             for polygons in found {
                 for polygons in polygons? {
+                    progress.check()?;
                     each(first, &polygons)?;
                     first += 1;
                 }
