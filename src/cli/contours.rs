@@ -57,7 +57,7 @@ pub(crate) struct Args {
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they were
     #[arg(long)]
     level: Option<u8>,
-    /// What lines do near VOID cells; bands always go on to the edge of the last cells
+    /// Behaviour of lines near VOID cells; bands always go on to the edge of the last cells
     #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "bands")]
     nodata: Nodata,
     /// Cut the corners of lines so many times, which doubles their points each time

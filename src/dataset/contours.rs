@@ -63,7 +63,7 @@ impl Dataset {
     /// of holes that wait for the ring around them: about 200 bytes for each, which in rasters of noise are as many as cells.
     ///
     /// # Errors
-    /// As [`Dataset::contours`].
+    /// Those of [`Dataset::contours`].
     pub fn contour_bands(
         &self,
         request: &ContourRequest,

@@ -13,7 +13,7 @@ use crate::brep::{Face, FaceList, Faces};
 /// An edge; of an undirected one the lesser end comes first.
 type Edge = [[i32; 3]; 2];
 
-/// What is known of an undirected edge.
+/// Count of an undirected edge, and a face that has it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seam {
     /// How many times more it is there in its direction than the other way.

@@ -111,7 +111,7 @@ impl ExactModel {
         distances: &[f64],
         progress: &dyn Progress,
     ) -> Result<Vec<Vec<SectionPolygon>>> {
-        let mut cut = Cut::new(self.grid(), normal, distances);
+        let mut cut = PlaneCut::new(self.grid(), normal, distances);
         let known = HashSet::new();
         let mut walk = Walk { model: self, progress, cut: &mut cut, known, buffer: FaceBuffer::default() };
         walk.node(&self.root()?)?;
@@ -135,7 +135,7 @@ impl ExactModel {
     /// [`ExactModel::section`], on all threads of the current pool, with the sections of 256 planes in memory.
     ///
     /// # Errors
-    /// As [`ExactModel::section`], if distances do not ascend, or what `each` returns.
+    /// Those of [`ExactModel::section`]; if distances do not ascend, or what `each` returns.
     pub fn plane_sections(
         &self,
         normal: [f64; 3],
@@ -175,7 +175,7 @@ impl ExactModel {
 struct Walk<'a> {
     model: &'a ExactModel,
     progress: &'a dyn Progress,
-    cut: &'a mut Cut,
+    cut: &'a mut PlaneCut,
     /// Faces that were cut: large ones are in many leaves.
     known: HashSet<u64>,
     buffer: FaceBuffer,
@@ -219,7 +219,7 @@ fn unpacked(point: u128) -> [i32; 3] {
 }
 
 /// The cut of parallel planes through a surface, face by face, on the grid.
-struct Cut {
+struct PlaneCut {
     normal: [f64; 3],
     /// Of each plane, in steps times the normal's length; ascending.
     distances: Vec<f64>,
@@ -229,14 +229,14 @@ struct Cut {
     heights: Vec<f64>,
 }
 
-impl Cut {
-    fn new(grid: &Grid, normal: [f64; 3], distances: &[f64]) -> Cut {
+impl PlaneCut {
+    fn new(grid: &Grid, normal: [f64; 3], distances: &[f64]) -> PlaneCut {
         // World coordinates are origin and steps times the step's width.
         let origin = dot(normal, grid.to_world_between([0.0; 3]));
         let distances: Vec<f64> =
             distances.iter().map(|distance| (distance - origin) / grid.width()).collect();
         let pieces = vec![Vec::new(); distances.len()];
-        Cut { normal, distances, pieces, heights: Vec::new() }
+        PlaneCut { normal, distances, pieces, heights: Vec::new() }
     }
 
     fn height(&self, point: [i32; 3]) -> f64 {
@@ -311,7 +311,7 @@ impl Cut {
 
     /// The rings that the pieces of a plane make: each ends with the point that it begins with.
     fn rings(&mut self, plane: usize) -> Vec<Vec<[f64; 3]>> {
-        let mut pieces = Pieces::of(std::mem::take(&mut self.pieces[plane]));
+        let mut pieces = CutPieces::of(std::mem::take(&mut self.pieces[plane]));
         let mut rings = Vec::new();
         // Lines that end at edges whose other face has no area, and is in no leaf.
         let mut open: Vec<Vec<[f64; 3]>> = Vec::new();
@@ -335,16 +335,16 @@ impl Cut {
 }
 
 /// Pieces in the order of the edges that they lead from, of which some are taken out.
-struct Pieces {
+struct CutPieces {
     list: Vec<[Edge; 2]>,
     /// At the first piece from an edge: how many of these are taken.
     taken: Vec<usize>,
 }
 
-impl Pieces {
-    fn of(mut list: Vec<[Edge; 2]>) -> Pieces {
+impl CutPieces {
+    fn of(mut list: Vec<[Edge; 2]>) -> CutPieces {
         list.sort_unstable();
-        Pieces { taken: vec![0; list.len()], list }
+        CutPieces { taken: vec![0; list.len()], list }
     }
 
     /// Edges to begin at: those that no piece leads to, and then all.

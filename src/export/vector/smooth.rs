@@ -75,7 +75,7 @@ impl Pass {
         Pass { is_closed, last: None, first: None }
     }
 
-    /// What there is to be handed out when a point has come.
+    /// Points to be handed out when one has come.
     fn next(&mut self, point: Point) -> [Option<Point>; 2] {
         let Some(last) = self.last.replace(point) else {
             return [(!self.is_closed).then_some(point), None];

@@ -6,7 +6,7 @@ use super::levels::Levels;
 pub(super) const VOID: i32 = i32::MIN;
 
 /// Samples of a box of cells with their ranks. Cells may lie outside of the picture, where there is nothing.
-pub(super) struct Grid {
+pub(super) struct ValueGrid {
     /// First column and row of the picture's cells; -1 is outside.
     pub(super) origin: [i64; 2],
     /// Columns and rows.
@@ -19,7 +19,7 @@ pub(super) struct Grid {
     pub(super) ranks: Vec<i32>,
 }
 
-impl Grid {
+impl ValueGrid {
     /// A grid of samples, of which those that are no finite numbers are none.
     pub(super) fn new(
         origin: [i64; 2],
@@ -27,10 +27,10 @@ impl Grid {
         picture: [i64; 2],
         numbers: Vec<f64>,
         levels: &Levels,
-    ) -> Grid {
+    ) -> ValueGrid {
         let rank = |number: &f64| if number.is_finite() { levels.rank(*number) } else { VOID };
         let ranks = numbers.iter().map(rank).collect();
-        Grid { origin, size, picture, numbers, ranks }
+        ValueGrid { origin, size, picture, numbers, ranks }
     }
 
     /// Index of a cell of the grid.

@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use super::pieces::{PieceNumber, Pieces};
-use super::tile::{Key, Piece};
+use super::pieces::{LinePieces, PieceNumber};
+use super::tile::{EdgeKey, LinePiece};
 use crate::Result;
 
 /// A line that has come to its end, or a part of one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Line {
+pub(super) struct ContourLine {
     /// Number of the level, or of the band.
     pub(super) class: i32,
     /// The first of its pieces, and the last.
@@ -18,22 +18,22 @@ pub(super) struct Line {
     pub(super) count: u64,
     pub(super) is_ring: bool,
     /// Where it may go on.
-    ends: [Option<Key>; 2],
+    ends: [Option<EdgeKey>; 2],
 }
 
-impl Line {
+impl ContourLine {
     /// A ring, by its first piece.
-    pub(super) fn ring(class: i32, first: PieceNumber, count: u64) -> Line {
-        Line { class, first, last: first, count, is_ring: true, ends: [None; 2] }
+    pub(super) fn ring(class: i32, first: PieceNumber, count: u64) -> ContourLine {
+        ContourLine { class, first, last: first, count, is_ring: true, ends: [None; 2] }
     }
 }
 
 /// Lines in the making.
 #[derive(Default)]
 pub(super) struct Joiner {
-    lines: HashMap<u64, Line>,
+    lines: HashMap<u64, ContourLine>,
     /// Lines that may go on, by the points where: at their starts, and at their ends.
-    waiting: [BTreeMap<Key, u64>; 2],
+    waiting: [BTreeMap<EdgeKey, u64>; 2],
     /// Lines so far.
     number: u64,
 }
@@ -43,11 +43,11 @@ impl Joiner {
     ///
     /// # Errors
     /// If the pieces cannot be kept.
-    pub(super) fn push(&mut self, piece: Piece, pieces: &mut Pieces) -> Result<Option<Line>> {
-        let Piece { class, points, ends, is_ring } = piece;
+    pub(super) fn push(&mut self, piece: LinePiece, pieces: &mut LinePieces) -> Result<Option<ContourLine>> {
+        let LinePiece { class, points, ends, is_ring } = piece;
         let count = points.len() as u64;
         let number = pieces.add(points)?;
-        let mut line = Line { class, first: number, last: number, count, is_ring, ends };
+        let mut line = ContourLine { class, first: number, last: number, count, is_ring, ends };
         // What comes before it ends where it starts.
         if let Some(before) = line.ends[0].and_then(|start| self.take(1, start)) {
             line = joined(before, line, pieces);
@@ -78,7 +78,7 @@ impl Joiner {
     }
 
     /// Takes the line out that starts (0) or ends (1) at a point.
-    fn take(&mut self, side: usize, at: Key) -> Option<Line> {
+    fn take(&mut self, side: usize, at: EdgeKey) -> Option<ContourLine> {
         let number = self.waiting[side].get(&at)?;
         let line = self.lines.remove(number)?;
         for (waiting, end) in self.waiting.iter_mut().zip(line.ends) {
@@ -90,7 +90,7 @@ impl Joiner {
     }
 
     /// Lets lines end that could only have gone on above a row, and hands out those that are whole.
-    pub(super) fn settle(&mut self, row: i64) -> Vec<Line> {
+    pub(super) fn settle(&mut self, row: i64) -> Vec<ContourLine> {
         let mut whole = Vec::new();
         for side in 0..2 {
             while let Some(entry) = self.waiting[side].first_entry().filter(|entry| entry.key().row < row) {
@@ -108,8 +108,8 @@ impl Joiner {
 }
 
 /// A line and what comes after it.
-fn joined(before: Line, after: Line, pieces: &mut Pieces) -> Line {
+fn joined(before: ContourLine, after: ContourLine, pieces: &mut LinePieces) -> ContourLine {
     pieces.link(before.last, after.first);
     let ends = [before.ends[0], after.ends[1]];
-    Line { last: after.last, count: before.count + after.count - 1, ends, ..before }
+    ContourLine { last: after.last, count: before.count + after.count - 1, ends, ..before }
 }

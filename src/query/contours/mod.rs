@@ -20,21 +20,21 @@ mod tile;
 use std::path::PathBuf;
 
 pub(crate) use self::extremes::{Extremes, file_extremes, source_extremes};
-use self::grid::Grid;
-use self::join::{Joiner, Line};
+use self::grid::ValueGrid;
+use self::join::{ContourLine, Joiner};
 pub use self::levels::ContourLevels;
 use self::levels::Levels;
 use self::nodes::Tracing;
-use self::pieces::Pieces;
+use self::pieces::LinePieces;
 use self::polygons::Polygons;
-use self::rows::Rows;
-use self::tile::{Piece, trace};
+use self::rows::TileRows;
+use self::tile::{LinePiece, trace};
 use crate::parallel;
 use crate::space::{Bounds, Code, Frame};
 use crate::tree::Child;
 use crate::{Progress, Result};
 
-/// What becomes of contour lines where cells without a value are near.
+/// Course of contour lines where cells without a value are near.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ContourNodata {
     /// Lines end: no line goes between four cells of which one is VOID.
@@ -55,7 +55,7 @@ pub struct ContourRequest {
     pub levels: ContourLevels,
     /// The level of the tree whose cells count; the deepest if it is not given.
     pub level: Option<u8>,
-    /// What is done near VOID cells. Bands always go on to the edge of the last cells.
+    /// Course of lines near VOID cells. Bands always go on to the edge of the last cells.
     pub nodata: ContourNodata,
     /// Bytes to hold at a time, approximately.
     pub memory: u64,
@@ -70,7 +70,7 @@ impl ContourRequest {
     }
 }
 
-/// What was found, and how much was read for it.
+/// Counts of contours, and of what was read for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ContourSummary {
@@ -87,8 +87,8 @@ pub struct ContourSummary {
 /// A contour line, or a polygon of a band with its holes.
 pub struct Contour<'a> {
     range: [f64; 2],
-    lines: &'a [Line],
-    pieces: &'a Pieces,
+    lines: &'a [ContourLine],
+    pieces: &'a LinePieces,
     frame: &'a Frame,
 }
 
@@ -139,7 +139,7 @@ impl Contour<'_> {
 /// Takes contours as they come.
 pub type TakeContour<'a> = dyn FnMut(&Contour<'_>) -> Result<()> + 'a;
 
-/// What contours are traced on: the cells of a level of a quadtree.
+/// Cells that contours are traced on: those of a level of a quadtree.
 pub(crate) trait Relief: Sync {
     /// A node's state.
     fn node(&self, code: Code) -> Result<Child<()>>;
@@ -195,14 +195,14 @@ pub(crate) fn trace_contours(
     let mut tracer = Tracer {
         ground,
         levels: &levels,
-        pieces: Pieces::new(usize::try_from(request.memory / 8).unwrap_or(usize::MAX), folder),
+        pieces: LinePieces::new(usize::try_from(request.memory / 8).unwrap_or(usize::MAX), folder),
         joiner: Joiner::default(),
         polygons: Polygons::new(is_reversed),
         is_bands,
         each,
         summary: ContourSummary { tiles: tiles[0].saturating_mul(tiles[1]), ..ContourSummary::default() },
     };
-    let mut rows = Rows::new(ground.relief, &levels, tracing, tile_level, tiles);
+    let mut rows = TileRows::new(ground.relief, &levels, tracing, tile_level, tiles);
     let batch = (request.memory / 8 / TILE_BYTES).clamp(1, 1 << 10) as usize;
     let cells = ground.size[0].saturating_mul(ground.size[1]);
     for row in 0..tiles[1] {
@@ -227,7 +227,7 @@ pub(crate) fn trace_contours(
 }
 
 /// Reads the cells around the squares of a tile.
-fn read_tile(ground: &Ground<'_>, levels: &Levels, tiles: [u64; 2], tile: [u64; 2]) -> Result<Grid> {
+fn read_tile(ground: &Ground<'_>, levels: &Levels, tiles: [u64; 2], tile: [u64; 2]) -> Result<ValueGrid> {
     let picture = ground.size.map(|cells| cells as i64);
     let first: [i64; 2] = std::array::from_fn(|axis| ((tile[axis] << TILE) as i64) - 1);
     // The last tile has the squares at the edge of the picture, too.
@@ -245,14 +245,14 @@ fn read_tile(ground: &Ground<'_>, levels: &Levels, tiles: [u64; 2], tile: [u64; 
     for (row, cells) in inner.chunks_exact(width).enumerate() {
         numbers[(offset[1] + row) * size[0] + offset[0]..][..width].copy_from_slice(cells);
     }
-    Ok(Grid::new(first, size, picture, numbers, levels))
+    Ok(ValueGrid::new(first, size, picture, numbers, levels))
 }
 
 /// Lines on their way to whoever wants them.
 struct Tracer<'a, 'e> {
     ground: &'a Ground<'a>,
     levels: &'a Levels,
-    pieces: Pieces,
+    pieces: LinePieces,
     joiner: Joiner,
     polygons: Polygons,
     is_bands: bool,
@@ -262,7 +262,7 @@ struct Tracer<'a, 'e> {
 
 impl Tracer<'_, '_> {
     /// Takes the pieces of a tile.
-    fn take(&mut self, pieces: Vec<Piece>) -> Result<()> {
+    fn take(&mut self, pieces: Vec<LinePiece>) -> Result<()> {
         for piece in pieces {
             if let Some(line) = self.joiner.push(piece, &mut self.pieces)? {
                 self.finish(line)?;
@@ -285,7 +285,7 @@ impl Tracer<'_, '_> {
     }
 
     /// Hands out a whole line, or keeps a ring for its polygon.
-    fn finish(&mut self, line: Line) -> Result<()> {
+    fn finish(&mut self, line: ContourLine) -> Result<()> {
         if self.is_bands {
             return self.polygons.push(line, &self.pieces);
         }
@@ -299,7 +299,7 @@ impl Tracer<'_, '_> {
 }
 
 /// Counts a contour.
-fn count(summary: &mut ContourSummary, lines: &[Line]) {
+fn count(summary: &mut ContourSummary, lines: &[ContourLine]) {
     summary.count += 1;
     summary.points += lines.iter().map(|line| line.count).sum::<u64>();
 }

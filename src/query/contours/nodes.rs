@@ -1,11 +1,11 @@
 //! Points of lines on the edges between neighbouring cells, numbered: edge after edge, and those of an edge level after level. Two tiles
 //! that share an edge number its points alike, which is how their lines are joined.
 
-use super::grid::{Grid, VOID};
+use super::grid::{VOID, ValueGrid};
 use super::levels::Levels;
 use crate::{Error, Result};
 
-/// What is traced.
+/// Kind of lines that are traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Tracing {
     /// Lines that end where there are no values: before them, or at the edges of the last cells.
@@ -75,7 +75,12 @@ impl Nodes {
     ///
     /// # Errors
     /// If there are too many.
-    pub(super) fn new(grid: &Grid, levels: &Levels, tracing: Tracing, is_reversed: bool) -> Result<Nodes> {
+    pub(super) fn new(
+        grid: &ValueGrid,
+        levels: &Levels,
+        tracing: Tracing,
+        is_reversed: bool,
+    ) -> Result<Nodes> {
         let [columns, rows] = grid.size;
         let mut nodes = Nodes {
             tracing,

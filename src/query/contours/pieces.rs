@@ -12,7 +12,7 @@ use crate::{Error, Result};
 pub(super) type PieceNumber = usize;
 
 /// Pieces of lines, and which comes after which.
-pub(super) struct Pieces {
+pub(super) struct LinePieces {
     slots: Vec<Slot>,
     free: Vec<PieceNumber>,
     /// Bytes of points in memory, and how many there may be.
@@ -27,21 +27,30 @@ pub(super) struct Pieces {
 }
 
 struct Slot {
-    place: Place,
+    place: PiecePlace,
     next: Option<PieceNumber>,
 }
 
-enum Place {
+enum PiecePlace {
     Free,
     Memory(Vec<[f64; 2]>),
     /// Offset and number of points.
     File(u64, usize),
 }
 
-impl Pieces {
+impl LinePieces {
     /// No pieces, which may take so many bytes of memory; temporary files are in this folder.
-    pub(super) fn new(most: usize, folder: PathBuf) -> Pieces {
-        Pieces { slots: Vec::new(), free: Vec::new(), held: 0, most, spooled: 0, file: None, end: 0, folder }
+    pub(super) fn new(most: usize, folder: PathBuf) -> LinePieces {
+        LinePieces {
+            slots: Vec::new(),
+            free: Vec::new(),
+            held: 0,
+            most,
+            spooled: 0,
+            file: None,
+            end: 0,
+            folder,
+        }
     }
 
     /// Takes a piece.
@@ -50,7 +59,7 @@ impl Pieces {
     /// If the temporary file cannot be written.
     pub(super) fn add(&mut self, points: Vec<[f64; 2]>) -> Result<PieceNumber> {
         self.held += points.capacity() * size_of::<[f64; 2]>();
-        let slot = Slot { place: Place::Memory(points), next: None };
+        let slot = Slot { place: PiecePlace::Memory(points), next: None };
         let number = match self.free.pop() {
             Some(number) => {
                 self.slots[number] = slot;
@@ -77,8 +86,8 @@ impl Pieces {
         let mut buffer: Vec<u8> = Vec::new();
         let mut written = self.end;
         for slot in &mut self.slots {
-            let Place::Memory(points) = &slot.place else { continue };
-            let place = Place::File(self.end, points.len());
+            let PiecePlace::Memory(points) = &slot.place else { continue };
+            let place = PiecePlace::File(self.end, points.len());
             buffer.extend_from_slice(points.as_bytes());
             self.end += points.as_bytes().len() as u64;
             self.spooled += 1;
@@ -114,9 +123,9 @@ impl Pieces {
             let slot = &self.slots[number];
             let skipped = usize::from(number != first);
             match &slot.place {
-                Place::Free => {}
-                Place::Memory(points) => each(points.get(skipped..).unwrap_or(&[]))?,
-                Place::File(offset, count) => {
+                PiecePlace::Free => {}
+                PiecePlace::Memory(points) => each(points.get(skipped..).unwrap_or(&[]))?,
+                PiecePlace::File(offset, count) => {
                     let file = self.file.as_ref().expect("pieces are in a file");
                     for start in (skipped..*count).step_by(PART) {
                         part.clear();
@@ -137,13 +146,14 @@ impl Pieces {
     pub(super) fn remove(&mut self, first: PieceNumber) {
         let mut piece = Some(first);
         while let Some(number) = piece {
-            let slot = std::mem::replace(&mut self.slots[number], Slot { place: Place::Free, next: None });
+            let slot =
+                std::mem::replace(&mut self.slots[number], Slot { place: PiecePlace::Free, next: None });
             match slot.place {
-                Place::Free => {}
-                Place::Memory(points) => {
+                PiecePlace::Free => {}
+                PiecePlace::Memory(points) => {
                     self.held = self.held.saturating_sub(points.capacity() * size_of::<[f64; 2]>());
                 }
-                Place::File(..) => self.spooled -= 1,
+                PiecePlace::File(..) => self.spooled -= 1,
             }
             self.free.push(number);
             piece = slot.next;

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::join::Line;
-use super::pieces::{PieceNumber, Pieces};
+use super::join::ContourLine;
+use super::pieces::{LinePieces, PieceNumber};
 use crate::Result;
 
 /// A closed ring.
-struct Ring {
+struct BandRing {
     /// Its first piece, and number of its points: there may be very many rings.
     first: PieceNumber,
     count: u64,
@@ -21,9 +21,9 @@ struct Ring {
 
 /// Rings that are not part of a whole polygon yet. A polygon has all of its holes when no ring is in the making above its lower end.
 pub(super) struct Polygons {
-    outer: Vec<(i32, Ring)>,
+    outer: Vec<(i32, BandRing)>,
     /// By band, and by the row that they begin in, in the order of their coming.
-    holes: BTreeMap<(i32, i64, u64), Ring>,
+    holes: BTreeMap<(i32, i64, u64), BandRing>,
     number: u64,
     /// Whether outer rings are counterclockwise as pictures are looked at.
     is_reversed: bool,
@@ -38,10 +38,10 @@ impl Polygons {
     ///
     /// # Errors
     /// If its pieces cannot be read.
-    pub(super) fn push(&mut self, line: Line, pieces: &Pieces) -> Result<()> {
+    pub(super) fn push(&mut self, line: ContourLine, pieces: &LinePieces) -> Result<()> {
         let (low, high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let (class, first, count) = (line.class, line.first, line.count);
-        let mut ring = Ring { first, count, area: 0.0, low, high, point: [0.0; 2] };
+        let mut ring = BandRing { first, count, area: 0.0, low, high, point: [0.0; 2] };
         let mut first = None;
         let mut last = [0.0; 2];
         pieces.each(line.first, &mut |points| {
@@ -73,14 +73,14 @@ impl Polygons {
     /// If pieces cannot be read, or `each` fails.
     pub(super) fn settle(
         &mut self,
-        pieces: &mut Pieces,
-        each: &mut dyn FnMut(&[Line], &Pieces) -> Result<()>,
+        pieces: &mut LinePieces,
+        each: &mut dyn FnMut(&[ContourLine], &LinePieces) -> Result<()>,
     ) -> Result<()> {
         let mut outer = std::mem::take(&mut self.outer);
         // Of two around a hole the smaller one is nearer. (Those of one size come as they came.)
         outer.sort_by(|(_, a), (_, b)| a.area.abs().total_cmp(&b.area.abs()));
         for (class, ring) in outer {
-            let mut rings = vec![Line::ring(class, ring.first, ring.count)];
+            let mut rings = vec![ContourLine::ring(class, ring.first, ring.count)];
             rings.extend(self.take_holes(class, &ring, pieces)?);
             each(&rings, pieces)?;
             rings.iter().for_each(|line| pieces.remove(line.first));
@@ -89,9 +89,9 @@ impl Polygons {
     }
 
     /// Takes the holes out that are in a ring.
-    fn take_holes(&mut self, class: i32, outer: &Ring, pieces: &Pieces) -> Result<Vec<Line>> {
+    fn take_holes(&mut self, class: i32, outer: &BandRing, pieces: &LinePieces) -> Result<Vec<ContourLine>> {
         let rows = (class, outer.low[1].floor() as i64, 0)..=(class, outer.high[1].floor() as i64, u64::MAX);
-        let is_near = |hole: &Ring| {
+        let is_near = |hole: &BandRing| {
             (0..2).all(|axis| outer.low[axis] <= hole.low[axis] && hole.high[axis] <= outer.high[axis])
         };
         let near = self.holes.range(rows).filter(|(_, hole)| is_near(hole));
@@ -123,7 +123,7 @@ impl Polygons {
         Ok(inside
             .iter()
             .filter_map(|key| self.holes.remove(key))
-            .map(|hole| Line::ring(class, hole.first, hole.count))
+            .map(|hole| ContourLine::ring(class, hole.first, hole.count))
             .collect())
     }
 }

@@ -16,7 +16,7 @@ struct Run {
 }
 
 /// Rows of tiles, from the first on.
-pub(super) struct Rows<'a> {
+pub(super) struct TileRows<'a> {
     relief: &'a dyn Relief,
     levels: &'a Levels,
     tracing: Tracing,
@@ -28,16 +28,16 @@ pub(super) struct Rows<'a> {
     above: Vec<Run>,
 }
 
-impl<'a> Rows<'a> {
+impl<'a> TileRows<'a> {
     pub(super) fn new(
         relief: &'a dyn Relief,
         levels: &'a Levels,
         tracing: Tracing,
         level: u8,
         tiles: [u64; 2],
-    ) -> Rows<'a> {
+    ) -> TileRows<'a> {
         let above = vec![Run { end: tiles[0], extremes: Extremes::NONE }];
-        Rows { relief, levels, tracing, level, tiles, above }
+        TileRows { relief, levels, tracing, level, tiles, above }
     }
 
     /// The tiles of the next row that may have lines. A tile has the squares to the left of and above its cells, too.

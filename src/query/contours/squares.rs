@@ -7,7 +7,7 @@
 //! A square with a corner that has no value is cut into its quarters, as GDAL does: what is between two corners or four is the mean of
 //! those that have values, so that lines go on to the edge of the last cells.
 
-use super::grid::{Grid, VOID};
+use super::grid::{VOID, ValueGrid};
 use super::levels::Levels;
 use super::nodes::{EdgeNodes, Nodes, Tracing, away};
 use crate::Result;
@@ -19,7 +19,7 @@ const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
 ///
 /// # Errors
 /// If there are too many nodes.
-pub(super) fn link_squares(grid: &Grid, levels: &Levels, nodes: &mut Nodes) -> Result<()> {
+pub(super) fn link_squares(grid: &ValueGrid, levels: &Levels, nodes: &mut Nodes) -> Result<()> {
     let [columns, rows] = grid.size;
     let across = (columns - 1) * rows;
     for row in 0..rows - 1 {

@@ -1,6 +1,6 @@
 //! Lines through a tile of squares, in pieces that end at its edges.
 
-use super::grid::Grid;
+use super::grid::ValueGrid;
 use super::levels::Levels;
 use super::nodes::{NONE, Nodes, Tracing};
 use super::squares::link_squares;
@@ -8,7 +8,7 @@ use crate::Result;
 
 /// A point on an edge between two cells, where the pieces of two tiles meet: by row first, so that what lies above a row comes before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Key {
+pub(super) struct EdgeKey {
     pub(super) row: i64,
     column: i64,
     /// Whether the edge goes down to the next row.
@@ -18,13 +18,13 @@ pub(super) struct Key {
 }
 
 /// A piece of a line. The first and the last point are the same if it is a ring.
-pub(super) struct Piece {
+pub(super) struct LinePiece {
     /// Number of the level, or of the band.
     pub(super) class: i32,
     /// Places in cells.
     pub(super) points: Vec<[f64; 2]>,
     /// Where it may go on at its start and its end.
-    pub(super) ends: [Option<Key>; 2],
+    pub(super) ends: [Option<EdgeKey>; 2],
     pub(super) is_ring: bool,
 }
 
@@ -32,7 +32,12 @@ pub(super) struct Piece {
 ///
 /// # Errors
 /// If there are too many.
-pub(super) fn trace(grid: &Grid, levels: &Levels, tracing: Tracing, is_reversed: bool) -> Result<Vec<Piece>> {
+pub(super) fn trace(
+    grid: &ValueGrid,
+    levels: &Levels,
+    tracing: Tracing,
+    is_reversed: bool,
+) -> Result<Vec<LinePiece>> {
     let mut nodes = Nodes::new(grid, levels, tracing, is_reversed)?;
     link_squares(grid, levels, &mut nodes)?;
     let mut pieces = Vec::new();
@@ -59,7 +64,7 @@ pub(super) fn trace(grid: &Grid, levels: &Levels, tracing: Tracing, is_reversed:
             }
             let ends =
                 if is_ring { [None; 2] } else { [first as u32, last].map(|node| key(grid, &nodes, node)) };
-            pieces.push(Piece { class: nodes.classes[first], points, ends, is_ring });
+            pieces.push(LinePiece { class: nodes.classes[first], points, ends, is_ring });
         }
     }
     Ok(pieces)
@@ -78,7 +83,7 @@ fn push(points: &mut Vec<[f64; 2]>, point: [f64; 2], stays: bool) {
 }
 
 /// The key of a node where another tile may go on.
-fn key(grid: &Grid, nodes: &Nodes, node: u32) -> Option<Key> {
+fn key(grid: &ValueGrid, nodes: &Nodes, node: u32) -> Option<EdgeKey> {
     let [columns, rows] = grid.size;
     let (edge, number) = nodes.edge_of(node)?;
     let across = (columns - 1) * rows;
@@ -87,5 +92,5 @@ fn key(grid: &Grid, nodes: &Nodes, node: u32) -> Option<Key> {
     let (column, row) = (edge % width, edge / width);
     let is_outer = if is_down { column == 0 || column == columns - 1 } else { row == 0 || row == rows - 1 };
     let (column, row) = (grid.origin[0] + column as i64, grid.origin[1] + row as i64);
-    is_outer.then_some(Key { row, column, is_down, number })
+    is_outer.then_some(EdgeKey { row, column, is_down, number })
 }
