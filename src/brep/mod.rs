@@ -12,6 +12,7 @@ mod piece;
 pub(crate) mod planar;
 pub mod questions;
 mod store;
+pub mod surface_intersection;
 pub mod topology;
 mod triangulated;
 

@@ -22,5 +22,7 @@ mod queries;
 mod set_operations;
 mod solid_measures;
 mod solids;
+#[cfg(feature = "mesh")]
+mod surface_intersections;
 mod symmetries;
 mod zonal;

@@ -1,4 +1,4 @@
-//! Pairs of faces that have more in common than neighbours of a surface have, and what that is.
+//! Pairs of faces that have points in common, mostly more than neighbours of a surface have, and what that is.
 
 use std::collections::HashSet;
 
@@ -10,43 +10,69 @@ use crate::brep::boxes::touch;
 use crate::{Progress, Result, parallel};
 
 /// Common points of two faces.
-pub(super) struct Contact {
-    pub(super) faces: [u32; 2],
-    pub(super) segments: Vec<[ExactPoint; 2]>,
-    pub(super) points: Vec<ExactPoint>,
-    /// Whether the faces lie in one plane.
-    pub(super) in_plane: bool,
+pub(crate) struct Contact {
+    pub(crate) faces: [u32; 2],
+    pub(crate) segments: Vec<[ExactPoint; 2]>,
+    pub(crate) points: Vec<ExactPoint>,
+    /// Whether the faces lie in one plane, and on each other.
+    pub(crate) in_plane: bool,
+}
+
+/// What counts as a contact of two faces.
+#[derive(Clone, Copy, PartialEq)]
+enum Wanted {
+    /// What neighbours have not: no corners and edges of both.
+    Irregular,
+    /// All that they have in common.
+    All,
 }
 
 impl Surface<'_> {
+    /// All that faces of the first body have in common with those of the others; but faces that lie in one plane beside each other
+    /// have nothing (others, which hang together with them, have what these have).
+    pub(crate) fn contacts_of_first(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
+        let first: Vec<u32> =
+            (0..self.operands.ends[0]).filter(|face| self.planes[*face as usize].is_some()).collect();
+        let (mut bytes, mut all) = (self.bytes, Vec::new());
+        let is_wanted = |_, other| self.operand(other) != 0;
+        self.pairs(&first, Wanted::All, &is_wanted, progress, &mut |found| {
+            self.add(found, &mut all, &mut bytes, memory)
+        })?;
+        Ok(all)
+    }
+
+    /// Appends contacts, if they fit into the memory with the bytes so far.
+    fn add(&self, found: Vec<Contact>, all: &mut Vec<Contact>, bytes: &mut u64, memory: u64) -> Result<()> {
+        let of = |contact: &Contact| {
+            let points = 2 * contact.segments.len() + contact.points.len();
+            (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
+        };
+        *bytes += found.iter().map(of).sum::<u64>();
+        if *bytes > memory {
+            return Err(too_large(self.path, *bytes, memory));
+        }
+        all.extend(found);
+        Ok(())
+    }
+
     /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and
     /// what else such faces touch.
     pub(super) fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
         let mut bytes = self.bytes;
         let mut all = Vec::new();
-        let mut add = |found: Vec<Contact>| {
-            let of = |contact: &Contact| {
-                let points = 2 * contact.segments.len() + contact.points.len();
-                (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
-            };
-            bytes += found.iter().map(of).sum::<u64>();
-            if bytes > memory {
-                return Err(too_large(self.path, bytes, memory));
-            }
-            all.extend(found);
-            Ok(())
-        };
+        let mut add = |found: Vec<Contact>| self.add(found, &mut all, &mut bytes, memory);
+        let irregular = Wanted::Irregular;
         let every: Vec<u32> =
             (0..self.planes.len() as u32).filter(|face| self.planes[*face as usize].is_some()).collect();
         if !self.operands.changed.is_empty() {
             let is_changed = |face: u32| self.operands.changed[face as usize];
             let changed: Vec<u32> = every.into_iter().filter(|face| is_changed(*face)).collect();
             let is_wanted = |one, other| one != other && (one < other || !is_changed(other));
-            self.pairs(&changed, &is_wanted, progress, &mut add)?;
+            self.pairs(&changed, irregular, &is_wanted, progress, &mut add)?;
             return Ok(all);
         }
         if !self.operands.are_bodies {
-            self.pairs(&every, &|one, other| one < other, progress, &mut add)?;
+            self.pairs(&every, irregular, &|one, other| one < other, progress, &mut add)?;
             return Ok(all);
         }
         let differ = |one, other| one < other && self.operand(one) != self.operand(other);
@@ -59,7 +85,7 @@ impl Surface<'_> {
                 }
             }
         };
-        self.pairs(&every, &differ, progress, &mut |found| {
+        self.pairs(&every, irregular, &differ, progress, &mut |found| {
             touch(&found, &mut open);
             add(found)
         })?;
@@ -68,7 +94,7 @@ impl Surface<'_> {
         while !open.is_empty() {
             let faces = std::mem::take(&mut open);
             let same = |one, other| one != other && self.operand(one) == self.operand(other);
-            self.pairs(&faces, &same, progress, &mut |mut found| {
+            self.pairs(&faces, irregular, &same, progress, &mut |mut found| {
                 found.retain(|contact| {
                     let [one, other] = contact.faces;
                     seen.insert([one.min(other), one.max(other)])
@@ -84,6 +110,7 @@ impl Surface<'_> {
     fn pairs(
         &self,
         faces: &[u32],
+        wanted: Wanted,
         is_wanted: &(dyn Fn(u32, u32) -> bool + Sync),
         progress: &dyn Progress,
         each: &mut dyn FnMut(Vec<Contact>) -> Result<()>,
@@ -107,7 +134,7 @@ impl Surface<'_> {
                         }
                     });
                     others.sort_unstable();
-                    found.extend(others.iter().filter_map(|other| self.contact(one, *other)));
+                    found.extend(others.iter().filter_map(|other| self.contact(one, *other, wanted)));
                 }
                 found
             });
@@ -116,13 +143,15 @@ impl Surface<'_> {
         Ok(())
     }
 
-    fn contact(&self, one: u32, other: u32) -> Option<Contact> {
+    fn contact(&self, one: u32, other: u32, wanted: Wanted) -> Option<Contact> {
         let mut contact =
             Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), in_plane: false };
         let (plane_a, plane_b) = (self.plane(one), self.plane(other));
         if let (Some(a), Some(b)) = (self.triangle(one), self.triangle(other)) {
             match meet(&a, plane_a, &b, plane_b) {
-                Meeting::Regular => {}
+                Meeting::Corner(point) if wanted == Wanted::All => contact.points.push(point),
+                Meeting::Edge(ends) if wanted == Wanted::All => contact.segments.push(ends),
+                Meeting::Apart | Meeting::Corner(_) | Meeting::Edge(_) => {}
                 Meeting::Point(point) => contact.points.push(point),
                 Meeting::Segment(ends) => contact.segments.push(ends),
                 Meeting::InPlane => contact.in_plane = true,
@@ -131,8 +160,13 @@ impl Surface<'_> {
             contact.in_plane = self.lie_on_each_other(one, other);
         } else {
             // (By whole polygons: edges along which they were cut into triangles would divide others.)
-            let Common { segments, points } = common(&self.polygon(one), &self.polygon(other));
+            let Common { segments, points, edges, corners } =
+                common(&self.polygon(one), &self.polygon(other));
             (contact.segments, contact.points) = (segments, points);
+            if wanted == Wanted::All {
+                contact.segments.extend(edges);
+                contact.points.extend(corners);
+            }
         }
         let is_contact = contact.in_plane || !contact.segments.is_empty() || !contact.points.is_empty();
         is_contact.then_some(contact)

@@ -100,7 +100,7 @@ impl ExactFace {
     }
 
     /// The edges: corners with the ones that follow.
-    pub(super) fn edges(&self) -> impl Iterator<Item = (&Corner, &ExactPoint)> {
+    pub(crate) fn edges(&self) -> impl Iterator<Item = (&Corner, &ExactPoint)> {
         self.rings().flat_map(|ring| (0..ring.len()).map(|i| (&ring[i], &ring[(i + 1) % ring.len()].point)))
     }
 

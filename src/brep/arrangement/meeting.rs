@@ -8,9 +8,12 @@ use crate::brep::piece::Piece;
 /// Common points of two triangles.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Meeting {
-    /// Nothing, or one corner of both, or one edge of both faces and the triangles beside each other: as neighbours of a
-    /// surface.
-    Regular,
+    /// Nothing; or parts of edges of both in one plane, with the triangles beside each other.
+    Apart,
+    /// A corner of both, as neighbours of a surface have.
+    Corner(ExactPoint),
+    /// An edge of both faces, as neighbours of a surface have.
+    Edge([ExactPoint; 2]),
     Point(ExactPoint),
     Segment([ExactPoint; 2]),
     /// More than neighbours have, in the plane of both.
@@ -21,27 +24,22 @@ pub(super) enum Meeting {
 pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPlane) -> Meeting {
     let heights_b = b.corners.map(|corner| plane_a.height(corner));
     if apart(&heights_b) {
-        return Meeting::Regular;
+        return Meeting::Apart;
     }
     let mut shared = (0..9).map(|pair| (pair / 3, pair % 3)).filter(|&(i, j)| a.corners[i] == b.corners[j]);
     let shared = [shared.next(), shared.next(), shared.next()];
     if heights_b == [0; 3] {
-        return if is_beside(a, b, plane_a.main_axis(), shared) {
-            Meeting::Regular
-        } else {
-            Meeting::InPlane
-        };
+        return if is_beside(a, b, plane_a.main_axis(), shared) { Meeting::Apart } else { Meeting::InPlane };
     }
     if let [Some(one), Some(other), _] = shared {
         // Different planes meet in the line of the edge, and nowhere else.
-        if is_boundary(a, one.0, other.0) && is_boundary(b, one.1, other.1) {
-            return Meeting::Regular;
-        }
-        return Meeting::Segment([one, other].map(|(i, _)| ExactPoint::of_grid(a.corners[i])));
+        let ends = [one, other].map(|(i, _)| ExactPoint::of_grid(a.corners[i]));
+        let is_edge = is_boundary(a, one.0, other.0) && is_boundary(b, one.1, other.1);
+        return if is_edge { Meeting::Edge(ends) } else { Meeting::Segment(ends) };
     }
     let heights_a = a.corners.map(|corner| plane_b.height(corner));
     if apart(&heights_a) {
-        return Meeting::Regular;
+        return Meeting::Apart;
     }
     // Both meet the planes' common line in an interval.
     let along = cross(plane_a.normal, plane_b.normal);
@@ -51,10 +49,10 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
     let low = if low_a.compare(&low_b, axis) == Ordering::Less { low_b } else { low_a };
     let high = if high_a.compare(&high_b, axis) == Ordering::Greater { high_b } else { high_a };
     match low.compare(&high, axis) {
-        Ordering::Greater => Meeting::Regular,
+        Ordering::Greater => Meeting::Apart,
         Ordering::Less => Meeting::Segment([low, high]),
         // (With a common corner that is it.)
-        Ordering::Equal if shared[0].is_some() => Meeting::Regular,
+        Ordering::Equal if shared[0].is_some() => Meeting::Corner(low),
         Ordering::Equal => Meeting::Point(low),
     }
 }
@@ -162,8 +160,10 @@ mod tests {
         let [p, q, r] = b;
         let again = meet(&piece([q, p, r]), &plane(&[q, p, r]), &piece(a), &plane(&a));
         match (&found, &again) {
-            (Meeting::Point(one), Meeting::Point(other)) => assert!(one.is(other)),
-            (Meeting::Segment(one), Meeting::Segment(other)) => {
+            (Meeting::Point(one), Meeting::Point(other)) | (Meeting::Corner(one), Meeting::Corner(other)) => {
+                assert!(one.is(other));
+            }
+            (Meeting::Segment(one), Meeting::Segment(other)) | (Meeting::Edge(one), Meeting::Edge(other)) => {
                 assert!(
                     one[0].is(&other[0]) && one[1].is(&other[1])
                         || one[0].is(&other[1]) && one[1].is(&other[0])
@@ -188,7 +188,8 @@ mod tests {
             [[20, 0, 0], [28, 0, 0], [20, 8, 0]],
         ];
         for b in others {
-            assert!(matches!(of(A, b), Meeting::Regular), "{b:?}");
+            let is_regular = matches!(of(A, b), Meeting::Apart | Meeting::Corner(_) | Meeting::Edge(_));
+            assert!(is_regular, "{b:?}");
         }
     }
 

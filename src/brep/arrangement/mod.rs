@@ -19,11 +19,13 @@ mod rounds;
 mod sample;
 mod snapping;
 mod surface;
+mod world;
 
+pub(crate) use contacts::Contact;
 pub(crate) use delaunay::flip_in_plane;
 pub(crate) use exact_face::{ExactFace, ExactFaces};
-pub(crate) use overlay::{Corner, Vertices, root};
-pub(crate) use point::{ExactPlane, ExactPoint};
+pub(crate) use overlay::{Corner, Region, Segment, Vertices, regions, root};
+pub(crate) use point::{ExactPlane, ExactPoint, cross, product};
 pub(crate) use rounds::{Rounded, Rounds, Turner, divide, round};
 pub(crate) use sample::Sample;
-pub(crate) use surface::Operands;
+pub(crate) use surface::{Operands, Surface};

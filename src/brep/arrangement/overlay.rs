@@ -10,10 +10,10 @@ use super::point::{ExactPlane, ExactPoint, others};
 
 /// A segment in a face's plane.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Segment {
-    pub(super) ends: [ExactPoint; 2],
+pub(crate) struct Segment {
+    pub(crate) ends: [ExactPoint; 2],
     /// A plane that the segment lies in, other than the face's.
-    pub(super) line: ExactPlane,
+    pub(crate) line: ExactPlane,
 }
 
 /// A corner of a ring.
@@ -27,13 +27,13 @@ pub(crate) struct Corner {
 /// A region: its rings, the outer one first, counterclockwise seen from the main axis' positive end, and holes the other
 /// way round. The region lies to the left of all.
 #[derive(Clone, Debug)]
-pub(super) struct Region {
-    pub(super) rings: Vec<Vec<Corner>>,
+pub(crate) struct Region {
+    pub(crate) rings: Vec<Vec<Corner>>,
 }
 
 /// Divides a plane by segments, and segments where points lie on them; returns those of the bounded regions that `choose`
 /// takes, with what it says of them. Regions beside each other of which it says the same become one.
-pub(super) fn regions<T: PartialEq + Copy>(
+pub(crate) fn regions<T: PartialEq + Copy>(
     plane: &ExactPlane,
     segments: &[Segment],
     points: &[ExactPoint],

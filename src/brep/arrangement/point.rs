@@ -105,7 +105,7 @@ pub(super) const fn others(axis: usize) -> [usize; 2] {
 }
 
 /// The product of two normals.
-pub(super) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
+pub(crate) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
     std::array::from_fn(|axis| {
         let [j, k] = others(axis);
         i128::from(a[j]) * i128::from(b[k]) - i128::from(a[k]) * i128::from(b[j])
@@ -204,7 +204,7 @@ impl ExactPoint {
     }
 
     /// The order of two points along an axis.
-    pub(super) fn compare(&self, other: &ExactPoint, axis: usize) -> Ordering {
+    pub(crate) fn compare(&self, other: &ExactPoint, axis: usize) -> Ordering {
         let difference = self.near[axis] - other.near[axis];
         if difference.abs() > 2.0 * ERROR {
             return if difference > 0.0 { Ordering::Greater } else { Ordering::Less };
@@ -274,7 +274,7 @@ pub(super) fn wide(number: i128) -> I256 {
 }
 
 /// The product of two numbers.
-pub(super) fn product(a: i128, b: i128) -> I256 {
+pub(crate) fn product(a: i128, b: i128) -> I256 {
     wide(a) * wide(b)
 }
 

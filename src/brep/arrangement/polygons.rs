@@ -5,14 +5,17 @@ use std::cmp::Ordering;
 use super::exact_face::ExactFace;
 use super::point::{ExactPlane, ExactPoint, cross};
 
-/// Segments and points that two polygons have in common and neighbours have not.
+/// Segments and points that two polygons have in common.
 #[derive(Debug, Default)]
 pub(super) struct Common {
     pub(super) segments: Vec<[ExactPoint; 2]>,
     pub(super) points: Vec<ExactPoint>,
+    /// Edges and corners of both, as neighbours of a surface have.
+    pub(super) edges: Vec<[ExactPoint; 2]>,
+    pub(super) corners: Vec<ExactPoint>,
 }
 
-/// Finds what two polygons of different planes have in common but corners and edges of both.
+/// Finds what two polygons of different planes have in common.
 pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
     let (Some(along_a), Some(along_b)) = (LineSection::of(a, &b.plane), LineSection::of(b, &a.plane)) else {
         return Common::default();
@@ -28,15 +31,14 @@ pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
     let mut found = Common::default();
     for (_, ends) in places.windows(2).enumerate().filter(|(index, _)| is_common[*index]) {
         let ends = [ends[0], ends[1]];
-        if !(has_edge(a, &ends) && has_edge(b, &ends)) {
-            found.segments.push(ends);
-        }
+        let is_edge = has_edge(a, &ends) && has_edge(b, &ends);
+        if is_edge { &mut found.edges } else { &mut found.segments }.push(ends);
     }
     for (index, place) in places.iter().enumerate().filter(|(index, _)| at_a[*index] && at_b[*index]) {
         let is_end = is_common.get(index).is_some_and(|is| *is) || (index > 0 && is_common[index - 1]);
-        let is_regular = is_end || (has_corner(a, place) && has_corner(b, place));
-        if !is_regular {
-            found.points.push(*place);
+        if !is_end {
+            let is_corner = has_corner(a, place) && has_corner(b, place);
+            if is_corner { &mut found.corners } else { &mut found.points }.push(*place);
         }
     }
     found

@@ -41,7 +41,7 @@ impl<'a> Sample<'a> {
 
     /// A point inside a region: if the triangle at a convex corner has no other corner inside, the middle of it;
     /// otherwise the middle of the diagonal to the one that lies deepest in it.
-    pub(super) fn of_region(plane: &'a ExactPlane, region: &Region) -> Sample<'a> {
+    pub(crate) fn of_region(plane: &'a ExactPlane, region: &Region) -> Sample<'a> {
         let axis = plane.main_axis();
         let [u, v] = others(axis);
         let ring = &region.rings[0];
@@ -109,7 +109,7 @@ impl<'a> Sample<'a> {
     }
 
     /// The mean of some points.
-    fn mean(plane: &'a ExactPlane, points: &[&ExactPoint]) -> Sample<'a> {
+    pub(crate) fn mean(plane: &'a ExactPlane, points: &[&ExactPoint]) -> Sample<'a> {
         let axis = plane.main_axis();
         let count = points.len();
         let others_weight = |index: usize| {

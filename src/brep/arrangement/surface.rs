@@ -76,11 +76,7 @@ pub(super) fn resolve(
     progress: &dyn Progress,
     each: &mut dyn FnMut(Kept<'_>) -> Result<()>,
 ) -> Result<Resolved> {
-    let needed = faces.list.len() * FACE + faces.bytes();
-    if needed > memory {
-        return Err(too_large(path, needed, memory));
-    }
-    let surface = Surface::of(faces, operands, path, needed);
+    let surface = Surface::new(faces, operands, path, memory)?;
     let contacts = surface.contacts(memory, progress)?;
     let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
     for (number, contact) in (0..).zip(&contacts) {
@@ -161,7 +157,7 @@ pub(super) fn crossings(
 pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     Error::TooLarge {
         path: path.to_path_buf(),
-        what: "the surface that is to be resolved, with what its faces have in common,".into(),
+        what: "the surface that is to be divided, with what its faces have in common,".into(),
         needed,
         limit,
         advice: "allow more with --memory".into(),
@@ -180,7 +176,7 @@ struct Divided {
 }
 
 /// Faces with their planes, and a tree over their boxes.
-pub(super) struct Surface<'a> {
+pub(crate) struct Surface<'a> {
     faces: &'a ExactFaces,
     pub(super) operands: &'a Operands<'a>,
     /// Of a model, for errors.
@@ -189,12 +185,26 @@ pub(super) struct Surface<'a> {
     pub(super) bytes: u64,
     /// None of faces without an area.
     pub(super) planes: Vec<Option<ExactPlane>>,
-    pub(super) boxes: BoxTree,
+    pub(crate) boxes: BoxTree,
     /// Triangles of the faces that are no triangles.
     pieces: HashMap<u32, Vec<Piece>>,
 }
 
 impl<'a> Surface<'a> {
+    /// The surfaces of operands, if their planes and boxes fit into the memory. `path` is for errors.
+    pub(crate) fn new(
+        faces: &'a ExactFaces,
+        operands: &'a Operands<'a>,
+        path: &'a Path,
+        memory: u64,
+    ) -> Result<Surface<'a>> {
+        let needed = faces.list.len() * FACE + faces.bytes();
+        match needed > memory {
+            true => Err(too_large(path, needed, memory)),
+            false => Ok(Surface::of(faces, operands, path, needed)),
+        }
+    }
+
     fn of(faces: &'a ExactFaces, operands: &'a Operands<'a>, path: &'a Path, bytes: u64) -> Surface<'a> {
         let count = faces.list.len() as u32;
         let mut planes = Vec::with_capacity(count as usize);
@@ -227,8 +237,13 @@ impl<'a> Surface<'a> {
         self.faces.exact.get(&face)
     }
 
+    /// The face of the surfaces' list.
+    pub(crate) fn face(&self, face: u32) -> Face<'a> {
+        self.faces.list.get(face as usize)
+    }
+
     /// The face as one that may have such corners.
-    pub(super) fn polygon(&self, face: u32) -> Cow<'a, ExactFace> {
+    pub(crate) fn polygon(&self, face: u32) -> Cow<'a, ExactFace> {
         let of_grid = || ExactFace::of_grid(&self.faces.list.get(face as usize), self.plane(face));
         self.exact(face).map_or_else(|| Cow::Owned(of_grid()), Cow::Borrowed)
     }
@@ -238,14 +253,14 @@ impl<'a> Surface<'a> {
         self.faces.bounds(face)
     }
 
-    pub(super) fn plane(&self, face: u32) -> &ExactPlane {
+    pub(crate) fn plane(&self, face: u32) -> &ExactPlane {
         self.planes[face as usize]
             .as_ref()
             .unwrap_or_else(|| unreachable!("only faces with an area are asked for"))
     }
 
     /// The operand that a face belongs to.
-    pub(super) fn operand(&self, face: u32) -> usize {
+    pub(crate) fn operand(&self, face: u32) -> usize {
         self.operands.ends.partition_point(|end| *end <= face)
     }
 
@@ -337,7 +352,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether the line through a sample meets a face.
-    fn meets(&self, sample: &Sample<'_>, face: u32) -> bool {
+    pub(crate) fn meets(&self, sample: &Sample<'_>, face: u32) -> bool {
         match self.exact(face) {
             Some(exact) => sample.meets_exact(exact),
             None => {
@@ -499,7 +514,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Hands out the edges of a face; those between points of the grid with planes along an axis.
-    fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(Segment)) {
+    pub(crate) fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(Segment)) {
         if let Some(exact) = self.exact(face) {
             return exact
                 .edges()

@@ -187,11 +187,39 @@ impl<'a> Bodies<'a> {
         }
         Err(Error::TooLarge {
             path: self.models[number].path().to_path_buf(),
-            what: "the faces of the models that are to be combined".into(),
+            what: "the faces of the models where these come near each other".into(),
             needed,
             limit: memory,
             advice: "allow more with --memory".into(),
         })
+    }
+}
+
+/// Faces of two models in cells that faces of the other are in or near, too, on one grid.
+pub(in crate::brep) struct NearFaces {
+    pub(in crate::brep) faces: ExactFaces,
+    /// Where those of each model end.
+    pub(in crate::brep) ends: Vec<u32>,
+    /// What was added to the sources of each model's faces.
+    pub(in crate::brep) first_sources: [u64; 2],
+}
+
+impl NearFaces {
+    /// Goes through both octrees side by side, and reads the faces.
+    ///
+    /// # Errors
+    /// If grids, coordinate systems or units do not fit together, if `memory` bytes are not enough, if files are damaged or cannot be
+    /// read, or on interruption.
+    pub(in crate::brep) fn of(
+        models: [&ExactModel; 2],
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<NearFaces> {
+        let placed = Placed::of(&models)?;
+        // (Which operation does not matter for faces that are near.)
+        let mut bodies = Bodies::new(&models, &placed, OperationTable::new(1, 2)?, progress)?;
+        let (faces, ends) = bodies.near(memory, progress)?;
+        Ok(NearFaces { faces, ends, first_sources: [0, bodies.first[1].1] })
     }
 }
 

@@ -17,6 +17,7 @@ mod tests;
 mod winding;
 
 use self::bodies::Bodies;
+pub(super) use self::bodies::NearFaces;
 use self::placed::Placed;
 use self::seams::Seams;
 use self::table::OperationTable;

@@ -1,0 +1,105 @@
+//! Areas in which two surfaces lie on each other.
+
+use std::collections::BTreeMap;
+
+use super::IntersectionArea;
+use crate::brep::Grid;
+use crate::brep::arrangement::{Contact, Corner, Region, Sample, Segment, Surface, regions, root};
+use crate::brep::questions::SectionPolygon;
+use crate::{Progress, Result, parallel};
+
+/// Finds the areas of faces that lie on each other, those beside each other as one.
+///
+/// # Errors
+/// On interruption.
+pub(super) fn areas(
+    surface: &Surface<'_>,
+    contacts: &[Contact],
+    grid: &Grid,
+    progress: &dyn Progress,
+) -> Result<Vec<IntersectionArea>> {
+    let groups = groups(contacts);
+    let found = parallel::map(&groups, |faces| match progress.interrupted() {
+        true => Vec::new(),
+        false => areas_of(surface, faces, grid),
+    });
+    progress.check()?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Faces of one plane that lie on each other, with all that hang together by that; by their first faces.
+fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
+    let pairs: Vec<[u32; 2]> =
+        contacts.iter().filter(|contact| contact.in_plane).map(|contact| contact.faces).collect();
+    let mut faces: Vec<u32> = pairs.iter().flatten().copied().collect();
+    faces.sort_unstable();
+    faces.dedup();
+    let place = |face: u32| faces.partition_point(|known| *known < face) as u32;
+    let mut parents: Vec<u32> = (0..faces.len() as u32).collect();
+    for pair in pairs {
+        let [a, b] = pair.map(|face| root(&mut parents, place(face)));
+        parents[a.max(b) as usize] = a.min(b);
+    }
+    let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (place, face) in (0..).zip(&faces) {
+        groups.entry(root(&mut parents, place)).or_default().push(*face);
+    }
+    groups.into_values().collect()
+}
+
+fn areas_of(surface: &Surface<'_>, faces: &[u32], grid: &Grid) -> Vec<IntersectionArea> {
+    let plane = surface.plane(faces[0]);
+    let axis = plane.main_axis();
+    let mut segments: Vec<Segment> = Vec::new();
+    for &face in faces {
+        surface.edges(face, axis, |segment| segments.push(segment));
+    }
+    // To which sides the faces of both bodies are turned that are there.
+    let sides = |sample: &Sample<'_>| -> Option<[bool; 2]> {
+        let mut sides = [None; 2];
+        let holds = |[low, high]: &[[i32; 3]; 2]| {
+            let is_within = |axis: usize| {
+                let at = sample.near[axis];
+                f64::from(low[axis]) - 1e-6 <= at && at <= f64::from(high[axis]) + 1e-6
+            };
+            (0..3).all(is_within)
+        };
+        surface.boxes.each(&holds, |face| {
+            let is_there = faces.binary_search(&face).is_ok() && surface.meets(sample, face);
+            if is_there {
+                sides[surface.operand(face)] = Some(surface.plane(face).normal[axis] > 0);
+            }
+        });
+        Some([sides[0]?, sides[1]?])
+    };
+    let found = regions(plane, &segments, &[], |region| sides(&Sample::of_region(plane, region)));
+    let area = |(region, [is_up, other_is_up]): (Region, [bool; 2])| {
+        let ring = |corners: &Vec<Corner>| {
+            // (Rings turn as seen from the axis' positive end.)
+            let mut ring: Vec<[f64; 3]> = corners.iter().map(|corner| corner.point.to_world(grid)).collect();
+            if !is_up {
+                ring.reverse();
+            }
+            ring.extend(ring.first().copied());
+            ring
+        };
+        let rings: Vec<Vec<[f64; 3]>> = region.rings.iter().map(ring).collect();
+        let polygon = SectionPolygon { area: size(&rings), rings };
+        IntersectionArea { polygon, is_same_side: is_up == other_is_up }
+    };
+    found.into_iter().map(area).collect()
+}
+
+/// The area of a polygon with holes in a plane.
+fn size(rings: &[Vec<[f64; 3]>]) -> f64 {
+    let base = rings[0][0];
+    let mut sum = [0.0; 3];
+    for ends in rings.iter().flat_map(|ring| ring.windows(2)) {
+        let [a, b] = [0, 1].map(|end| [0, 1, 2].map(|axis| ends[end][axis] - base[axis]));
+        for (axis, sum) in sum.iter_mut().enumerate() {
+            let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+            *sum += a[u] * b[v] - a[v] * b[u];
+        }
+    }
+    sum.iter().map(|part| part * part).sum::<f64>().sqrt() / 2.0
+}

@@ -1,0 +1,138 @@
+//! Lines of segments that hang together.
+
+use super::segments::{Segment, Segments};
+
+/// Segments one after the other.
+pub(super) struct Chain {
+    pub(super) is_crossing: bool,
+    /// One more than there are segments; the last is the first if the chain is closed.
+    pub(super) vertices: Vec<u32>,
+    /// Faces beside each segment, as in [`Segment`].
+    pub(super) faces: Vec<[[u32; 2]; 2]>,
+}
+
+impl Chain {
+    fn of(first: &Segment) -> Chain {
+        Chain { is_crossing: first.is_crossing, vertices: first.vertices.to_vec(), faces: vec![first.faces] }
+    }
+
+    fn end(&self) -> u32 {
+        self.vertices[self.vertices.len() - 1]
+    }
+
+    /// Goes on with a segment that begins where the chain ends, or ends there: then it is passed the other way.
+    fn add(&mut self, segment: &Segment) {
+        let [from, to] = segment.vertices;
+        let is_forward = from == self.end();
+        self.vertices.push(if is_forward { to } else { from });
+        let turned = segment.faces.map(|[left, right]| [right, left]);
+        self.faces.push(if is_forward { segment.faces } else { turned });
+    }
+}
+
+impl Segments {
+    /// Joins the segments: those of surfaces that pass through each other in their direction, to closed lines; then those of surfaces that
+    /// touch, to lines between points where not just two of them meet.
+    pub(super) fn lines(&self) -> Vec<Chain> {
+        let mut lines = self.crossing_lines();
+        lines.extend(self.touch_lines());
+        lines
+    }
+
+    fn crossing_lines(&self) -> Vec<Chain> {
+        let crossing = |number: &u32| self.list[*number as usize].is_crossing;
+        let numbers: Vec<u32> = (0..self.list.len() as u32).filter(crossing).collect();
+        let mut from =
+            At::of(self.count(), numbers.iter().map(|number| (self.segment(*number).vertices[0], *number)));
+        let mut lines = Vec::new();
+        for first in numbers {
+            if !from.take(self.segment(first).vertices[0], first) {
+                continue;
+            }
+            let mut line = Chain::of(self.segment(first));
+            let start = line.vertices[0];
+            while line.end() != start {
+                // Where lines touch each other, on along the same part of the surface that is inside.
+                let last = line.faces[line.faces.len() - 1];
+                let is_beside = |number: &u32| {
+                    let faces = self.segment(*number).faces;
+                    faces[0][0] == last[0][0] || faces[1][1] == last[1][1]
+                };
+                let open = from.at(line.end());
+                let Some(next) = open.iter().copied().find(is_beside).or(open.first().copied()) else {
+                    break;
+                };
+                from.take(line.end(), next);
+                line.add(self.segment(next));
+            }
+            lines.push(line);
+        }
+        lines
+    }
+
+    fn touch_lines(&self) -> Vec<Chain> {
+        let touching = |number: &u32| !self.segment(*number).is_crossing;
+        let numbers: Vec<u32> = (0..self.list.len() as u32).filter(touching).collect();
+        let ends =
+            numbers.iter().flat_map(|number| self.segment(*number).vertices.map(|vertex| (vertex, *number)));
+        let mut at = At::of(self.count(), ends);
+        let is_end: Vec<bool> = (0..self.count()).map(|vertex| at.at(vertex as u32).len() != 2).collect();
+        let mut lines = Vec::new();
+        // From ends first: what is left is closed.
+        for is_from_end in [true, false] {
+            for &first in &numbers {
+                let vertices = self.segment(first).vertices;
+                let Some(start) =
+                    vertices.into_iter().find(|vertex| is_end[*vertex as usize] || !is_from_end)
+                else {
+                    continue;
+                };
+                if !at.take(start, first) {
+                    continue;
+                }
+                let mut line = Chain { vertices: vec![start], faces: Vec::new(), is_crossing: false };
+                line.add(self.segment(first));
+                at.take(line.end(), first);
+                while !is_end[line.end() as usize]
+                    && let Some(next) = at.at(line.end()).first().copied()
+                {
+                    at.take(line.end(), next);
+                    line.add(self.segment(next));
+                    at.take(line.end(), next);
+                }
+                lines.push(line);
+            }
+        }
+        lines
+    }
+
+    fn segment(&self, number: u32) -> &Segment {
+        &self.list[number as usize]
+    }
+
+    fn count(&self) -> usize {
+        self.vertices.list().len()
+    }
+}
+
+/// Segments at each vertex that are not taken yet.
+struct At(Vec<Vec<u32>>);
+
+impl At {
+    fn of(count: usize, ends: impl Iterator<Item = (u32, u32)>) -> At {
+        let mut lists = vec![Vec::new(); count];
+        ends.for_each(|(vertex, segment)| lists[vertex as usize].push(segment));
+        At(lists)
+    }
+
+    fn at(&self, vertex: u32) -> &[u32] {
+        &self.0[vertex as usize]
+    }
+
+    /// Takes a segment from a vertex, if it is there.
+    fn take(&mut self, vertex: u32, segment: u32) -> bool {
+        let list = &mut self.0[vertex as usize];
+        let place = list.iter().position(|known| *known == segment);
+        place.map(|place| list.remove(place)).is_some()
+    }
+}

@@ -1,0 +1,185 @@
+//! Segments that two surfaces have in common, each once, with the faces beside it.
+
+use std::collections::HashSet;
+
+use super::around::{Axis, HalfPlane};
+use crate::brep::arrangement::{Contact, ExactPoint, Surface, Vertices};
+use crate::brep::boxes::touch;
+use crate::{Progress, Result, parallel};
+
+/// A segment between two vertices.
+pub(super) struct Segment {
+    /// If surfaces pass through each other: with what of the first is inside of the second to the left.
+    pub(super) vertices: [u32; 2],
+    pub(super) is_crossing: bool,
+    /// Of the first body and of the second one: the faces to the left and to the right.
+    pub(super) faces: [[u32; 2]; 2],
+}
+
+/// All segments.
+pub(super) struct Segments {
+    pub(super) list: Vec<Segment>,
+    pub(super) vertices: Vertices,
+    /// Vertices that are the same as these are those of segments.
+    count: u32,
+}
+
+/// What two faces have in common, as it is found by itself.
+enum Found {
+    /// A segment that passes through both faces.
+    Inner([ExactPoint; 2]),
+    /// Parts of a segment along edges, between points that corners divide it at.
+    AlongEdge(Vec<ExactPoint>),
+}
+
+impl Segments {
+    /// Collects the segments of contacts.
+    ///
+    /// # Errors
+    /// On interruption.
+    pub(super) fn of(
+        surface: &Surface<'_>,
+        contacts: &[Contact],
+        progress: &dyn Progress,
+    ) -> Result<Segments> {
+        const TASK: usize = 1 << 8;
+        let mut found = Segments { list: Vec::new(), vertices: Vertices::default(), count: 0 };
+        let mut known: HashSet<[u32; 2]> = HashSet::new();
+        let tasks: Vec<&[Contact]> = contacts.chunks(TASK).collect();
+        for tasks in tasks.chunks(64) {
+            progress.check()?;
+            let parts = parallel::map(tasks, |contacts| {
+                contacts.iter().flat_map(|contact| parts_of(surface, contact)).collect::<Vec<_>>()
+            });
+            for (faces, part) in parts.into_iter().flatten() {
+                match part {
+                    Found::Inner(ends) => {
+                        let vertices = ends.map(|end| found.vertices.number(end));
+                        let [a, b] = faces;
+                        found.list.push(Segment { vertices, is_crossing: true, faces: [[a; 2], [b; 2]] });
+                    }
+                    Found::AlongEdge(points) => {
+                        for ends in points.windows(2) {
+                            let vertices = [ends[0], ends[1]].map(|end| found.vertices.number(end));
+                            let [one, other] = vertices;
+                            if known.insert([one.min(other), one.max(other)]) {
+                                found.add_along_edge(surface, faces, vertices, [&ends[0], &ends[1]]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        found.count = found.vertices.list().len() as u32;
+        Ok(found)
+    }
+
+    /// Adds a segment that runs along edges, which lead in its direction.
+    fn add_along_edge(
+        &mut self,
+        surface: &Surface<'_>,
+        faces: [u32; 2],
+        vertices: [u32; 2],
+        ends: [&ExactPoint; 2],
+    ) {
+        let axis = Axis::of(surface, faces);
+        let mut around: [Vec<HalfPlane>; 2] = [Vec::new(), Vec::new()];
+        for face in faces_at(surface, ends) {
+            around[surface.operand(face)].extend(axis.half_planes(surface, face, ends));
+        }
+        let (crossings, is_on) = axis.crossings(&around[0], &around[1]);
+        if crossings == 0 && is_on {
+            return;
+        }
+        let mut sides = [0, 1].map(|body| {
+            let on = |is_left: bool| around[body].iter().filter(move |half| half.is_left == is_left);
+            [true, false].map(|is_left| on(is_left).map(|half| half.face).min().unwrap_or(faces[body]))
+        });
+        let mut vertices = vertices;
+        if crossings < 0 {
+            vertices.reverse();
+            sides.iter_mut().for_each(|sides| sides.reverse());
+        }
+        // (Where more than two faces hang together at an edge, it may be passed more than once.)
+        for _ in 0..crossings.abs().max(1) {
+            self.list.push(Segment { vertices, is_crossing: crossings != 0, faces: sides });
+        }
+    }
+
+    /// Points of contacts that are no vertices of segments, each once, with the faces that have it.
+    pub(super) fn lone_points(&self, contacts: &[Contact]) -> Vec<(ExactPoint, [u32; 2])> {
+        let mut all = Vertices::default();
+        self.vertices.list().iter().take(self.count as usize).for_each(|point| {
+            all.number(*point);
+        });
+        let mut lone = Vec::new();
+        for contact in contacts {
+            for point in &contact.points {
+                let known = all.list().len();
+                if all.number(*point) as usize == known {
+                    lone.push((*point, contact.faces));
+                }
+            }
+        }
+        lone
+    }
+}
+
+/// The parts of a contact's segments, in the direction of the line of both planes.
+fn parts_of(surface: &Surface<'_>, contact: &Contact) -> Vec<([u32; 2], Found)> {
+    let [a, b] = contact.faces;
+    let part = |ends: &[ExactPoint; 2]| {
+        let axis = Axis::of(surface, [a, b]);
+        let mut ends = *ends;
+        if axis.order(&ends[0], &ends[1]).is_gt() {
+            ends.reverse();
+        }
+        if ![a, b].into_iter().any(|face| has_on_edge(surface, face, &ends)) {
+            return (contact.faces, Found::Inner(ends));
+        }
+        let mut points = ends.to_vec();
+        for face in faces_at(surface, [&ends[0], &ends[1]]) {
+            for corner in &surface.polygon(face).corners {
+                let point = &corner.point;
+                let is_between =
+                    || axis.order(&ends[0], point).is_lt() && axis.order(point, &ends[1]).is_lt();
+                if [a, b].into_iter().all(|face| surface.plane(face).side(point) == 0) && is_between() {
+                    points.push(*point);
+                }
+            }
+        }
+        points.sort_by(|a, b| axis.order(a, b));
+        points.dedup_by(|a, b| axis.order(a, b).is_eq());
+        (contact.faces, Found::AlongEdge(points))
+    };
+    contact.segments.iter().map(part).collect()
+}
+
+/// Whether a segment runs along an edge of a face.
+fn has_on_edge(surface: &Surface<'_>, face: u32, ends: &[ExactPoint; 2]) -> bool {
+    let mut is_on = false;
+    surface.edges(face, surface.plane(face).main_axis(), |edge| {
+        is_on |= ends.iter().all(|end| edge.line.side(end) == 0);
+    });
+    is_on
+}
+
+/// The faces of both bodies whose boxes a segment touches and whose planes it lies in.
+fn faces_at(surface: &Surface<'_>, ends: [&ExactPoint; 2]) -> Vec<u32> {
+    let bound = |least: bool| {
+        [0, 1, 2].map(|axis| {
+            let [a, b] = ends.map(|end| end.near[axis]);
+            // (More than the error of approximations.)
+            if least { (a.min(b) - 1e-6).floor() as i32 } else { (a.max(b) + 1e-6).ceil() as i32 }
+        })
+    };
+    let around = [bound(true), bound(false)];
+    let mut found = Vec::new();
+    surface.boxes.each(&|bounds| touch(bounds, &around), |face| {
+        if ends.iter().all(|end| surface.plane(face).side(end) == 0) {
+            found.push(face);
+        }
+    });
+    found.sort_unstable();
+    found
+}
