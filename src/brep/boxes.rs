@@ -114,4 +114,31 @@ mod tests {
             }
         }
     }
+
+    /// All pairs of intervals between five points, as in "Construction of the spatial intersection line of polygon meshes" (2012), whose test
+    /// misses boxes that lie within the other one or touch it.
+    #[test]
+    fn intervals_touch_where_they_share_a_point() {
+        let intervals: Vec<[i32; 2]> = (0..5).flat_map(|low| (low..5).map(move |high| [low, high])).collect();
+        let (mut pairs, mut misjudged) = (0, 0);
+        for &one in &intervals {
+            for &other in &intervals {
+                let shares =
+                    (0..5).any(|at| one[0] <= at && at <= one[1] && other[0] <= at && at <= other[1]);
+                for axis in 0..3 {
+                    let of = |[low, high]: [i32; 2]| {
+                        let mut bounds = [[0; 3], [4; 3]];
+                        (bounds[0][axis], bounds[1][axis]) = (low, high);
+                        bounds
+                    };
+                    assert_eq!(touch(&of(one), &of(other)), shares, "{one:?} {other:?}");
+                }
+                let is_over_end = other[0] < one[1] && other[1] >= one[1];
+                let is_over_start = other[0] < one[0] && other[1] >= one[0];
+                misjudged += u32::from((is_over_end || is_over_start) != shares);
+                pairs += 1;
+            }
+        }
+        assert_eq!((pairs, misjudged), (225, 70));
+    }
 }

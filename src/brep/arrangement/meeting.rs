@@ -228,4 +228,141 @@ mod tests {
             assert!(matches!(of(A, b), Meeting::InPlane), "{b:?}");
         }
     }
+
+    /// A fraction with a positive denominator.
+    #[derive(Clone, Copy, Debug)]
+    struct Fraction(i128, i128);
+
+    impl Fraction {
+        fn of(numerator: i128, denominator: i128) -> Fraction {
+            Fraction(numerator * denominator.signum(), denominator.abs())
+        }
+
+        fn order(self, other: Fraction) -> Ordering {
+            (self.0 * other.1).cmp(&(other.0 * self.1))
+        }
+    }
+
+    fn dot(a: [i128; 3], b: [i128; 3]) -> i128 {
+        (0..3).map(|axis| a[axis] * b[axis]).sum()
+    }
+
+    fn product(a: [i128; 3], b: [i128; 3]) -> [i128; 3] {
+        [0, 1, 2].map(|i| a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
+    }
+
+    /// The line of two planes `a x + b y + c z + d = 0` by table 2 and formula (6) of "Construction of the spatial intersection line of polygon
+    /// meshes" (2012): a point, times the direction's coordinate that is not zero, and the direction.
+    fn line_of([one, other]: [([i128; 3], i128); 2]) -> Option<([i128; 3], i128, [i128; 3])> {
+        let ((n1, d1), (n2, d2)) = (one, other);
+        let along = product(n1, n2);
+        // That coordinate is set to zero. (The first row of the print tells to solve for y0 and z0 where z0 is zero.)
+        let zero = (0..3).find(|axis| along[*axis] != 0)?;
+        let [u, v] = [(zero + 1) % 3, (zero + 2) % 3];
+        let mut base = [0; 3];
+        base[u] = n1[v] * d2 - n2[v] * d1;
+        base[v] = n2[u] * d1 - n1[u] * d2;
+        Some((base, along[zero], along))
+    }
+
+    /// Conditions U1 and U2 of the article, in fractions and with the vertices on the line that its criterion misses: where a line of two planes
+    /// meets both polygons, and where these parts have something in common.
+    #[test]
+    fn conditions_of_the_literature() {
+        let mut state = 9u64;
+        let mut number = move || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) as i32 % 5
+        };
+        let mut counts = [0; 4];
+        for _ in 0..20_000 {
+            let mut triangle = || [0; 3].map(|_| [number(), number(), number()]);
+            let (a, b) = (triangle(), triangle());
+            let planes = [a, b].map(|corners| {
+                let normal = ring_normal(&corners).map(i128::from);
+                (normal, -dot(normal, corners[0].map(i128::from)))
+            });
+            let Some((base, times, along)) = line_of(planes) else { continue };
+            for (normal, offset) in planes {
+                assert_eq!(dot(normal, base) + offset * times, 0);
+            }
+            // Of each polygon where its edges pass through the line, in the frame of the line, the normal and what is upright on both.
+            let part = |corners: [[i32; 3]; 3], normal: [i128; 3]| {
+                let across = product(normal, along);
+                let place = |corner: [i32; 3]| {
+                    let from = [0, 1, 2].map(|axis| i128::from(corner[axis]) * times - base[axis]);
+                    (dot(along, from), dot(across, from))
+                };
+                let mut places: Vec<Fraction> = Vec::new();
+                for i in 0..3 {
+                    let ((x1, y1), (x2, y2)) = (place(corners[i]), place(corners[(i + 1) % 3]));
+                    if y1 == 0 {
+                        places.push(Fraction::of(x1, times));
+                    } else if (y1 < 0) != (y2 < 0) && y2 != 0 {
+                        places.push(Fraction::of(x1 * (y1 - y2) + (x2 - x1) * y1, (y1 - y2) * times));
+                    }
+                }
+                places.sort_by(|a, b| a.order(*b));
+                Some([*places.first()?, *places.last()?])
+            };
+            let parts = [part(a, planes[0].0), part(b, planes[1].0)];
+            let expected = match parts {
+                [Some([low_a, high_a]), Some([low_b, high_b])] => {
+                    let low = if low_a.order(low_b).is_lt() { low_b } else { low_a };
+                    let high = if high_a.order(high_b).is_gt() { high_b } else { high_a };
+                    if low.order(high).is_gt() { Err("not U2") } else { Ok([low, high]) }
+                }
+                _ => Err("not U1"),
+            };
+            let ends = match of(a, b) {
+                Meeting::Apart => None,
+                Meeting::Point(point) | Meeting::Corner(point) => Some([point; 2]),
+                Meeting::Segment(ends) | Meeting::Edge(ends) => Some(ends),
+                Meeting::InPlane => unreachable!("the planes are not the same"),
+            };
+            match (expected, ends) {
+                (Err(_), None) => {}
+                (Ok([low, high]), Some(ends)) => {
+                    let mut places = ends.map(|end| {
+                        let at = (0..3).map(|axis| {
+                            along[axis] as f64 * (end.near[axis] - base[axis] as f64 / times as f64)
+                        });
+                        at.sum::<f64>()
+                    });
+                    places.sort_by(f64::total_cmp);
+                    for (Fraction(numerator, denominator), place) in [low, high].into_iter().zip(places) {
+                        assert!((numerator as f64 / denominator as f64 - place).abs() < 1e-6, "{a:?} {b:?}");
+                    }
+                    assert_eq!(low.order(high).is_eq(), ends[0].is(&ends[1]), "{a:?} {b:?}");
+                }
+                _ => panic!("{a:?} {b:?}: {expected:?} {ends:?}"),
+            }
+            let kind = match expected {
+                Err("not U1") => 0,
+                Err(_) => 1,
+                Ok([low, high]) => 2 + usize::from(low.order(high).is_lt()),
+            };
+            counts[kind] += 1;
+        }
+        assert!(counts.iter().all(|count| *count > 500), "{counts:?}");
+    }
+
+    /// Row 6 of the article's table 2: a line along x, and a point of it by its formulas.
+    #[test]
+    fn the_line_of_two_planes() {
+        // y + z = 5 and y - z = 1.
+        let planes = [([0, 1, 1], -5), ([0, 1, -1], -1)];
+        assert_eq!(line_of(planes), Some(([0, -6, -4], -2, [-2, 0, 0])));
+        // The same for all rows: with the direction along each axis, in each plane and anywhere.
+        let rows =
+            [[[1, 0, 0], [0, 1, 1]], [[0, 1, 0], [1, 0, 1]], [[0, 0, 1], [1, 1, 0]], [[1, 2, 3], [3, -1, 2]]];
+        for [n1, n2] in rows {
+            let planes = [(n1, -7), (n2, 4)];
+            let (base, times, along) = line_of(planes).unwrap();
+            for (normal, offset) in planes {
+                assert_eq!((dot(normal, base) + offset * times, dot(normal, along)), (0, 0));
+            }
+        }
+        assert_eq!(line_of([([1, 2, 3], 0), ([-2, -4, -6], 5)]), None);
+    }
 }

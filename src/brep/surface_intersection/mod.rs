@@ -10,6 +10,8 @@ mod areas;
 mod around;
 mod lines;
 mod segments;
+#[cfg(test)]
+mod tests;
 
 use self::segments::Segments;
 use super::arrangement::{Operands, Surface};
