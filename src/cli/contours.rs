@@ -11,7 +11,9 @@ use spinney::export::vector::{
 use spinney::io::Output;
 use spinney::query::{Contour, ContourLevels, ContourNodata, ContourRequest};
 
-use super::args::{Memory, OutputLimit, ViewedTree, check_output, level_of, number, vector_format};
+use super::args::{
+    Memory, OutputLimit, VECTOR_FORMATS, ViewedTree, check_output, level_of, number, vector_format,
+};
 use super::report::{Work, report_output};
 use super::{Global, exact};
 
@@ -45,11 +47,11 @@ pub(crate) struct Args {
     /// The value that --every counts from
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
     base: f64,
-    /// Output: .geojson, .csv (well-known text), .svg, .gpkg or .shp; `-` is standard output
+    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .shp, .obj or .ply; `-` is standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Format where the output's name does not say
-    #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg", "shp"])]
+    #[arg(long, value_parser = VECTOR_FORMATS)]
     format: Option<String>,
     /// Areas between neighbouring levels instead of lines
     #[arg(long)]
@@ -123,7 +125,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let [low, high] = frame.world_box(&tree.header().picture());
     let layer = VectorLayer {
         name: name.into(),
-        kind,
+        kind: Some(kind),
         has_z: args.has_z,
         attributes: attributes.iter().map(|name| ((*name).into(), AttributeType::Number)).collect(),
         crs: frame.crs.clone(),

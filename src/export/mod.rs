@@ -16,6 +16,7 @@ pub mod mesh;
 mod paint;
 #[cfg(feature = "raster")]
 mod render;
+mod spill;
 #[cfg(feature = "raster")]
 pub mod tiles;
 pub mod vector;

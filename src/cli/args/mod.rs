@@ -25,7 +25,9 @@ pub(crate) use cuboid::{Cuboid, parse_cuboid};
 pub(crate) use global::Global;
 pub(crate) use memory::{DEFAULT_MEMORY, Memory};
 pub(crate) use operation::{OperationName, parse_operation};
-pub(crate) use output::{OutputLimit, check_output, parse_size, picture_format, same_file, vector_format};
+pub(crate) use output::{
+    OutputLimit, VECTOR_FORMATS, check_output, parse_size, picture_format, same_file, vector_format,
+};
 pub(crate) use part::PartOptions;
 pub(crate) use slice::{Slice, parse_slice};
 pub(crate) use style::parse_style;

@@ -33,11 +33,20 @@ fn push_field(text: &mut Text, field: &str) {
 }
 
 impl FormatWriter for Csv {
-    fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
         let Csv { text, layer } = self;
         let around = ["", " ", ""];
         let z = if layer.has_z { "Z " } else { "" };
-        match layer.kind {
+        match kind {
+            GeometryKind::Point => {
+                text.push(&format!("\"POINT {z}("));
+                text.push_points(geometry, 0, layer.has_z, around)?;
+            }
             GeometryKind::Line => {
                 text.push(&format!("\"LINESTRING {z}("));
                 text.push_points(geometry, 0, layer.has_z, around)?;
@@ -57,6 +66,7 @@ impl FormatWriter for Csv {
             match value {
                 AttributeValue::Number(number) if number.is_finite() => text.push_number(*number),
                 AttributeValue::Text(value) => push_field(text, value),
+                AttributeValue::PerSegment(numbers) => text.push_integers(numbers, " "),
                 AttributeValue::Number(_) | AttributeValue::None => {}
             }
         }

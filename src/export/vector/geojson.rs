@@ -30,7 +30,12 @@ impl GeoJson {
 }
 
 impl FormatWriter for GeoJson {
-    fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
         let GeoJson { text, layer, has_features } = self;
         text.push(if std::mem::replace(has_features, true) { ",\n" } else { "\n" });
         text.push("{\"type\":\"Feature\",\"properties\":{");
@@ -43,15 +48,25 @@ impl FormatWriter for GeoJson {
             match value {
                 AttributeValue::Number(number) => text.push_number(*number),
                 AttributeValue::Text(value) => text.push_json(value),
+                AttributeValue::PerSegment(numbers) => {
+                    text.push("[");
+                    text.push_integers(numbers, ",");
+                    text.push("]");
+                }
                 AttributeValue::None => text.push("null"),
             }
         }
         text.push("},\"geometry\":{\"type\":");
         let around = ["[", ",", "]"];
-        match layer.kind {
+        match kind {
+            GeometryKind::Point => {
+                text.push("\"Point\",\"coordinates\":");
+                text.push_points(geometry, 0, layer.has_z, around)?;
+            }
             GeometryKind::Line => {
                 text.push("\"LineString\",\"coordinates\":[");
                 text.push_points(geometry, 0, layer.has_z, around)?;
+                text.push("]");
             }
             GeometryKind::Polygon => {
                 text.push("\"Polygon\",\"coordinates\":[");
@@ -60,9 +75,10 @@ impl FormatWriter for GeoJson {
                     text.push_points(geometry, part, layer.has_z, around)?;
                     text.push("]");
                 }
+                text.push("]");
             }
         }
-        text.push("]}}");
+        text.push("}}");
         text.flush_some()
     }
 

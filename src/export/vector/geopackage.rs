@@ -79,7 +79,12 @@ impl GeoPackage {
             let kind = if *kind == AttributeType::Number { "DOUBLE" } else { "TEXT" };
             format!(", {} {kind}", quoted(name))
         };
-        let geometry_type = if layer.kind == GeometryKind::Line { "LINESTRING" } else { "POLYGON" };
+        let geometry_type = match layer.kind {
+            Some(GeometryKind::Point) => "POINT",
+            Some(GeometryKind::Line) => "LINESTRING",
+            Some(GeometryKind::Polygon) => "POLYGON",
+            None => "GEOMETRY",
+        };
         let columns: String = layer.attributes.iter().map(column).collect();
         let create =
             format!("CREATE TABLE {table} (fid INTEGER PRIMARY KEY NOT NULL, geom {geometry_type}{columns})");
@@ -112,6 +117,11 @@ impl GeoPackage {
     }
 }
 
+/// Numbers with blanks between them.
+fn joined(numbers: &[u64]) -> String {
+    numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
+}
+
 /// Name, number, registry and definition of a coordinate system.
 fn srs_of(crs: Option<&Crs>) -> Option<(String, i64, &'static str, String)> {
     let crs = crs?;
@@ -131,14 +141,21 @@ fn srs_of(crs: Option<&Crs>) -> Option<(String, i64, &'static str, String)> {
 }
 
 impl FormatWriter for GeoPackage {
-    fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
         let GeoPackage { path, connection, layer, srs, insert, .. } = self;
-        let is_polygon = layer.kind == GeometryKind::Polygon;
-        let parts = if is_polygon { geometry.parts() } else { 1 };
+        let (parts, code, counts) = match kind {
+            GeometryKind::Point => (1, 1u32, 0),
+            GeometryKind::Line => (1, 2, 4),
+            GeometryKind::Polygon => (geometry.parts(), 3, 4 + 4 * geometry.parts() as u64),
+        };
         let width = if layer.has_z { 24 } else { 16 };
-        let rings = if is_polygon { 4 + 4 * parts as u64 } else { 4 };
         let points = (0..parts).fold(0u64, |sum, part| sum.saturating_add(geometry.count(part)));
-        let size = points.saturating_mul(width).saturating_add(8 + 5 + rings);
+        let size = points.saturating_mul(width).saturating_add(8 + 5 + counts);
         if size > 1_000_000_000 {
             let advice = "choose another format: databases have features of at most 1 GB";
             return Err(Error::unsupported(self.output.path(), format!("a feature of {size} bytes"), advice));
@@ -147,21 +164,24 @@ impl FormatWriter for GeoPackage {
         let mut bytes = b"GP\0\x01".to_vec();
         bytes.extend_from_slice(&(*srs as i32).to_le_bytes());
         bytes.push(1);
-        let code = (if is_polygon { 3u32 } else { 2 }) + if layer.has_z { 1000 } else { 0 };
+        let code = code + if layer.has_z { 1000 } else { 0 };
         bytes.extend_from_slice(&code.to_le_bytes());
-        if is_polygon {
+        if kind == GeometryKind::Polygon {
             bytes.extend_from_slice(&(parts as u32).to_le_bytes());
         }
         let number = |value: &AttributeValue<'_>| match value {
             AttributeValue::Number(number) if number.is_finite() => Value::Real(*number),
             AttributeValue::Text(text) => Value::Text((*text).into()),
+            AttributeValue::PerSegment(numbers) => Value::Text(joined(numbers)),
             AttributeValue::Number(_) | AttributeValue::None => Value::Null,
         };
         let attributes = attributes.iter().map(number);
         let axes = if layer.has_z { 3 } else { 2 };
         let each = |bytes: &mut Vec<u8>, flush: &mut dyn FnMut(&mut Vec<u8>) -> Result<()>| {
             for part in 0..parts {
-                bytes.extend_from_slice(&(geometry.count(part) as u32).to_le_bytes());
+                if kind != GeometryKind::Point {
+                    bytes.extend_from_slice(&(geometry.count(part) as u32).to_le_bytes());
+                }
                 geometry.points(part, &mut |points| {
                     for coordinate in points.iter().flat_map(|point| &point[..axes]) {
                         bytes.extend_from_slice(&coordinate.to_le_bytes());

@@ -1,4 +1,4 @@
-//! Lines and polygons with attributes, as files of other programs: one layer of features of one kind each.
+//! Lines, polygons and points with attributes, as files of other programs: one layer of features each.
 //!
 //! Features are written as they come, points as they are handed out, so that none has to be held. For GeoPackage a feature is
 //! held, up to a mebibyte of it; for Shapefile a part of a feature.
@@ -11,7 +11,7 @@
 //! # let path = folder.path().join("paths.geojson");
 //! let layer = VectorLayer {
 //!     name: "paths".into(),
-//!     kind: GeometryKind::Line,
+//!     kind: Some(GeometryKind::Line),
 //!     has_z: false,
 //!     attributes: vec![("length".into(), AttributeType::Number)],
 //!     crs: None,
@@ -30,6 +30,8 @@ mod csv;
 mod geojson;
 #[cfg(feature = "mbtiles")]
 mod geopackage;
+mod obj;
+mod ply;
 #[cfg(feature = "raster")]
 mod shapefile;
 mod smooth;
@@ -46,7 +48,7 @@ use crate::query::Contour;
 use crate::space::Crs;
 use crate::{Error, Result};
 
-/// Format of a file of lines or polygons.
+/// Format of a file of lines, polygons or points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VectorFormat {
     /// `GeoJSON` (RFC 7946): coordinates as they are, with the member `crs` of the format's first version (2008) where they are in another
@@ -61,6 +63,11 @@ pub enum VectorFormat {
     /// Shapefile (feature `raster`): also the files `.shx`, `.dbf` and `.cpg` beside it, and `.prj` if the coordinate system is known
     /// as well-known text or is WGS 84. Each of them appears whole; the one that was asked for is the last.
     Shapefile,
+    /// Wavefront OBJ: an object for each feature, with lines, outlines as lines, and points; attributes are comments.
+    Obj,
+    /// PLY, binary: vertices, and edges of lines and outlines with their feature's number (`feature`, from 0), its attributes that are
+    /// numbers, and their own. Points are vertices without edges; texts are left out.
+    Ply,
 }
 
 impl VectorFormat {
@@ -80,17 +87,21 @@ impl FromStr for VectorFormat {
             "svg" => Ok(VectorFormat::Svg),
             "gpkg" => Ok(VectorFormat::GeoPackage),
             "shp" => Ok(VectorFormat::Shapefile),
-            _ => Err(Error::invalid("format", name, "geojson, csv, svg, gpkg or shp")),
+            "obj" => Ok(VectorFormat::Obj),
+            "ply" => Ok(VectorFormat::Ply),
+            _ => Err(Error::invalid("format", name, "geojson, csv, svg, gpkg, shp, obj or ply")),
         }
     }
 }
 
-/// Kind of all features of a layer.
+/// Kind of a feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeometryKind {
-    /// Lines: the only part of each has its points.
+    /// A point: the only part has it.
+    Point,
+    /// A line: the only part has its points.
     Line,
-    /// Polygons: the first part is the outer ring, all others are holes. Rings end with the point that they begin with.
+    /// A polygon: the first part is the outer ring, all others are holes. Rings end with the point that they begin with.
     Polygon,
 }
 
@@ -101,6 +112,8 @@ pub enum AttributeType {
     Number,
     /// Texts.
     Text,
+    /// Whole numbers, one for each segment of a line: texts with blanks between them where a format has no lists, integers of edges in PLY.
+    PerSegment,
 }
 
 /// An attribute of a feature.
@@ -110,6 +123,8 @@ pub enum AttributeValue<'a> {
     Number(f64),
     /// A text.
     Text(&'a str),
+    /// A number for each segment of a line.
+    PerSegment(&'a [u64]),
     /// Nothing.
     None,
 }
@@ -119,8 +134,8 @@ pub enum AttributeValue<'a> {
 pub struct VectorLayer {
     /// Its name.
     pub name: String,
-    /// Kind of all features.
-    pub kind: GeometryKind,
+    /// Kind of all features; `None` if they are of several kinds.
+    pub kind: Option<GeometryKind>,
     /// Whether points have a third coordinate.
     pub has_z: bool,
     /// Names and types of the attributes.
@@ -203,15 +218,36 @@ impl Geometry for crate::brep::questions::SectionPolygon {
     }
 }
 
+#[cfg(feature = "mesh")]
+impl Geometry for crate::brep::surface_intersection::IntersectionLine {
+    fn parts(&self) -> usize {
+        1
+    }
+
+    fn count(&self, part: usize) -> u64 {
+        std::slice::from_ref(&self.points).count(part)
+    }
+
+    fn points(&self, part: usize, each: &mut dyn FnMut(&[[f64; 3]]) -> Result<()>) -> Result<()> {
+        std::slice::from_ref(&self.points).points(part, each)
+    }
+}
+
 /// A file of a format in the making.
 trait FormatWriter {
-    fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()>;
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()>;
     fn finish(self: Box<Self>) -> Result<()>;
 }
 
 /// A layer that is being written. The file appears when it is finished.
 pub struct VectorWriter {
     writer: Box<dyn FormatWriter>,
+    kind: Option<GeometryKind>,
     attributes: Vec<(String, AttributeType)>,
 }
 
@@ -219,13 +255,16 @@ impl VectorWriter {
     /// Starts a file of a layer.
     ///
     /// # Errors
-    /// If the output cannot be written, or is a stream and the format is a database.
+    /// If the output cannot be written, or is a stream and the format is a database; or if the format has no features of several kinds, or no
+    /// points.
     pub fn create(output: Output, format: VectorFormat, layer: VectorLayer) -> Result<VectorWriter> {
-        let attributes = layer.attributes.clone();
+        let (kind, attributes) = (layer.kind, layer.attributes.clone());
         let writer: Box<dyn FormatWriter> = match format {
             VectorFormat::GeoJson => Box::new(geojson::GeoJson::new(output, layer)?),
             VectorFormat::Csv => Box::new(csv::Csv::new(output, layer)?),
             VectorFormat::Svg => Box::new(svg::Svg::new(output, layer)?),
+            VectorFormat::Obj => Box::new(obj::Obj::new(output, layer)?),
+            VectorFormat::Ply => Box::new(ply::Ply::new(output, layer)?),
             #[cfg(feature = "mbtiles")]
             VectorFormat::GeoPackage => Box::new(geopackage::GeoPackage::new(output, layer)?),
             #[cfg(feature = "raster")]
@@ -237,24 +276,45 @@ impl VectorWriter {
                 return Err(Error::unsupported(output.path(), format!("writing {format:?}"), advice));
             }
         };
-        Ok(VectorWriter { writer, attributes })
+        Ok(VectorWriter { writer, kind, attributes })
     }
 
-    /// Writes a feature with its attributes, which are as many as the layer has, and of their types or none.
+    /// Writes a feature of the layer's kind with its attributes, which are as many as the layer has, and of their types or none.
     ///
     /// # Errors
-    /// If it has other attributes, its points cannot be read, or the output cannot be written.
+    /// If it has other attributes, the layer has features of several kinds, the feature's points cannot be read, or the output cannot be
+    /// written.
     pub fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
+        match self.kind {
+            Some(kind) => self.write_as(kind, geometry, attributes),
+            None => Err(Error::invalid("kind of a feature", "none", "one, since the layer has several")),
+        }
+    }
+
+    /// Writes a feature of a kind, otherwise as [`VectorWriter::write`].
+    ///
+    /// # Errors
+    /// Those of [`VectorWriter::write`]; if the layer is of another kind.
+    pub fn write_as(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
+        if self.kind.is_some_and(|own| own != kind) {
+            return Err(Error::invalid("kind of a feature", format!("{kind:?}"), format!("{:?}", self.kind)));
+        }
         let fits = |((_, wanted), value): (&(String, AttributeType), &AttributeValue<'_>)| match value {
             AttributeValue::Number(_) => *wanted == AttributeType::Number,
             AttributeValue::Text(_) => *wanted == AttributeType::Text,
+            AttributeValue::PerSegment(_) => *wanted == AttributeType::PerSegment,
             AttributeValue::None => true,
         };
         if attributes.len() != self.attributes.len() || !self.attributes.iter().zip(attributes).all(fits) {
             let found = format!("{attributes:?}");
             return Err(Error::invalid("attributes of a feature", found, "those of the layer, in order"));
         }
-        self.writer.write(geometry, attributes)
+        self.writer.write(kind, geometry, attributes)
     }
 
     /// Ends the file and puts it in its place.

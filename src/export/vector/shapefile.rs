@@ -38,6 +38,12 @@ impl Shapefile {
             let advice = "give the name of a file: there are others beside it";
             return Err(Error::unsupported(shapes.path(), "writing a shapefile to a stream", advice));
         }
+        // (Points and what is told of segments, which texts of so few bytes have no room for, nobody has asked for yet.)
+        let has_lists = layer.attributes.iter().any(|(_, kind)| *kind == AttributeType::PerSegment);
+        if matches!(layer.kind, None | Some(GeometryKind::Point)) || has_lists {
+            let advice = "choose another format: shapefiles have lines or polygons";
+            return Err(Error::unsupported(shapes.path(), "a shapefile of such features", advice));
+        }
         let beside = |ending: &str| Output::create(&shapes.path().with_extension(ending));
         let (places, table) = (beside("shx")?, beside("dbf")?);
         let mut others = Vec::new();
@@ -66,7 +72,7 @@ impl Shapefile {
 
     /// The number of the shapes' kind.
     fn kind(&self) -> u32 {
-        let flat = if self.layer.kind == GeometryKind::Line { 3 } else { 5 };
+        let flat = if self.layer.kind == Some(GeometryKind::Line) { 3 } else { 5 };
         if self.layer.has_z { flat + 10 } else { flat }
     }
 
@@ -92,7 +98,7 @@ impl Shapefile {
             .layer
             .attributes
             .iter()
-            .map(|(_, kind)| (kind, WIDTHS[usize::from(*kind == AttributeType::Text)]));
+            .map(|(_, kind)| (kind, WIDTHS[usize::from(*kind != AttributeType::Number)]));
         let width = 1 + fields.clone().map(|(_, width)| width).sum::<usize>();
         let length = 32 + 32 * self.layer.attributes.len() + 1;
         let (Ok(length), Ok(width)) = (u16::try_from(length), u16::try_from(width)) else {
@@ -111,7 +117,7 @@ impl Shapefile {
             field[..name.len()].copy_from_slice(name.as_bytes());
             (field[11], field[17]) = match kind {
                 AttributeType::Number => (b'N', 15),
-                AttributeType::Text => (b'C', 0),
+                AttributeType::Text | AttributeType::PerSegment => (b'C', 0),
             };
             field[16] = width as u8;
             header.extend_from_slice(&field);
@@ -123,7 +129,7 @@ impl Shapefile {
     fn write_attributes(&mut self, attributes: &[AttributeValue<'_>]) -> Result<()> {
         let mut row = vec![b' '];
         for (value, (_, kind)) in attributes.iter().zip(&self.layer.attributes) {
-            let width = WIDTHS[usize::from(*kind == AttributeType::Text)];
+            let width = WIDTHS[usize::from(*kind != AttributeType::Number)];
             let field = match value {
                 AttributeValue::Number(number) if number.is_finite() => {
                     let short = number.to_string();
@@ -131,7 +137,9 @@ impl Shapefile {
                     format!("{text:>width$}")
                 }
                 AttributeValue::Text(text) => cut(text, width).to_string(),
-                AttributeValue::Number(_) | AttributeValue::None => String::new(),
+                AttributeValue::Number(_) | AttributeValue::PerSegment(_) | AttributeValue::None => {
+                    String::new()
+                }
             };
             row.extend_from_slice(field.as_bytes());
             row.resize(row.len() + width.saturating_sub(field.len()), b' ');
@@ -152,8 +160,13 @@ fn write(output: &mut Output, bytes: &[u8]) -> Result<()> {
 }
 
 impl FormatWriter for Shapefile {
-    fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
-        let is_polygon = self.layer.kind == GeometryKind::Polygon;
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
+        let is_polygon = kind == GeometryKind::Polygon;
         let parts = if is_polygon { geometry.parts() } else { 1 };
         let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0u64);
         for part in 0..parts {

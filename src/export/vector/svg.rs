@@ -26,8 +26,9 @@ impl Svg {
             "\">\n<g transform=\"scale(1,-1)\" stroke=\"#444\" stroke-width=\"1\" stroke-linejoin=\"round\" ",
         );
         text.push(match layer.kind {
-            GeometryKind::Line => "fill=\"none\">\n",
-            GeometryKind::Polygon => "fill=\"#b9cbb0\" fill-opacity=\"0.5\" fill-rule=\"evenodd\">\n",
+            Some(GeometryKind::Line) => "fill=\"none\">\n",
+            // (Points are lines without a length, which only round ends show.)
+            _ => "fill=\"#b9cbb0\" fill-opacity=\"0.5\" fill-rule=\"evenodd\" stroke-linecap=\"round\">\n",
         });
         Ok(Svg { text, layer })
     }
@@ -53,9 +54,19 @@ fn name_of(name: &str) -> String {
 }
 
 impl FormatWriter for Svg {
-    fn write(&mut self, geometry: &dyn Geometry, attributes: &[AttributeValue<'_>]) -> Result<()> {
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
         let Svg { text, layer } = self;
         text.push("<path vector-effect=\"non-scaling-stroke\"");
+        match kind {
+            GeometryKind::Point => text.push(" stroke-width=\"4\""),
+            GeometryKind::Line if layer.kind.is_none() => text.push(" fill=\"none\""),
+            _ => {}
+        }
         for ((name, _), value) in layer.attributes.iter().zip(attributes) {
             if *value == AttributeValue::None {
                 continue;
@@ -64,6 +75,7 @@ impl FormatWriter for Svg {
             match value {
                 AttributeValue::Number(number) => text.push_number(*number),
                 AttributeValue::Text(value) => push_escaped(text, value),
+                AttributeValue::PerSegment(numbers) => text.push_integers(numbers, " "),
                 AttributeValue::None => {}
             }
             text.push("\"");
@@ -73,9 +85,11 @@ impl FormatWriter for Svg {
             // (More points after the first are a line to each.)
             text.push("M");
             text.push_points(geometry, part, false, ["", " ", ""])?;
-            if layer.kind == GeometryKind::Polygon {
-                text.push("Z");
-            }
+            text.push(match kind {
+                GeometryKind::Point => "h0",
+                GeometryKind::Line => "",
+                GeometryKind::Polygon => "Z",
+            });
         }
         text.push("\"/>\n");
         text.flush_some()

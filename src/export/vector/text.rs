@@ -41,6 +41,16 @@ impl Text {
         }
     }
 
+    /// Whole numbers, with something between them.
+    pub(super) fn push_integers(&mut self, numbers: &[u64], between: &str) {
+        for (index, number) in numbers.iter().enumerate() {
+            if index > 0 {
+                self.push(between);
+            }
+            self.push(&number.to_string());
+        }
+    }
+
     /// The text as a string of JSON.
     pub(super) fn push_json(&mut self, text: &str) {
         let written = serde_json::to_writer(&mut self.buffer, text);

@@ -1,56 +1,20 @@
-//! `spinney section`: where planes cut an exact model.
+//! `spinney section MODEL PLANE...`: where planes cut an exact model.
 
-use std::path::PathBuf;
-use std::time::Instant;
-
-use anyhow::{Context as _, Result, bail};
-use spinney::brep::Faces;
+use anyhow::{Context as _, Result};
 use spinney::brep::questions::{CuttingPlane, SectionPolygon};
+use spinney::brep::{ExactModel, Faces};
 use spinney::export::vector::{
     AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter,
 };
 
-use super::args::{OutputLimit, check_output, number, numbers, vector_format};
-use super::report::{Work, report_output};
-use super::{Global, exact};
-
-const EXAMPLES: &str = "Examples:
-  spinney section part.goblin z=12.5 -o outline.svg
-  spinney section part.goblin z=0..50/0.2 -o slices.geojson
-  spinney section part.goblin x=0 y=0 z=0 -o views.csv
-  spinney section part.goblin plane=1,1,0,7.5 -o oblique.gpkg
-
-A section is that just below its plane: what ends there counts, what stands on it does not. Points are
-computed in double precision, and are the same for faces beside each other: outlines are closed.";
-
-/// Write where planes cut an exact model: outlines with holes, as polygons with their area
-///
-/// Attributes are plane (x, y, z, or the normal), at (its coordinate, or the product of the normal with its points) and area. Points are in
-/// space; --flat writes coordinates in the plane instead, as an SVG always does.
-#[derive(clap::Args)]
-#[command(after_help = EXAMPLES)]
-pub(crate) struct Args {
-    /// Exact model (`build --exact`)
-    file: PathBuf,
-    /// Planes: z=12.5, many at a time z=0..50/0.2, or plane=NX,NY,NZ,D with the normal and its product with the plane's points
-    #[arg(required = true, value_name = "PLANE", value_parser = parse_planes)]
-    planes: Vec<Planes>,
-    /// Output: .geojson, .csv (well-known text), .svg, .gpkg or .shp; `-` is standard output
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
-    /// Format where the output's name does not say
-    #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg", "shp"])]
-    format: Option<String>,
-    /// Coordinates in the plane: y and z where x is given, z and x where y is, x and y where z is
-    #[arg(long)]
-    flat: bool,
-    #[command(flatten)]
-    limit: OutputLimit,
-}
+use super::Args;
+use crate::cli::Global;
+use crate::cli::args::{number, numbers};
+use crate::cli::report::Work;
 
 /// Parallel planes: the normal, and the distances from the first on.
 #[derive(Clone, Debug)]
-struct Planes {
+pub(super) struct Planes {
     name: String,
     normal: [f64; 3],
     first: f64,
@@ -66,7 +30,7 @@ impl Planes {
 }
 
 /// Reads planes as they are written on the command line.
-fn parse_planes(text: &str) -> Result<Planes, String> {
+pub(super) fn parse_planes(text: &str) -> Result<Planes, String> {
     let wrong = || "expected x=, y= or z= with a number or FROM..TO/STEP, or plane=NX,NY,NZ,D".to_string();
     let (name, value) = text.split_once('=').ok_or_else(wrong)?;
     let one = |name: &str, normal: [f64; 3], first: f64| match first.is_finite() {
@@ -92,32 +56,30 @@ fn parse_planes(text: &str) -> Result<Planes, String> {
     Ok(Planes { name: name.into(), normal, first: from, step, count: steps as u32 + 1 })
 }
 
-pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let start = Instant::now();
-    let Some(model) = exact::open(&args.file)? else {
-        bail!(
-            "{}: is no exact model; sections are of those (`spinney build MODEL --exact`)",
-            args.file.display()
-        );
-    };
-    let format = vector_format(args.format.as_deref(), &args.output)?;
-    check_output([args.file.as_path()], &args.output)?;
+/// Writes the sections; says what there is.
+pub(super) fn write(
+    args: &Args,
+    model: &ExactModel,
+    planes: &[Planes],
+    format: VectorFormat,
+    global: &Global,
+) -> Result<String> {
     let is_flat = args.flat || format == VectorFormat::Svg;
     let attributes =
         [("plane", AttributeType::Text), ("at", AttributeType::Number), ("area", AttributeType::Number)];
     let [low, high] = model.bounds()?;
     let corners = (0..8).map(|corner| [0, 1, 2].map(|axis| [low, high][corner >> axis & 1][axis]));
-    let planes = || args.planes.iter().map(|planes| CuttingPlane { normal: planes.normal, distance: 0.0 });
+    let cutting = || planes.iter().map(|planes| CuttingPlane { normal: planes.normal, distance: 0.0 });
     let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for corner in corners {
-        for plane in planes() {
+        for plane in cutting() {
             let [x, y, _] = if is_flat { flat(&plane, corner) } else { corner };
             bounds = [[bounds[0][0].min(x), bounds[0][1].min(y)], [bounds[1][0].max(x), bounds[1][1].max(y)]];
         }
     }
     let layer = VectorLayer {
         name: "section".into(),
-        kind: GeometryKind::Polygon,
+        kind: Some(GeometryKind::Polygon),
         has_z: !is_flat,
         attributes: attributes.iter().map(|(name, kind)| ((*name).into(), *kind)).collect(),
         crs: if is_flat { None } else { model.crs().cloned() },
@@ -127,7 +89,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let write = || -> Result<[f64; 2]> {
         let mut writer = VectorWriter::create(args.limit.create(&args.output)?, format, layer)?;
         let (mut count, mut area) = (0.0, 0.0);
-        for planes in &args.planes {
+        for planes in planes {
             let mut distances = (0..planes.count as usize).map(|number| planes.at(number as u32));
             model.plane_sections(planes.normal, &mut distances, &work, &mut |number, polygons| {
                 let at = planes.at(number as u32);
@@ -153,10 +115,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     };
     let [count, area] = write().with_context(|| format!("cannot write {}", args.output.display()))?;
     work.finish();
-    let planes: u64 = args.planes.iter().map(|planes| u64::from(planes.count)).sum();
-    global.report("section", format_args!("{count} polygons in {planes} planes, with an area of {area}"));
-    report_output(global, &args.output, start);
-    Ok(())
+    let planes: u64 = planes.iter().map(|planes| u64::from(planes.count)).sum();
+    Ok(format!("{count} polygons in {planes} planes, with an area of {area}"))
 }
 
 /// A point by its place in a plane.

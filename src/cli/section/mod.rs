@@ -1,0 +1,112 @@
+//! `spinney section`: where planes cut an exact model, or where two models meet.
+
+mod planes;
+mod surfaces;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Result, bail};
+use spinney::brep::ExactModel;
+
+use self::planes::{Planes, parse_planes};
+use super::args::{Memory, OutputLimit, VECTOR_FORMATS, check_output, vector_format};
+use super::report::report_output;
+use super::{Global, exact};
+
+const EXAMPLES: &str = "Examples:
+  spinney section part.goblin z=12.5 -o outline.svg
+  spinney section part.goblin z=0..50/0.2 -o slices.geojson
+  spinney section part.goblin plane=1,1,0,7.5 -o oblique.gpkg
+  spinney section part.goblin tool.goblin -o lines.ply
+
+A section by a plane is that just below it: what ends there counts, what stands on it does not. Points are
+computed in double precision, and are the same for faces beside each other: outlines are closed. Its
+attributes are plane (x, y, z, or the normal), at (its coordinate, or the product of the normal with its
+points) and area. Points are in space; --flat writes coordinates in the plane instead, as an SVG always does.
+
+What two models have in common is found exactly, and points are rounded once. Features are lines where the
+surfaces pass through each other (kind crossing: closed, with what of the first model's surface is inside of the
+second on the left) or touch (touch), areas in which they lie on each other (overlap; side says whether they face
+the same way), and lone points (point). a_left, a_right, b_left and b_right are the faces of both models beside
+each segment, by their numbers in the files that the models were built from.";
+
+/// Write where planes cut an exact model, or what the surfaces of two of them have in common
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct Args {
+    /// Exact model (`build --exact`)
+    file: PathBuf,
+    /// Planes: z=12.5, many at a time z=0..50/0.2, or plane=NX,NY,NZ,D with the normal and its product with the plane's points; or
+    /// another exact model
+    #[arg(required = true, value_name = "PLANE|MODEL", value_parser = parse_cutter)]
+    cutters: Vec<Cutter>,
+    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .shp (of planes), .obj or .ply; `-` is standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Format where the output's name does not say
+    #[arg(long, value_parser = VECTOR_FORMATS)]
+    format: Option<String>,
+    /// Coordinates in the plane: y and z where x is given, z and x where y is, x and y where z is
+    #[arg(long)]
+    flat: bool,
+    #[command(flatten)]
+    memory: Memory,
+    #[command(flatten)]
+    limit: OutputLimit,
+}
+
+/// What a model is cut by.
+#[derive(Clone, Debug)]
+enum Cutter {
+    Planes(Planes),
+    Model(PathBuf),
+}
+
+/// Reads what a model is cut by: planes, or the name of a file.
+fn parse_cutter(text: &str) -> Result<Cutter, String> {
+    let name = text.split_once('=').map(|(name, _)| name);
+    match name {
+        Some("x" | "y" | "z" | "plane") => parse_planes(text).map(Cutter::Planes),
+        _ if Path::new(text).exists() => Ok(Cutter::Model(text.into())),
+        Some(_) => parse_planes(text).map(Cutter::Planes),
+        None => Err("there is no such file, and planes are such as z=12.5".into()),
+    }
+}
+
+pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
+    let start = Instant::now();
+    let mut planes = Vec::new();
+    let mut others = Vec::new();
+    for cutter in &args.cutters {
+        match cutter {
+            Cutter::Planes(cutter) => planes.push(cutter.clone()),
+            Cutter::Model(path) => others.push(path.as_path()),
+        }
+    }
+    if others.len() > usize::from(planes.is_empty()) {
+        bail!("a model is cut by planes or by one other model: call `spinney section` once for each");
+    }
+    let model = open(&args.file)?;
+    let format = vector_format(args.format.as_deref(), &args.output)?;
+    check_output(others.iter().copied().chain([args.file.as_path()]), &args.output)?;
+    let found = match others.first() {
+        Some(other) => surfaces::write(args, [&model, &open(other)?], format, global)?,
+        None => planes::write(args, &model, &planes, format, global)?,
+    };
+    global.report("section", format_args!("{found}"));
+    report_output(global, &args.output, start);
+    Ok(())
+}
+
+fn open(path: &Path) -> Result<ExactModel> {
+    match exact::open(path)? {
+        Some(model) => Ok(model),
+        None => {
+            bail!(
+                "{}: is no exact model; sections are of those (`spinney build MODEL --exact`)",
+                path.display()
+            )
+        }
+    }
+}
