@@ -4,6 +4,7 @@ use std::path::Path;
 
 use spinney::Result;
 use spinney::brep::questions::{CuttingPlane, MassProperties};
+use spinney::brep::surface_intersection::surface_intersection;
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, FaceBuffer, Faces, Node};
 use spinney::export::mesh::{MeshFormat, export_exact};
@@ -34,6 +35,7 @@ pub fn ask_model(file: Vec<u8>) {
     if crc32c::crc32c(&file) % 8 < 2 {
         // (Faces that bound no body may be no surface that can be written or walked on.)
         let _ = topology(&model);
+        let _ = surface_intersection(&model, &model, 4 << 20, &());
         exports(&model);
         in_file("model.goblin", &file, |path| {
             let Ok(mut model) = mesh::open(path, 1 << 20) else { return };

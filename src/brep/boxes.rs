@@ -49,11 +49,7 @@ impl BoxTree {
             }
             match level {
                 0 => each(self.numbers[place]),
-                _ => {
-                    let first = place * FAN_OUT;
-                    let end = (first + FAN_OUT).min(self.levels[level - 1].len());
-                    open.extend((first..end).map(|child| (level - 1, child)));
-                }
+                _ => open.extend(self.children(level, place).map(|child| (level - 1, child))),
             }
         }
     }
@@ -70,6 +66,47 @@ pub(crate) fn bounds_of(points: &[[i32; 3]], more: i32) -> Bounds {
 }
 
 /// The box around two boxes.
+impl BoxTree {
+    /// Groups of boxes beside each other, of at most 512 each.
+    pub(crate) fn groups(&self) -> Vec<BoxGroup> {
+        let level = (self.levels.len() - 1).min(3);
+        (0..self.levels[level].len()).map(|place| BoxGroup { level, place }).collect()
+    }
+
+    /// Hands out the numbers of the boxes of a group with those of the boxes of another tree that touch them, in no order.
+    pub(crate) fn pairs_of(&self, group: &BoxGroup, other: &BoxTree, each: &mut dyn FnMut([u32; 2])) {
+        let top = other.levels.len() - 1;
+        let mut open: Vec<[(usize, usize); 2]> =
+            (0..other.levels[top].len()).map(|place| [(group.level, group.place), (top, place)]).collect();
+        while let Some([(level, place), (other_level, other_place)]) = open.pop() {
+            if !touch(&self.levels[level][place], &other.levels[other_level][other_place]) {
+                continue;
+            }
+            if level == 0 && other_level == 0 {
+                each([self.numbers[place], other.numbers[other_place]]);
+            } else if level >= other_level {
+                let children = self.children(level, place);
+                open.extend(children.map(|child| [(level - 1, child), (other_level, other_place)]));
+            } else {
+                let children = other.children(other_level, other_place);
+                open.extend(children.map(|child| [(level, place), (other_level - 1, child)]));
+            }
+        }
+    }
+
+    /// The nodes below one that is not of the lowest level.
+    fn children(&self, level: usize, place: usize) -> std::ops::Range<usize> {
+        let first = place * FAN_OUT;
+        first..(first + FAN_OUT).min(self.levels[level - 1].len())
+    }
+}
+
+/// Boxes beside each other: those below a node of a tree.
+pub(crate) struct BoxGroup {
+    level: usize,
+    place: usize,
+}
+
 fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
     [
         [0, 1, 2].map(|axis| low[axis].min(other_low[axis])),
@@ -112,6 +149,20 @@ mod tests {
                     .collect();
                 assert_eq!(found, expected);
             }
+            let few: Vec<(u32, Bounds)> = boxes.iter().copied().step_by(3).collect();
+            let other = BoxTree::of(few.clone());
+            let mut found: Vec<[u32; 2]> = Vec::new();
+            for group in tree.groups() {
+                tree.pairs_of(&group, &other, &mut |pair| found.push(pair));
+            }
+            found.sort_unstable();
+            let mut expected: Vec<[u32; 2]> = Vec::new();
+            for (number, bounds) in &boxes {
+                let touching = few.iter().filter(|(_, other)| touch(bounds, other));
+                expected.extend(touching.map(|(other, _)| [*number, *other]));
+            }
+            expected.sort_unstable();
+            assert_eq!(found, expected);
         }
     }
 

@@ -46,6 +46,72 @@ fn sections_of_a_box() {
     assert!(drawing.contains("viewBox=\"0 -4 3 4\""), "{drawing}");
 }
 
+/// A box moved out of the first one's corner, and one on its wall, with an edge along an edge of it.
+#[test]
+fn what_two_models_have_in_common() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let built = |stem: &str, [x, y, z]: [i32; 3]| {
+        let mut lines = BOX.lines().map(String::from).collect::<Vec<_>>();
+        for line in &mut lines[2..10] {
+            let at: Vec<i32> = line.split(' ').map(|word| word.parse().unwrap()).collect();
+            *line = format!("{} {} {}", at[0] + x, at[1] + y, at[2] + z);
+        }
+        let [mesh, model] = ["off", "goblin"].map(|ending| name(&format!("{stem}.{ending}")));
+        std::fs::write(&mesh, lines.join("\n")).unwrap();
+        command(&["build", "-q", &mesh, "-o", &model, "--exact", "--grid", "0.5"]).assert().success();
+        model
+    };
+    let [a, b, c] = [built("a", [0; 3]), built("b", [1, 1, 1]), built("c", [2, 0, 1])];
+    let text = stdout(&["section", "-q", &a, &b, "-o", "-", "--format", "geojson"]);
+    let found: Json = serde_json::from_str(&text).unwrap();
+    let [feature] = &found["features"].as_array().unwrap()[..] else { panic!("{text}") };
+    let properties = &feature["properties"];
+    assert_eq!((&properties["kind"], &properties["length"]), (&"crossing".into(), &12.into()));
+    let points = feature["geometry"]["coordinates"].as_array().unwrap();
+    assert_eq!((points.len(), &points[0]), (7, &points[6]));
+    // Each segment on a wall of either: the sides of the first are 2 to 5 and the top 1, of the second 2 to 5 and the bottom 0.
+    for side in ["a_left", "a_right", "b_left", "b_right"] {
+        assert_eq!(properties[side].as_array().unwrap().len(), 6, "{side}");
+    }
+    assert_eq!(properties["a_left"], properties["a_right"]);
+    // A wall in common, from the other side; and where two edges lie on each other.
+    let told = stderr(command(&["section", &a, &c, "-o", &name("c.csv")]).assert().success());
+    assert!(told.contains("0 where they touch (0), 1 areas (9), 0 points"), "{told}");
+    let rows = std::fs::read_to_string(name("c.csv")).unwrap();
+    assert!(rows.contains("POLYGON Z ((") && rows.contains(",overlap,,9,opposite,"), "{rows}");
+    // As lines of meshes, drawing and table.
+    for format in ["obj", "ply", "svg", "gpkg"] {
+        let file = name(&format!("lines.{format}"));
+        command(&["section", "-q", &a, &b, "-o", &file]).assert().success();
+        let bytes = std::fs::read(&file).unwrap();
+        let text = String::from_utf8_lossy(&bytes);
+        match format {
+            "obj" => {
+                assert!(text.matches("\nv ").count() == 6 && text.contains("\nl 1 2 3 4 5 6 1\n"), "{text}")
+            }
+            "ply" => {
+                assert!(text.contains("element vertex 6\n") && text.contains("element edge 6\n"), "{text}");
+                let end = text.find("end_header\n").unwrap() + "end_header\n".len();
+                // (Header text is ASCII.) Three doubles; two ints, the feature, two doubles, four faces.
+                assert_eq!(bytes.len() - end, 6 * 24 + 6 * (12 + 16 + 16));
+            }
+            "svg" => {
+                assert!(text.contains("data-kind=\"crossing\"") && text.contains("fill=\"none\""), "{text}")
+            }
+            _ => assert!(bytes.starts_with(b"SQLite format 3\0")),
+        }
+    }
+    let refused = |words: &[&str]| complaint(&[&["section", "-q"], words].concat(), 1);
+    let never = name("never.shp");
+    assert!(refused(&[&a, &b, "-o", &never]).contains("several kinds"));
+    assert!(refused(&[&a, &b, "z=1", "-o", &never]).contains("once for each"));
+    assert!(refused(&[&a, &b, "--flat", "-o", &name("never.svg")]).contains("--flat"));
+    assert!(refused(&[&a, &name("a.off"), "-o", &name("never.svg")]).contains("a.off"));
+    assert!(refused(&[&a, &b, "-o", &b, "--format", "ply"]).contains("input"));
+    assert!(!std::path::Path::new(&never).exists() && !folder.path().join("never.svg").exists());
+}
+
 #[test]
 fn what_has_no_sections_is_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -57,7 +123,8 @@ fn what_has_no_sections_is_told() {
     let refused = |plane: &str, file: &str, output: &str, code: i32| {
         complaint(&["section", file, plane, "-o", output], code)
     };
-    for plane in ["w=1", "z", "z=nan", "z=0..1/0", "z=1..0/0.1", "z=0..1e30/1", "plane=1,2,3"] {
+    assert!(refused("z", &model, &never, 2).contains("no such file"));
+    for plane in ["w=1", "z=nan", "z=0..1/0", "z=1..0/0.1", "z=0..1e30/1", "plane=1,2,3"] {
         assert!(refused(plane, &model, &never, 2).contains("expected"), "{plane}");
     }
     assert!(refused("plane=0,0,0,1", &model, &never, 1).contains("normal"));

@@ -31,13 +31,24 @@ impl Surface<'_> {
     /// All that faces of the first body have in common with those of the others; but faces that lie in one plane beside each other
     /// have nothing (others, which hang together with them, have what these have).
     pub(crate) fn contacts_of_first(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
-        let first: Vec<u32> =
-            (0..self.operands.ends[0]).filter(|face| self.planes[*face as usize].is_some()).collect();
+        let first = self.operands.ends[0];
+        let (tree, others) = (self.boxes_of(0..first), self.boxes_of(first..self.planes.len() as u32));
         let (mut bytes, mut all) = (self.bytes, Vec::new());
-        let is_wanted = |_, other| self.operand(other) != 0;
-        self.pairs(&first, Wanted::All, &is_wanted, progress, &mut |found| {
-            self.add(found, &mut all, &mut bytes, memory)
-        })?;
+        for groups in tree.groups().chunks(64) {
+            progress.check()?;
+            let found = parallel::map(groups, |group| match progress.interrupted() {
+                true => Vec::new(),
+                false => {
+                    let pairs = tree.pairs_of(group, &others);
+                    pairs
+                        .into_iter()
+                        .filter_map(|[one, other]| self.contact(one, other, Wanted::All))
+                        .collect()
+                }
+            });
+            found.into_iter().try_for_each(|found| self.add(found, &mut all, &mut bytes, memory))?;
+        }
+        progress.check()?;
         Ok(all)
     }
 
@@ -61,18 +72,17 @@ impl Surface<'_> {
         let mut bytes = self.bytes;
         let mut all = Vec::new();
         let mut add = |found: Vec<Contact>| self.add(found, &mut all, &mut bytes, memory);
-        let irregular = Wanted::Irregular;
         let every: Vec<u32> =
             (0..self.planes.len() as u32).filter(|face| self.planes[*face as usize].is_some()).collect();
         if !self.operands.changed.is_empty() {
             let is_changed = |face: u32| self.operands.changed[face as usize];
             let changed: Vec<u32> = every.into_iter().filter(|face| is_changed(*face)).collect();
             let is_wanted = |one, other| one != other && (one < other || !is_changed(other));
-            self.pairs(&changed, irregular, &is_wanted, progress, &mut add)?;
+            self.pairs(&changed, &is_wanted, progress, &mut add)?;
             return Ok(all);
         }
         if !self.operands.are_bodies {
-            self.pairs(&every, irregular, &|one, other| one < other, progress, &mut add)?;
+            self.pairs(&every, &|one, other| one < other, progress, &mut add)?;
             return Ok(all);
         }
         let differ = |one, other| one < other && self.operand(one) != self.operand(other);
@@ -85,7 +95,7 @@ impl Surface<'_> {
                 }
             }
         };
-        self.pairs(&every, irregular, &differ, progress, &mut |found| {
+        self.pairs(&every, &differ, progress, &mut |found| {
             touch(&found, &mut open);
             add(found)
         })?;
@@ -94,7 +104,7 @@ impl Surface<'_> {
         while !open.is_empty() {
             let faces = std::mem::take(&mut open);
             let same = |one, other| one != other && self.operand(one) == self.operand(other);
-            self.pairs(&faces, irregular, &same, progress, &mut |mut found| {
+            self.pairs(&faces, &same, progress, &mut |mut found| {
                 found.retain(|contact| {
                     let [one, other] = contact.faces;
                     seen.insert([one.min(other), one.max(other)])
@@ -110,7 +120,6 @@ impl Surface<'_> {
     fn pairs(
         &self,
         faces: &[u32],
-        wanted: Wanted,
         is_wanted: &(dyn Fn(u32, u32) -> bool + Sync),
         progress: &dyn Progress,
         each: &mut dyn FnMut(Vec<Contact>) -> Result<()>,
@@ -128,13 +137,15 @@ impl Surface<'_> {
                     }
                     let own = self.bounds(one);
                     others.clear();
-                    self.boxes.each(&|bounds| touch(bounds, &own), |other| {
+                    self.boxes().each(&|bounds| touch(bounds, &own), |other| {
                         if is_wanted(one, other) {
                             others.push(other);
                         }
                     });
                     others.sort_unstable();
-                    found.extend(others.iter().filter_map(|other| self.contact(one, *other, wanted)));
+                    found.extend(
+                        others.iter().filter_map(|other| self.contact(one, *other, Wanted::Irregular)),
+                    );
                 }
                 found
             });

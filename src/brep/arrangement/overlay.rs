@@ -32,19 +32,23 @@ pub(crate) struct Region {
 }
 
 /// Divides a plane by segments, and segments where points lie on them; returns those of the bounded regions that `choose`
-/// takes, with what it says of them. Regions beside each other of which it says the same become one.
+/// takes, with what it says of them. Regions beside each other of which it says the same become one. `None` if
+/// `gives_up` says so, which is asked with the number of vertices time and again: it may go with the square of that of the segments.
 pub(crate) fn regions<T: PartialEq + Copy>(
     plane: &ExactPlane,
     segments: &[Segment],
     points: &[ExactPoint],
+    gives_up: &dyn Fn(usize) -> bool,
     choose: impl Fn(&Region) -> Option<T>,
-) -> Vec<(Region, T)> {
+) -> Option<Vec<(Region, T)>> {
     let mut overlay = Overlay::new(plane);
     for segment in segments {
         overlay.add(segment);
     }
     let points: Vec<u32> = points.iter().map(|point| overlay.vertices.number(*point)).collect();
-    overlay.cut(&points);
+    if !overlay.cut(&points, gives_up) {
+        return None;
+    }
     overlay.edges();
     let loops = Loops::of(&overlay);
     overlay.leave_out(|half| loops.of_half[half]);
@@ -65,7 +69,7 @@ pub(crate) fn regions<T: PartialEq + Copy>(
         let half = list.halves[0] as usize;
         Some((region?, kept[half / 2][half % 2]?))
     });
-    found.collect()
+    Some(found.collect())
 }
 
 /// Points, none twice.
@@ -199,8 +203,8 @@ impl<'a> Overlay<'a> {
         a.compare(b, u).then_with(|| a.compare(b, v))
     }
 
-    /// Cuts lines where they meet, and where these points lie on them.
-    fn cut(&mut self, points: &[u32]) {
+    /// Cuts lines where they meet, and where these points lie on them; says whether it was not to give up.
+    fn cut(&mut self, points: &[u32], gives_up: &dyn Fn(usize) -> bool) -> bool {
         /// More than the error of approximations.
         const MARGIN: f64 = 1e-6;
         let mut order: Vec<usize> = (0..self.lines.len()).collect();
@@ -216,6 +220,9 @@ impl<'a> Overlay<'a> {
                     self.cut_two(i, j);
                 }
             }
+            if gives_up(self.vertices.list.len()) {
+                return false;
+            }
         }
         let [u, v] = others(self.axis);
         for &vertex in points {
@@ -229,6 +236,7 @@ impl<'a> Overlay<'a> {
                 }
             }
         }
+        true
     }
 
     fn cut_two(&mut self, i: usize, j: usize) {
@@ -493,7 +501,8 @@ mod tests {
         // (All are wanted, and none is the same as another.)
         let count = std::cell::Cell::new(0);
         let choose = |_: &Region| Some(count.replace(count.get() + 1));
-        let mut found: Vec<(usize, f64)> = regions(&plane, &segments, &points, choose)
+        let mut found: Vec<(usize, f64)> = regions(&plane, &segments, &points, &|_| false, choose)
+            .unwrap()
             .iter()
             .map(|(region, _)| {
                 (region.rings.len(), (region.rings.iter().map(area).sum::<f64>() * 1e6).round() / 1e6)

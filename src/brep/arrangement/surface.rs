@@ -3,7 +3,9 @@
 use std::borrow::Cow;
 use std::cell::RefCell;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::path::Path;
+use std::sync::OnceLock;
 
 use super::contacts::Contact;
 use super::exact_face::{ExactFace, ExactFaces};
@@ -185,7 +187,8 @@ pub(crate) struct Surface<'a> {
     pub(super) bytes: u64,
     /// None of faces without an area.
     pub(super) planes: Vec<Option<ExactPlane>>,
-    pub(crate) boxes: BoxTree,
+    /// A tree over the faces' boxes, made when it is asked for first.
+    tree: OnceLock<BoxTree>,
     /// Triangles of the faces that are no triangles.
     pieces: HashMap<u32, Vec<Piece>>,
 }
@@ -205,16 +208,19 @@ impl<'a> Surface<'a> {
         }
     }
 
+    /// The error of what is made of the surfaces, and would need more memory than there is.
+    pub(crate) fn too_large(&self, memory: u64) -> Error {
+        too_large(self.path, memory.saturating_add(1), memory)
+    }
+
     fn of(faces: &'a ExactFaces, operands: &'a Operands<'a>, path: &'a Path, bytes: u64) -> Surface<'a> {
         let count = faces.list.len() as u32;
         let mut planes = Vec::with_capacity(count as usize);
-        let mut boxes = Vec::with_capacity(count as usize);
         let mut pieces = HashMap::new();
         let mut triangulator = Triangulator::new();
         for number in 0..count {
             if let Some(exact) = faces.exact.get(&number) {
                 planes.push(Some(exact.plane));
-                boxes.push((number, faces.bounds(number)));
                 continue;
             }
             let face = faces.list.get(number as usize);
@@ -224,12 +230,22 @@ impl<'a> Surface<'a> {
                 continue;
             }
             planes.push(Some(ExactPlane::through(face.points[0], normal)));
-            boxes.push((number, faces.bounds(number)));
             if face.points.len() > 3 {
                 pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
             }
         }
-        Surface { faces, operands, path, bytes, planes, boxes: BoxTree::of(boxes), pieces }
+        Surface { faces, operands, path, bytes, planes, tree: OnceLock::new(), pieces }
+    }
+
+    /// A tree over the boxes of all faces that have an area.
+    pub(crate) fn boxes(&self) -> &BoxTree {
+        self.tree.get_or_init(|| self.boxes_of(0..self.planes.len() as u32))
+    }
+
+    /// A tree over the boxes of those of some faces that have an area.
+    pub(super) fn boxes_of(&self, faces: Range<u32>) -> BoxTree {
+        let has_area = |face: &u32| self.planes[*face as usize].is_some();
+        BoxTree::of(faces.filter(has_area).map(|face| (face, self.bounds(face))).collect())
     }
 
     /// The face, if it has corners beside the grid.
@@ -378,7 +394,7 @@ impl<'a> Surface<'a> {
                     f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
                 })
             };
-            self.boxes.each(&holds, |other| {
+            self.boxes().each(&holds, |other| {
                 let is_there = other == face || sample.side(self.plane(other)) == 0;
                 if is_there && self.meets(sample, other) {
                     same.push((other, is_up(other)));
@@ -432,7 +448,7 @@ impl<'a> Surface<'a> {
             };
             holds(u) && holds(v) && near[axis] <= f64::from(high[axis]) + 1e-6
         };
-        self.boxes.each(&reaches, |other| {
+        self.boxes().each(&reaches, |other| {
             let plane = self.plane(other);
             let up = plane.normal[axis].signum() as i32;
             let operand = self.operand(other);
@@ -484,7 +500,7 @@ impl<'a> Surface<'a> {
                 None
             })
         };
-        let found = regions(plane, &segments, &points, choose);
+        let found = regions(plane, &segments, &points, &|_| false, choose).unwrap_or_default();
         if let Some(error) = failed.take() {
             return Err(error);
         }

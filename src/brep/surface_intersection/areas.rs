@@ -11,20 +11,29 @@ use crate::{Progress, Result, parallel};
 /// Finds the areas of faces that lie on each other, those beside each other as one.
 ///
 /// # Errors
-/// On interruption.
+/// If `memory` bytes are not enough, or on interruption.
 pub(super) fn areas(
     surface: &Surface<'_>,
     contacts: &[Contact],
     grid: &Grid,
+    memory: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<IntersectionArea>> {
+    /// Bytes of a vertex with its edges and loops.
+    const VERTEX: u64 = 1 << 10;
     let groups = groups(contacts);
+    let gives_up = |vertices: usize| vertices as u64 * VERTEX > memory || progress.interrupted();
     let found = parallel::map(&groups, |faces| match progress.interrupted() {
-        true => Vec::new(),
-        false => areas_of(surface, faces, grid),
+        true => None,
+        false => areas_of(surface, faces, grid, &gives_up),
     });
     progress.check()?;
-    Ok(found.into_iter().flatten().collect())
+    let mut all = Vec::new();
+    for found in found {
+        let found = found.ok_or_else(|| surface.too_large(memory))?;
+        all.extend(found);
+    }
+    Ok(all)
 }
 
 /// Faces of one plane that lie on each other, with all that hang together by that; by their first faces.
@@ -47,7 +56,13 @@ fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
     groups.into_values().collect()
 }
 
-fn areas_of(surface: &Surface<'_>, faces: &[u32], grid: &Grid) -> Vec<IntersectionArea> {
+/// The areas of faces of one plane; `None` if they give up.
+fn areas_of(
+    surface: &Surface<'_>,
+    faces: &[u32],
+    grid: &Grid,
+    gives_up: &dyn Fn(usize) -> bool,
+) -> Option<Vec<IntersectionArea>> {
     let plane = surface.plane(faces[0]);
     let axis = plane.main_axis();
     let mut segments: Vec<Segment> = Vec::new();
@@ -64,7 +79,7 @@ fn areas_of(surface: &Surface<'_>, faces: &[u32], grid: &Grid) -> Vec<Intersecti
             };
             (0..3).all(is_within)
         };
-        surface.boxes.each(&holds, |face| {
+        surface.boxes().each(&holds, |face| {
             let is_there = faces.binary_search(&face).is_ok() && surface.meets(sample, face);
             if is_there {
                 sides[surface.operand(face)] = Some(surface.plane(face).normal[axis] > 0);
@@ -72,7 +87,8 @@ fn areas_of(surface: &Surface<'_>, faces: &[u32], grid: &Grid) -> Vec<Intersecti
         });
         Some([sides[0]?, sides[1]?])
     };
-    let found = regions(plane, &segments, &[], |region| sides(&Sample::of_region(plane, region)));
+    let choose = |region: &Region| sides(&Sample::of_region(plane, region));
+    let found = regions(plane, &segments, &[], gives_up, choose)?;
     let area = |(region, [is_up, other_is_up]): (Region, [bool; 2])| {
         let ring = |corners: &Vec<Corner>| {
             // (Rings turn as seen from the axis' positive end.)
@@ -87,7 +103,7 @@ fn areas_of(surface: &Surface<'_>, faces: &[u32], grid: &Grid) -> Vec<Intersecti
         let polygon = SectionPolygon { area: size(&rings), rings };
         IntersectionArea { polygon, is_same_side: is_up == other_is_up }
     };
-    found.into_iter().map(area).collect()
+    Some(found.into_iter().map(area).collect())
 }
 
 /// The area of a polygon with holes in a plane.

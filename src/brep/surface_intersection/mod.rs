@@ -145,7 +145,7 @@ pub fn surface_intersection(
         .into_iter()
         .map(|(point, faces)| IntersectionPoint { point: point.to_world(grid), faces: faces.map(source) });
     let points = points.collect();
-    let areas = areas::areas(&surface, &contacts, grid, progress)?;
+    let areas = areas::areas(&surface, &contacts, grid, memory, progress)?;
     progress.check()?;
     let world: Vec<[f64; 3]> = segments.vertices.list().iter().map(|point| point.to_world(grid)).collect();
     let lines = segments.lines().into_iter().map(|chain| IntersectionLine {

@@ -175,7 +175,7 @@ fn faces_at(surface: &Surface<'_>, ends: [&ExactPoint; 2]) -> Vec<u32> {
     };
     let around = [bound(true), bound(false)];
     let mut found = Vec::new();
-    surface.boxes.each(&|bounds| touch(bounds, &around), |face| {
+    surface.boxes().each(&|bounds| touch(bounds, &around), |face| {
         if ends.iter().all(|end| surface.plane(face).side(end) == 0) {
             found.push(face);
         }

@@ -98,7 +98,7 @@ pub(super) fn write(
         lines.fold((0, 0.0), |(count, length), line| (count + 1, length + line.length()))
     };
     let ((crossing, length), (touching, touch_length)) = (lines(LineKind::Crossing), lines(LineKind::Touch));
-    let area: f64 = found.areas.iter().map(|area| area.polygon.area).sum();
+    let area = found.areas.iter().fold(0.0, |sum, area| sum + area.polygon.area);
     Ok(format!(
         "{crossing} lines where surfaces pass through each other (length {length}), {touching} where they touch \
          ({touch_length}), {} areas ({area}), {} points",

@@ -63,7 +63,9 @@ impl FormatWriter for Obj {
         let Obj { text, layer, features, .. } = self;
         text.push(&format!("o feature_{features}\n"));
         *features += 1;
-        for ((name, _), value) in layer.attributes.iter().zip(attributes) {
+        let told =
+            layer.attributes.iter().zip(attributes).filter(|(_, value)| **value != AttributeValue::None);
+        for ((name, _), value) in told {
             // A comment ends with its line.
             let plain = |text: &str| text.replace(|letter: char| letter.is_control(), " ");
             text.push(&format!("# {} ", plain(name)));

@@ -38,11 +38,12 @@ impl Shapefile {
             let advice = "give the name of a file: there are others beside it";
             return Err(Error::unsupported(shapes.path(), "writing a shapefile to a stream", advice));
         }
-        // (Points and what is told of segments, which texts of so few bytes have no room for, nobody has asked for yet.)
+        // (Texts in its tables have no room for a number of each segment.)
         let has_lists = layer.attributes.iter().any(|(_, kind)| *kind == AttributeType::PerSegment);
         if matches!(layer.kind, None | Some(GeometryKind::Point)) || has_lists {
-            let advice = "choose another format: shapefiles have lines or polygons";
-            return Err(Error::unsupported(shapes.path(), "a shapefile of such features", advice));
+            let found =
+                "a shapefile of features of several kinds, of points, or with numbers for each segment";
+            return Err(Error::unsupported(shapes.path(), found, "choose another format"));
         }
         let beside = |ending: &str| Output::create(&shapes.path().with_extension(ending));
         let (places, table) = (beside("shx")?, beside("dbf")?);
