@@ -36,15 +36,15 @@ impl Surface<'_> {
         let (mut bytes, mut all) = (self.bytes, Vec::new());
         for groups in tree.groups().chunks(64) {
             progress.check()?;
-            let found = parallel::map(groups, |group| match progress.interrupted() {
-                true => Vec::new(),
-                false => {
-                    let pairs = tree.pairs_of(group, &others);
-                    pairs
-                        .into_iter()
-                        .filter_map(|[one, other]| self.contact(one, other, Wanted::All))
-                        .collect()
-                }
+            let found = parallel::map(groups, |group| {
+                let mut found: Vec<Contact> = Vec::new();
+                tree.pairs_of(group, &others, &mut |[one, other]| {
+                    if !progress.interrupted() {
+                        found.extend(self.contact(one, other, Wanted::All));
+                    }
+                });
+                found.sort_unstable_by_key(|contact| contact.faces);
+                found
             });
             found.into_iter().try_for_each(|found| self.add(found, &mut all, &mut bytes, memory))?;
         }
