@@ -47,7 +47,7 @@ pub(crate) struct Args {
     /// The value that --every counts from
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
     base: f64,
-    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .shp, .obj or .ply; `-` is standard output
+    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply; `-` is standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Format where the output's name does not say

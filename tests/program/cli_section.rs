@@ -70,18 +70,19 @@ fn what_two_models_have_in_common() {
     assert_eq!((&properties["kind"], &properties["length"]), (&"crossing".into(), &12.into()));
     let points = feature["geometry"]["coordinates"].as_array().unwrap();
     assert_eq!((points.len(), &points[0]), (7, &points[6]));
-    // Each segment on a wall of either: the sides of the first are 2 to 5 and the top 1, of the second 2 to 5 and the bottom 0.
+    // Each segment lies within a wall of either, and has that on both sides.
     for side in ["a_left", "a_right", "b_left", "b_right"] {
         assert_eq!(properties[side].as_array().unwrap().len(), 6, "{side}");
     }
     assert_eq!(properties["a_left"], properties["a_right"]);
+    assert_eq!(properties["b_left"], properties["b_right"]);
     // A wall in common, from the other side; and where two edges lie on each other.
     let told = stderr(command(&["section", &a, &c, "-o", &name("c.csv")]).assert().success());
     assert!(told.contains("0 where they touch (0), 1 areas (9), 0 points"), "{told}");
     let rows = std::fs::read_to_string(name("c.csv")).unwrap();
     assert!(rows.contains("POLYGON Z ((") && rows.contains(",overlap,,9,opposite,"), "{rows}");
     // As lines of meshes, drawing and table.
-    for format in ["obj", "ply", "svg", "gpkg"] {
+    for format in ["obj", "ply", "svg", "gpkg", "fgb"] {
         let file = name(&format!("lines.{format}"));
         command(&["section", "-q", &a, &b, "-o", &file]).assert().success();
         let bytes = std::fs::read(&file).unwrap();
@@ -99,7 +100,8 @@ fn what_two_models_have_in_common() {
             "svg" => {
                 assert!(text.contains("data-kind=\"crossing\"") && text.contains("fill=\"none\""), "{text}")
             }
-            _ => assert!(bytes.starts_with(b"SQLite format 3\0")),
+            "gpkg" => assert!(bytes.starts_with(b"SQLite format 3\0")),
+            _ => assert!(bytes.starts_with(b"fgb\x03fgb") && text.contains("crossing")),
         }
     }
     let refused = |words: &[&str]| complaint(&[&["section", "-q"], words].concat(), 1);

@@ -12,6 +12,7 @@ import csv
 import math
 import pathlib
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -74,9 +75,34 @@ def compare(seed):
     return count, sum(saddles.values())
 
 
+def formats(seed):
+    """Lines and bands in all formats that GDAL reads, against our own CSV."""
+    source, tree = folder / "in.tif", folder / "in.goblin"
+    compare(seed)
+    checked = 0
+    for options in ([], ["--bands"], ["--3d"]):
+        expected = None
+        for ending in ("csv", "geojson", "gpkg", "fgb", "shp"):
+            ours, read = folder / f"formats.{ending}", folder / "read.csv"
+            read.unlink(missing_ok=True)
+            subprocess.run([program, "-q", "contours", tree, "--every", "1", "-o", ours, *options], check=True)
+            subprocess.run(["ogr2ogr", "-q", "-f", "CSV", "-lco", "GEOMETRY=AS_WKT", "-lco", "SEPARATOR=COMMA", read, ours], check=True)
+            # (Several parts of one ring each are one polygon for shapefiles' readers; their rings begin where they like.)
+            numbers = re.compile(r"-?[0-9.]+(?:e-?[0-9]+)?")
+            points = lambda row: sorted({tuple(round(float(number), 4) for number in numbers.findall(point)) for point in row["WKT"].split(",")})
+            value = lambda row: tuple(round(float(row[name]), 6) for name in row if name in ("value", "min", "max") and row[name])
+            found = sorted((value(row), points(row)) for row in csv.DictReader(open(read, newline="")))
+            expected = expected or found
+            assert found and found == expected, f"{seed}: {ours} differs"
+            checked += len(found)
+    return checked
+
+
 if not shutil.which("gdal_contour"):
     print("contours: skipped, gdal_contour is not there")
     sys.exit(0)
 folder.mkdir(parents=True, exist_ok=True)
 total = [sum(column) for column in zip(*(compare(seed) for seed in range(12)))]
+total.append(formats(3))
+print(f"contours: {total[2]} features are the same in all formats")
 print(f"contours: {total[0]} segments are gdal_contour's, and {total[1]} in saddles")

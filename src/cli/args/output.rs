@@ -31,14 +31,14 @@ impl OutputLimit {
 }
 
 /// Formats of lines and polygons.
-pub(crate) const VECTOR_FORMATS: [&str; 7] = ["geojson", "csv", "svg", "gpkg", "shp", "obj", "ply"];
+pub(crate) const VECTOR_FORMATS: [&str; 8] = ["geojson", "csv", "svg", "gpkg", "fgb", "shp", "obj", "ply"];
 
 /// The format of lines and polygons that `--format` says, or else the output's name.
 pub(crate) fn vector_format(named: Option<&str>, output: &Path) -> Result<VectorFormat> {
     match named.map(str::parse).transpose()?.or_else(|| VectorFormat::of(output)) {
         Some(format) => Ok(format),
         None => bail!(
-            "{}: unknown format; use .geojson, .csv, .svg, .gpkg, .shp, .obj or .ply, or --format",
+            "{}: unknown format; use .geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply, or --format",
             output.display()
         ),
     }

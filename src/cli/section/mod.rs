@@ -41,7 +41,7 @@ pub(crate) struct Args {
     /// another exact model
     #[arg(required = true, value_name = "PLANE|MODEL", value_parser = parse_cutter)]
     cutters: Vec<Cutter>,
-    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .shp (of planes), .obj or .ply; `-` is standard output
+    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj or .ply; `-` is standard output
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Format where the output's name does not say

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::types::Value;
 use rusqlite::{Connection, params, params_from_iter};
 
-use super::text::WGS84;
+use super::text::{WGS84, joined};
 use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
 use crate::io::Output;
 use crate::space::Crs;
@@ -115,11 +115,6 @@ impl GeoPackage {
         let srs = srs.map_or(-1, |(_, number, ..)| number);
         Ok(GeoPackage { output, path, connection, layer, srs, insert })
     }
-}
-
-/// Numbers with blanks between them.
-fn joined(numbers: &[u64]) -> String {
-    numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
 }
 
 /// Name, number, registry and definition of a coordinate system.

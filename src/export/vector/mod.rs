@@ -27,6 +27,8 @@
 //! ```
 
 mod csv;
+#[cfg(feature = "flatgeobuf")]
+mod flatgeobuf;
 mod geojson;
 #[cfg(feature = "mbtiles")]
 mod geopackage;
@@ -60,6 +62,8 @@ pub enum VectorFormat {
     Svg,
     /// `GeoPackage`, version 1.3 (feature `mbtiles`).
     GeoPackage,
+    /// `FlatGeobuf` with an index (feature `flatgeobuf`): at most 2^21 features of at most 2^22 points.
+    FlatGeobuf,
     /// Shapefile (feature `raster`): also the files `.shx`, `.dbf` and `.cpg` beside it, and `.prj` if the coordinate system is known
     /// as well-known text or is WGS 84. Each of them appears whole; the one that was asked for is the last.
     Shapefile,
@@ -86,10 +90,11 @@ impl FromStr for VectorFormat {
             "csv" => Ok(VectorFormat::Csv),
             "svg" => Ok(VectorFormat::Svg),
             "gpkg" => Ok(VectorFormat::GeoPackage),
+            "fgb" => Ok(VectorFormat::FlatGeobuf),
             "shp" => Ok(VectorFormat::Shapefile),
             "obj" => Ok(VectorFormat::Obj),
             "ply" => Ok(VectorFormat::Ply),
-            _ => Err(Error::invalid("format", name, "geojson, csv, svg, gpkg, shp, obj or ply")),
+            _ => Err(Error::invalid("format", name, "geojson, csv, svg, gpkg, fgb, shp, obj or ply")),
         }
     }
 }
@@ -267,12 +272,13 @@ impl VectorWriter {
             VectorFormat::Ply => Box::new(ply::Ply::new(output, layer)?),
             #[cfg(feature = "mbtiles")]
             VectorFormat::GeoPackage => Box::new(geopackage::GeoPackage::new(output, layer)?),
+            #[cfg(feature = "flatgeobuf")]
+            VectorFormat::FlatGeobuf => Box::new(flatgeobuf::FlatGeobuf::new(output, layer)?),
             #[cfg(feature = "raster")]
             VectorFormat::Shapefile => Box::new(shapefile::Shapefile::new(output, layer)?),
-            #[cfg(not(feature = "mbtiles"))]
+            #[cfg(not(all(feature = "mbtiles", feature = "flatgeobuf")))]
             format => {
-                let advice =
-                    "build the library with the features raster and mbtiles, or choose another format";
+                let advice = "build the library with the features raster, mbtiles and flatgeobuf, or choose another format";
                 return Err(Error::unsupported(output.path(), format!("writing {format:?}"), advice));
             }
         };

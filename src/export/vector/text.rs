@@ -12,6 +12,12 @@ pub(super) const WGS84: &str = "GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"
   AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433,\
   AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]]";
 
+/// Whole numbers with blanks between them.
+#[cfg(any(feature = "flatgeobuf", feature = "mbtiles"))]
+pub(super) fn joined(numbers: &[u64]) -> String {
+    numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
+}
+
 /// Bytes that are written at a time.
 const BUFFER: usize = 1 << 16;
 
