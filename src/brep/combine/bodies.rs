@@ -195,7 +195,10 @@ impl<'a> Bodies<'a> {
     }
 }
 
-/// Faces of two models in cells that faces of the other are in or near, too, on one grid.
+/// Bytes of a face with its plane and box.
+const FACE: u64 = 400;
+
+/// Faces of two models in cells that faces of the other are in or near, too, on one grid; where these are many, only those whose boxes touch.
 pub(in crate::brep) struct NearFaces {
     pub(in crate::brep) faces: ExactFaces,
     /// Where those of each model end.
@@ -218,6 +221,10 @@ impl NearFaces {
         let placed = Placed::of(&models)?;
         // (Which operation does not matter for faces that are near.)
         let mut bodies = Bodies::new(&models, &placed, OperationTable::new(1, 2)?, progress)?;
+        let near: usize = bodies.overlaps.iter().map(|overlap| overlap.near.numbers().count()).sum();
+        if near as u64 * FACE > memory {
+            bodies.drop_apart(memory, progress)?;
+        }
         let (faces, ends) = bodies.near(memory, progress)?;
         Ok(NearFaces { faces, ends, first_sources: [0, bodies.first[1].1] })
     }

@@ -3,6 +3,7 @@
 
 use super::placed::Placed;
 use super::table::OperationTable;
+use crate::brep::questions::half_of;
 use crate::brep::{ExactModel, Faces, Node, NodeState};
 use crate::{Progress, Result};
 
@@ -91,12 +92,21 @@ impl Overlap {
         let mut walk = Walk { own, models, placed, table, progress, found, visited: 0 };
         let places: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
         let mut others = Vec::new();
-        for other in (0..models.len()).filter(|other| *other != own) {
-            others.push((other, models[other].root()?));
+        for body in (0..models.len()).filter(|body| *body != own) {
+            let node = models[body].root()?;
+            others.push(OtherNode { body, cell: placed.half_units(body, &node), node });
         }
         walk.node(&models[own].root()?, &others, &places)?;
         Ok(walk.found)
     }
+}
+
+/// A node of another body, with its cell in half steps of the common grid.
+#[derive(Clone)]
+struct OtherNode<'a> {
+    body: usize,
+    node: Node<'a>,
+    cell: [[i64; 3]; 2],
 }
 
 struct Walk<'a> {
@@ -112,7 +122,7 @@ struct Walk<'a> {
 impl<'a> Walk<'a> {
     /// Goes through a node; `others` are nodes of other bodies that may be near it, and `places` tells of each body without such
     /// nodes whether the cell is inside of it.
-    fn node(&mut self, node: &Node<'a>, others: &[(usize, Node<'a>)], places: &[i32]) -> Result<()> {
+    fn node(&mut self, node: &Node<'a>, others: &[OtherNode<'a>], places: &[i32]) -> Result<()> {
         self.visited += 1;
         if self.visited.is_multiple_of(1 << 12) {
             self.progress.check()?;
@@ -125,25 +135,25 @@ impl<'a> Walk<'a> {
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
         let is_leaf = matches!(node.state(), NodeState::Leaf { .. });
         let mut places = places.to_vec();
-        let mut near: Vec<(usize, Node<'a>)> = Vec::new();
+        let mut near: Vec<OtherNode<'a>> = Vec::new();
         let mut is_far = true;
-        for nodes in others.chunk_by(|a, b| a.0 == b.0) {
+        for nodes in others.chunk_by(|a, b| a.body == b.body) {
             let first = near.len();
             for node in nodes {
                 self.refine(node, &around, is_leaf, &mut near)?;
             }
-            let other = nodes[0].0;
-            let side = |node: &Node<'_>| match node.state() {
+            let other = nodes[0].body;
+            let side = |other: &OtherNode<'_>| match other.node.state() {
                 NodeState::Void => Some(0),
                 NodeState::Full => Some(1),
                 _ => None,
             };
-            if near[first..].iter().any(|(_, node)| side(node).is_none()) {
+            if near[first..].iter().any(|node| side(node).is_none()) {
                 is_far = false;
                 continue;
             }
             // Without a surface near the cell, all of it is on one side.
-            let found = near[first..].first().and_then(|(_, node)| side(node));
+            let found = near[first..].first().and_then(side);
             places[other] = found.unwrap_or_else(|| self.models[other].far_winding());
             near.truncate(first);
         }
@@ -164,23 +174,29 @@ impl<'a> Walk<'a> {
     /// Appends the nodes that meet a box, those with faces as small as it or as they are.
     fn refine(
         &self,
-        (other, node): &(usize, Node<'a>),
+        other: &OtherNode<'a>,
         around: &[[i64; 3]; 2],
         to_leaves: bool,
-        near: &mut Vec<(usize, Node<'a>)>,
+        near: &mut Vec<OtherNode<'a>>,
     ) -> Result<()> {
-        let [low, high] = self.placed.half_units(*other, node);
-        if (0..3).any(|axis| high[axis] < around[0][axis] || around[1][axis] < low[axis]) {
+        let meets = |[low, high]: &[[i64; 3]; 2]| {
+            (0..3).all(|axis| low[axis] <= around[1][axis] && around[0][axis] <= high[axis])
+        };
+        if !meets(&other.cell) {
             return Ok(());
         }
-        match node.state() {
+        let [low, high] = other.cell;
+        match other.node.state() {
             NodeState::Inner if to_leaves || high[0] - low[0] > around[1][0] - around[0][0] => {
                 for child in 0..8 {
-                    let child = (*other, self.models[*other].child(node, child)?);
-                    self.refine(&child, around, to_leaves, near)?;
+                    let cell = half_of(&other.cell, child);
+                    if meets(&cell) {
+                        let node = self.models[other.body].child(&other.node, child)?;
+                        self.refine(&OtherNode { node, cell, ..*other }, around, to_leaves, near)?;
+                    }
                 }
             }
-            _ => near.push((*other, node.clone())),
+            _ => near.push(other.clone()),
         }
         Ok(())
     }

@@ -52,3 +52,4 @@ pub use ray::Hit;
 pub use region::BoxPlace;
 pub use section::{CuttingPlane, SectionPolygon, TakeSection};
 pub use visited::Visited;
+pub(in crate::brep) use visited::half_of;

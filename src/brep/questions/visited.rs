@@ -27,7 +27,7 @@ impl Recent {
 
 /// The box of a child, of the box of a node.
 #[inline]
-pub(super) fn half_of([min, max]: &[[i64; 3]; 2], child: usize) -> [[i64; 3]; 2] {
+pub(in crate::brep) fn half_of([min, max]: &[[i64; 3]; 2], child: usize) -> [[i64; 3]; 2] {
     let half = (max[0] - min[0]) / 2;
     let low = std::array::from_fn(|axis| min[axis] + half * (child >> axis & 1) as i64);
     [low, low.map(|at| at + half)]
