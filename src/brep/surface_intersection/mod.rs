@@ -91,7 +91,7 @@ pub struct SurfaceIntersection {
 /// Finds what the surfaces of two bodies have in common. Grids must fit together as for set operations
 /// ([`combine`](super::combine)). What is found depends on no number of threads.
 ///
-/// Takes time and memory with the number of faces near the other body, about 400 bytes each, and about 300 bytes for each pair of faces that
+/// Takes time and memory with the number of faces near the other body, about 400 bytes each, and about 700 bytes for each pair of faces that
 /// have points in common.
 ///
 /// ```
@@ -136,9 +136,10 @@ pub fn surface_intersection(
         is_inside: &|_| false,
     };
     let surface = Surface::new(&faces, &operands, a.path(), memory)?;
-    let contacts = surface.contacts_of_first(memory, progress)?;
+    // (As much goes into segments and points.)
+    let contacts = surface.contacts_of_first(memory / 2, progress)?;
     let source = |face: u32| surface.face(face).source - first_sources[surface.operand(face)];
-    let segments = Segments::of(&surface, &contacts, progress)?;
+    let mut segments = Segments::of(&surface, &contacts, progress)?;
     let grid = faces.list.grid();
     let points = segments
         .lone_points(&contacts)

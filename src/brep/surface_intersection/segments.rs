@@ -19,9 +19,8 @@ pub(super) struct Segment {
 /// All segments.
 pub(super) struct Segments {
     pub(super) list: Vec<Segment>,
+    /// Ends of segments, also of those that only bound areas.
     pub(super) vertices: Vertices,
-    /// Vertices that are the same as these are those of segments.
-    count: u32,
 }
 
 /// What two faces have in common, as it is found by itself.
@@ -43,7 +42,7 @@ impl Segments {
         progress: &dyn Progress,
     ) -> Result<Segments> {
         const TASK: usize = 1 << 8;
-        let mut found = Segments { list: Vec::new(), vertices: Vertices::default(), count: 0 };
+        let mut found = Segments { list: Vec::new(), vertices: Vertices::default() };
         let mut known: HashSet<[u32; 2]> = HashSet::new();
         let tasks: Vec<&[Contact]> = contacts.chunks(TASK).collect();
         for tasks in tasks.chunks(64) {
@@ -70,7 +69,6 @@ impl Segments {
                 }
             }
         }
-        found.count = found.vertices.list().len() as u32;
         Ok(found)
     }
 
@@ -106,17 +104,13 @@ impl Segments {
         }
     }
 
-    /// Points of contacts that are no vertices of segments, each once, with the faces that have it.
-    pub(super) fn lone_points(&self, contacts: &[Contact]) -> Vec<(ExactPoint, [u32; 2])> {
-        let mut all = Vertices::default();
-        self.vertices.list().iter().take(self.count as usize).for_each(|point| {
-            all.number(*point);
-        });
+    /// Points of contacts that are no vertices of segments, each once, with the first faces that have it.
+    pub(super) fn lone_points(&mut self, contacts: &[Contact]) -> Vec<(ExactPoint, [u32; 2])> {
         let mut lone = Vec::new();
         for contact in contacts {
             for point in &contact.points {
-                let known = all.list().len();
-                if all.number(*point) as usize == known {
+                let known = self.vertices.list().len();
+                if self.vertices.number(*point) as usize == known {
                     lone.push((*point, contact.faces));
                 }
             }

@@ -20,16 +20,18 @@ const EXAMPLES: &str = "Examples:
   spinney section part.goblin plane=1,1,0,7.5 -o oblique.gpkg
   spinney section part.goblin tool.goblin -o lines.ply
 
-A section by a plane is that just below it: what ends there counts, what stands on it does not. Points are
-computed in double precision, and are the same for faces beside each other: outlines are closed. Its
-attributes are plane (x, y, z, or the normal), at (its coordinate, or the product of the normal with its
-points) and area. Points are in space; --flat writes coordinates in the plane instead, as an SVG always does.
+A section by a plane is that just below it: what ends there counts, what stands on it does not.
+Points are computed in double precision, and are the same for faces beside each other: outlines
+are closed. Attributes are plane (x, y, z, or the normal), at (its coordinate, or the product of
+the normal with its points) and area. Points are in space; --flat writes coordinates in the
+plane instead, as an SVG always does.
 
-What two models have in common is found exactly, and points are rounded once. Features are lines where the
-surfaces pass through each other (kind crossing: closed, with what of the first model's surface is inside of the
-second on the left) or touch (touch), areas in which they lie on each other (overlap; side says whether they face
-the same way), and lone points (point). a_left, a_right, b_left and b_right are the faces of both models beside
-each segment, by their numbers in the files that the models were built from.";
+What two models have in common is found exactly, and points are rounded once. Features are lines
+where the surfaces pass through each other (kind crossing: closed, with what of the first
+model's surface is inside of the second on the left) or touch (touch), areas in which they lie
+on each other (overlap; side says whether they face the same way), and lone points (point).
+a_left, a_right, b_left and b_right are the faces of both models beside each segment, by their
+numbers in the files that the models were built from.";
 
 /// Write where planes cut an exact model, or what the surfaces of two of them have in common
 #[derive(clap::Args)]
