@@ -14,13 +14,25 @@ type Point = [f64; 3];
 
 fn found(a: &Body, b: &Body) -> SurfaceIntersection {
     let found = surface_intersection(&a.model, &b.model, MEMORY, &()).unwrap();
+    let (of_a, of_b) = (triangles_of_sources(a), triangles_of_sources(b));
     for line in &found.lines {
         assert_eq!(line.faces.len() + 1, line.points.len());
         assert!(line.kind == LineKind::Touch || line.is_closed(), "{line:?}");
         for (ends, faces) in line.points.windows(2).zip(&line.faces) {
             assert_ne!(ends[0], ends[1]);
-            for (body, faces) in [a, b].into_iter().zip(faces) {
-                assert!(faces.iter().all(|face| *face < body.model.len()));
+            for (sources, [left, right]) in [&of_a, &of_b].into_iter().zip(faces) {
+                // (Of faces of one number, some have the segment.)
+                let along = minus(ends[1], ends[0]);
+                let reach = |face: &u64| {
+                    let heights = sources[face].iter().flat_map(|corners| {
+                        let to_left = cross(normal([corners[0], corners[1], corners[2]]), along);
+                        corners
+                            .iter()
+                            .map(move |corner| dot(to_left, minus(*corner, ends[0])) / size(to_left))
+                    });
+                    heights.fold([0.0, 0.0], |[low, high]: [f64; 2], at| [low.min(at), high.max(at)])
+                };
+                assert!(reach(left)[1] > 1e-6 && reach(right)[0] < -1e-6, "{left} {right}");
             }
         }
     }
@@ -74,6 +86,20 @@ fn seam(a: &Body, b: &Body) -> f64 {
         .iter()
         .map(|([from, to], count)| f64::from(count.abs()) * size(minus(world(*to), world(*from))));
     open.sum()
+}
+
+/// Triangles of faces as if these were convex, by the numbers of the faces that they were built from.
+fn triangles_of_sources(body: &Body) -> HashMap<u64, Vec<[Point; 3]>> {
+    let mut all: HashMap<u64, Vec<[Point; 3]>> = HashMap::new();
+    let mut add = |face: &spinney::brep::Face<'_>| {
+        let ring: Vec<Point> =
+            face.rings().next().unwrap().iter().map(|at| body.model.grid().to_world(*at)).collect();
+        let fan = (2..ring.len()).map(|i| [ring[0], ring[i - 1], ring[i]]);
+        all.entry(face.source).or_default().extend(fan.filter(|corners| size(normal(*corners)) > 0.0));
+        Ok(())
+    };
+    body.model.each(&mut add).unwrap();
+    all
 }
 
 /// Triangles of convex faces in the world.
@@ -331,6 +357,31 @@ fn cut_edges_and_hollow_bodies() {
         [([20; 3], [50; 3]), ([30; 3], [70; 3]), ([30, 30, 40], [70, 70, 60]), ([0, 40, 40], [99, 60, 60])]
     {
         check(&hollow, &Body::of(&triangulated(&cuboid(min, max)), 7), &format!("{min:?}"));
+    }
+}
+
+/// A body of boxes side by side, whose walls between them are there twice, turned to each other: these bound nothing.
+#[test]
+fn walls_in_one_place_bound_nothing() {
+    let mut random = Random(23);
+    let (scale, mut pairs) = (1 << 18, 0);
+    while pairs < 60 {
+        let cut = 1 + random.below(4) as i32;
+        let box_of =
+            |low: [i32; 3], high: [i32; 3]| cuboid(low.map(|at| at * scale), high.map(|at| at * scale));
+        let faces = [box_of([1, 1, 1], [1 + cut, 6, 6]), box_of([1 + cut, 1, 1], [6, 6, 6])].concat();
+        let Some(other) = random_tetrahedron(&mut random, 7, scale) else { continue };
+        let whole = Body::of(&box_of([1; 3], [6; 3]), 23);
+        let [divided, other] = [faces, other].map(|faces| Body::of(&faces, 23));
+        for (divided, whole) in
+            [([&divided, &other], [&whole, &other]), ([&other, &divided], [&other, &whole])]
+        {
+            let [found, expected] =
+                [divided, whole].map(|[a, b]| surface_intersection(&a.model, &b.model, MEMORY, &()).unwrap());
+            let lengths = [&found, &expected].map(|found| length(found, LineKind::Crossing));
+            assert!((lengths[0] - lengths[1]).abs() < 1e-9 * (1.0 + lengths[1]), "pair {pairs}: {lengths:?}");
+        }
+        pairs += 1;
     }
 }
 

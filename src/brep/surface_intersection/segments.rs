@@ -1,6 +1,6 @@
 //! Segments that two surfaces have in common, each once, with the faces beside it.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use super::around::{Axis, HalfPlane};
 use crate::brep::arrangement::{Contact, ExactPoint, Surface, Vertices};
@@ -69,7 +69,26 @@ impl Segments {
                 }
             }
         }
+        found.cancel();
         Ok(found)
+    }
+
+    /// Takes away pairs of segments where surfaces pass through each other that lead both ways: they go through two walls of a body that lie
+    /// on each other, and bound nothing.
+    fn cancel(&mut self) {
+        let mut open: HashMap<[u32; 2], Vec<usize>> = HashMap::new();
+        let mut is_gone = vec![false; self.list.len()];
+        for (number, segment) in self.list.iter().enumerate().filter(|(_, segment)| segment.is_crossing) {
+            let [from, to] = segment.vertices;
+            if let Some(opposite) = open.get_mut(&[to, from]).and_then(Vec::pop) {
+                is_gone[opposite] = true;
+                is_gone[number] = true;
+            } else {
+                open.entry([from, to]).or_default().push(number);
+            }
+        }
+        let mut is_gone = is_gone.into_iter();
+        self.list.retain(|_| is_gone.next() != Some(true));
     }
 
     /// Adds a segment that runs along edges, which lead in its direction.
