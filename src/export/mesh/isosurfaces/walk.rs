@@ -1,0 +1,119 @@
+//! The tiles that a surface may pass through, in Z order: those whose extremes, with those of the tiles before them, do not exclude it.
+
+use std::collections::HashMap;
+
+use super::tile::TILE;
+use crate::query::{Extremes, Relief};
+use crate::space::{Bounds, Code, Dimension};
+use crate::{Progress, Result};
+
+/// The cells that a surface goes through.
+pub(super) struct Ground<'a> {
+    pub(super) relief: &'a dyn Relief,
+    /// The level, and the cells of the whole there.
+    pub(super) level: u8,
+    pub(super) whole: [u64; 3],
+    /// Whether what has no value, and all outside, is less than everything.
+    pub(super) closes: bool,
+}
+
+impl Ground<'_> {
+    /// The level whose nodes are tiles.
+    fn tile_level(&self) -> u8 {
+        self.level.saturating_sub(TILE)
+    }
+
+    /// Tiles along the axes, with those behind the last cells that close the surface.
+    pub(super) fn tiles(&self) -> [u64; 3] {
+        self.whole.map(|cells| (cells + u64::from(self.closes)).div_ceil(1 << TILE))
+    }
+
+    /// Cells of the whole in a node of a level.
+    pub(super) fn cells(&self, level: u8, node: [u32; 3]) -> u64 {
+        let code = Code::from_cell(Dimension::Oct, level, node);
+        code.map_or(0, |code| code.bounds(self.level).intersect(&Bounds::picture(self.whole)).volume())
+    }
+
+    /// Cells of the whole in a tile.
+    pub(super) fn cells_of_tile(&self, tile: [u32; 3]) -> u64 {
+        self.cells(self.tile_level(), tile)
+    }
+}
+
+/// Most nodes whose extremes are held.
+const MOST: usize = 1 << 15;
+
+/// The way through the tree for one value.
+pub(super) struct Walk<'a> {
+    ground: &'a Ground<'a>,
+    value: f64,
+    /// Nodes that are still to be looked at; the next is the last.
+    pending: Vec<(u8, [u32; 3])>,
+    known: HashMap<Code, Extremes>,
+}
+
+impl<'a> Walk<'a> {
+    pub(super) fn new(ground: &'a Ground<'a>, value: f64) -> Walk<'a> {
+        // Beside the space there may be tiles that close the surface.
+        let pending = (0..8).rev().map(|step| (0, child([0; 3], step))).collect();
+        Walk { ground, value, pending, known: HashMap::new() }
+    }
+
+    /// The next tiles, at most so many; none at the end. Tells of the cells that are left out.
+    ///
+    /// # Errors
+    /// If the tree is damaged, or on interruption.
+    pub(super) fn next(&mut self, most: usize, total: u64, progress: &dyn Progress) -> Result<Vec<[u32; 3]>> {
+        let (tile_level, tiles) = (self.ground.tile_level(), self.ground.tiles());
+        let mut found = Vec::new();
+        while found.len() < most
+            && let Some((level, node)) = self.pending.pop()
+        {
+            progress.check()?;
+            let below = tile_level - level;
+            if (0..3).any(|axis| u64::from(node[axis]) << below >= tiles[axis]) {
+                continue;
+            }
+            if !self.may_pass(level, node)? {
+                progress.advance(self.ground.cells(level, node), total);
+            } else if below == 0 {
+                found.push(node);
+            } else {
+                self.pending.extend((0..8).rev().map(|step| (level + 1, child(node, step))));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Whether the surface may pass through the cubes whose last corners are in a node.
+    fn may_pass(&mut self, level: u8, node: [u32; 3]) -> Result<bool> {
+        let mut all = Extremes::NONE;
+        for step in 0..8 {
+            let before = std::array::from_fn(|axis| i64::from(node[axis]) - i64::from(step >> axis & 1));
+            all = all.with(self.extremes(level, before)?);
+        }
+        let has_low = all.least < self.value || self.ground.closes && all.has_void;
+        Ok(all.has_values && has_low && all.greatest >= self.value)
+    }
+
+    /// The extremes of a node; all outside is VOID.
+    fn extremes(&mut self, level: u8, node: [i64; 3]) -> Result<Extremes> {
+        let outside = Extremes { has_void: true, ..Extremes::NONE };
+        let [Ok(x), Ok(y), Ok(z)] = node.map(u32::try_from) else { return Ok(outside) };
+        let Some(code) = Code::from_cell(Dimension::Oct, level, [x, y, z]) else { return Ok(outside) };
+        if let Some(known) = self.known.get(&code) {
+            return Ok(*known);
+        }
+        let mut extremes = self.ground.relief.extremes(code)?;
+        extremes.has_void |= !Bounds::picture(self.ground.whole).contains(&code.bounds(self.ground.level));
+        if self.known.len() >= MOST {
+            self.known.clear();
+        }
+        self.known.insert(code, extremes);
+        Ok(extremes)
+    }
+}
+
+fn child(node: [u32; 3], step: u32) -> [u32; 3] {
+    std::array::from_fn(|axis| node[axis] << 1 | step >> axis & 1)
+}
