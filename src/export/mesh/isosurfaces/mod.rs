@@ -1,7 +1,7 @@
 //! Isosurfaces: where the values of an octree, which go straight from one cell's centre to the next, are equal to a level.
 //!
 //! They are made in tiles of 64 x 64 x 64 cubes between the centres of eight neighbouring cells (`tile.rs`), by marching cubes (`cube.rs`), on
-//! all threads. Tiles whose extremes exclude the level are not read (`walk.rs`). Tiles come in Z order, and points on edges that
+//! all threads. Tiles whose extremes exclude the level are not read, or only their first layers of cells (`walk.rs`). Tiles come in Z order, and points on edges that
 //! tiles share are remembered until the last of these is done, as those of other surfaces are: memory goes with the edge of what is
 //! done.
 
@@ -32,7 +32,8 @@ pub struct IsosurfaceSummary {
     pub triangles: u64,
     /// Tiles of 64 x 64 x 64 cells that there are, once for each surface.
     pub tiles: u64,
-    /// Tiles that the surface may pass through, all others being excluded by extremes, and that were read.
+    /// Tiles that were read: those whose extremes do not exclude the surface. Of the ones behind these only the first layers of cells may
+    /// have been read.
     pub tiles_read: u64,
 }
 
@@ -169,13 +170,13 @@ fn write(
             }
             let made = parallel::map(&wanted, |tile| {
                 progress.check()?;
-                Ok(TileCells::read(&relief, *tile, ground.whole, closes)?.surface(*value))
+                Ok(TileCells::read(&ground, tile)?.surface(*value))
             });
             for (tile, surface) in wanted.iter().zip(made) {
-                writer.add(*tile, &surface?)?;
-                progress.advance(ground.cells_of_tile(*tile), total);
+                writer.add(tile.at, &surface?)?;
+                progress.advance(ground.cells_of_tile(tile.at), total);
+                tiles_read += u64::from(tile.is_crossed);
             }
-            tiles_read += wanted.len() as u64;
         }
         writer.shared = Default::default();
     }

@@ -1,8 +1,9 @@
 //! The surface in a tile: the cubes whose last corners are its cells, with the layer of cells before them.
 
 use super::cube::{Ring, rings};
+use super::walk::{Ground, Tile};
 use crate::Result;
-use crate::query::{Relief, level_share};
+use crate::query::level_share;
 use crate::space::Bounds;
 
 /// Cells along an edge of a tile as a power of two. (A row of a tile's cells, with the one before it, has a bit each in a u128.)
@@ -16,7 +17,7 @@ pub(super) struct TileCells {
     /// The first cell; -1 is before the space.
     first: [i64; 3],
     size: [usize; 3],
-    /// x runs fastest, then y, then z; what has no number is not one, or less than all.
+    /// x runs fastest, then y, then z; what has no number, or was not read, is not one, or less than all.
     numbers: Vec<f64>,
 }
 
@@ -36,40 +37,55 @@ pub(super) struct TileSurface {
 }
 
 impl TileCells {
-    /// Reads the cells of a tile and those before it; `size` are the cells of the whole. VOID, and what is no finite number, is less than
-    /// everything if the surface is to be closed.
+    /// Reads the cells of a tile and those before it, or only what lies along the latter where the surface cannot be anywhere else.
     ///
     /// # Errors
     /// If the tree is damaged there.
-    pub(super) fn read(
-        relief: &dyn Relief,
-        tile: [u32; 3],
-        whole: [u64; 3],
-        closes: bool,
-    ) -> Result<TileCells> {
-        let first = tile.map(|tile| (i64::from(tile) << TILE) - 1);
-        // One layer behind the last cells is enough for what closes it.
-        let end: [i64; 3] =
-            std::array::from_fn(|axis| (first[axis] + 1 + (1 << TILE)).min(whole[axis] as i64 + 1));
-        let size = std::array::from_fn(|axis| (end[axis] - first[axis]).max(0) as usize);
-        let low = first.map(|cell| cell.max(0) as u64);
-        let high = std::array::from_fn(|axis| (end[axis].max(0) as u64).min(whole[axis]));
-        let none = if closes { f64::NEG_INFINITY } else { f64::NAN };
-        let mut cells = TileCells { first, size, numbers: vec![none; size.iter().product()] };
-        let bounds = Bounds { min: low, max: high };
-        if bounds.is_empty() {
+    pub(super) fn read(ground: &Ground<'_>, tile: &Tile) -> Result<TileCells> {
+        let first = tile.at.map(|at| (i64::from(at) << TILE) - 1);
+        // One layer behind the last cells is enough for what closes the surface.
+        let end = |axis: usize| (first[axis] + 1 + (1 << TILE)).min(ground.whole[axis] as i64 + 1);
+        let size = std::array::from_fn(|axis| (end(axis) - first[axis]).max(0) as usize);
+        let mut cells = TileCells { first, size, numbers: vec![f64::NAN; size.iter().product()] };
+        if tile.is_crossed {
+            cells.read_box(ground, size)?;
             return Ok(cells);
         }
-        let read = relief.numbers(&bounds)?;
+        for axis in 0..3 {
+            let mut layers = size;
+            layers[axis] = layers[axis].min(2);
+            cells.read_box(ground, layers)?;
+        }
+        Ok(cells)
+    }
+
+    /// Reads so many cells along each axis, from the first on. VOID, and what is no finite number, is less than everything if the surface is
+    /// to be closed.
+    fn read_box(&mut self, ground: &Ground<'_>, size: [usize; 3]) -> Result<()> {
+        let none = if ground.closes { f64::NEG_INFINITY } else { f64::NAN };
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                let start = self.index([0, y, z]);
+                self.numbers[start..][..size[0]].fill(none);
+            }
+        }
+        let min = self.first.map(|cell| cell.max(0) as u64);
+        let end = |axis: usize| (self.first[axis] + size[axis] as i64).max(0) as u64;
+        let max = std::array::from_fn(|axis| end(axis).min(ground.whole[axis]));
+        let bounds = Bounds { min, max };
+        if bounds.is_empty() {
+            return Ok(());
+        }
+        let read = ground.relief.numbers(&bounds)?;
         let [width, height, _] = bounds.size().map(|side| side as usize);
-        let [x, y, z] = [0, 1, 2].map(|axis| (low[axis] as i64 - first[axis]) as usize);
+        let [x, y, z] = [0, 1, 2].map(|axis| (min[axis] as i64 - self.first[axis]) as usize);
         for (row, numbers) in read.chunks_exact(width).enumerate() {
-            let start = cells.index([x, y + row % height, z + row / height]);
-            for (cell, number) in cells.numbers[start..][..width].iter_mut().zip(numbers) {
+            let start = self.index([x, y + row % height, z + row / height]);
+            for (cell, number) in self.numbers[start..][..width].iter_mut().zip(numbers) {
                 *cell = if number.is_finite() { *number } else { none };
             }
         }
-        Ok(cells)
+        Ok(())
     }
 
     fn index(&self, [x, y, z]: [usize; 3]) -> usize {

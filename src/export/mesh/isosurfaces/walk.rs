@@ -7,6 +7,14 @@ use crate::query::{Extremes, Relief};
 use crate::space::{Bounds, Code, Dimension};
 use crate::{Progress, Result};
 
+/// A tile that a surface may pass through.
+pub(super) struct Tile {
+    /// Its place among the nodes of its level, or beside these.
+    pub(super) at: [u32; 3],
+    /// Whether the surface may pass between the tile's own cells, or only between these and the ones before them.
+    pub(super) is_crossed: bool,
+}
+
 /// The cells that a surface goes through.
 pub(super) struct Ground<'a> {
     pub(super) relief: &'a dyn Relief,
@@ -63,7 +71,7 @@ impl<'a> Walk<'a> {
     ///
     /// # Errors
     /// If the tree is damaged, or on interruption.
-    pub(super) fn next(&mut self, most: usize, total: u64, progress: &dyn Progress) -> Result<Vec<[u32; 3]>> {
+    pub(super) fn next(&mut self, most: usize, total: u64, progress: &dyn Progress) -> Result<Vec<Tile>> {
         let (tile_level, tiles) = (self.ground.tile_level(), self.ground.tiles());
         let mut found = Vec::new();
         while found.len() < most
@@ -74,10 +82,12 @@ impl<'a> Walk<'a> {
             if (0..3).any(|axis| u64::from(node[axis]) << below >= tiles[axis]) {
                 continue;
             }
-            if !self.may_pass(level, node)? {
+            let own = self.extremes(level, node.map(i64::from))?;
+            let around = self.with_before(level, node, own)?;
+            if !self.may_pass(&around) {
                 progress.advance(self.ground.cells(level, node), total);
             } else if below == 0 {
-                found.push(node);
+                found.push(Tile { at: node, is_crossed: self.may_pass(&own) });
             } else {
                 self.pending.extend((0..8).rev().map(|step| (level + 1, child(node, step))));
             }
@@ -85,15 +95,18 @@ impl<'a> Walk<'a> {
         Ok(found)
     }
 
-    /// Whether the surface may pass through the cubes whose last corners are in a node.
-    fn may_pass(&mut self, level: u8, node: [u32; 3]) -> Result<bool> {
-        let mut all = Extremes::NONE;
-        for step in 0..8 {
+    /// Whether the surface may pass between cells with these extremes.
+    fn may_pass(&self, cells: &Extremes) -> bool {
+        let has_low = cells.least < self.value || self.ground.closes && cells.has_void;
+        cells.has_values && has_low && cells.greatest >= self.value
+    }
+
+    /// The extremes of a node and the nodes before it: of all cubes whose last corners are in it.
+    fn with_before(&mut self, level: u8, node: [u32; 3], own: Extremes) -> Result<Extremes> {
+        (1..8).try_fold(own, |all, step| {
             let before = std::array::from_fn(|axis| i64::from(node[axis]) - i64::from(step >> axis & 1));
-            all = all.with(self.extremes(level, before)?);
-        }
-        let has_low = all.least < self.value || self.ground.closes && all.has_void;
-        Ok(all.has_values && has_low && all.greatest >= self.value)
+            Ok(all.with(self.extremes(level, before)?))
+        })
     }
 
     /// The extremes of a node; all outside is VOID.
@@ -105,7 +118,9 @@ impl<'a> Walk<'a> {
             return Ok(*known);
         }
         let mut extremes = self.ground.relief.extremes(code)?;
-        extremes.has_void |= !Bounds::picture(self.ground.whole).contains(&code.bounds(self.ground.level));
+        // (A tile may be larger than the whole space.)
+        let is_inside = Bounds::picture(self.ground.whole).contains(&code.bounds(self.ground.level));
+        extremes.has_void |= !is_inside || self.ground.level < TILE;
         if self.known.len() >= MOST {
             self.known.clear();
         }
