@@ -9,7 +9,7 @@ mod cube;
 mod tile;
 mod walk;
 
-use self::tile::{TILE, TILE_BYTES, TileCells, TileSurface};
+use self::tile::{MOST_SURFACE_BYTES, TILE, TILE_BYTES, TileCells, TileSurface};
 use self::walk::{Ground, Walk};
 use super::arrays::Arrays;
 use super::numbers::{Shared, z_order};
@@ -154,7 +154,8 @@ fn write(
     let surfaces = values.len() as u64;
     let tiles = ground.tiles().iter().fold(surfaces, |all, tiles| all.saturating_mul(*tiles));
     let total = ground.cells(0, [0; 3]).saturating_mul(surfaces);
-    let batch = (request.memory / 2 / TILE_BYTES).clamp(1, 1 << 10) as usize;
+    // What is known of the first is that it may be anything; then, that neighbours are much alike.
+    let mut surface_bytes = MOST_SURFACE_BYTES;
     let mut writer = Writer { mesh, shared: Default::default(), attribute: 0 };
     let mut tiles_read = 0;
     for value in values {
@@ -164,7 +165,8 @@ fn write(
         }
         let mut walk = Walk::new(&ground, *value);
         loop {
-            let wanted = walk.next(batch, total, progress)?;
+            let batch = request.memory / 2 / (TILE_BYTES + surface_bytes);
+            let wanted = walk.next(batch.clamp(1, 1 << 10) as usize, total, progress)?;
             if wanted.is_empty() {
                 break;
             }
@@ -172,8 +174,11 @@ fn write(
                 progress.check()?;
                 Ok(TileCells::read(&ground, tile)?.surface(*value))
             });
+            surface_bytes = 0;
             for (tile, surface) in wanted.iter().zip(made) {
-                writer.add(tile.at, &surface?)?;
+                let surface = surface?;
+                surface_bytes = surface_bytes.max(surface.bytes());
+                writer.add(tile.at, &surface)?;
                 progress.advance(ground.cells_of_tile(tile.at), total);
                 tiles_read += u64::from(tile.is_crossed);
             }

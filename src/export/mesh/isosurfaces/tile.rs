@@ -9,8 +9,11 @@ use crate::space::Bounds;
 /// Cells along an edge of a tile as a power of two. (A row of a tile's cells, with the one before it, has a bit each in a u128.)
 pub(super) const TILE: u8 = 6;
 
-/// Bytes that a tile takes while it is worked on, unless almost every cube has some of the surface.
-pub(super) const TILE_BYTES: u64 = 12 << 20;
+/// Bytes that a tile takes while it is worked on, besides its surface.
+pub(super) const TILE_BYTES: u64 = 8 << 20;
+
+/// Bytes of a surface that goes through every cube.
+pub(super) const MOST_SURFACE_BYTES: u64 = 64 << 20;
 
 /// The numbers of a tile's cells.
 pub(super) struct TileCells {
@@ -34,6 +37,14 @@ pub(super) struct TilePoint {
 pub(super) struct TileSurface {
     pub(super) points: Vec<TilePoint>,
     pub(super) triangles: Vec<[u32; 3]>,
+}
+
+impl TileSurface {
+    /// Bytes that it takes.
+    pub(super) fn bytes(&self) -> u64 {
+        (self.points.capacity() * size_of::<TilePoint>() + self.triangles.capacity() * size_of::<[u32; 3]>())
+            as u64
+    }
 }
 
 impl TileCells {
