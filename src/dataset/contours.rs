@@ -112,7 +112,7 @@ pub(crate) struct LevelRelief<'a> {
     tree: &'a Dataset,
     level: u8,
     /// Whether VOID is a number: that of nothing.
-    has_zeros: bool,
+    pub(crate) has_zeros: bool,
 }
 
 impl Relief for LevelRelief<'_> {

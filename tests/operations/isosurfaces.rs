@@ -409,6 +409,18 @@ fn solids_have_surfaces_of_their_occupancy() {
     let mesh = surface(&tree, &at(&[127.5]));
     let expected = std::f64::consts::PI * 512.0 * 4.0 / 3.0;
     assert!((volume_of(&mesh) / expected - 1.0).abs() < 0.01, "{}, not {expected}", volume_of(&mesh));
+    // Where they fill the whole, too, also if that ends where tiles do.
+    for side in [5, 32, 64, 70] {
+        let cells = made(form, [side; 3], |_| Some(byte(255)));
+        let tree =
+            opened(|path| write_goblin(path, &cells, (Rule::Occupancy, Kind::Continuous), Frame::identity()));
+        for nodata in [ContourNodata::Open, ContourNodata::Close] {
+            let mesh = surface(&tree, &with(at(&[127.5]), |request| request.nodata = nodata));
+            assert_eq!(mesh.vertices.len(), 2 + mesh.triangles.len() / 2);
+            let expected = (side as f64).powi(3) - 12.0 * (side as f64 - 1.0) / 8.0;
+            assert!((volume_of(&mesh) - expected).abs() < 2.0, "{side}: {}", volume_of(&mesh));
+        }
+    }
 }
 
 #[test]

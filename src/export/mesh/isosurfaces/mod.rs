@@ -47,7 +47,7 @@ pub struct IsosurfaceSummary {
 ///
 /// Surfaces end ([`ContourNodata::Open`]) at the centres of the last cells, and where one of eight cells is VOID, or no finite number; or they
 /// are closed there ([`ContourNodata::Close`]), midway between cells that have a value and cells that have none, as if these were lower than
-/// everything. In trees of [`Rule::Occupancy`](crate::value::Rule::Occupancy) VOID is 0.
+/// everything. In trees of [`Rule::Occupancy`](crate::value::Rule::Occupancy) VOID, and all outside, is 0, so that surfaces of solids are closed.
 ///
 /// Several surfaces are written one after the other, from the lowest value on: as objects in OBJ (`o level_0.5`), as a property `level` of
 /// faces in PLY; other formats hold one. Reads only where the tree's statistics cannot exclude a surface, on all threads of the current pool; the
@@ -149,8 +149,12 @@ fn write(
 ) -> Result<IsosurfaceSummary> {
     let level = request.level.unwrap_or(tree.depth());
     let relief = tree.relief(level);
-    let closes = request.nodata == ContourNodata::Close;
-    let ground = Ground { relief: &relief, level, whole: tree.extent_at(level).max, closes };
+    let none = match request.nodata {
+        _ if relief.has_zeros => 0.0,
+        ContourNodata::Close => f64::NEG_INFINITY,
+        ContourNodata::Open | ContourNodata::Extend => f64::NAN,
+    };
+    let ground = Ground { relief: &relief, level, whole: tree.extent_at(level).max, none };
     let surfaces = values.len() as u64;
     let tiles = ground.tiles().iter().fold(surfaces, |all, tiles| all.saturating_mul(*tiles));
     let total = ground.cells(0, [0; 3]).saturating_mul(surfaces);
@@ -176,6 +180,7 @@ fn write(
             });
             surface_bytes = 0;
             for (tile, surface) in wanted.iter().zip(made) {
+                progress.check()?;
                 let surface = surface?;
                 surface_bytes = surface_bytes.max(surface.bytes());
                 writer.add(tile.at, &surface)?;

@@ -70,10 +70,9 @@ impl TileCells {
         Ok(cells)
     }
 
-    /// Reads so many cells along each axis, from the first on. VOID, and what is no finite number, is less than everything if the surface is
-    /// to be closed.
+    /// Reads so many cells along each axis, from the first on. What is no finite number is what VOID is.
     fn read_box(&mut self, ground: &Ground<'_>, size: [usize; 3]) -> Result<()> {
-        let none = if ground.closes { f64::NEG_INFINITY } else { f64::NAN };
+        let none = ground.none;
         for z in 0..size[2] {
             for y in 0..size[1] {
                 let start = self.index([0, y, z]);

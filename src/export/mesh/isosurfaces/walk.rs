@@ -21,8 +21,8 @@ pub(super) struct Ground<'a> {
     /// The level, and the cells of the whole there.
     pub(super) level: u8,
     pub(super) whole: [u64; 3],
-    /// Whether what has no value, and all outside, is less than everything.
-    pub(super) closes: bool,
+    /// What VOID and all outside count as: a number, less than everything (so that surfaces are closed), or not a number (so that they end).
+    pub(super) none: f64,
 }
 
 impl Ground<'_> {
@@ -33,7 +33,15 @@ impl Ground<'_> {
 
     /// Tiles along the axes, with those behind the last cells that close the surface.
     pub(super) fn tiles(&self) -> [u64; 3] {
-        self.whole.map(|cells| (cells + u64::from(self.closes)).div_ceil(1 << TILE))
+        self.whole.map(|cells| (cells + u64::from(!self.none.is_nan())).div_ceil(1 << TILE))
+    }
+
+    /// The extremes of what is outside.
+    fn outside(&self) -> Extremes {
+        match self.none.is_finite() {
+            true => Extremes { least: self.none, greatest: self.none, has_values: true, has_void: false },
+            false => Extremes { has_void: true, ..Extremes::NONE },
+        }
     }
 
     /// Cells of the whole in a node of a level.
@@ -97,7 +105,7 @@ impl<'a> Walk<'a> {
 
     /// Whether the surface may pass between cells with these extremes.
     fn may_pass(&self, cells: &Extremes) -> bool {
-        let has_low = cells.least < self.value || self.ground.closes && cells.has_void;
+        let has_low = cells.least < self.value || self.ground.none < self.value && cells.has_void;
         cells.has_values && has_low && cells.greatest >= self.value
     }
 
@@ -111,7 +119,7 @@ impl<'a> Walk<'a> {
 
     /// The extremes of a node; all outside is VOID.
     fn extremes(&mut self, level: u8, node: [i64; 3]) -> Result<Extremes> {
-        let outside = Extremes { has_void: true, ..Extremes::NONE };
+        let outside = self.ground.outside();
         let [Ok(x), Ok(y), Ok(z)] = node.map(u32::try_from) else { return Ok(outside) };
         let Some(code) = Code::from_cell(Dimension::Oct, level, [x, y, z]) else { return Ok(outside) };
         if let Some(known) = self.known.get(&code) {
@@ -120,7 +128,9 @@ impl<'a> Walk<'a> {
         let mut extremes = self.ground.relief.extremes(code)?;
         // (A tile may be larger than the whole space.)
         let is_inside = Bounds::picture(self.ground.whole).contains(&code.bounds(self.ground.level));
-        extremes.has_void |= !is_inside || self.ground.level < TILE;
+        if !is_inside || self.ground.level < TILE {
+            extremes = extremes.with(outside);
+        }
         if self.known.len() >= MOST {
             self.known.clear();
         }
