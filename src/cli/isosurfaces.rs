@@ -9,7 +9,7 @@ use spinney::query::ContourRequest;
 
 use super::Global;
 use super::contours::Args;
-use super::report::{Work, report_output};
+use super::report::{Work, report_output, warn};
 
 pub(super) fn run(
     args: &Args,
@@ -39,6 +39,13 @@ pub(super) fn run(
         ),
     );
     report_output(global, &args.output, start);
+    if summary.triangles == 0
+        && let Some((least, greatest)) = tree.value_bounds()?.first()
+    {
+        let found = format!("has no triangles: values go from {least} to {greatest}");
+        let advice = "and surfaces end where VOID is near, unless --nodata is close";
+        warn(&format!("{}: {found}, {advice}", args.output.display()));
+    }
     Ok(())
 }
 

@@ -7,7 +7,7 @@ use spinney::space::Frame;
 use spinney::value::{Kind, Rule, SampleType};
 use tempfile::TempDir;
 
-use crate::common::command::{complaint, spinney, stdout};
+use crate::common::command::{complaint, spinney, stderr, stdout};
 use crate::common::mesh_file::{Read, read_off, read_ply, read_stl};
 use crate::common::{made, oct, write_goblin};
 
@@ -74,7 +74,8 @@ fn several_surfaces_are_told_apart() {
     spinney(&words).success();
     let part = read_ply(&fs::read(&out).unwrap());
     part.check_closed("part");
-    spinney(&["-q", "contours", &file, "--levels", "1000", "-o", &out]).success();
+    let text = stderr(spinney(&["-q", "contours", &file, "--levels", "1000", "-o", &out]).success());
+    assert!(text.contains("has no triangles"), "{text}");
     assert!(read_ply(&fs::read(&out).unwrap()).faces.is_empty());
 }
 
