@@ -1,4 +1,4 @@
-//! `spinney contours`: lines of equal values, and the areas between them.
+//! `spinney contours`: lines of equal values, and the areas between them; of octrees, surfaces.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -11,11 +11,9 @@ use spinney::export::vector::{
 use spinney::io::Output;
 use spinney::query::{Contour, ContourLevels, ContourNodata, ContourRequest};
 
-use super::args::{
-    Memory, OutputLimit, VECTOR_FORMATS, ViewedTree, check_output, level_of, number, vector_format,
-};
+use super::args::{Memory, OutputLimit, ViewedTree, check_output, level_of, number, vector_format};
 use super::report::{Work, report_output};
-use super::{Global, exact};
+use super::{Global, exact, isosurfaces};
 
 const EXAMPLES: &str = "Examples:
   spinney contours dem.goblin --every 100 -o contours.geojson
@@ -23,16 +21,22 @@ const EXAMPLES: &str = "Examples:
   spinney contours dem.goblin --levels 0,200,500,1000 -o contours.gpkg
   spinney contours dem.goblin --levels 0,200,500,1000 --bands -o zones.gpkg
   spinney contours dem.goblin --every 20 --view bbox=5,44,17,48 -o alps.csv
+  spinney contours scan.goblin --levels 127.5 -o bone.ply
+  spinney contours scan.goblin --levels 300,1200 --nodata close --level 7 -o parts.obj
 
 Values go straight from one cell's centre to the next. One that is equal to a level counts as above it;
 four cells that make a saddle, by their mean. Lines of a level never touch: they stay a millionth of a
 cell away from the centres of cells. Higher values are to the right of a line. At the edge of the
 picture lines go on to the edge of its cells.
 
+Of an octree the surfaces are triangles, counterclockwise seen from where values are lower, and end at
+the centres of the last cells unless they are closed there. Of whole numbers, take a level between two
+of them. Several levels are objects in OBJ, and a property \"level\" of faces in PLY.
+
 GeoJSON has the coordinates of the file's own coordinate system; if that is not WGS 84, it is named in
 a member \"crs\", as in the format's version of 2008.";
 
-/// Write contour lines of a picture at any level of detail, or the areas between them
+/// Write contour lines of a picture at any level of detail, the areas between them, or isosurfaces of an octree
 ///
 /// The values are those of the first channel. Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; bands, which are polygons with holes,
 /// min and max. Memory does not grow with the picture's area, only, with --bands, with the number of holes in polygons that are not whole yet: lines
@@ -41,36 +45,37 @@ a member \"crs\", as in the format's version of 2008.";
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     #[command(flatten)]
-    tree: ViewedTree,
+    pub(super) tree: ViewedTree,
     #[command(flatten)]
     levels: LevelOptions,
     /// The value that --every counts from
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
     base: f64,
-    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply; `-` is standard output
+    /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply, of an octree .ply, .obj, .stl or .off;
+    /// `-` is standard output
     #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
     /// Format where the output's name does not say
-    #[arg(long, value_parser = VECTOR_FORMATS)]
-    format: Option<String>,
+    #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg", "fgb", "shp", "obj", "ply", "stl", "off"])]
+    pub(super) format: Option<String>,
     /// Areas between neighbouring levels instead of lines
     #[arg(long)]
-    bands: bool,
+    pub(super) bands: bool,
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they were
     #[arg(long)]
     level: Option<u8>,
-    /// Behaviour of lines near VOID cells; bands always go on to the edge of the last cells
+    /// Behaviour of lines and surfaces near VOID cells; bands always go on to the edge of the last cells
     #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "bands")]
     nodata: Nodata,
     /// Cut the corners of lines so many times, which doubles their points each time
     #[arg(long, value_name = "TIMES", default_value_t = 0, conflicts_with = "bands")]
     #[arg(value_parser = clap::value_parser!(u8).range(0..=8))]
-    smooth: u8,
+    pub(super) smooth: u8,
     /// Points with a third coordinate: the value, of bands the least one
     #[arg(long = "3d")]
-    has_z: bool,
+    pub(super) has_z: bool,
     #[command(flatten)]
-    limit: OutputLimit,
+    pub(super) limit: OutputLimit,
     #[command(flatten)]
     memory: Memory,
 }
@@ -89,11 +94,11 @@ struct LevelOptions {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Nodata {
-    /// End: no line goes between four cells of which one is VOID
+    /// End: no line goes between four cells of which one is VOID, and no surface between eight
     Open,
-    /// Go on to the edge of the last cells and end there, as those of gdal_contour
+    /// Go on to the edge of the last cells and end there, as those of gdal_contour; lines only
     Extend,
-    /// Go on along the edge of the last cells, and of the picture, so that all are closed
+    /// Go on along the edge of the last cells, and of all, so that everything is closed
     Close,
 }
 
@@ -103,7 +108,6 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         exact::refuse(&args.tree.file, &[("contours", true)])?;
     }
     let tree = args.tree.open()?;
-    let format = vector_format(args.format.as_deref(), &args.output)?;
     check_output([args.tree.file.as_path()], &args.output)?;
     let levels = match (args.levels.every, &args.levels.levels) {
         (Some(step), _) => ContourLevels::Every { step, base: args.base },
@@ -117,6 +121,10 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         Nodata::Extend => ContourNodata::Extend,
         Nodata::Close => ContourNodata::Close,
     };
+    if tree.header().form.axes() == 3 {
+        return isosurfaces::run(args, &tree, &request, global, start);
+    }
+    let format = vector_format(args.format.as_deref(), &args.output)?;
     let (kind, name, attributes): (_, _, &[&str]) = match args.bands {
         false => (GeometryKind::Line, "contours", &["value"]),
         true => (GeometryKind::Polygon, "bands", &["min", "max"]),

@@ -14,6 +14,7 @@ mod export;
 mod find;
 mod get;
 mod info;
+mod isosurfaces;
 mod legend;
 mod log;
 mod point;

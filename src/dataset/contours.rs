@@ -81,12 +81,12 @@ impl Dataset {
         each: &mut TakeContour<'_>,
     ) -> Result<ContourSummary> {
         if self.header().form.axes() != 2 {
-            let advice = "look at slices of it with `spinney get`";
+            let advice = "it has isosurfaces: `spinney contours` with -o surface.ply, or export_isosurfaces";
             return Err(Error::unsupported(self.path(), "contours of an octree", advice));
         }
         let level = request.level.unwrap_or(self.depth());
         check_level(level, self.depth())?;
-        let relief = LevelRelief { tree: self, level, has_zeros: self.header().rule == Rule::Occupancy };
+        let relief = self.relief(level);
         let [columns, rows, _] = self.extent_at(level).max;
         let bounds = self.value_bounds()?.first().copied().unwrap_or((0.0, 0.0));
         let ground = Ground {
@@ -100,14 +100,19 @@ impl Dataset {
         self.check_unchanged()?;
         Ok(summary)
     }
+
+    /// The cells of a level, which there must be.
+    pub(crate) fn relief(&self, level: u8) -> LevelRelief<'_> {
+        LevelRelief { tree: self, level, has_zeros: self.header().rule == Rule::Occupancy }
+    }
 }
 
 /// The cells of a level.
-struct LevelRelief<'a> {
+pub(crate) struct LevelRelief<'a> {
     tree: &'a Dataset,
     level: u8,
     /// Whether VOID is a number: that of nothing.
-    has_zeros: bool,
+    pub(crate) has_zeros: bool,
 }
 
 impl Relief for LevelRelief<'_> {

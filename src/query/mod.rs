@@ -28,6 +28,8 @@ mod zonal;
 
 pub use contours::{Contour, ContourLevels, ContourNodata, ContourRequest, ContourSummary, TakeContour};
 pub(crate) use contours::{Extremes, Ground, Relief, file_extremes, source_extremes, trace_contours};
+#[cfg(feature = "mesh")]
+pub(crate) use contours::{Levels, level_share};
 pub(crate) use field::Field;
 pub(crate) use find::source_find;
 pub use find::{Condition, FoundBlock};

@@ -16,6 +16,8 @@ mod exact_operands;
 mod exact_sections;
 mod exact_sets;
 mod exact_triangles;
+#[cfg(feature = "mesh")]
+mod isosurfaces;
 mod operations;
 mod pixels;
 mod queries;

@@ -15,6 +15,8 @@ mod cli_exact;
 mod cli_exact_sets;
 mod cli_gltf;
 mod cli_info;
+#[cfg(feature = "cli")]
+mod cli_isosurfaces;
 mod cli_meshes;
 mod cli_octree_combine;
 mod cli_octree_transform;

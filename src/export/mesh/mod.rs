@@ -1,6 +1,8 @@
 //! The surface of an octree as a mesh: PLY, OBJ, STL or OFF; exact models, as CityJSON too (`exact/`);
 //! and octrees for viewers, as glTF and 3D Tiles (`gltf/`).
 //!
+//! Isosurfaces of other values than coverage are a room of their own (`isosurfaces/`).
+//!
 //! Two surfaces can be had. The *faces* of the cells, merged to rectangles, enclose exactly the solid cells.
 //! The *smooth* surface (Gibson's surface nets) runs between them, where the tree's coverage passes one half.
 //!
@@ -21,6 +23,7 @@ mod arrays;
 mod exact;
 mod faces;
 mod gltf;
+mod isosurfaces;
 mod net_normals;
 mod nets;
 mod numbers;
@@ -45,6 +48,7 @@ use crate::{Error, Progress, Result};
 pub use arrays::SurfaceMesh;
 pub use exact::{ExactSummary, export_exact};
 pub use gltf::{GltfOptions, TilesetSummary, export_glb, export_tileset};
+pub use isosurfaces::{IsosurfaceSummary, export_isosurfaces, isosurface_mesh};
 pub use ply::FaceAttribute;
 use sink::{Mesh, Sink};
 
@@ -197,7 +201,19 @@ pub fn export_blocks(
     let precision = Precision::of(frame, blocks.level())?;
     let carry = blocks.carry();
     let attribute = if carry == Carry::Value { attribute } else { FaceAttribute::None };
-    let sink: Box<dyn Sink> = match format {
+    let sink = sink_of(output, format, attribute, precision)?;
+    let triangles = request.triangles || format == MeshFormat::Stl;
+    write_surface(blocks, Mesh::new(sink, frame, triangles), request.smooth, progress)
+}
+
+/// Starts a file of a format.
+fn sink_of(
+    output: Output,
+    format: MeshFormat,
+    attribute: FaceAttribute,
+    precision: Precision,
+) -> Result<Box<dyn Sink>> {
+    Ok(match format {
         MeshFormat::Ply => Box::new(ply::Ply::new(output, attribute, precision != Precision::Single)?),
         MeshFormat::Obj => Box::new(obj::Obj::new(output)?),
         MeshFormat::Stl if precision == Precision::Double => {
@@ -211,9 +227,7 @@ pub fn export_blocks(
             let found = "a tree of cells as CityJSON";
             return Err(Error::unsupported(output.path(), found, "write PLY, OBJ, STL or OFF"));
         }
-    };
-    let triangles = request.triangles || format == MeshFormat::Stl;
-    write_surface(blocks, Mesh::new(sink, frame, triangles), request.smooth, progress)
+    })
 }
 
 fn write_surface(

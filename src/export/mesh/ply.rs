@@ -17,6 +17,8 @@ pub enum FaceAttribute {
     Byte,
     /// Its value, of two bytes: property `value`.
     Short,
+    /// The value of the surface that it belongs to, as the bits of an f32: property `level`.
+    Level,
 }
 
 /// The numbers of vertices and faces stand before them: both wait in temporary files.
@@ -75,6 +77,7 @@ impl Ply {
             FaceAttribute::Colour => colour,
             FaceAttribute::Byte => "property uchar value\n",
             FaceAttribute::Short => "property ushort value\n",
+            FaceAttribute::Level => "property float level\n",
         };
         format!(
             "ply\nformat binary_little_endian 1.0\ncomment made by spinney\nelement vertex {}\n\
@@ -128,6 +131,7 @@ impl Sink for Ply {
             FaceAttribute::Colour => self.bytes.extend(&attribute.to_be_bytes()[1..]),
             FaceAttribute::Byte => self.bytes.push(attribute as u8),
             FaceAttribute::Short => self.bytes.extend((attribute as u16).to_le_bytes()),
+            FaceAttribute::Level => self.bytes.extend(attribute.to_le_bytes()),
         }
         self.face_spill.write(&self.bytes)
     }

@@ -59,6 +59,11 @@ impl<'a> Mesh<'a> {
         Mesh { sink, frame, mirrored, triangles, summary: MeshSummary::default(), ring: Vec::new() }
     }
 
+    /// Writes the name of the part that the following faces belong to.
+    pub(super) fn part(&mut self, name: &str) -> Result<()> {
+        self.sink.part(name)
+    }
+
     /// Writes a vertex at a point in cell coordinates.
     pub(super) fn vertex(&mut self, cells: [f64; 3]) -> Result<Vertex> {
         let vertex = Vertex { index: self.summary.vertices, at: self.frame.to_world(cells) };

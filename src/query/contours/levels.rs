@@ -22,14 +22,14 @@ const MOST: i32 = 1 << 30;
 /// Levels, numbered upwards: a value's *rank* is the number of the first level above it, so that the level of number `n` is at most the value
 /// exactly if the rank is greater than `n`. All decisions about lines are made on ranks, so that none contradicts another.
 #[derive(Debug)]
-pub(super) struct Levels(ContourLevels);
+pub(crate) struct Levels(ContourLevels);
 
 impl Levels {
     /// Checks levels and puts them in order.
     ///
     /// # Errors
     /// If there are none, one is no finite number, or the step is not greater than 0.
-    pub(super) fn new(levels: &ContourLevels) -> Result<Levels> {
+    pub(crate) fn new(levels: &ContourLevels) -> Result<Levels> {
         let invalid = |found: String, expected: &str| Err(Error::invalid("contour levels", found, expected));
         let mut levels = levels.clone();
         match &mut levels {
@@ -54,6 +54,24 @@ impl Levels {
             }
         }
         Ok(Levels(levels))
+    }
+
+    /// The levels, from the lowest on: all that were given; of multiples of a step those that only some of all values reach.
+    ///
+    /// # Errors
+    /// If there are far too many.
+    #[cfg(feature = "mesh")]
+    pub(crate) fn reached(&self, (least, greatest): (f64, f64)) -> Result<Vec<f64>> {
+        const MOST_REACHED: i32 = 1 << 16;
+        let numbers = match &self.0 {
+            ContourLevels::Every { .. } => self.rank(least)..self.rank(greatest),
+            ContourLevels::At(values) => 0..values.len() as i32,
+        };
+        if numbers.end.saturating_sub(numbers.start) > MOST_REACHED {
+            let found = format!("more than {MOST_REACHED} of them");
+            return Err(Error::invalid("contour levels", found, "levels farther apart"));
+        }
+        Ok(numbers.map(|number| self.value(number)).collect())
     }
 
     /// The level of a number.

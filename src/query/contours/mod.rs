@@ -23,8 +23,10 @@ pub(crate) use self::extremes::{Extremes, file_extremes, source_extremes};
 use self::grid::ValueGrid;
 use self::join::{ContourLine, Joiner};
 pub use self::levels::ContourLevels;
-use self::levels::Levels;
+pub(crate) use self::levels::Levels;
 use self::nodes::Tracing;
+#[cfg(feature = "mesh")]
+pub(crate) use self::nodes::level_share;
 use self::pieces::LinePieces;
 use self::polygons::Polygons;
 use self::rows::TileRows;
@@ -139,7 +141,7 @@ impl Contour<'_> {
 /// Takes contours as they come.
 pub type TakeContour<'a> = dyn FnMut(&Contour<'_>) -> Result<()> + 'a;
 
-/// Cells that contours are traced on: those of a level of a quadtree.
+/// Cells that contours and isosurfaces are traced on: those of a level of a tree.
 pub(crate) trait Relief: Sync {
     /// A node's state.
     fn node(&self, code: Code) -> Result<Child<()>>;

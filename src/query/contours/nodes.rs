@@ -139,7 +139,7 @@ impl Nodes {
             return self.add_border(middle, a.max(b)).map(drop);
         }
         for level in a.min(b)..a.max(b) {
-            let share = share(levels.value(level), values);
+            let share = level_share(levels.value(level), values);
             let at = |axis: usize| start[axis] + share * (end[axis] - start[axis]);
             for side in 0..self.tracing.sides() {
                 self.add([at(0), at(1)], level + side as i32, false)?;
@@ -205,12 +205,13 @@ impl Nodes {
     }
 }
 
-/// How far from one value to another a level is.
+/// The part of the way from one value to another that a level is at, away from both.
 #[inline]
-fn share(level: f64, [a, b]: [f64; 2]) -> f64 {
+pub(crate) fn level_share(level: f64, [a, b]: [f64; 2]) -> f64 {
     // (Halves cannot overflow.)
     let share = (0.5 * level - 0.5 * a) / (0.5 * b - 0.5 * a);
-    share.clamp(AWAY, 1.0 - AWAY)
+    // (Halves of the least numbers of all are 0.)
+    if share.is_nan() { 0.5 } else { share.clamp(AWAY, 1.0 - AWAY) }
 }
 
 /// The distance that lines keep from each other, in cells.

@@ -1,0 +1,62 @@
+//! `spinney contours` of an octree: surfaces of equal values.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+use spinney::dataset::Dataset;
+use spinney::export::mesh::{MeshFormat, export_isosurfaces};
+use spinney::query::ContourRequest;
+
+use super::Global;
+use super::contours::Args;
+use super::report::{Work, report_output, warn};
+
+pub(super) fn run(
+    args: &Args,
+    tree: &Dataset,
+    request: &ContourRequest,
+    global: &Global,
+    start: Instant,
+) -> Result<()> {
+    let given = [("--bands", args.bands), ("--smooth", args.smooth > 0), ("--3d", args.has_z)];
+    if let Some((option, _)) = given.iter().find(|(_, is_given)| *is_given) {
+        let file = args.tree.file.display();
+        bail!("{option}: is for contours of pictures; {file} is an octree, which has isosurfaces");
+    }
+    let format = mesh_format(args)?;
+    let work = Work::start(global, "cells")?;
+    let summary = args
+        .limit
+        .create(&args.output)
+        .and_then(|output| export_isosurfaces(tree, request, output, format, &work))
+        .with_context(|| format!("cannot write {}", args.output.display()))?;
+    work.finish();
+    global.report(
+        "contours",
+        format_args!(
+            "{} triangles, {} vertices, {} of {} tiles read",
+            summary.triangles, summary.vertices, summary.tiles_read, summary.tiles
+        ),
+    );
+    report_output(global, &args.output, start);
+    if summary.triangles == 0
+        && let Some((least, greatest)) = tree.value_bounds()?.first()
+    {
+        let found = format!("has no triangles: values go from {least} to {greatest}");
+        let advice = "and surfaces end where VOID is near, unless --nodata is close";
+        warn(&format!("{}: {found}, {advice}", args.output.display()));
+    }
+    Ok(())
+}
+
+/// The format that `--format` says, or else the output's name.
+fn mesh_format(args: &Args) -> Result<MeshFormat> {
+    let named = args.format.as_deref().map(|name| name.parse().ok());
+    match named.unwrap_or_else(|| MeshFormat::of(&args.output)) {
+        None | Some(MeshFormat::CityJson) => bail!(
+            "{}: no format for isosurfaces of an octree; use .ply, .obj, .stl or .off, or --format",
+            args.output.display()
+        ),
+        Some(format) => Ok(format),
+    }
+}
