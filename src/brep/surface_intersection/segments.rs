@@ -23,12 +23,13 @@ pub(super) struct Segments {
     pub(super) vertices: Vertices,
 }
 
-/// What two faces have in common, as it is found by itself.
-enum Found {
-    /// A segment that passes through both faces.
-    Inner([ExactPoint; 2]),
-    /// Parts of a segment along edges, between points that corners divide it at.
-    AlongEdge(Vec<ExactPoint>),
+/// A segment that two faces have in common, as it is found by itself.
+struct Found {
+    faces: [u32; 2],
+    /// Its ends, in the direction of the line of both planes, and between them the corners that divide it.
+    points: Vec<ExactPoint>,
+    /// Whether it runs along an edge of one of the faces, and does not pass through both.
+    is_along_edge: bool,
 }
 
 impl Segments {
@@ -48,23 +49,16 @@ impl Segments {
         for tasks in tasks.chunks(64) {
             progress.check()?;
             let parts = parallel::map(tasks, |contacts| {
-                contacts.iter().flat_map(|contact| parts_of(surface, contact)).collect::<Vec<_>>()
+                contacts.iter().flat_map(|contact| segments_of(surface, contact)).collect::<Vec<_>>()
             });
-            for (faces, part) in parts.into_iter().flatten() {
-                match part {
-                    Found::Inner(ends) => {
-                        let vertices = ends.map(|end| found.vertices.number(end));
-                        let [a, b] = faces;
-                        found.list.push(Segment { vertices, is_crossing: true, faces: [[a; 2], [b; 2]] });
-                    }
-                    Found::AlongEdge(points) => {
-                        for ends in points.windows(2) {
-                            let vertices = [ends[0], ends[1]].map(|end| found.vertices.number(end));
-                            let [one, other] = vertices;
-                            if known.insert([one.min(other), one.max(other)]) {
-                                found.add_along_edge(surface, faces, vertices, [&ends[0], &ends[1]]);
-                            }
-                        }
+            for Found { faces, points, is_along_edge } in parts.into_iter().flatten() {
+                for ends in points.windows(2) {
+                    let [one, other] = [ends[0], ends[1]].map(|end| found.vertices.number(end));
+                    if !is_along_edge {
+                        let faces = faces.map(|face| [face; 2]);
+                        found.list.push(Segment { vertices: [one, other], is_crossing: true, faces });
+                    } else if known.insert([one.min(other), one.max(other)]) {
+                        found.add_along_edge(surface, faces, [one, other], [&ends[0], &ends[1]]);
                     }
                 }
             }
@@ -138,34 +132,31 @@ impl Segments {
     }
 }
 
-/// The parts of a contact's segments, in the direction of the line of both planes.
-fn parts_of(surface: &Surface<'_>, contact: &Contact) -> Vec<([u32; 2], Found)> {
-    let [a, b] = contact.faces;
-    let part = |ends: &[ExactPoint; 2]| {
-        let axis = Axis::of(surface, [a, b]);
+/// The segments of a contact.
+fn segments_of(surface: &Surface<'_>, contact: &Contact) -> Vec<Found> {
+    let faces = contact.faces;
+    let axis = Axis::of(surface, faces);
+    let segment = |ends: &[ExactPoint; 2]| {
         let mut ends = *ends;
         if axis.order(&ends[0], &ends[1]).is_gt() {
             ends.reverse();
         }
-        if ![a, b].into_iter().any(|face| has_on_edge(surface, face, &ends)) {
-            return (contact.faces, Found::Inner(ends));
-        }
         let mut points = ends.to_vec();
-        for face in faces_at(surface, [&ends[0], &ends[1]]) {
-            for corner in &surface.polygon(face).corners {
-                let point = &corner.point;
-                let is_between =
-                    || axis.order(&ends[0], point).is_lt() && axis.order(point, &ends[1]).is_lt();
-                if [a, b].into_iter().all(|face| surface.plane(face).side(point) == 0) && is_between() {
-                    points.push(*point);
-                }
+        let is_along_edge = faces.iter().any(|face| has_on_edge(surface, *face, &ends));
+        if is_along_edge {
+            for face in faces_at(surface, [&ends[0], &ends[1]]) {
+                let polygon = surface.polygon(face);
+                points.extend(polygon.corners.iter().map(|corner| corner.point).filter(|point| {
+                    let is_on_line = || faces.iter().all(|face| surface.plane(*face).side(point) == 0);
+                    axis.order(&ends[0], point).is_lt() && axis.order(point, &ends[1]).is_lt() && is_on_line()
+                }));
             }
+            points.sort_by(|a, b| axis.order(a, b));
+            points.dedup_by(|a, b| axis.order(a, b).is_eq());
         }
-        points.sort_by(|a, b| axis.order(a, b));
-        points.dedup_by(|a, b| axis.order(a, b).is_eq());
-        (contact.faces, Found::AlongEdge(points))
+        Found { faces, points, is_along_edge }
     };
-    contact.segments.iter().map(part).collect()
+    contact.segments.iter().map(segment).collect()
 }
 
 /// Whether a segment runs along an edge of a face.
