@@ -254,6 +254,18 @@ fn boxes_in_all_ways() {
     assert_eq!(with([60, 60, 30], [80, 80, 90], "part of an edge"), ([0, 1, 0, 0], [0.0, 30.0], [0.0; 2]));
     assert_eq!(with([60, 30, 30], [80, 50, 50], "on a wall"), ([0, 0, 1, 0], [0.0; 2], [0.0, 400.0]));
     assert_eq!(with([60, 20, 20], [80, 60, 60], "side by side"), ([0, 0, 1, 0], [0.0; 2], [0.0, 1600.0]));
+    // To the left of a line, as seen from outside, the first surface goes on into the second body.
+    let b = Body::of(&cuboid([40; 3], [80; 3]), bits);
+    let faces = triangles_of_sources(&a);
+    let line = &found(&a, &b).lines[0];
+    for (ends, [[left, _], _]) in line.points.windows(2).zip(&line.faces) {
+        let along = minus(ends[1], ends[0]);
+        let to_left = cross(normal(faces[left][0]), along);
+        let beside = |way: f64| {
+            [0, 1, 2].map(|axis| (ends[0][axis] + ends[1][axis] + way * to_left[axis] / size(to_left)) / 2.0)
+        };
+        assert!(b.is_inside(beside(1.0)) && !b.is_inside(beside(-1.0)));
+    }
     // Inside with a wall in common: no line, since what is on the wall counts as inside.
     assert_eq!(with([40, 30, 30], [60, 50, 50], "inside at a wall").2, [400.0, 0.0]);
     // Half in: walls go on, and areas are bounded by what is inside.
