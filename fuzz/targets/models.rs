@@ -35,7 +35,9 @@ pub fn ask_model(file: Vec<u8>) {
     if crc32c::crc32c(&file) % 8 < 2 {
         // (Faces that bound no body may be no surface that can be written or walked on.)
         let _ = topology(&model);
-        let _ = surface_intersection(&model, &model, 4 << 20, &());
+        if crc32c::crc32c(&file) % 16 == 0 {
+            let _ = surface_intersection(&model, &model, 4 << 20, &());
+        }
         exports(&model);
         in_file("model.goblin", &file, |path| {
             let Ok(mut model) = mesh::open(path, 1 << 20) else { return };

@@ -7,10 +7,14 @@ use super::point::ExactPoint;
 use crate::brep::Grid;
 
 impl ExactPoint {
-    /// The point in the world: that of the grid as models have it, any other one by coordinates that are rounded once.
+    /// The point in the world: that of the grid as models have it, any other one by coordinates that are rounded once. Those of a point that
+    /// is none, which only faces have that are not flat, are no numbers.
     pub(crate) fn to_world(self, grid: &Grid) -> [f64; 3] {
         if let Some(at) = self.on_grid() {
             return grid.to_world(at);
+        }
+        if self.weight.is_zero() {
+            return [f64::NAN; 3];
         }
         let ((step, step_power), (divisor, divisor_power)) = (parts(grid.step), parts(grid.divisor));
         [0, 1, 2].map(|axis| {

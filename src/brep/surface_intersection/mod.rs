@@ -18,7 +18,7 @@ use super::arrangement::{Operands, Surface};
 use super::combine::NearFaces;
 use super::questions::SectionPolygon;
 use super::{ExactModel, Faces};
-use crate::{Progress, Result};
+use crate::{Error, Progress, Result};
 
 /// The way in which surfaces have a line in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,5 +154,19 @@ pub fn surface_intersection(
         points: chain.vertices.iter().map(|vertex| world[*vertex as usize]).collect(),
         faces: chain.faces.iter().map(|faces| faces.map(|sides| sides.map(source))).collect(),
     });
-    Ok(SurfaceIntersection { lines: lines.collect(), areas, points })
+    let found = SurfaceIntersection { lines: lines.collect(), areas, points };
+    let are_numbers = found.all_points().flatten().all(|at| at.is_finite());
+    match are_numbers {
+        true => Ok(found),
+        false => Err(Error::corrupt(a.path(), "faces", "faces whose corners lie in no plane", "flat faces")),
+    }
+}
+
+impl SurfaceIntersection {
+    /// All points of all features, in the world.
+    pub fn all_points(&self) -> impl Iterator<Item = &[f64; 3]> {
+        let rings = self.areas.iter().flat_map(|area| &area.polygon.rings);
+        let lines = self.lines.iter().map(|line| &line.points).chain(rings).flatten();
+        lines.chain(self.points.iter().map(|point| &point.point))
+    }
 }

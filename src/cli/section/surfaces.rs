@@ -109,9 +109,7 @@ pub(super) fn write(
 
 /// Least and greatest x and y of what was found.
 fn bounds(found: &SurfaceIntersection) -> Option<[[f64; 2]; 2]> {
-    let rings = found.areas.iter().flat_map(|area| &area.polygon.rings);
-    let points = found.lines.iter().map(|line| &line.points).chain(rings).flatten();
-    let points = points.chain(found.points.iter().map(|point| &point.point)).map(|[x, y, _]| [*x, *y]);
+    let points = found.all_points().map(|[x, y, _]| [*x, *y]);
     points.map(|point| [point; 2]).reduce(|[low, high], [point, _]| {
         [[low[0].min(point[0]), low[1].min(point[1])], [high[0].max(point[0]), high[1].max(point[1])]]
     })
