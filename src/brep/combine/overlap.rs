@@ -109,6 +109,11 @@ struct OtherNode<'a> {
     cell: [[i64; 3]; 2],
 }
 
+/// Whether two boxes have a point in common.
+fn meet([low, high]: &[[i64; 3]; 2], [other_low, other_high]: &[[i64; 3]; 2]) -> bool {
+    (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
+}
+
 struct Walk<'a> {
     own: usize,
     models: &'a [&'a ExactModel],
@@ -134,6 +139,14 @@ impl<'a> Walk<'a> {
         let [low, high] = self.placed.half_units(self.own, node);
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
         let is_leaf = matches!(node.state(), NodeState::Leaf { .. });
+        if is_leaf {
+            for other in others {
+                if self.has_leaf_at(other, &around)? {
+                    node.faces().for_each(|face| self.found.near.add(face));
+                    return Ok(());
+                }
+            }
+        }
         let mut places = places.to_vec();
         let mut near: Vec<OtherNode<'a>> = Vec::new();
         let mut is_far = true;
@@ -160,15 +173,31 @@ impl<'a> Walk<'a> {
         if is_far {
             return self.settle(node, &places);
         }
-        if is_leaf {
-            node.faces().for_each(|face| self.found.near.add(face));
-            return Ok(());
-        }
         for child in 0..8 {
             let child = self.models[self.own].child(node, child)?;
             self.node(&child, &near, &places)?;
         }
         Ok(())
+    }
+
+    /// Whether a leaf at or below a node meets a box.
+    fn has_leaf_at(&self, other: &OtherNode<'a>, around: &[[i64; 3]; 2]) -> Result<bool> {
+        match other.node.state() {
+            NodeState::Void | NodeState::Full => Ok(false),
+            NodeState::Leaf { .. } => Ok(meet(&other.cell, around)),
+            NodeState::Inner => {
+                for child in 0..8 {
+                    let cell = half_of(&other.cell, child);
+                    if meet(&cell, around) {
+                        let node = self.models[other.body].child(&other.node, child)?;
+                        if self.has_leaf_at(&OtherNode { node, cell, ..*other }, around)? {
+                            return Ok(true);
+                        }
+                    }
+                }
+                Ok(false)
+            }
+        }
     }
 
     /// Appends the nodes that meet a box, those with faces as small as it or as they are.
@@ -179,10 +208,7 @@ impl<'a> Walk<'a> {
         to_leaves: bool,
         near: &mut Vec<OtherNode<'a>>,
     ) -> Result<()> {
-        let meets = |[low, high]: &[[i64; 3]; 2]| {
-            (0..3).all(|axis| low[axis] <= around[1][axis] && around[0][axis] <= high[axis])
-        };
-        if !meets(&other.cell) {
+        if !meet(&other.cell, around) {
             return Ok(());
         }
         let [low, high] = other.cell;
@@ -190,7 +216,7 @@ impl<'a> Walk<'a> {
             NodeState::Inner if to_leaves || high[0] - low[0] > around[1][0] - around[0][0] => {
                 for child in 0..8 {
                     let cell = half_of(&other.cell, child);
-                    if meets(&cell) {
+                    if meet(&cell, around) {
                         let node = self.models[other.body].child(&other.node, child)?;
                         self.refine(&OtherNode { node, cell, ..*other }, around, to_leaves, near)?;
                     }
