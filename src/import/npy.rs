@@ -19,12 +19,10 @@ pub(super) struct Header {
     pub(super) fortran_order: bool,
     /// Length along each axis.
     pub(super) shape: Vec<u64>,
-    /// Bytes of the file before the first sample.
-    pub(super) length: u64,
 }
 
 impl Header {
-    /// Reads the header of an array, of version 1.0, 2.0 or 3.0.
+    /// Reads the header of an array, of version 1.0, 2.0 or 3.0; the first sample comes next.
     ///
     /// # Errors
     /// If there is none, it is longer than 64 KiB, or tells anything but a type by its name, an order and a shape.
@@ -66,7 +64,7 @@ impl Header {
             let found = format!("`{}`", text.chars().take(200).collect::<String>().trim().escape_debug());
             return Err(corrupt(&found, "a dictionary of descr, fortran_order and shape"));
         };
-        Ok(Header { descr: descr.into(), fortran_order, shape, length: 8 + width as u64 + u64::from(length) })
+        Ok(Header { descr: descr.into(), fortran_order, shape })
     }
 
     /// The shape in words: `(3, 4, 5)`.

@@ -1,7 +1,7 @@
 //! Volumes in NPY files, read cube by cube.
 
 use std::fs::File;
-use std::io;
+use std::io::{self, Seek};
 use std::path::{Path, PathBuf};
 
 use super::super::npy::Header;
@@ -59,6 +59,7 @@ impl Array {
     pub(super) fn open(path: &Path) -> Result<Array> {
         let mut file = File::open(path).map_err(Error::io(path, "open"))?;
         let header = Header::read(&mut file, path)?;
+        let start = file.stream_position().map_err(Error::io(path, "read"))?;
         let unsupported = |found: String, advice: &str| Err(Error::unsupported(path, found, advice));
         if header.fortran_order {
             let advice = "save it in C order: numpy.save(path, numpy.ascontiguousarray(array))";
@@ -91,7 +92,7 @@ impl Array {
         }
         let cell = format.bits() as u64 / 8 * u64::from(channels);
         let bytes = size.into_iter().try_fold(cell, u64::checked_mul);
-        let Some(end) = bytes.and_then(|bytes| bytes.checked_add(header.length)) else {
+        let Some(end) = bytes.and_then(|bytes| bytes.checked_add(start)) else {
             let found = format!("shape {shape}");
             return Err(Error::corrupt(path, "the header", found, "a shape that some file has room for"));
         };
@@ -108,7 +109,7 @@ impl Array {
             layout: format!("NPY of {}", header.descr),
             format,
             is_big_endian,
-            start: header.length,
+            start,
         })
     }
 
