@@ -93,7 +93,9 @@ fn dictionary(text: &str) -> Option<(&str, bool, Vec<u64>)> {
         }
     }
     let is_all = literal.0.trim_ascii().is_empty();
-    Some((descr?, fortran_order?, shape?)).filter(|_| is_all)
+    // No array of NumPy has more dimensions, and no type that anybody reads a longer name.
+    let is_short = |(descr, _, shape): &(&str, bool, Vec<u64>)| descr.len() <= 64 && shape.len() <= 64;
+    Some((descr?, fortran_order?, shape?)).filter(|found| is_all && is_short(found))
 }
 
 /// The rest of a text in Python's notation.
@@ -185,6 +187,7 @@ mod tests {
             "{'descr': '<f4', 'fortran_order': False, 'shape': (3 4)}",
             "{'descr': '<f4', 'fortran_order': False, 'shape': (3",
             "{'descr': '<f4', 'fortran_order': False, 'shape': (18446744073709551616, 4, 5)}",
+            &format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({})}}", "1, ".repeat(65)),
             "{'descr': '\\x3cf4', 'fortran_order': False, 'shape': (3, 4, 5)}",
             "{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (3, 4, 5)}",
             "__import__('os').system('true')",
