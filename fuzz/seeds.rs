@@ -349,10 +349,15 @@ fn texts(put: Put<'_>) {
     put("df_text", "colours", b"\x12G[1,2,3][4,5,6]WB");
     put("df_text", "floats", b"\x1eG[0.5][-1e300]W[0]");
     put("cells", "text", b"1,2,3\n0 0 void\n7;7;200\n");
-    let header = "{'descr': '<i2', 'fortran_order': False, 'shape': (2, 3), }\n";
-    let mut array = b"\x93NUMPY\x01\0".to_vec();
-    array.extend((header.len() as u16).to_le_bytes());
-    array.extend(header.as_bytes());
-    [1i16, 2, 3, 4, 5, 6].iter().for_each(|number| array.extend(number.to_le_bytes()));
-    put("cells", "array", &array);
+    let array = |descr: &str, shape: &str, samples: &[u8]| {
+        let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let length = (header.len() as u16).to_le_bytes();
+        [&b"\x93NUMPY\x01\0"[..], &length, header.as_bytes(), samples].concat()
+    };
+    let cells: Vec<u8> = [1i16, 2, 3, 4, 5, 6].iter().flat_map(|number| number.to_le_bytes()).collect();
+    put("cells", "array", &array("<i2", "(2, 3)", &cells));
+    let numbers: Vec<u8> = (0..60).flat_map(|number| (number as f32 * 0.5 - 7.0).to_be_bytes()).collect();
+    put("npy", "floats", &array(">f4", "(3, 4, 5)", &numbers));
+    put("npy", "halves", &array("<f2", "(2, 3, 4, 2)", &numbers[..96]));
+    put("npy", "longs", &array("<i8", "(2, 3, 1)", &[&[0; 40][..], &5u64.to_le_bytes()].concat()));
 }

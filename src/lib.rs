@@ -79,7 +79,7 @@
 //! | --- | --- |
 //! | [`dataset`] | a file, or a view of one, and all that can be asked of it |
 //! | [`ops`] | views (windows, scaling, rotation), set operations, edits: from files to files |
-//! | [`import`], [`export`] | picture files, meshes and arrays in and out |
+//! | [`import`], [`export`] | picture files, volumes, meshes and arrays in and out |
 //! | `style` | how values become colours, whatever is drawn |
 //! | [`store`] | the formats, and building |
 //! | [`brep`] | exact models: planar faces on an integer grid, their files, and what can be asked of them |
@@ -90,7 +90,7 @@
 //!
 //! # Features
 //!
-//! `raster` has the readers and writers of picture files, `mesh` those of meshes, `cli` the program `spinney`. Without them
+//! `raster` has the readers and writers of picture files, and the reader of volumes, `mesh` those of meshes, `cli` the program `spinney`. Without them
 //! the library is the trees and their formats alone.
 
 #[cfg(feature = "mesh")]

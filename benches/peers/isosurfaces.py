@@ -3,9 +3,8 @@
 
     isosurfaces.py [SIDE]
 
-Ours is the whole program, from the tree to a PLY file; theirs is told alone, and with reading the raw samples and writing PLY. Volumes of f32 are
-a ball and a gyroid, whose surface is everywhere. The trees are made by the example `volume`, built beside the program, which is
-target/release/spinney, or SPINNEY. Vertices and area are compared with theirs.
+Ours is the whole program, from the tree to a PLY file; theirs is told alone, and with reading the NPY file and writing PLY. Volumes of f32 are
+a ball and a gyroid, whose surface is everywhere. The program is target/release/spinney, or SPINNEY. Vertices and area are compared with theirs.
 """
 
 import json
@@ -24,6 +23,7 @@ kind, side, out = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 x = (np.arange(side, dtype='<f4') + 0.5) / side
 turn = np.float32(2 * np.pi * 6) * x
 with open(out, 'wb') as file:
+    np.lib.format.write_array_header_1_0(file, {'descr': '<f4', 'fortran_order': False, 'shape': (side, side, side)})
     for z, t in zip(x, turn):
         if kind == 'ball':
             plane = np.float32(0.4) - np.sqrt((x[None, :] - 0.5) ** 2 + (x[:, None] - 0.5) ** 2 + (z - 0.5) ** 2)
@@ -37,8 +37,8 @@ PEER = """
 import json, sys, time
 import numpy as np
 from skimage.measure import marching_cubes
-raw, side, out = sys.argv[1], int(sys.argv[2]), sys.argv[3]
-volume = np.fromfile(raw, '<f4').reshape(side, side, side)
+raw, out = sys.argv[1], sys.argv[2]
+volume = np.load(raw)
 began = time.process_time()
 points, faces = marching_cubes(volume, 0.0)[:2]
 alone = time.process_time() - began
@@ -93,14 +93,14 @@ def main():
     print("scikit-image " + subprocess.run([PYTHON, "-c", "import skimage; print(skimage.__version__)"], check=True, capture_output=True, text=True).stdout)
     rows = []
     for kind in ("ball", "gyroid"):
-        raw, tree = WORK / f"{kind}.f32", WORK / f"{kind}.goblin"
+        raw, tree = WORK / f"{kind}.npy", WORK / f"{kind}.goblin"
         ours, theirs, result = WORK / f"{kind}.ply", WORK / f"{kind}_peer.ply", WORK / "isosurface.json"
         subprocess.run([PYTHON, "-c", MAKE, kind, str(side), raw], check=True)
-        subprocess.run([SPINNEY.parent / "examples" / "volume", raw, *[str(side)] * 3, tree], check=True)
+        subprocess.run([SPINNEY, "-q", "build", raw, "-o", tree], check=True)
         # (Mapped files count as memory.)
         cpu, wall, peak = runs([SPINNEY, "-q", "contours", tree, "--levels", "0", "-o", ours, "--positioned"])
         with open(result, "w") as file:
-            whole, slow, more = once([PYTHON, "-c", PEER, raw, side, theirs], stdout=file)
+            whole, slow, more = once([PYTHON, "-c", PEER, raw, theirs], stdout=file)
         alone = json.loads(result.read_text())
         found = subprocess.run([PYTHON, "-c", COMPARE, ours, theirs], check=True, capture_output=True, text=True).stdout
         mine, others, same, apart, (count, area), (faces, their_area) = json.loads(found)

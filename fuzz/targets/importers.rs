@@ -8,6 +8,7 @@ use spinney::dataset;
 use spinney::import::cells::CellList;
 use spinney::import::mesh::{self, ExactOptions, Resolution, SolidOptions, plan_models};
 use spinney::import::raster::{self, ImportOptions, Order, Pixels, RasterOptions, plan};
+use spinney::import::volume::{self, VolumeOptions};
 use spinney::io::Output;
 use spinney::space::Region;
 use spinney::store::OpenOptions;
@@ -171,5 +172,19 @@ pub fn cells(bytes: &[u8]) {
                 list.take_while(Result::is_ok).for_each(drop);
             }
         });
+    });
+}
+
+/// A volume: an array of three dimensions, built if it is small.
+pub fn npy(bytes: &[u8]) {
+    in_file("a.npy", bytes, |path| {
+        let mut options = VolumeOptions::new();
+        options.memory = Some(2 * MEMORY);
+        let built = path.with_extension("goblin");
+        // (What is planned has all its samples in the file, and is small, therefore.)
+        let import = volume::plan(path, &options);
+        if import.and_then(|import| import.build(Output::create(&built)?, &())).is_ok() {
+            check_built(&built);
+        }
     });
 }

@@ -13,7 +13,7 @@ pub mod trees;
 
 pub use edits::{autumnal_edit, autumnal_file};
 pub use importers::{
-    cells, cityjson, exr, hgt, jpeg, obj, off, ply, png, sidecar, stl, tiff, webp, world_file,
+    cells, cityjson, exr, hgt, jpeg, npy, obj, off, ply, png, sidecar, stl, tiff, webp, world_file,
 };
 pub use models::model_read;
 pub use texts::{crs_text, df_text, step_text};
@@ -23,7 +23,7 @@ pub use trees::{autumnal_read, goblin_read};
 pub type Target = fn(&[u8]);
 
 /// All targets with their names, which are those of their folders in `fuzz/corpus/`.
-pub const TARGETS: [(&str, Target); 22] = [
+pub const TARGETS: [(&str, Target); 23] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),
     ("autumnal_read", autumnal_read),
@@ -36,6 +36,7 @@ pub const TARGETS: [(&str, Target); 22] = [
     ("hgt", hgt),
     ("jpeg", jpeg),
     ("model_read", model_read),
+    ("npy", npy),
     ("obj", obj),
     ("off", off),
     ("ply", ply),

@@ -33,7 +33,7 @@ impl ArrayRequest {
 }
 
 /// Writes a box of an octree as NPY (an array of shape z, y, x) or as its samples alone, x fastest, then y,
-/// then z.
+/// then z. Such NPY files are what `import::volume` reads.
 ///
 /// # Errors
 /// If the tree is a quadtree or has no such level, the box is empty or sticks out of the space of the tree,

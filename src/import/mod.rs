@@ -6,5 +6,8 @@ pub mod geojson;
 mod guard;
 #[cfg(feature = "mesh")]
 pub mod mesh;
+mod npy;
 #[cfg(feature = "raster")]
 pub mod raster;
+#[cfg(feature = "raster")]
+pub mod volume;

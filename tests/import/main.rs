@@ -42,4 +42,6 @@ mod real_rasters;
 mod sidecars;
 #[cfg(feature = "raster")]
 mod tiles;
+#[cfg(feature = "raster")]
+mod volumes;
 mod warped_tiles;

@@ -27,4 +27,6 @@ mod cli_safety;
 mod cli_section;
 mod cli_solids;
 mod cli_styles;
+#[cfg(feature = "cli")]
+mod cli_volumes;
 mod cli_warp;

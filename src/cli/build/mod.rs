@@ -1,4 +1,4 @@
-//! `spinney build`: trees of pictures and of solids.
+//! `spinney build`: trees of pictures, of volumes and of solids.
 
 mod exact;
 mod pictures;
@@ -10,7 +10,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use spinney::Progress;
 use spinney::import::mesh::{self, SolidImport};
-use spinney::import::raster;
+use spinney::import::{raster, volume};
 use spinney::io::Output;
 use spinney::ops::WarpOptions;
 use spinney::space::Crs;
@@ -23,12 +23,15 @@ use super::Global;
 use super::args::{Memory, OutputLimit, check_output, parse_crs};
 use super::report::{Work, report_built};
 
-/// Make a tree of a picture, or of several on one grid, or of models of solids.
+/// Make a tree of a picture, or of several on one grid, of a volume, or of models of solids.
 ///
 /// Reads TIFF and GeoTIFF, PNG, JPEG, WebP, OpenEXR and SRTM .hgt files of any size and writes one file that
 /// holds them at every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can
 /// be edited. What the files say about their pixels (coordinates, nodata, palette, names) is kept; options
 /// overrule it.
+///
+/// Reads volumes, such as those of scanners: NPY files, as numpy.save writes them, of shape (z, y, x) in C order, or (z, y, x,
+/// channels). They become octrees of their samples, which `get --box` writes as NPY again, and `contours` makes surfaces of.
 ///
 /// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses
 /// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
@@ -39,7 +42,7 @@ use super::report::{Work, report_built};
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), or models
+    /// Raster files (of several, the last lies on top), a volume, or models
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// The file to make; - is standard output
@@ -54,10 +57,10 @@ pub(crate) struct Args {
     solids: SolidArgs,
 }
 
-/// Options for pictures and solids.
+/// Options for pictures, volumes and solids.
 #[derive(clap::Args)]
 struct Common {
-    /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the picture]
+    /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the input]
     #[arg(long, value_name = "N")]
     depth: Option<u8>,
     /// Coordinate system of the input: EPSG:NUMBER, EPSG:NUMBER+NUMBER with heights, WKT, PROJJSON,
@@ -109,6 +112,7 @@ Examples:
   spinney build scene.tif -o colour.goblin --band 4,3,2
   spinney build N46E007.hgt N46E008.hgt -o alps.goblin --memory 1G
   spinney build scan.png -o scan.goblin --crs EPSG:3857 --transform 0.5,0,1000,0,-0.5,2000
+  spinney build scan.npy -o scan.goblin --nodata -1024 --transform 0.7,0.7,1.25
   spinney build bunny.ply -o bunny.goblin --cells 1024
   spinney build part.stl -o part.goblin --cell 0.1mm --unit mm --boundary coverage
   spinney build part.stl -o exact.goblin --exact
@@ -126,6 +130,7 @@ enum Import {
     Pictures(Box<raster::Import>),
     /// Pictures on the grid of web maps: see [`WarpGrid::web_mercator`](spinney::ops::WarpGrid::web_mercator).
     WebMap(Box<raster::Import>, Option<u8>, WarpOptions),
+    Volume(Box<volume::Import>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
 }
@@ -137,6 +142,7 @@ impl Import {
     fn description(&self) -> &[(&'static str, String)] {
         match self {
             Import::Pictures(import) | Import::WebMap(import, ..) => import.description(),
+            Import::Volume(import) => import.description(),
             Import::Solid(import) => import.description(),
             Import::Exact(import) => import.description(),
         }
@@ -146,6 +152,7 @@ impl Import {
     fn raw_bytes(&self) -> Option<u64> {
         match self {
             Import::Pictures(import) | Import::WebMap(import, ..) => Some(import.raw_bytes()),
+            Import::Volume(import) => Some(import.raw_bytes()),
             Import::Solid(_) | Import::Exact(_) => None,
         }
     }
@@ -154,6 +161,10 @@ impl Import {
     fn build(self, output: Output, solids: &SolidArgs, progress: &dyn Progress) -> Result<Lines> {
         match self {
             Import::Pictures(import) => {
+                import.build(output, progress)?;
+                Ok(Lines::new())
+            }
+            Import::Volume(import) => {
                 import.build(output, progress)?;
                 Ok(Lines::new())
             }
@@ -179,7 +190,7 @@ impl Args {
         if inputs.iter().any(|input| mesh::is_model(input)) {
             if pictures.are_given() {
                 bail!(
-                    "--kind, --rule, --band, --nodata, --transform, --layer and --keep-transparent are for pictures, not for models"
+                    "--kind, --rule, --band, --nodata, --transform, --layer and --keep-transparent are for pictures and volumes, not for models"
                 );
             }
             if common.grid == Some(Grid::Xyz) {
@@ -200,7 +211,17 @@ impl Args {
                 "{input}: is no model; the options for solids are for PLY, OBJ, STL, OFF and CityJSON files"
             );
         }
-        let import = || raster::plan(inputs, &pictures.import_options(common)).map(Box::new);
+        if inputs.iter().any(|input| volume::is_volume(input)) {
+            let [input] = &inputs[..] else {
+                bail!(
+                    "a volume (NPY) makes a tree of its own: build one at a time; `spinney combine` lays trees over each other"
+                )
+            };
+            let import = volume::plan(input, &pictures.volume_options(common)?)?;
+            return Ok(Import::Volume(Box::new(import)));
+        }
+        let options = pictures.import_options(common)?;
+        let import = || raster::plan(inputs, &options).map(Box::new);
         match common.grid {
             Some(Grid::Xyz) if common.depth.is_some() => {
                 bail!("--depth: with --grid xyz say --max-zoom, the depth less 8")

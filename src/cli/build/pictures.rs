@@ -1,15 +1,17 @@
-//! Options of `spinney build` for pictures.
+//! Options of `spinney build` for pictures and volumes.
 
+use anyhow::{Result, bail};
 use spinney::import::raster::ImportOptions;
+use spinney::import::volume::VolumeOptions;
 use spinney::ops::{Resampling, WarpOptions};
 use spinney::value::{Kind, Rule};
 
 use super::super::args::numbers;
 use super::Common;
 
-/// Options for pictures only.
+/// Options for pictures, some of them for volumes, too.
 #[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT)")]
+#[command(next_help_heading = "Pictures (TIFF, PNG, JPEG, WebP, OpenEXR, HGT) and volumes (NPY)")]
 pub(super) struct PictureArgs {
     /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
     /// the file]
@@ -25,9 +27,10 @@ pub(super) struct PictureArgs {
     /// The number that means nothing is there [default: from the file]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     nodata: Option<f64>,
-    /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]
+    /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]. Volumes: widths of a cell
+    /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
-    transform: Option<[f64; 6]>,
+    transform: Option<Transform>,
     /// Layer of an OpenEXR file, by name [default: the first]
     #[arg(long, value_name = "NAME")]
     layer: Option<String>,
@@ -46,6 +49,13 @@ pub(super) struct PictureArgs {
     /// With --grid xyz: take the datum for WGS 84 where its shift is unknown or needs a grid, which may be off by some hundred metres
     #[arg(long)]
     allow_ballpark: bool,
+}
+
+/// Coordinates of cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Transform {
+    Picture([f64; 6]),
+    Volume([[f64; 4]; 3]),
 }
 
 impl PictureArgs {
@@ -80,20 +90,60 @@ impl PictureArgs {
     }
 
     /// All that is asked of an import.
-    pub(super) fn import_options(&self, common: &Common) -> ImportOptions {
+    pub(super) fn import_options(&self, common: &Common) -> Result<ImportOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self.clone();
         let Common { depth, crs, memory, share, .. } = common;
         let mut options = ImportOptions::new();
         (options.kind, options.rule, options.bands, options.nodata) = (kind, rule, band, nodata);
         (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);
-        (options.transform, options.layer) = (transform, layer);
+        options.layer = layer;
+        options.transform = match transform {
+            None => None,
+            Some(Transform::Picture(numbers)) => Some(numbers),
+            Some(Transform::Volume(_)) => bail!("--transform: pictures have six numbers: a,b,c,d,e,f"),
+        };
         options.keep_transparent = keep_transparent;
         options.memory = Some(memory.bytes);
-        options
+        Ok(options)
+    }
+
+    /// All that is asked of an import of a volume.
+    pub(super) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
+        let PictureArgs { kind, rule, band, nodata, transform, layer, keep_transparent, .. } = self;
+        let Common { depth, crs, memory, share, grid, .. } = common;
+        if band.is_some()
+            || layer.is_some()
+            || *keep_transparent
+            || grid.is_some()
+            || self.of_web_grid().is_some()
+        {
+            bail!("--band, --layer, --keep-transparent and --grid with its options are not for volumes");
+        }
+        let mut options = VolumeOptions::new();
+        (options.kind, options.rule, options.nodata) = (*kind, *rule, *nodata);
+        (options.depth, options.crs, options.share) = (*depth, crs.clone(), *share);
+        options.transform = match *transform {
+            None => None,
+            Some(Transform::Volume(matrix)) => Some(matrix),
+            Some(Transform::Picture(_)) => {
+                bail!(
+                    "--transform: volumes have three numbers, the widths of a cell, or twelve, a 3 x 4 matrix"
+                )
+            }
+        };
+        options.memory = Some(memory.bytes);
+        Ok(options)
     }
 }
 
-/// Reads the six numbers of a transform.
-fn parse_transform(text: &str) -> Result<[f64; 6], String> {
-    numbers(text).ok_or_else(|| "expected six numbers: a,b,c,d,e,f".into())
+/// Reads the numbers of a transform.
+fn parse_transform(text: &str) -> Result<Transform, String> {
+    if let Some([x, y, z]) = numbers(text) {
+        return Ok(Transform::Volume([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0]]));
+    }
+    if let Some([a, b, c, d, e, f, g, h, i, j, k, l]) = numbers(text) {
+        return Ok(Transform::Volume([[a, b, c, d], [e, f, g, h], [i, j, k, l]]));
+    }
+    let picture = numbers(text).map(Transform::Picture);
+    picture.ok_or_else(|| "expected six numbers: a,b,c,d,e,f; three or twelve for volumes".into())
 }

@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 
+use super::npy::MAGIC;
 use crate::ops::CellValue;
 use crate::space::Dimension;
 use crate::store::Header;
@@ -35,7 +36,7 @@ impl CellList {
         let file = File::open(path).map_err(Error::io(path, "open"))?;
         let mut file = BufReader::with_capacity(1 << 20, file);
         let start = file.fill_buf().map_err(Error::io(path, "read"))?;
-        let is_array = start.starts_with(npy::MAGIC);
+        let is_array = start.starts_with(MAGIC);
         let rows: Box<dyn Iterator<Item = Result<CellValue>>> = if is_array {
             Box::new(npy::rows(file, path, axes, channels)?)
         } else {

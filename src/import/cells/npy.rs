@@ -3,11 +3,10 @@
 use std::io::Read;
 use std::path::Path;
 
+use super::super::npy::Header;
 use super::coordinate;
 use crate::ops::CellValue;
 use crate::{Error, Result};
-
-pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 
 /// Decoder of one number of a type.
 type Decode = fn(&[u8]) -> f64;
@@ -34,35 +33,14 @@ pub(super) fn rows<R: Read>(
         let advice = format!("give rows of {} numbers, in C order, little-endian", axes + channels);
         Error::unsupported(path, found, advice)
     };
-    let mut start = [0; 8];
-    input.read_exact(&mut start).map_err(Error::io(path, "read the header"))?;
-    let mut length = [0; 4];
-    let bytes = if start[6] == 1 { 2 } else { 4 };
-    input.read_exact(&mut length[..bytes]).map_err(Error::io(path, "read the header"))?;
-    let length = u32::from_le_bytes(length);
-    let mut header = Vec::new();
-    let read = input.by_ref().take(u64::from(length.min(1 << 16))).read_to_end(&mut header);
-    read.map_err(Error::io(path, "read the header"))?;
-    let header = String::from_utf8_lossy(&header).replace('"', "'");
-    let after = |key: &str| header.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
-    let name = after("descr").and_then(|rest| rest.split('\'').nth(1)).unwrap_or_default();
-    let Some((_, size, decode)) = TYPES.iter().find(|(known, _, _)| *known == name) else {
-        return Err(unsupported(format!("an array of type `{name}`")));
+    let header = Header::read(&mut input, path)?;
+    let Some((_, size, decode)) = TYPES.iter().find(|(known, _, _)| *known == header.descr) else {
+        return Err(unsupported(format!("an array of type `{}`", header.descr)));
     };
-    let shape = after("shape")
-        .and_then(|rest| rest.strip_prefix('(')?.split_once(')'))
-        .map_or("", |(shape, _)| shape);
-    let lengths: Option<Vec<u64>> = shape
-        .split(',')
-        .map(str::trim)
-        .filter(|number| !number.is_empty())
-        .map(|number| number.parse().ok())
-        .collect();
-    let in_order = after("fortran_order").is_some_and(|rest| rest.starts_with("False"));
     let columns = axes + channels;
-    let count = match lengths.as_deref() {
-        Some([rows, width]) if *width == columns as u64 && in_order => *rows,
-        _ => return Err(unsupported(format!("an array of shape ({shape})"))),
+    let count = match header.shape[..] {
+        [rows, width] if width == columns as u64 && !header.fortran_order => rows,
+        _ => return Err(unsupported(format!("an array of shape {}", header.shape_text()))),
     };
     let (path, size, decode) = (path.to_path_buf(), *size, *decode);
     let mut row = vec![0; columns * size];

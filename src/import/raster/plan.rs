@@ -116,7 +116,9 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<Import> {
     let frame = frame(info, options)?;
     let (kind, kind_reason) = kind(info, options);
     let rule = options.rule.unwrap_or(kind.default_rule());
-    let choices = Choices { value, kind, kind_reason, rule, depth: depth(info, options)? };
+    let size = format!("{} x {} pixels", info.width, info.height);
+    let depth = depth_of(Dimension::Quad, [info.width, info.height, 1], &size, options.depth)?;
+    let choices = Choices { value, kind, kind_reason, rule, depth };
     let metadata = metadata(frame, inputs, info, options);
     let description = describe(inputs, info, options, &choices, &metadata, overruled);
     let nodata = info.nodata;
@@ -212,12 +214,7 @@ fn describe(
     let Choices { value, kind, kind_reason, rule, depth } = choices;
     let plural = if value.channels == 1 { "" } else { "s" };
     let stored = &info.stored_sample;
-    let nodata = match (options.nodata, info.nodata) {
-        (Some(number), None) => format!("none: {} cannot hold {number}", value.sample.name()),
-        (Some(_), Some(number)) => format!("{number}, as you said"),
-        (None, Some(number)) => number.to_string(),
-        (None, None) => "none".into(),
-    };
+    let nodata = nodata_text(options.nodata, info.nodata, value.sample);
     let crs = match (&metadata.frame.crs, overruled) {
         (None, _) => "none".into(),
         (Some(crs), None) => crs.to_string(),
@@ -275,14 +272,31 @@ fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
     }
 }
 
-fn depth(info: &RasterInfo, options: &ImportOptions) -> Result<u8> {
-    let least = depth_for([info.width, info.height, 1]);
-    let most = Dimension::Quad.max_depth();
-    let size = format!("{} x {} pixels", info.width, info.height);
-    if least > most {
-        return Err(Error::invalid("size", size, format!("at most 2^{most} pixels along a side")));
+/// The nodata number in words: what was asked for or is told, and what samples of the tree's type hold of that.
+pub(in crate::import) fn nodata_text(asked: Option<f64>, held: Option<f64>, sample: SampleType) -> String {
+    match (asked, held) {
+        (Some(number), None) => format!("none: {} cannot hold {number}", sample.name()),
+        (Some(_), Some(number)) => format!("{number}, as you said"),
+        (None, Some(number)) => number.to_string(),
+        (None, None) => "none".into(),
     }
-    match options.depth {
+}
+
+/// Levels of a tree: as asked for, else as few as hold its cells, whose size is `size` in words.
+///
+/// # Errors
+/// If no tree is that large, or the tree asked for is not.
+pub(in crate::import) fn depth_of(
+    dimension: Dimension,
+    extent: [u64; 3],
+    size: &str,
+    asked: Option<u8>,
+) -> Result<u8> {
+    let (least, most) = (depth_for(extent), dimension.max_depth());
+    if least > most {
+        return Err(Error::invalid("size", size, format!("at most 2^{most} cells along a side")));
+    }
+    match asked {
         None => Ok(least),
         Some(depth) if (least..=most).contains(&depth) => Ok(depth),
         Some(depth) => {

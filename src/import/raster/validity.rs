@@ -74,7 +74,7 @@ pub(super) fn sample_bytes(number: f64, sample: SampleType) -> Option<Vec<u8>> {
 }
 
 /// The number that samples of a type have instead of this one: floating samples round it.
-pub(super) fn as_stored(number: f64, sample: SampleType) -> Option<f64> {
+pub(in crate::import) fn as_stored(number: f64, sample: SampleType) -> Option<f64> {
     match sample {
         SampleType::F32 => Some(sample.nearest(number)),
         // NaN is equal to nothing, but may well be meant.

@@ -18,7 +18,7 @@ use self::colour::Colour;
 use self::geokeys::Place;
 use self::ifd::{Directory, Input};
 use self::image::Image;
-use self::samples::SampleFormat;
+pub(in crate::import) use self::samples::SampleFormat;
 use self::spec::{photometric, tag};
 use super::validity::sample_bytes;
 use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, gdal};

@@ -4,7 +4,7 @@ use crate::value::SampleType;
 
 /// Type of a file's samples, with its number of bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum SampleFormat {
+pub(in crate::import) enum SampleFormat {
     Uint(u8),
     Int(u8),
     Float(u8),
@@ -23,7 +23,7 @@ impl SampleFormat {
         }
     }
 
-    pub(super) fn bits(self) -> usize {
+    pub(in crate::import) fn bits(self) -> usize {
         let (SampleFormat::Uint(bits) | SampleFormat::Int(bits) | SampleFormat::Float(bits)) = self;
         bits.into()
     }
@@ -38,7 +38,7 @@ impl SampleFormat {
     }
 
     /// The type that holds all such samples.
-    pub(super) fn sample(self) -> SampleType {
+    pub(in crate::import) fn sample(self) -> SampleType {
         match self {
             SampleFormat::Uint(1..=8) => SampleType::U8,
             SampleFormat::Uint(9..=16) => SampleType::U16,
@@ -51,7 +51,7 @@ impl SampleFormat {
     }
 
     /// The type in words: "uint12".
-    pub(super) fn name(self) -> String {
+    pub(in crate::import) fn name(self) -> String {
         match self {
             SampleFormat::Uint(bits) => format!("uint{bits}"),
             SampleFormat::Int(bits) => format!("int{bits}"),
@@ -62,7 +62,7 @@ impl SampleFormat {
 
     /// Unpacks samples of a row, from sample `first` on, until `out` is full. Samples of whole bytes are
     /// little-endian. Fails with the first number that `out`'s type cannot hold.
-    pub(super) fn widen(self, row: &[u8], first: usize, out: &mut [u8]) -> Result<(), String> {
+    pub(in crate::import) fn widen(self, row: &[u8], first: usize, out: &mut [u8]) -> Result<(), String> {
         let count = out.len() / self.sample().size();
         let row = match self.bytes() {
             Some(size) => &row[first * size..(first + count) * size],

@@ -1,0 +1,67 @@
+//! `spinney build` of volumes.
+
+use std::fs;
+
+use crate::common::command::{complaint, spinney};
+use crate::common::mesh_file::read_ply;
+
+/// An array in which values go down from its middle, by 1 a cell.
+fn ball() -> Vec<u8> {
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (44, 36, 40), }";
+    let mut bytes = b"\x93NUMPY\x01\0\x76\0".to_vec();
+    bytes.extend(format!("{header:117}\n").bytes());
+    let square = |at: u32, middle: f32| (at as f32 + 0.5 - middle).powi(2);
+    for z in 0..44 {
+        for y in 0..36 {
+            for x in 0..40 {
+                let away = (square(x, 20.0) + square(y, 18.0) + square(z, 22.0)).sqrt();
+                bytes.extend((16.0 - away).to_le_bytes());
+            }
+        }
+    }
+    bytes
+}
+
+#[test]
+fn a_volume_becomes_a_tree_an_array_and_a_surface() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let [array, tree, back, surface] = ["ball.npy", "ball.goblin", "back.npy", "ball.ply"].map(at);
+    fs::write(&array, ball()).unwrap();
+    spinney(&["-q", "build", &array, "-o", &tree, "--transform", "0.5,0.5,2"]).success();
+    spinney(&["-q", "get", &tree, &back, "--box", "0,0,0,40,36,44"]).success();
+    assert!(fs::read(&back).unwrap() == ball());
+    spinney(&["-q", "contours", &tree, "--levels", "6", "-o", &surface]).success();
+    let read = read_ply(&fs::read(&surface).unwrap());
+    read.check_closed("ball");
+    let expected = std::f64::consts::PI * 1000.0 * 4.0 / 3.0 * 0.5;
+    assert!((read.volume() / expected - 1.0).abs() < 0.01, "{}, not {expected}", read.volume());
+    spinney(&["-q", "build", &array, "-o", &at("ball.autumn"), "--share", "--depth", "7"]).success();
+    spinney(&["-q", "verify", &at("ball.autumn")]).success();
+}
+
+#[test]
+fn options_without_a_meaning_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let (array, tree) = (at("ball.npy"), at("ball.goblin"));
+    fs::write(&array, ball()).unwrap();
+    for (options, expected) in [
+        (&["--band", "1"][..], "not for volumes"),
+        (&["--keep-transparent"], "not for volumes"),
+        (&["--grid", "xyz"], "not for volumes"),
+        (&["--max-zoom", "3"], "not for volumes"),
+        (&["--cells", "64"], "is no model"),
+        (&["--transform", "1,0,0,0,1,0"], "three numbers"),
+        (&["--transform", "1,0,1"], "an inverse"),
+        (&["--depth", "5"], "6 to 19"),
+        (&["--share"], ".autumn"),
+        (&[&array], "one at a time"),
+    ] {
+        let text = complaint(&[&["build", &array, "-o", &tree], options].concat(), 1);
+        assert!(text.contains(expected), "{options:?}: {text}");
+    }
+    let text = complaint(&["build", &array, "-o", &tree, "--transform", "1,2"], 2);
+    assert!(text.contains("three or twelve"), "{text}");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
