@@ -35,7 +35,7 @@ pub fn ask_model(file: Vec<u8>) {
     if crc32c::crc32c(&file) % 8 < 2 {
         // (Faces that bound no body may be no surface that can be written or walked on.)
         let _ = topology(&model);
-        if crc32c::crc32c(&file) % 16 == 0 {
+        if crc32c::crc32c(&file).is_multiple_of(16) {
             let _ = surface_intersection(&model, &model, 4 << 20, &());
         }
         exports(&model);

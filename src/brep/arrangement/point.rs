@@ -212,6 +212,10 @@ impl ExactPoint {
         if self.is_on_grid && other.is_on_grid {
             return Ordering::Equal;
         }
+        if self.weight.is_zero() || other.weight.is_zero() {
+            // Faces that are not flat have points that are none: in any order, as long as it is one.
+            return self.near[axis].total_cmp(&other.near[axis]);
+        }
         let (a, b): (I512, I512) = (self.at[axis].as_(), other.at[axis].as_());
         let (weight, other_weight): (I512, I512) = (self.weight.as_(), other.weight.as_());
         (a * other_weight).cmp(&(b * weight))

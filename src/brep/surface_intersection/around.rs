@@ -99,22 +99,28 @@ impl Axis {
     pub(super) fn crossings(&self, own: &[HalfPlane], other: &[HalfPlane]) -> (i32, bool) {
         let (mut count, mut is_on) = (0, false);
         for half in own {
-            let mut around: Vec<(u8, &HalfPlane)> =
+            let mut walls: Vec<(u8, &HalfPlane)> =
                 other.iter().map(|wall| (self.quarter(half, wall), wall)).collect();
-            around.sort_by(|(a, one), (b, another)| a.cmp(b).then_with(|| 0.cmp(&self.turn(one, another))));
-            is_on |= around.first().is_some_and(|(quarter, _)| *quarter == 0);
-            // Counterclockwise behind a half-plane to the left is what is in front of its face. Walls of one body in the same place
-            // are none.
-            let is_same = |a: &(u8, &HalfPlane), b: &(u8, &HalfPlane)| a.0 == b.0 && self.turn(a.1, b.1) == 0;
-            let net = |walls: &[(u8, &HalfPlane)]| {
-                walls.iter().map(|(_, wall)| if wall.is_left { 1 } else { -1 }).sum::<i32>()
+            let is_before = |one: &(u8, &HalfPlane), other: &(u8, &HalfPlane)| {
+                one.0 < other.0 || (one.0 == other.0 && self.turn(one.1, other.1) > 0)
             };
-            let first =
-                around.chunk_by(is_same).map(|walls| (walls[0].0, net(walls))).find(|(_, net)| *net != 0);
-            let is_inside = match first {
-                Some((0, net)) => (net > 0) == half.is_left,
-                Some((_, net)) => net > 0,
-                None => false,
+            is_on |= walls.iter().any(|(quarter, _)| *quarter == 0);
+            let is_inside = loop {
+                // The next one counterclockwise: behind one to the left is what is in front of its face.
+                let nearest = |best, wall| if is_before(&wall, &best) { wall } else { best };
+                let Some(first) = walls.iter().copied().reduce(nearest) else { break false };
+                let is_same = |wall: &(u8, &HalfPlane)| !is_before(&first, wall);
+                let net: i32 = walls
+                    .iter()
+                    .filter(|wall| is_same(wall))
+                    .map(|(_, wall)| if wall.is_left { 1 } else { -1 })
+                    .sum();
+                match first.0 {
+                    // (Walls of one body in the same place are none.)
+                    _ if net == 0 => walls.retain(|wall| !is_same(wall)),
+                    0 => break (net > 0) == half.is_left,
+                    _ => break net > 0,
+                }
             };
             if is_inside {
                 count += if half.is_left { 1 } else { -1 };

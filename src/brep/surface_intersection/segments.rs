@@ -9,8 +9,9 @@ use crate::{Progress, Result, parallel};
 
 /// A segment between two vertices.
 pub(super) struct Segment {
-    /// If surfaces pass through each other: with what of the first is inside of the second to the left.
+    /// Its ends. Where surfaces pass through each other, what of the first is inside of the second is to the left.
     pub(super) vertices: [u32; 2],
+    /// Whether they do.
     pub(super) is_crossing: bool,
     /// Of the first body and of the second one: the faces to the left and to the right.
     pub(super) faces: [[u32; 2]; 2],
