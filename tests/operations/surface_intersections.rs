@@ -1,4 +1,4 @@
-//! What surfaces of two bodies have in common, against set operations and against pairs of triangles.
+//! Lines, areas and points that surfaces of two bodies have in common, against set operations and against pairs of triangles.
 
 use std::collections::HashMap;
 
@@ -114,7 +114,7 @@ fn triangles(body: &Body) -> Vec<[Point; 3]> {
     all
 }
 
-/// What a convex polygon has in common with the half-space below a plane.
+/// Corners of what a convex polygon has in common with the half-space below a plane.
 fn clipped(polygon: &[Point], normal: Point, base: Point) -> Vec<Point> {
     let height = |point: Point| dot(normal, minus(point, base)) / size(normal);
     let mut all = Vec::new();
@@ -337,7 +337,7 @@ fn tetrahedra_on_few_points() {
     assert!(kinds.iter().all(|count| *count > 5), "{kinds:?}");
 }
 
-/// As [`check`], of large coordinates, so that rounding the result of the operation does not matter.
+/// [`check`] without the pairs, of large coordinates, so that rounding the result of the operation does not matter.
 fn check_scaled(a: &Body, b: &Body, scale: f64, name: &str) -> SurfaceIntersection {
     let found = found(a, b);
     let (length, seam) = (length(&found, LineKind::Crossing) / scale, seam(a, b) / scale);
@@ -345,7 +345,7 @@ fn check_scaled(a: &Body, b: &Body, scale: f64, name: &str) -> SurfaceIntersecti
     found
 }
 
-/// The same, of surfaces that are cut at their edges where others are not, and of hollow bodies; pair by pair.
+/// Surfaces that are cut at their edges where others are not, and of hollow bodies; pair by pair.
 #[test]
 fn cut_edges_and_hollow_bodies() {
     let mut random = Random(7);

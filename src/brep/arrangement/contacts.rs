@@ -18,10 +18,10 @@ pub(crate) struct Contact {
     pub(crate) in_plane: bool,
 }
 
-/// What counts as a contact of two faces.
+/// Kinds of contacts that are looked for.
 #[derive(Clone, Copy, PartialEq)]
 enum Wanted {
-    /// What neighbours have not: no corners and edges of both.
+    /// More than neighbours have: no corners and edges of both.
     Irregular,
     /// All that they have in common.
     All,

@@ -378,6 +378,17 @@ impl<'a> Surface<'a> {
         }
     }
 
+    /// Hands out the faces in whose boxes a sample lies.
+    pub(crate) fn each_at(&self, sample: &Sample<'_>, each: impl FnMut(u32)) {
+        let near = sample.near;
+        let holds = |[low, high]: &Bounds| {
+            (0..3).all(|axis| {
+                f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
+            })
+        };
+        self.boxes().each(&holds, each);
+    }
+
     /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
     /// round. Of faces that lie on each other, one stays for all; but of a body's faces that touch no other's (`alone`) each
     /// does.
@@ -388,13 +399,7 @@ impl<'a> Surface<'a> {
         if alone {
             same.push((face, is_up(face)));
         } else {
-            let near = sample.near;
-            let holds = |[low, high]: &Bounds| {
-                (0..3).all(|axis| {
-                    f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
-                })
-            };
-            self.boxes().each(&holds, |other| {
+            self.each_at(sample, |other| {
                 let is_there = other == face || sample.side(self.plane(other)) == 0;
                 if is_there && self.meets(sample, other) {
                     same.push((other, is_up(other)));

@@ -203,7 +203,7 @@ pub(in crate::brep) struct NearFaces {
     pub(in crate::brep) faces: ExactFaces,
     /// Where those of each model end.
     pub(in crate::brep) ends: Vec<u32>,
-    /// What was added to the sources of each model's faces.
+    /// Numbers that were added to the sources of each model's faces.
     pub(in crate::brep) first_sources: [u64; 2],
 }
 

@@ -72,14 +72,7 @@ fn areas_of(
     // To which sides the faces of both bodies are turned that are there.
     let sides = |sample: &Sample<'_>| -> Option<[bool; 2]> {
         let mut sides = [None; 2];
-        let holds = |[low, high]: &[[i32; 3]; 2]| {
-            let is_within = |axis: usize| {
-                let at = sample.near[axis];
-                f64::from(low[axis]) - 1e-6 <= at && at <= f64::from(high[axis]) + 1e-6
-            };
-            (0..3).all(is_within)
-        };
-        surface.boxes().each(&holds, |face| {
+        surface.each_at(sample, |face| {
             let is_there = faces.binary_search(&face).is_ok() && surface.meets(sample, face);
             if is_there {
                 sides[surface.operand(face)] = Some(surface.plane(face).normal[axis] > 0);

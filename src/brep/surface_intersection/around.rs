@@ -20,18 +20,18 @@ pub(super) struct HalfPlane {
 }
 
 /// A segment with its direction: not rounded, and not of any particular length.
-pub(super) struct Axis {
+pub(super) struct SegmentAxis {
     direction: [i128; 3],
     /// Where the direction is longest.
     main: usize,
 }
 
-impl Axis {
+impl SegmentAxis {
     /// The line of two faces' planes.
-    pub(super) fn of(surface: &Surface<'_>, [a, b]: [u32; 2]) -> Axis {
+    pub(super) fn of(surface: &Surface<'_>, [a, b]: [u32; 2]) -> SegmentAxis {
         let direction = cross(surface.plane(a).normal, surface.plane(b).normal);
         let main = (0..3).max_by_key(|axis| direction[*axis].unsigned_abs()).unwrap_or(0);
-        Axis { direction, main }
+        SegmentAxis { direction, main }
     }
 
     /// The order of two of its points.

@@ -1,19 +1,23 @@
 //! Lines of segments that hang together.
 
-use super::segments::{Segment, Segments};
+use super::segments::{CommonSegment, Segments};
 
 /// Segments one after the other.
-pub(super) struct Chain {
+pub(super) struct SegmentChain {
     pub(super) is_crossing: bool,
     /// One more than there are segments; the last is the first if the chain is closed.
     pub(super) vertices: Vec<u32>,
-    /// Faces beside each segment, as in [`Segment`].
+    /// Faces beside each segment, as in [`CommonSegment`].
     pub(super) faces: Vec<[[u32; 2]; 2]>,
 }
 
-impl Chain {
-    fn of(first: &Segment) -> Chain {
-        Chain { is_crossing: first.is_crossing, vertices: first.vertices.to_vec(), faces: vec![first.faces] }
+impl SegmentChain {
+    fn of(first: &CommonSegment) -> SegmentChain {
+        SegmentChain {
+            is_crossing: first.is_crossing,
+            vertices: first.vertices.to_vec(),
+            faces: vec![first.faces],
+        }
     }
 
     fn end(&self) -> u32 {
@@ -21,7 +25,7 @@ impl Chain {
     }
 
     /// Goes on with a segment that begins where the chain ends, or ends there: then it is passed the other way.
-    fn add(&mut self, segment: &Segment) {
+    fn add(&mut self, segment: &CommonSegment) {
         let [from, to] = segment.vertices;
         let is_forward = from == self.end();
         self.vertices.push(if is_forward { to } else { from });
@@ -33,13 +37,13 @@ impl Chain {
 impl Segments {
     /// Joins the segments: those of surfaces that pass through each other in their direction, to closed lines; then those of surfaces that
     /// touch, to lines between points where not just two of them meet.
-    pub(super) fn lines(&self) -> Vec<Chain> {
+    pub(super) fn lines(&self) -> Vec<SegmentChain> {
         let mut lines = self.crossing_lines();
         lines.extend(self.touch_lines());
         lines
     }
 
-    fn crossing_lines(&self) -> Vec<Chain> {
+    fn crossing_lines(&self) -> Vec<SegmentChain> {
         let crossing = |number: &u32| self.list[*number as usize].is_crossing;
         let numbers: Vec<u32> = (0..self.list.len() as u32).filter(crossing).collect();
         let mut from =
@@ -49,7 +53,7 @@ impl Segments {
             if !from.take(self.segment(first).vertices[0], first) {
                 continue;
             }
-            let mut line = Chain::of(self.segment(first));
+            let mut line = SegmentChain::of(self.segment(first));
             let start = line.vertices[0];
             while line.end() != start {
                 // Where lines touch each other, on along the same part of the surface that is inside.
@@ -70,7 +74,7 @@ impl Segments {
         lines
     }
 
-    fn touch_lines(&self) -> Vec<Chain> {
+    fn touch_lines(&self) -> Vec<SegmentChain> {
         let touching = |number: &u32| !self.segment(*number).is_crossing;
         let numbers: Vec<u32> = (0..self.list.len() as u32).filter(touching).collect();
         let ends =
@@ -90,7 +94,7 @@ impl Segments {
                 if !at.take(start, first) {
                     continue;
                 }
-                let mut line = Chain { vertices: vec![start], faces: Vec::new(), is_crossing: false };
+                let mut line = SegmentChain { vertices: vec![start], faces: Vec::new(), is_crossing: false };
                 line.add(self.segment(first));
                 at.take(line.end(), first);
                 while !is_end[line.end() as usize]
@@ -106,7 +110,7 @@ impl Segments {
         lines
     }
 
-    fn segment(&self, number: u32) -> &Segment {
+    fn segment(&self, number: u32) -> &CommonSegment {
         &self.list[number as usize]
     }
 

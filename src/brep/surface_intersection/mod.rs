@@ -75,7 +75,7 @@ pub struct IntersectionPoint {
     pub faces: [u64; 2],
 }
 
-/// What the surfaces of two bodies have in common.
+/// Lines, areas and points that the surfaces of two bodies have in common.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SurfaceIntersection {

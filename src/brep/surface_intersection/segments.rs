@@ -2,13 +2,13 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::around::{Axis, HalfPlane};
+use super::around::{HalfPlane, SegmentAxis};
 use crate::brep::arrangement::{Contact, ExactPoint, Surface, Vertices};
 use crate::brep::boxes::touch;
 use crate::{Progress, Result, parallel};
 
 /// A segment between two vertices.
-pub(super) struct Segment {
+pub(super) struct CommonSegment {
     /// Its ends. Where surfaces pass through each other, what of the first is inside of the second is to the left.
     pub(super) vertices: [u32; 2],
     /// Whether they do.
@@ -19,13 +19,13 @@ pub(super) struct Segment {
 
 /// All segments.
 pub(super) struct Segments {
-    pub(super) list: Vec<Segment>,
+    pub(super) list: Vec<CommonSegment>,
     /// Ends of segments, also of those that only bound areas.
     pub(super) vertices: Vertices,
 }
 
 /// A segment that two faces have in common, as it is found by itself.
-struct Found {
+struct PairSegment {
     faces: [u32; 2],
     /// Its ends, in the direction of the line of both planes, and between them the corners that divide it.
     points: Vec<ExactPoint>,
@@ -52,12 +52,12 @@ impl Segments {
             let parts = parallel::map(tasks, |contacts| {
                 contacts.iter().flat_map(|contact| segments_of(surface, contact)).collect::<Vec<_>>()
             });
-            for Found { faces, points, is_along_edge } in parts.into_iter().flatten() {
+            for PairSegment { faces, points, is_along_edge } in parts.into_iter().flatten() {
                 for ends in points.windows(2) {
                     let [one, other] = [ends[0], ends[1]].map(|end| found.vertices.number(end));
                     if !is_along_edge {
                         let faces = faces.map(|face| [face; 2]);
-                        found.list.push(Segment { vertices: [one, other], is_crossing: true, faces });
+                        found.list.push(CommonSegment { vertices: [one, other], is_crossing: true, faces });
                     } else if known.insert([one.min(other), one.max(other)]) {
                         found.add_along_edge(surface, faces, [one, other], [&ends[0], &ends[1]]);
                     }
@@ -94,7 +94,7 @@ impl Segments {
         vertices: [u32; 2],
         ends: [&ExactPoint; 2],
     ) {
-        let axis = Axis::of(surface, faces);
+        let axis = SegmentAxis::of(surface, faces);
         let mut around: [Vec<HalfPlane>; 2] = [Vec::new(), Vec::new()];
         for face in faces_at(surface, ends) {
             around[surface.operand(face)].extend(axis.half_planes(surface, face, ends));
@@ -114,7 +114,7 @@ impl Segments {
         }
         // (Where more than two faces hang together at an edge, it may be passed more than once.)
         for _ in 0..crossings.abs().max(1) {
-            self.list.push(Segment { vertices, is_crossing: crossings != 0, faces: sides });
+            self.list.push(CommonSegment { vertices, is_crossing: crossings != 0, faces: sides });
         }
     }
 
@@ -134,9 +134,9 @@ impl Segments {
 }
 
 /// The segments of a contact.
-fn segments_of(surface: &Surface<'_>, contact: &Contact) -> Vec<Found> {
+fn segments_of(surface: &Surface<'_>, contact: &Contact) -> Vec<PairSegment> {
     let faces = contact.faces;
-    let axis = Axis::of(surface, faces);
+    let axis = SegmentAxis::of(surface, faces);
     let segment = |ends: &[ExactPoint; 2]| {
         let mut ends = *ends;
         if axis.order(&ends[0], &ends[1]).is_gt() {
@@ -155,7 +155,7 @@ fn segments_of(surface: &Surface<'_>, contact: &Contact) -> Vec<Found> {
             points.sort_by(|a, b| axis.order(a, b));
             points.dedup_by(|a, b| axis.order(a, b).is_eq());
         }
-        Found { faces, points, is_along_edge }
+        PairSegment { faces, points, is_along_edge }
     };
     contact.segments.iter().map(segment).collect()
 }

@@ -31,7 +31,7 @@ where the surfaces pass through each other (kind crossing: closed, with what of 
 model's surface is inside of the second on the left) or touch (touch), areas in which they lie
 on each other (overlap; side says whether they face the same way), and lone points (point).
 a_left, a_right, b_left and b_right are the faces of both models beside each segment, by their
-numbers in the files that the models were built from.";
+numbers in the files that the models were built from. Only two models need --memory.";
 
 /// Write where planes cut an exact model, or what the surfaces of two of them have in common
 #[derive(clap::Args)]
@@ -58,7 +58,7 @@ pub(crate) struct Args {
     limit: OutputLimit,
 }
 
-/// What a model is cut by.
+/// Planes or another model that a model is cut by.
 #[derive(Clone, Debug)]
 enum Cutter {
     Planes(Planes),

@@ -268,8 +268,8 @@ impl VectorWriter {
             VectorFormat::GeoJson => Box::new(geojson::GeoJson::new(output, layer)?),
             VectorFormat::Csv => Box::new(csv::Csv::new(output, layer)?),
             VectorFormat::Svg => Box::new(svg::Svg::new(output, layer)?),
-            VectorFormat::Obj => Box::new(obj::Obj::new(output, layer)?),
-            VectorFormat::Ply => Box::new(ply::Ply::new(output, layer)?),
+            VectorFormat::Obj => Box::new(obj::ObjLines::new(output, layer)?),
+            VectorFormat::Ply => Box::new(ply::PlyEdges::new(output, layer)?),
             #[cfg(feature = "mbtiles")]
             VectorFormat::GeoPackage => Box::new(geopackage::GeoPackage::new(output, layer)?),
             #[cfg(feature = "flatgeobuf")]

@@ -5,23 +5,23 @@ use super::{AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
 use crate::Result;
 use crate::io::Output;
 
-pub(super) struct Obj {
+pub(super) struct ObjLines {
     text: Text,
     layer: VectorLayer,
     features: u64,
     vertices: u64,
 }
 
-impl Obj {
-    pub(super) fn new(output: Output, layer: VectorLayer) -> Result<Obj> {
+impl ObjLines {
+    pub(super) fn new(output: Output, layer: VectorLayer) -> Result<ObjLines> {
         let mut text = Text::new(output);
         text.push("# made by spinney\n");
-        Ok(Obj { text, layer, features: 0, vertices: 0 })
+        Ok(ObjLines { text, layer, features: 0, vertices: 0 })
     }
 
     /// Writes the points of a part, and what joins them; a part that ends where it begins has that point once.
     fn part(&mut self, kind: GeometryKind, geometry: &dyn Geometry, part: usize) -> Result<()> {
-        let Obj { text, layer, vertices, .. } = self;
+        let ObjLines { text, layer, vertices, .. } = self;
         let (count, base) = (geometry.count(part), *vertices);
         let (mut first, mut is_closed) = (None, false);
         geometry.points(part, &mut |points| {
@@ -53,14 +53,14 @@ impl Obj {
     }
 }
 
-impl FormatWriter for Obj {
+impl FormatWriter for ObjLines {
     fn write(
         &mut self,
         kind: GeometryKind,
         geometry: &dyn Geometry,
         attributes: &[AttributeValue<'_>],
     ) -> Result<()> {
-        let Obj { text, layer, features, .. } = self;
+        let ObjLines { text, layer, features, .. } = self;
         text.push(&format!("o feature_{features}\n"));
         *features += 1;
         let told =

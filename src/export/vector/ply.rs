@@ -8,7 +8,7 @@ use crate::io::Output;
 use crate::{Error, Result};
 
 /// The numbers of vertices and edges stand before them: both wait in temporary files.
-pub(super) struct Ply {
+pub(super) struct PlyEdges {
     output: Output,
     layer: VectorLayer,
     features: u32,
@@ -18,10 +18,10 @@ pub(super) struct Ply {
     edge_spill: Spill,
 }
 
-impl Ply {
-    pub(super) fn new(output: Output, layer: VectorLayer) -> Result<Ply> {
+impl PlyEdges {
+    pub(super) fn new(output: Output, layer: VectorLayer) -> Result<PlyEdges> {
         let (vertex_spill, edge_spill) = (Spill::new(&output)?, Spill::new(&output)?);
-        Ok(Ply { output, layer, features: 0, vertices: 0, edges: 0, vertex_spill, edge_spill })
+        Ok(PlyEdges { output, layer, features: 0, vertices: 0, edges: 0, vertex_spill, edge_spill })
     }
 
     fn header(&self) -> String {
@@ -75,7 +75,7 @@ impl Ply {
     }
 }
 
-impl FormatWriter for Ply {
+impl FormatWriter for PlyEdges {
     fn write(
         &mut self,
         kind: GeometryKind,
@@ -113,7 +113,7 @@ impl FormatWriter for Ply {
 
     fn finish(self: Box<Self>) -> Result<()> {
         let header = self.header();
-        let Ply { mut output, vertex_spill, edge_spill, .. } = *self;
+        let PlyEdges { mut output, vertex_spill, edge_spill, .. } = *self;
         let path = output.path().to_path_buf();
         output.write_all(header.as_bytes()).map_err(failed(&path))?;
         vertex_spill.copy_to(&mut output)?;

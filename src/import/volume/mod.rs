@@ -39,7 +39,7 @@ pub struct VolumeOptions {
 }
 
 impl VolumeOptions {
-    /// What is usual for the samples, in cells of unit width.
+    /// Options that are usual for the samples, in cells of unit width.
     pub fn new() -> VolumeOptions {
         VolumeOptions::default()
     }

@@ -10,7 +10,7 @@ mod tile;
 mod walk;
 
 use self::tile::{MOST_SURFACE_BYTES, TILE, TILE_BYTES, TileCells, TileSurface};
-use self::walk::{Ground, Walk};
+use self::walk::{IsosurfaceGround, TileWalk};
 use super::arrays::Arrays;
 use super::numbers::{Shared, z_order};
 use super::sink::{Mesh, Vertex};
@@ -154,7 +154,7 @@ fn write(
         ContourNodata::Close => f64::NEG_INFINITY,
         ContourNodata::Open | ContourNodata::Extend => f64::NAN,
     };
-    let ground = Ground { relief: &relief, level, whole: tree.extent_at(level).max, none };
+    let ground = IsosurfaceGround { relief: &relief, level, whole: tree.extent_at(level).max, none };
     let surfaces = values.len() as u64;
     let tiles = ground.tiles().iter().fold(surfaces, |all, tiles| all.saturating_mul(*tiles));
     let total = ground.cells(0, [0; 3]).saturating_mul(surfaces);
@@ -167,7 +167,7 @@ fn write(
             writer.mesh.part(&format!("level_{value}"))?;
             writer.attribute = (*value as f32).to_bits();
         }
-        let mut walk = Walk::new(&ground, *value);
+        let mut walk = TileWalk::new(&ground, *value);
         loop {
             let batch = request.memory / 2 / (TILE_BYTES + surface_bytes);
             let wanted = walk.next(batch.clamp(1, 1 << 10) as usize, total, progress)?;

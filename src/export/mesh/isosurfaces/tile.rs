@@ -1,7 +1,7 @@
 //! The surface in a tile: the cubes whose last corners are its cells, with the layer of cells before them.
 
 use super::cube::{Ring, rings};
-use super::walk::{Ground, Tile};
+use super::walk::{IsosurfaceGround, Tile};
 use crate::Result;
 use crate::query::level_share;
 use crate::space::Bounds;
@@ -52,7 +52,7 @@ impl TileCells {
     ///
     /// # Errors
     /// If the tree is damaged there.
-    pub(super) fn read(ground: &Ground<'_>, tile: &Tile) -> Result<TileCells> {
+    pub(super) fn read(ground: &IsosurfaceGround<'_>, tile: &Tile) -> Result<TileCells> {
         let first = tile.at.map(|at| (i64::from(at) << TILE) - 1);
         // One layer behind the last cells is enough for what closes the surface.
         let end = |axis: usize| (first[axis] + 1 + (1 << TILE)).min(ground.whole[axis] as i64 + 1);
@@ -71,7 +71,7 @@ impl TileCells {
     }
 
     /// Reads so many cells along each axis, from the first on. What is no finite number is what VOID is.
-    fn read_box(&mut self, ground: &Ground<'_>, size: [usize; 3]) -> Result<()> {
+    fn read_box(&mut self, ground: &IsosurfaceGround<'_>, size: [usize; 3]) -> Result<()> {
         let none = ground.none;
         for z in 0..size[2] {
             for y in 0..size[1] {

@@ -16,16 +16,16 @@ pub(super) struct Tile {
 }
 
 /// The cells that a surface goes through.
-pub(super) struct Ground<'a> {
+pub(super) struct IsosurfaceGround<'a> {
     pub(super) relief: &'a dyn Relief,
     /// The level, and the cells of the whole there.
     pub(super) level: u8,
     pub(super) whole: [u64; 3],
-    /// What VOID and all outside count as: a number, less than everything (so that surfaces are closed), or not a number (so that they end).
+    /// The value that VOID and all outside count as: a number, less than everything (so that surfaces are closed), or not a number (so that they end).
     pub(super) none: f64,
 }
 
-impl Ground<'_> {
+impl IsosurfaceGround<'_> {
     /// The level whose nodes are tiles.
     fn tile_level(&self) -> u8 {
         self.level.saturating_sub(TILE)
@@ -60,19 +60,19 @@ impl Ground<'_> {
 const MOST: usize = 1 << 15;
 
 /// The way through the tree for one value.
-pub(super) struct Walk<'a> {
-    ground: &'a Ground<'a>,
+pub(super) struct TileWalk<'a> {
+    ground: &'a IsosurfaceGround<'a>,
     value: f64,
     /// Nodes that are still to be looked at; the next is the last.
     pending: Vec<(u8, [u32; 3])>,
     known: HashMap<Code, Extremes>,
 }
 
-impl<'a> Walk<'a> {
-    pub(super) fn new(ground: &'a Ground<'a>, value: f64) -> Walk<'a> {
+impl<'a> TileWalk<'a> {
+    pub(super) fn new(ground: &'a IsosurfaceGround<'a>, value: f64) -> TileWalk<'a> {
         // Beside the space there may be tiles that close the surface.
         let pending = (0..8).rev().map(|step| (0, child([0; 3], step))).collect();
-        Walk { ground, value, pending, known: HashMap::new() }
+        TileWalk { ground, value, pending, known: HashMap::new() }
     }
 
     /// The next tiles, at most so many; none at the end. Tells of the cells that are left out.
