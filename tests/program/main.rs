@@ -30,3 +30,5 @@ mod cli_styles;
 #[cfg(feature = "cli")]
 mod cli_volumes;
 mod cli_warp;
+#[cfg(all(unix, feature = "cli"))]
+mod docs;
