@@ -12,7 +12,7 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 
 use measuring::{Outcome, Random, median, seconds};
-use spinney::brep::questions::{MassProperties, Visited};
+use spinney::brep::query::{MassProperties, Visited};
 use spinney::brep::{ExactModel, FaceBuffer, Faces, is_model_file};
 use spinney::import::mesh::{ExactOptions, import_exact, open_all};
 use spinney::io::Output;

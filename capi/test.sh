@@ -44,10 +44,10 @@ for language in c c++; do
     echo '#include "spinney.h"' | ${CC:-cc} -x $language -Wall -Wextra -Werror -pedantic -fsyntax-only "${flags[@]}" -
 done
 
-say 'the program in the README'
-awk '/^```c$/ { inside = 1; next } /^```$/ { inside = 0 } inside' README.md > "$work/readme.c"
-${CC:-cc} -std=c11 "${strict[@]}" "$work/readme.c" -o "$work/readme" "${flags[@]}"
-"$work/readme" | grep -qE '^[0-9.]+ [0-9.]+$' || fail 'the program in the README tells no numbers'
+say 'the program in docs/c.md'
+awk '/^```c$/ { inside = 1; next } /^```$/ { inside = 0 } inside' docs/c.md > "$work/page.c"
+${CC:-cc} -std=c11 "${strict[@]}" "$work/page.c" -o "$work/page" "${flags[@]}"
+"$work/page" | grep -qE '^[0-9.]+ [0-9.]+$' || fail 'the program in docs/c.md tells no numbers'
 
 say 'a tile is that of the program'
 "$work/tile" $fixtures/classes.goblin 6 3 5 40 30 > "$work/tile.pgm" 2> /dev/null

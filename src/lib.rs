@@ -1,5 +1,5 @@
-//! Pictures and solids that are larger than memory, kept as quadtrees and octrees on disk: any part at any level of
-//! detail, straight from mapped files.
+//! Quadtrees and octrees on disk: maps, elevation models, volumes and 3D models that are larger than memory in one file with every
+//! level of detail inside, and answers straight from that file.
 //!
 //! A quadtree halves a picture along both axes until a block has one value all over; an octree does the same with three.
 //! A block with more detail keeps one value that stands for it, its *representative*, so that coarse views are read from
@@ -7,61 +7,35 @@
 //!
 //! # A tour
 //!
-//! A tree is built in one pass from anything that can hand out its samples, here the rows of a small picture
-//! ([`store::build_slabs`]; picture files and meshes: [`import`]):
+//! A GeoTIFF becomes a tree, which answers windows of any size at any level, and exact statistics of any part:
 //!
 //! ```
-//! use spinney::io::Output;
-//! use spinney::space::{Bounds, Dimension};
-//! use spinney::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
-//! use spinney::tree::Form;
-//! use spinney::value::{Kind, SampleType, ValueType};
-//!
-//! /// A picture of 300 x 200 cells: class 1 in the west, class 2 in the east.
-//! struct Picture {
-//!     next_row: u64,
-//! }
-//!
-//! impl Slabs for Picture {
-//!     fn extent(&self) -> [u64; 3] {
-//!         [300, 200, 1]
-//!     }
-//!
-//!     // Slabs are rows of blocks: 256 rows, or those that are left.
-//!     fn next(&mut self, slab: &mut Slab) -> spinney::Result<bool> {
-//!         let rows = (200 - self.next_row).min(256);
-//!         slab.origin = [0, self.next_row, 0];
-//!         slab.size = [300, rows, 1];
-//!         slab.bytes = (0..300 * rows).map(|cell| if cell % 300 < 120 { 1 } else { 2 }).collect();
-//!         self.next_row += rows;
-//!         Ok(rows > 0)
-//!     }
-//! }
-//!
+//! # #[cfg(feature = "raster")]
 //! # fn main() -> spinney::Result<()> {
+//! use spinney::space::Bounds;
 //! # let folder = tempfile::tempdir().unwrap();
-//! # let path = folder.path().join("halves.goblin");
-//! let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
-//! let options = BuildOptions::new(Kind::Categorical, depth_for([300, 200, 1]));
-//! build_slabs(form, &mut Picture { next_row: 0 }, None, &options, Output::create(&path)?, &())?;
+//! # let path = folder.path().join("island.goblin");
 //!
-//! // Whatever the file holds, it is opened by one function; see [`Dataset`](dataset::Dataset) for what can be asked.
+//! spinney::build("fixtures/island_classes.tif", &path)?;
 //! let map = spinney::open(&path)?;
-//! assert_eq!(map.header().form.to_string(), "a quadtree of u8");
 //!
-//! // A window of any size at any level: here 4 x 2 cells that are 64 times as large as the picture's.
-//! let level = map.depth() - 6;
-//! let window = Bounds { min: [0, 0, 0], max: [4, 2, 1] };
-//! let mut samples = [0; 8];
-//! map.window(level, &window, 0.0, &mut samples, None)?;
-//! assert_eq!(samples, [1, 1, 2, 2, 1, 1, 2, 2]);
+//! // Cells of 8 x 8 pixels: the classes that cover most of each.
+//! let level = map.depth() - 3;
+//! let mut classes = [0; 4 * 3];
+//! map.window(level, &Bounds { min: [20, 20, 0], max: [24, 23, 1] }, 0.0, &mut classes, None)?;
 //!
 //! // Exact statistics of any part, without looking at its cells.
 //! let statistics = map.statistics(None)?;
-//! assert_eq!(statistics.classes, [(1.0, 24_000), (2.0, 36_000)]);
+//! assert_eq!(statistics.classes.iter().map(|(_, cells)| cells).sum::<u64>(), statistics.channels[0].cells);
+//! # assert!(classes.iter().all(|class| statistics.classes.iter().any(|(known, _)| *known == f64::from(*class))));
 //! # Ok(())
 //! # }
+//! # #[cfg(not(feature = "raster"))]
+//! # fn main() {}
 //! ```
+//!
+//! Options, progress and interruption: [`import::raster::plan`]. Data that is in no file come in through [`store::Slabs`]
+//! (blocks of samples) and [`tree::Source`] (anything that can be walked from the root down).
 //!
 //! # The two formats
 //!
@@ -71,54 +45,317 @@
 //!   commit stays readable. Names that end with `.autumn` get this format, wherever something is written.
 //!
 //! Both are specified in `formats.md`, and [`open()`] opens both. A Goblin file may hold an exact model instead of a tree of
-//! cells: [`brep::ExactModel`] opens it.
+//! cells: `brep::ExactModel` opens it.
 //!
 //! # Where to look
 //!
 //! | module | what is there |
 //! | --- | --- |
 //! | [`dataset`] | a file, or a view of one, and all that can be asked of it |
-//! | [`ops`] | views (windows, scaling, rotation), set operations, edits: from files to files |
-//! | [`import`], [`export`] | picture files, volumes, meshes and arrays in and out |
+//! | [`query`] | what is asked, and what is answered |
+//! | [`ops`] | views (windows, scaling, rotation), other coordinate systems, set operations, edits: from files to files |
+//! | `import` | pictures, volumes, meshes, lists of cells and features in |
+//! | `export` | pictures, arrays, tiles, meshes, renderings, lines and polygons out |
 //! | `style` | how values become colours, whatever is drawn |
+//! | `brep` | exact models: planar faces on an integer grid, their files, set operations, and what can be asked of them |
+//! | `geometry` | polygons with holes on an integer grid: triangles, bridges, sections with octants |
 //! | [`store`] | the formats, and building |
-//! | [`brep`] | exact models: planar faces on an integer grid, their files, and what can be asked of them |
-//! | [`geometry`] | polygons with holes on an integer grid: triangles, bridges, sections with octants |
 //! | [`tree`] | sources: everything that can be walked from the root down |
-//! | [`space`], [`value`] | codes and boxes of nodes, types of values and how they are averaged |
+//! | [`space`], [`value`] | codes and boxes of nodes, coordinate systems; types of values and how they are averaged |
 //! | [`io`] | output that appears whole or not at all, reading mapped or at positions |
 //!
 //! # Features
 //!
-//! `raster` has the readers and writers of picture files, and the reader of volumes, `mesh` those of meshes, `cli` the program `spinney`. Without them
-//! the library is the trees and their formats alone.
+//! Without any, the library is the trees of cells and their two formats alone.
+//!
+//! | feature | what it adds |
+//! | --- | --- |
+//! | `raster` | readers and writers of picture files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
+//! | `brep` | exact models |
+//! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
+//! | `render` | pictures of solids (with `mesh` and `raster`) |
+//! | `vector` | readers and writers of features (with `brep`) |
+//! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
+//! | `meshopt` | compressed glTF (with `mesh`) |
+//! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
+//! | `libwebp` | lossy WebP tiles: libwebp, which needs a C compiler (with `raster`) |
+//! | `cli` | the program `spinney`, with all of these but `libwebp`; the default |
 
-#[cfg(feature = "mesh")]
-pub mod brep;
-pub mod dataset;
-mod error;
-pub mod export;
-#[cfg(feature = "mesh")]
-pub mod geometry;
-pub mod import;
-pub mod io;
-pub mod ops;
-mod parallel;
-mod progress;
-pub mod query;
-pub mod space;
-pub mod store;
+pub use spinney_base::{Error, Progress, Result};
+
+/// Codes and boxes of nodes, and where the cells lie in the world.
+pub mod space {
+    pub use spinney_base::space::{Bounds, Cell, Code, Cover, Dimension, Polygon, Region, Up};
+    pub use spinney_crs::{
+        ControlPoint, ControlPoints, Crs, Epsg, Frame, GeoKeys, PROJECTION_METHODS, Projection, WEB_MERCATOR,
+        WEB_MERCATOR_HALF, WEB_MERCATOR_LATITUDE, web_mercator, web_mercator_depth,
+    };
+}
+
+/// Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get theirs.
+pub mod value {
+    pub use spinney_base::value::{
+        DoubleDouble, Kind, Palette, Rule, Sample, SampleType, Samples, Sums, Tally, Value, ValueType,
+    };
+}
+
+/// Files: read where they are mapped or at positions, written whole or not at all.
+pub mod io {
+    pub use spinney_base::io::{
+        Faults, FileId, Mapped, Output, OutputFolder, Positioned, ReadBackend, Stamp, WriteBackend,
+        prefer_positioned_reads,
+    };
+}
+
+/// Sources: everything that can be walked from the root down; the tree in memory.
+pub mod tree {
+    pub use spinney_base::Form;
+    pub use spinney_engine::tree::{CellBlock, Child, Children, MemTree, NodeState, Source, no_children};
+
+    /// DF-expressions: trees as text and as bits.
+    pub mod df {
+        pub use spinney_engine::tree::df::{Packed, from_packed, from_text, to_packed, to_text};
+    }
+}
+
+/// Trees on disk: the two formats, what they have in common, and how trees are built.
+pub mod store {
+    pub use spinney_container::{
+        Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, TagScope, TreeFormat,
+        file_is_tree, split_commit,
+    };
+    pub use spinney_engine::store::{
+        BuildOptions, Slab, Slabs, build_slabs, build_source, build_tree, depth_for,
+    };
+
+    /// The compact, read-only format.
+    pub mod goblin {
+        pub use spinney_engine::store::goblin::{Entry, Goblin, GoblinNode, Segment};
+    }
+
+    /// The pointered format, which is edited and has a history.
+    pub mod autumnal {
+        pub use spinney_engine::store::autumnal::{
+            Autumnal, AutumnalNode, Commit, Editor, History, Keep, Note, Written, compact, recover,
+        };
+    }
+
+    /// What a source may offer to builders besides its cells.
+    pub mod builder {
+        pub use spinney_engine::store::builder::{
+            FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, RecordRef,
+            ReusableSource, RunFile, StoredNode, Subtree, joined_coverage,
+        };
+    }
+
+    /// Records of segments, as they stand in files.
+    pub mod records {
+        pub use spinney_container::{CUT, INNER, LEAF, VOID};
+        pub use spinney_engine::store::records::{RecordHead, RecordLayout};
+    }
+}
+
+/// Questions to trees: what is asked, and what is answered.
+pub mod query {
+    pub use spinney_engine::query::{
+        CellHit, ChannelStatistics, Condition, Contour, ContourLevels, ContourNodata, ContourRequest,
+        ContourSummary, FoundBlock, PointSamples, Ray, Rays, SolidStatistics, SolidSurface, Statistics,
+        StoredRows, SurfaceHit, TakeContour, ZoneChannel, ZoneRule, ZoneStatistics,
+    };
+
+    /// Cells of a level, block by block, with those around them.
+    pub mod cell_blocks {
+        pub use spinney_engine::query::cell_blocks::{
+            Block, BlockState, Carried, Carry, CellBlocks, SIDE, SourceBlocks, can_carry_value,
+        };
+    }
+}
+
+/// Operations as sources, and from files to files: views, other coordinate systems, set operations, edits, conversions.
+pub mod ops {
+    pub use spinney_engine::ops::{
+        AffineMap, Alignment, Around, Axis, CellPatch, CellValue, Chain, Change, Combined, CombinedNode,
+        Difference, Differences, Edit, FdRange, FillPatch, FillRegion, MAX_ZOOM, MemoryTree, Operation,
+        Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Resampling, Sampling, Step,
+        TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, WarpGrid, WarpOptions, Warped, align,
+        apply_edits, build, combine, convert, crosstab, crosstab_files, data_box, diff, diff_files,
+        differences, edit, transform, warp,
+    };
+}
+
+/// A file, or a view of one, with every question.
+pub mod dataset {
+    pub use spinney_engine::dataset::{Dataset, open, open_view};
+}
+
+/// Exact models: boundary representations on an integer grid, kept as they are and not as cells.
+#[cfg(feature = "brep")]
+pub mod brep {
+    pub use spinney_brep::{
+        Attributes, BOOLEAN_FACES, BuildReport, CombineReport, Defect, DefectKind, ExactModel, Face,
+        FaceBuffer, FaceList, Faces, Grid, LeafRule, MOST_BITS, ModelBuilder, ModelNode, ModelNodeState,
+        NodeCounts, NodeKind, Triangulated, combine, is_model_file,
+    };
+
+    /// Answers of exact models.
+    pub mod query {
+        pub use spinney_brep::query::{
+            BoxPlace, CellCoverage, Coverage, CoverageSums, Crossing, Cube, CuttingPlane, Hit, Line,
+            Location, MassProperties, MassSums, Nearest, SectionPolygon, SurfacePoint, TakeSection, Visited,
+            nearest_on_face,
+        };
+    }
+
+    /// What the surfaces of two models have in common.
+    pub mod surface_intersection {
+        pub use spinney_brep::surface_intersection::{
+            IntersectionArea, IntersectionLine, IntersectionPoint, LineKind, SurfaceIntersection,
+            surface_intersection,
+        };
+    }
+
+    /// How faces hang together.
+    pub mod topology {
+        pub use spinney_brep::topology::{Counts, Euler, Topology, TopologyOptions};
+    }
+}
+
+/// Polygons with holes on an integer grid: against octants, into triangles, and as single rings. Exact, in integers.
+#[cfg(feature = "brep")]
+pub mod geometry {
+    pub use spinney_brep::geometry::{
+        Box3, Flaw, GridPolygon, Intersection, Stage, Stages, Triangulator, join_rings, split_bridges,
+    };
+}
+
+/// How values become colours, whatever is drawn.
 #[cfg(feature = "raster")]
-pub mod style;
-pub mod tree;
-pub mod value;
+pub mod style {
+    pub use spinney_raster::style::{
+        Ground, Key, Legend, LegendImage, LegendSection, SampleBlock, Style, StylePainter, Tick,
+    };
+}
+
+/// Readers of other programs' files.
+pub mod import {
+    /// Lists of cells and their values.
+    #[cfg(feature = "raster")]
+    pub mod cells {
+        pub use spinney_raster::cells::CellList;
+    }
+
+    /// Polygons of GeoJSON files.
+    #[cfg(feature = "vector")]
+    pub mod geojson {
+        pub use spinney_vector::import::geojson::{PolygonFeature, parse_polygons, read_polygons};
+    }
+
+    /// Meshes: solids of cells, and exact models.
+    #[cfg(feature = "mesh")]
+    pub mod mesh {
+        pub use spinney_mesh::import::{
+            Attribute, Boundary, DEFAULT_MEMORY, ExactOptions, ExactReport, InsideTest, MeshFace, Model,
+            ModelInfo, Repair, Resolution, SolidImport, SolidOptions, SolidReport, import_exact, is_model,
+            open, open_all, plan_models,
+        };
+    }
+
+    /// Picture files.
+    #[cfg(feature = "raster")]
+    pub mod raster {
+        pub use spinney_raster::import::{
+            DEFAULT_MEMORY, ImportOptions, Order, Pixels, Raster, RasterImport, RasterInfo, RasterOptions,
+            RasterSlabs, WebMercatorBuilt, mosaic, open, plan, select, spill, value_type,
+        };
+    }
+
+    /// Volumes.
+    #[cfg(feature = "raster")]
+    pub mod volume {
+        pub use spinney_raster::volume::{VolumeImport, VolumeOptions, is_volume, plan};
+    }
+}
+
+/// Writers of other programs' files.
+pub mod export {
+    #[cfg(feature = "raster")]
+    pub use spinney_raster::{
+        ArrayRequest, CogCompression, CogRequest, CogSummary, Detail, LegendFormat, TakeRows, WindowRequest,
+        export_array, export_cog, export_legend, export_window, fill_for, void_number, window_rows,
+    };
+    #[cfg(feature = "render")]
+    pub use spinney_render::{CameraProjection, RenderRequest, render, render_exact};
+
+    /// Pictures and arrays, written row by row.
+    #[cfg(feature = "raster")]
+    pub mod image {
+        pub use spinney_raster::image::{Format, ImageSpec, RowWriter, create, format_of};
+    }
+
+    /// Surfaces of trees and of exact models.
+    #[cfg(feature = "mesh")]
+    pub mod mesh {
+        pub use spinney_mesh::export::{
+            ExactSummary, FaceAttribute, GltfOptions, IsosurfaceSummary, MeshFormat, MeshRequest,
+            MeshSummary, SurfaceMesh, TilesetSummary, export_blocks, export_exact, export_glb,
+            export_isosurfaces, export_mesh, export_tileset, isosurface_mesh, surface_mesh,
+        };
+    }
+
+    /// Tiles of maps.
+    #[cfg(feature = "raster")]
+    pub mod tiles {
+        pub use spinney_raster::tiles::{
+            MAX_ZOOM, Making, Pmtiles, SourceState, Stored, TileContent, TileEncoding, TileFolder,
+            TileFormat, TileId, TilePainter, TileRange, TileRequest, TileSamples, TileSource, TileTarget,
+            WarpedTiles, XyzTiles, export_pmtiles, export_tiles, is_tile_archive, is_tile_folder,
+            update_tiles, verify_tiles,
+        };
+    }
+
+    /// Lines and polygons.
+    #[cfg(feature = "vector")]
+    pub mod vector {
+        pub use spinney_vector::export::{
+            AttributeType, AttributeValue, Geometry, GeometryKind, Smoothed, VectorFormat, VectorLayer,
+            VectorWriter,
+        };
+    }
+}
 
 use std::path::Path;
 
-pub use error::{Error, Result};
+/// Makes a tree of a picture file or a volume: a `.goblin` file, or an `.autumn` file, which can be edited. Data that do not fit into
+/// memory ([`import::raster::DEFAULT_MEMORY`]) go to a temporary file beside the output, which appears when it is whole.
+///
+/// [`import::raster::plan`] and [`import::volume::plan`] take options, and tell beforehand what will be built. Meshes become solids
+/// by `import::mesh::plan_models`, or exact models by `import::mesh::import_exact`.
+///
+/// ```
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("island.goblin");
+/// spinney::build("fixtures/island_elevation.tif", &path)?;
+/// assert_eq!(spinney::open(&path)?.header().form.to_string(), "a quadtree of f32");
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the input cannot be read, is of no such format, is damaged or uses something unsupported, or if the output cannot be written.
 #[cfg(feature = "raster")]
-pub(crate) use progress::PartOfWork;
-pub use progress::Progress;
+pub fn build(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<()> {
+    build_tree(input.as_ref(), output.as_ref())
+}
+
+/// Implements [`build`], once for all types of paths.
+#[cfg(feature = "raster")]
+fn build_tree(input: &Path, output: &Path) -> Result<()> {
+    if import::volume::is_volume(input) {
+        let volume = import::volume::plan(input, &import::volume::VolumeOptions::new())?;
+        return volume.build(io::Output::create(output)?, &());
+    }
+    let picture = import::raster::plan(&[input.to_path_buf()], &import::raster::ImportOptions::new())?;
+    picture.build(io::Output::create(output)?, &())
+}
 
 /// Opens a tree file of either format and any type, or a commit of one: `map.autumn@12` is commit 12 of `map.autumn`.
 /// [`dataset::open`] takes options.

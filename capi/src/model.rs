@@ -3,7 +3,7 @@
 use std::ffi::{CStr, c_char};
 use std::slice;
 
-use engine::brep::questions::{Location, MassProperties};
+use engine::brep::query::{Location, MassProperties};
 use engine::brep::{ExactModel, Faces};
 use engine::store::OpenOptions;
 

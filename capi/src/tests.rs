@@ -401,7 +401,7 @@ fn open_model(name: &str, flags: u32) -> Result<*mut spinney_model, spinney_stat
 
 #[test]
 fn exact_models_answer_as_the_library() {
-    use engine::brep::questions::{Location, MassProperties};
+    use engine::brep::query::{Location, MassProperties};
     use engine::brep::{ExactModel, Faces};
     let library = ExactModel::open(fixture("chapel.goblin").as_ref(), &Default::default()).unwrap();
     for flags in [0, SPINNEY_POSITIONED] {

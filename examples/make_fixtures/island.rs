@@ -156,7 +156,10 @@ impl Island {
     /// The surveyed heights: metres, `None` in the sea.
     pub(crate) fn elevation(&self) -> Vec<Option<f32>> {
         let surveyed = |i: usize| !matches!(self.cover[i], Cover::Unknown | Cover::ShallowSea);
-        (0..self.height.len()).map(|i| surveyed(i).then_some(self.height[i].max(0.0) as f32)).collect()
+        // (`max` may choose either of 0 and -0; adding zero makes 0 of both.)
+        (0..self.height.len())
+            .map(|i| surveyed(i).then_some((self.height[i].max(0.0) + 0.0) as f32))
+            .collect()
     }
 
     /// Land cover as colours, lit from the north-west.

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use spinney::Result;
-use spinney::brep::questions::{CuttingPlane, MassProperties};
+use spinney::brep::query::{CuttingPlane, MassProperties};
 use spinney::brep::surface_intersection::surface_intersection;
 use spinney::brep::topology::{Topology, TopologyOptions};
-use spinney::brep::{ExactModel, FaceBuffer, Faces, Node};
+use spinney::brep::{ExactModel, FaceBuffer, Faces, ModelNode};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::import::mesh;
 use spinney::io::Output;
@@ -111,7 +111,7 @@ pub fn questions(model: &ExactModel) -> Result<()> {
 }
 
 /// Goes through a node and all below it.
-fn nodes(model: &ExactModel, node: &Node<'_>) -> Result<()> {
+fn nodes(model: &ExactModel, node: &ModelNode<'_>) -> Result<()> {
     let _ = (node.state(), node.world_box(model.grid()), node.faces().count());
     for child in model.children(node)?.iter().flatten() {
         nodes(model, child)?;

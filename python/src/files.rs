@@ -127,7 +127,7 @@ type Pairs = Vec<(Option<Vec<f64>>, Option<Vec<f64>>, u64)>;
 /// Counts which values of one file meet which of another.
 #[pyfunction]
 pub(crate) fn cross(py: Python<'_>, first: PathBuf, second: PathBuf) -> PyResult<Pairs> {
-    py.detach(|| ops::cross_files(&first, &second)).or_raise()
+    py.detach(|| ops::crosstab_files(&first, &second)).or_raise()
 }
 
 /// Sums of differences, and the runs of paths in which they are.

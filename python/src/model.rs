@@ -8,7 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
-use spinney::brep::questions::{BoxPlace, Location, MassProperties};
+use spinney::brep::query::{BoxPlace, Location, MassProperties};
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Faces, NodeCounts};
 use spinney::export::mesh::{MeshFormat, export_exact};

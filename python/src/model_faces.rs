@@ -5,7 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::brep::{ExactModel, Face, FaceBuffer, Faces, Node};
+use spinney::brep::{ExactModel, Face, FaceBuffer, Faces, ModelNode};
 use spinney::geometry::{Triangulator, join_rings};
 use spinney::{Progress, Result};
 
@@ -81,7 +81,7 @@ fn meet(a: &WorldBox, b: &WorldBox) -> bool {
 /// Numbers of the faces that cut leaves which a box meets.
 fn numbers_in(
     model: &ExactModel,
-    node: &Node<'_>,
+    node: &ModelNode<'_>,
     part: &WorldBox,
     work: &dyn Progress,
     numbers: &mut BTreeSet<u64>,

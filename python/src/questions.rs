@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use spinney::ops::Map;
+use spinney::ops::AffineMap;
 use spinney::query::{Condition, FoundBlock, PointSamples};
 use spinney::space::Bounds;
 use zerocopy::FromBytes;
@@ -203,7 +203,7 @@ impl Places {
         if in_cells {
             return Ok(Places { rows: spinney::space::Frame::identity().matrix, shift });
         }
-        let rows = Map::from_rows(frame.matrix).inverse().or_raise()?.to_rows();
+        let rows = AffineMap::from_rows(frame.matrix).inverse().or_raise()?.to_rows();
         Ok(Places { rows, shift })
     }
 

@@ -8,9 +8,9 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use spinney::export::image::{Format, format_of};
 use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh, surface_mesh};
-use spinney::export::{Detail, Projection, RenderRequest, WindowRequest, render};
+use spinney::export::{CameraProjection, Detail, RenderRequest, WindowRequest, render};
 use spinney::io::Output;
-use spinney::ops::Map;
+use spinney::ops::AffineMap;
 use spinney::query::Ray;
 use spinney::space::Bounds;
 
@@ -82,7 +82,7 @@ impl Tree {
         opened.check_octree()?;
         let level = level_of(&opened.tree, level)?;
         let frame = opened.tree.metadata().frame.coarser(opened.tree.depth() - level);
-        let inverse = Map::from_rows(frame.matrix).inverse().or_raise()?.to_rows();
+        let inverse = AffineMap::from_rows(frame.matrix).inverse().or_raise()?.to_rows();
         let (origins, directions) = (origins.as_slice()?, directions.as_slice()?);
         let is_direction = |d: &[f64]| d.iter().all(|x| x.is_finite()) && d.iter().any(|x| *x != 0.0);
         if !directions.chunks_exact(3).all(is_direction) || !origins.iter().all(|x| x.is_finite()) {
@@ -248,7 +248,7 @@ impl Tree {
         [request.azimuth, request.elevation] = direction;
         request.zoom = zoom;
         if orthographic {
-            request.projection = Projection::Orthographic;
+            request.projection = CameraProjection::Orthographic;
         }
         request.up = up.parse().map_err(|error: spinney::Error| crate::error::raised(error))?;
         request.level = level.map(|level| level_of(&opened.tree, Some(level))).transpose()?;

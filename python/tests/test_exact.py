@@ -1,9 +1,7 @@
-"""Exact models, read by the letter of formats.md (sections 27 to 32) and by nothing else; and the README's commands."""
+"""Exact models, read by the letter of formats.md (sections 27 to 32) and by nothing else."""
 
 from __future__ import annotations
 
-import os
-import re
 import struct
 import subprocess
 from pathlib import Path
@@ -276,17 +274,3 @@ def test_foreign_reader(program: str, tmp_path: Path, make, options: list[str], 
     assert [model.place(point, False) for point in points] == wanted
     assert [model.place(point, True) for point in points] == wanted
     assert {"inside", "outside", "boundary"} == set(wanted)
-
-
-def test_readme(program: str, tmp_path: Path) -> None:
-    """The README's commands print what it says, but for how long they took."""
-    section = (ROOT / "README.md").read_text().split("## Exact models")[1]
-    block = section.split("```console\n")[1].split("```")[0]
-    path = os.pathsep.join([str(Path(program).resolve().parent), os.environ["PATH"]])
-    for said in block.split("$ ")[1:]:
-        command, wanted = said.split("\n", 1)
-        done = subprocess.run(
-            ["sh", "-c", f"{command} 2>&1"], cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
-        )
-        took = re.compile(", in .* s$", re.MULTILINE)
-        assert done.returncode == 0 and took.sub("", done.stdout) == took.sub("", wanted), command

@@ -1,4 +1,4 @@
-"""The README's blocks of Python run, one after the other, and the examples do."""
+"""The blocks of docs/python.md run, one after the other, and the examples do."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import pytest
 from conftest import FIXTURES, ROOT
 
 
-def test_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("xarray")
     (tmp_path / "fixtures").symlink_to(FIXTURES)
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "python.md").read_text(), re.MULTILINE | re.DOTALL)
     assert len(blocks) >= 4
     names: dict[str, object] = {}
     for number, block in enumerate(blocks, 1):
-        exec(compile(block, f"README.md, block {number} of Python", "exec"), names)
+        exec(compile(block, f"docs/python.md, block {number}", "exec"), names)
 
 
 def test_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -73,7 +73,7 @@ pub(crate) struct Args {
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<f64>,
     /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or a file with it; see
-    /// styles.md [default: the values themselves; .png of others than u8 and u16: the style "default"]
+    /// docs/styles.md [default: the values themselves; .png of others than u8 and u16: the style "default"]
     #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with_all = ["cells", "nodata"])]
     style: Option<Style>,
     /// Grey between two numbers, which become black and white: short for a style

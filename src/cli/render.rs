@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, ensure};
 use spinney::brep::ExactModel;
 use spinney::dataset::Dataset;
-use spinney::export::{Projection, RenderRequest, render, render_exact};
+use spinney::export::{CameraProjection, RenderRequest, render, render_exact};
 use spinney::io::Output;
 use spinney::space::Up;
 
@@ -140,7 +140,7 @@ impl Args {
         [request.azimuth, request.elevation] = self.from;
         request.zoom = self.zoom;
         if self.orthographic {
-            request.projection = Projection::Orthographic;
+            request.projection = CameraProjection::Orthographic;
         }
         request.up = self.up;
         request.level = self.level;

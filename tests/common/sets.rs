@@ -1,7 +1,7 @@
 //! Set operations on exact models made in tests, and what their results really are.
 
 use spinney::Result;
-use spinney::brep::questions::{Location, MassProperties};
+use spinney::brep::query::{Location, MassProperties};
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{BOOLEAN_FACES, CombineReport, ExactModel, Face, FaceList, Faces, Grid, combine};
 use spinney::io::Output;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use spinney::Result;
-use spinney::import::mesh::{Face, Model, ModelInfo, Resolution, SolidOptions, SolidReport, plan_models};
+use spinney::import::mesh::{MeshFace, Model, ModelInfo, Resolution, SolidOptions, SolidReport, plan_models};
 use spinney::io::Output;
 use spinney::space::Frame;
 use spinney::store::OpenOptions;
@@ -72,7 +72,7 @@ impl Model for Polygons {
         &self.info
     }
 
-    fn faces(&mut self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+    fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         self.faces.iter().try_for_each(|face| {
             let points: Vec<Point> = face.rings.concat();
             let ring_ends: Vec<usize> = face
@@ -83,7 +83,12 @@ impl Model for Polygons {
                     Some(*end)
                 })
                 .collect();
-            each(&Face { points: &points, ring_ends: &ring_ends, colours: &[face.colour], part: face.part })
+            each(&MeshFace {
+                points: &points,
+                ring_ends: &ring_ends,
+                colours: &[face.colour],
+                part: face.part,
+            })
         })
     }
 }

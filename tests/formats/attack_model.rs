@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::brep::questions::{Location, MassProperties};
+use spinney::brep::query::{Location, MassProperties};
 use spinney::brep::{ExactModel, FaceList, Faces, Grid, ModelBuilder};
 use spinney::io::Output;
 use spinney::store::Metadata;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use spinney::brep::questions::Location;
+use spinney::brep::query::Location;
 use spinney::brep::{ExactModel, Face, Grid, ModelBuilder};
 use spinney::io::Output;
 use spinney::space::{Code, Dimension};

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::brep::questions::{Location, MassProperties};
+use spinney::brep::query::{Location, MassProperties};
 use spinney::brep::topology::Topology;
 use spinney::brep::{ExactModel, FaceBuffer, Faces};
 use spinney::space::Code;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use spinney::dataset::Dataset;
 use spinney::io::Output;
-use spinney::ops::{self, Axis, Combined, Map, Operation, Prefer, Sampling, TreeFile, View};
+use spinney::ops::{self, AffineMap, Axis, Combined, Operation, Prefer, Sampling, TreeFile, View};
 use spinney::query::Condition;
 use spinney::space::Bounds;
 use spinney::store::OpenOptions;
@@ -554,7 +554,7 @@ fn operations_on_records_that_lie() {
         let views = [
             view(),
             view().window([3, 5, 0], [300, 300, 1]).unwrap(),
-            view().transform(&Map::rotation(Axis::Z, 30.0, [9.0; 3])).unwrap(),
+            view().transform(&AffineMap::rotation(Axis::Z, 30.0, [9.0; 3])).unwrap(),
             view().scale([0.3, 0.3, 1.0]).unwrap().sampled(Sampling::Area(Rule::Majority)).unwrap(),
         ];
         let view = &views[(round % 4) as usize];

@@ -7,8 +7,8 @@
 use spinney::io::Output;
 use spinney::space::Code;
 use spinney::space::Dimension::{Oct, Quad};
-use spinney::store::container::INNER;
 use spinney::store::goblin::Goblin;
+use spinney::store::records::INNER;
 use spinney::store::{BuildOptions, build_tree, depth_for};
 use spinney::tree::{Child, MemTree, Source, df};
 use spinney::value::{Kind, Rule};

@@ -7,7 +7,7 @@ use spinney::Result;
 use spinney::brep::{Attributes, ExactModel, Faces};
 use spinney::export::mesh::{ExactSummary, MeshFormat, export_exact};
 use spinney::import::mesh::{
-    self, ExactOptions, ExactReport, Face, Model, ModelInfo, import_exact, open_all,
+    self, ExactOptions, ExactReport, MeshFace, Model, ModelInfo, import_exact, open_all,
 };
 use spinney::io::Output;
 use spinney::store::OpenOptions;
@@ -206,12 +206,12 @@ impl Model for Stand {
         &self.info
     }
 
-    fn faces(&mut self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+    fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
         let [low, high] = self.info.bounds;
         let corners = [low, [high[0], low[1], low[2]], [low[0], high[1], low[2]], [low[0], low[1], high[2]]];
         for side in [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] {
             let points = side.map(|corner: usize| corners[corner]);
-            each(&Face { points: &points, ring_ends: &[3], colours: &[], part: 0 })?;
+            each(&MeshFace { points: &points, ring_ends: &[3], colours: &[], part: 0 })?;
         }
         Ok(())
     }

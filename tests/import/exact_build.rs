@@ -1,10 +1,11 @@
 //! Exact models as they are built: cells against all faces, points against winding numbers, and the degenerate families.
 
-use spinney::brep::questions::Location;
+use spinney::brep::query::Location;
 use spinney::brep::{
-    BOOLEAN_FACES, DefectKind, ExactModel, FaceBuffer, FaceList, Faces, Grid, Node, NodeKind, NodeState,
+    BOOLEAN_FACES, DefectKind, ExactModel, FaceBuffer, FaceList, Faces, Grid, ModelNode, ModelNodeState,
+    NodeKind,
 };
-use spinney::geometry::{Box3, Polygon, Triangulator};
+use spinney::geometry::{Box3, GridPolygon, Triangulator};
 
 use crate::common::Random;
 use crate::common::exact::{Ring, built, cuboid, file_of, model, model_on, prism, snapped, turned};
@@ -75,7 +76,7 @@ fn families() -> Vec<(&'static str, Vec<Vec<Ring>>)> {
 }
 
 /// Nodes of a model.
-fn walk<'a>(model: &'a ExactModel, node: &Node<'a>, visit: &mut dyn FnMut(&Node<'a>)) {
+fn walk<'a>(model: &'a ExactModel, node: &ModelNode<'a>, visit: &mut dyn FnMut(&ModelNode<'a>)) {
     visit(node);
     for child in model.children(node).unwrap().iter().flatten() {
         walk(model, child, visit);
@@ -208,12 +209,12 @@ fn leaves_have_the_faces_that_cut_them() {
     for (name, faces) in families() {
         let list = model(&faces);
         let mut triangulator = Triangulator::new();
-        let polygons: Vec<Polygon> = (0..list.len() as usize)
+        let polygons: Vec<GridPolygon> = (0..list.len() as usize)
             .map(|number| {
                 let face = list.get(number);
                 let points: Vec<[i64; 3]> =
                     face.points.iter().map(|p| p.map(|at| 2 * i64::from(at))).collect();
-                Polygon::new(&points, face.ring_ends, &mut triangulator).unwrap()
+                GridPolygon::new(&points, face.ring_ends, &mut triangulator).unwrap()
             })
             .collect();
         for boolean_faces in [0, 4] {
@@ -224,19 +225,19 @@ fn leaves_have_the_faces_that_cut_them() {
                 let [min, max] = node.bounds(file.grid());
                 let mut found: Vec<u64> = node.faces().collect();
                 found.sort_unstable();
-                if node.state() == NodeState::Inner {
+                if node.state() == ModelNodeState::Inner {
                     return;
                 }
-                let cut = |polygon: &Polygon| polygon.cuts(&Box3 { min, max }).cuts;
+                let cut = |polygon: &GridPolygon| polygon.cuts(&Box3 { min, max }).cuts;
                 let expected: Vec<u64> =
                     (0..).zip(&polygons).filter(|(_, p)| cut(p)).map(|(n, _)| n).collect();
                 assert_eq!(found, expected, "{name}: {:?} at level {}", node.position(), node.level());
                 match node.state() {
-                    NodeState::Leaf { kind, .. } => kinds[kind as usize] += 1,
+                    ModelNodeState::Leaf { kind, .. } => kinds[kind as usize] += 1,
                     state => {
                         let middle = [0, 1, 2].map(|axis| 16 * (min[axis] + max[axis]));
                         let inside = winding(&list, middle) == Some(1);
-                        assert_eq!(state == NodeState::Full, inside, "{name}: {middle:?}");
+                        assert_eq!(state == ModelNodeState::Full, inside, "{name}: {middle:?}");
                     }
                 }
             });
@@ -289,7 +290,7 @@ fn kinds_are_what_planes_have_in_common() {
     let file = ExactModel::from_bytes(built(&model(&two), 64 << 20, 0).0.unwrap()).unwrap();
     let mut most = 0;
     walk(&file, &file.root().unwrap(), &mut |node| {
-        if let NodeState::Leaf { kind: NodeKind::Edge, .. } = node.state() {
+        if let ModelNodeState::Leaf { kind: NodeKind::Edge, .. } = node.state() {
             most = most.max(node.faces().count());
         }
     });

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
 use bnum::types::I512;
-use spinney::brep::questions::{CoverageSums, Cube, Line, MassProperties, nearest_on_face};
+use spinney::brep::query::{CoverageSums, Cube, Line, MassProperties, nearest_on_face};
 use spinney::brep::{FaceList, Faces};
 
 use crate::common::exact::snapped;

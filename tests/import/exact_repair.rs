@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use spinney::Error;
-use spinney::brep::questions::{Location, MassProperties};
+use spinney::brep::query::{Location, MassProperties};
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, FaceList, Faces, Grid};
 use spinney::import::mesh::{ExactOptions, ExactReport, import_exact, open_all};

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::brep::questions::MassProperties;
+use spinney::brep::query::MassProperties;
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{ExactModel, Face, Faces};
 use spinney::export::mesh::{MeshFormat, export_exact};
@@ -90,10 +90,10 @@ impl Model for Part {
         &self.info
     }
 
-    fn faces(&mut self, each: &mut dyn FnMut(&mesh::Face<'_>) -> Result<()>) -> Result<()> {
+    fn faces(&mut self, each: &mut dyn FnMut(&mesh::MeshFace<'_>) -> Result<()>) -> Result<()> {
         let part = self.part;
         self.model.faces(&mut |face| {
-            if face.part == part { each(&mesh::Face { part: 0, ..*face }) } else { Ok(()) }
+            if face.part == part { each(&mesh::MeshFace { part: 0, ..*face }) } else { Ok(()) }
         })
     }
 }

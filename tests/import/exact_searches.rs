@@ -1,11 +1,9 @@
 //! Questions to files of exact models, against all of their faces.
 #![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
-use spinney::brep::questions::{
-    BoxPlace, CoverageSums, Cube, Line, Location, MassProperties, nearest_on_face,
-};
+use spinney::brep::query::{BoxPlace, CoverageSums, Cube, Line, Location, MassProperties, nearest_on_face};
 use spinney::brep::{ExactModel, FaceList, Faces, Grid};
-use spinney::geometry::{Box3, Polygon, Triangulator};
+use spinney::geometry::{Box3, GridPolygon, Triangulator};
 
 use crate::common::Random;
 use crate::common::exact::{cuboid, file_of, model_on, snapped, turned};
@@ -169,7 +167,7 @@ fn boxes_are_inside_or_outside_or_cut() {
             let is_cut = faces(&list).any(|face| {
                 let points: Vec<[i64; 3]> =
                     face.points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
-                Polygon::new(&points, face.ring_ends, &mut triangulator).unwrap().cuts(&bounds).cuts
+                GridPolygon::new(&points, face.ring_ends, &mut triangulator).unwrap().cuts(&bounds).cuts
             });
             let expected = match is_cut {
                 true => BoxPlace::Cut,

@@ -99,6 +99,7 @@ fn write(faces: &dyn Faces, path: &Path) -> ExactSummary {
 fn round_trip(faces: &dyn Faces) {
     let folder = tempfile::tempdir().unwrap();
     let has_colours = all(faces, true, false).iter().any(|face| face.rings[0][0].1.is_some());
+    let holes = all(faces, false, false).iter().map(|face| face.rings.len() as u64 - 1).sum();
     for name in NAMES {
         let path = folder.path().join(name);
         let summary = write(faces, &path);
@@ -116,6 +117,7 @@ fn round_trip(faces: &dyn Faces) {
         assert_eq!(got, expected, "{name}");
         assert_eq!(summary.faces, faces.len());
         assert_eq!(summary.lost_colours, has_colours && is_json, "{name}");
+        assert_eq!(summary.bridged_holes, if is_json { 0 } else { holes }, "{name}");
         assert_eq!(summary.lost_parts, faces.parts().len() > 1 && !with_parts, "{name}");
         // Once more gives the same bytes.
         let again = folder.path().join(format!("again-{name}"));

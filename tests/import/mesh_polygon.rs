@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use spinney::geometry::{Box3, Flaw, Intersection, Polygon, Stage, Stages, Triangulator};
+use spinney::geometry::{Box3, Flaw, GridPolygon, Intersection, Stage, Stages, Triangulator};
 
 use crate::common;
 
@@ -10,9 +10,9 @@ type Point = [i64; 3];
 
 const OCTANT: Box3 = Box3 { min: [0; 3], max: [4; 3] };
 
-fn polygon(rings: &[&[Point]]) -> Polygon {
+fn polygon(rings: &[&[Point]]) -> GridPolygon {
     let (points, ends) = joined(rings);
-    Polygon::new(&points, &ends, &mut Triangulator::new()).unwrap()
+    GridPolygon::new(&points, &ends, &mut Triangulator::new()).unwrap()
 }
 
 fn joined<R: AsRef<[Point]>>(rings: &[R]) -> (Vec<Point>, Vec<usize>) {
@@ -218,7 +218,7 @@ fn a_bent_face_is_its_triangles() {
 
 #[test]
 fn flaws() {
-    let new = |ring: &[Point]| Polygon::new(ring, &[ring.len()], &mut Triangulator::new()).map(|_| ());
+    let new = |ring: &[Point]| GridPolygon::new(ring, &[ring.len()], &mut Triangulator::new()).map(|_| ());
     assert_eq!(new(&[[0, 0, 0], [1, 1, 1], [2, 2, 2], [1, 1, 1]]), Err(Flaw::NoArea));
     assert_eq!(new(&at(0, [[0, 0], [4, 4], [4, 0], [0, 4]])), Err(Flaw::NoArea));
     assert_eq!(new(&[[0, 0, 0], [6, 6, 0], [6, 0, 0], [0, 4, 1]]), Err(Flaw::NotSimple));
@@ -423,7 +423,7 @@ fn random_faces_agree_with_their_cells() {
             flat.iter().map(|ring| ring.iter().map(|&corner| place(corner)).collect()).collect();
         triangles(&rings);
         let (points, ends) = joined(&rings);
-        let face = Polygon::new(&points, &ends, &mut Triangulator::new()).unwrap();
+        let face = GridPolygon::new(&points, &ends, &mut Triangulator::new()).unwrap();
         assert!(face.is_planar());
         for _ in 0..20 {
             // The cells lie within eight by eight.
@@ -454,7 +454,7 @@ fn bent_faces_agree_with_their_triangles() {
             rings(&cells, round % 2 == 0, true).iter().map(|ring| ring.iter().map(place).collect()).collect();
         let triangles = triangles(&rings);
         let (points, ends) = joined(&rings);
-        let face = Polygon::new(&points, &ends, &mut Triangulator::new()).unwrap();
+        let face = GridPolygon::new(&points, &ends, &mut Triangulator::new()).unwrap();
         for _ in 0..6 {
             let near = points[random.below(points.len() as i64) as usize];
             let octant = octant_at(&mut random, near);
@@ -513,7 +513,7 @@ fn collected_polygons() {
             continue;
         }
         let triangles = triangles(&rings);
-        let face = Polygon::new(&points, &ends, &mut Triangulator::new()).unwrap();
+        let face = GridPolygon::new(&points, &ends, &mut Triangulator::new()).unwrap();
         let size = face.bounds().max[0] - face.bounds().min[0];
         for _ in 0..10 {
             let near = points[random.below(points.len() as i64) as usize];

@@ -1,7 +1,7 @@
 //! Solids made of polygons: boxes and concave prisms with holes, against brute force in the plane.
 
 use spinney::geometry::Triangulator;
-use spinney::import::mesh::{Face, InsideTest, Model, SolidReport};
+use spinney::import::mesh::{InsideTest, MeshFace, Model, SolidReport};
 
 use crate::common::Random;
 use crate::common::solid::{Point, Polygon, Polygons, build, cells, unit_cells};
@@ -167,7 +167,7 @@ fn faces_are_what_was_given() {
     // The helper above: rings one after the other, with where they end.
     let faces = prism(&[rectangle([0.0; 2], [4.0; 2]), hole(rectangle([1.0; 2], [2.0; 2]))], [0.0, 1.0], 2);
     let mut lids = 0;
-    let mut count = |face: &Face<'_>| {
+    let mut count = |face: &MeshFace<'_>| {
         lids += usize::from(face.ring_ends == [4, 8] && face.points.len() == 8);
         Ok(())
     };

@@ -44,8 +44,17 @@ fn check(made: &Topology, faces: &dyn Faces) {
             assert_eq!(made.shell_of_face(made.face(twin)), made.shell_of_face(made.face(half_edge)));
         }
     }
+    for face in 0..made.faces() {
+        let rings = made.rings_of_face(face);
+        assert!(rings.clone().all(|ring| made.face_of_ring(ring) == face));
+        let by_rings = rings.map(|ring| made.half_edges_of_ring(ring).count()).sum::<usize>();
+        assert_eq!(made.half_edges_of_face(face).len(), by_rings);
+        let edges = made.half_edges_of_face(face).map(|half_edge| made.edge(half_edge));
+        assert!(made.edges_of_face(face).eq(edges));
+    }
     for edge in 0..made.edges() {
-        let (_, other) = made.half_edges_of_edge(edge);
+        let (first, other) = made.half_edges_of_edge(edge);
+        assert_eq!(made.vertices_of_edge(edge), [made.origin(first), made.target(first)]);
         assert_eq!(passed[edge as usize], if other.is_some() { 2 } else { 1 });
     }
     // Every half-edge is in one fan, and every fan's edges are those of its half-edges.
@@ -67,6 +76,9 @@ fn check(made: &Topology, faces: &dyn Faces) {
         all += made.faces_of_shell(shell).len();
         made.faces_of_shell(shell).iter().for_each(|face| assert_eq!(made.shell_of_face(*face), shell));
         made.vertices_of_shell(shell).for_each(|vertex| assert!(vertices.insert(vertex)));
+        made.vertices_of_shell(shell).for_each(|vertex| assert_eq!(made.shell_of_vertex(vertex), shell));
+        let of_faces = made.faces_of_shell(shell).iter().map(|face| made.half_edges_of_face(*face).len());
+        assert_eq!(made.half_edges_of_shell(shell).count(), of_faces.sum::<usize>());
         made.edges_of_shell(shell).for_each(|edge| assert!(edges.insert(edge)));
     }
     assert_eq!(all, made.faces() as usize);

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use spinney::ops::{Axis, Map, View, data_box};
+use spinney::ops::{AffineMap, Axis, View, data_box};
 use spinney::space::Bounds;
 
 use crate::common::{Cells, OCT, QUAD, Random, oct_size, quad_size, seen, value, view_of_cells};
@@ -32,7 +32,7 @@ fn boxes_are_the_smallest() {
         let mut cells = Cells::noise(form, round, size, 9);
         cells.cells.fill_with(|| (random.below(one_in) == 0).then(|| value(form.value, 3)));
         let view = view_of_cells(&cells);
-        let turned = || view.clone().transform(&Map::rotation(Axis::Z, 20.0, [4.0; 3]));
+        let turned = || view.clone().transform(&AffineMap::rotation(Axis::Z, 20.0, [4.0; 3]));
         let views: [View; 2] = [view.clone(), turned().unwrap()];
         for view in views {
             assert_eq!(data_box(&view).unwrap(), slow_box(&seen(&view)), "round {round}, {size:?}");

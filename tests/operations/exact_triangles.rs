@@ -1,4 +1,4 @@
-//! Faces cut into triangles: the worked examples of O. A. Tyukachev, and random faces with holes.
+//! Faces cut into triangles: the worked examples of N. A. Tyukachev, and random faces with holes.
 
 use spinney::brep::topology::{Topology, TopologyOptions};
 use spinney::brep::{FaceList, Faces, Triangulated};

@@ -1,6 +1,6 @@
 //! Views against arrays of cells, worked examples of the literature, and files made of views and combinations.
 
-use spinney::ops::{Axis, Combined, Map, Operation, Prefer, Sampling, TreeFile, View};
+use spinney::ops::{AffineMap, Axis, Combined, Operation, Prefer, Sampling, TreeFile, View};
 use spinney::space::{Code, Dimension, Frame};
 use spinney::store::builder::ReusableSource;
 use spinney::tree::{Child, Form, MemTree, Source};
@@ -75,7 +75,7 @@ fn exact_chain(form: Form, seed: u64, size: [u64; 3]) {
                     mirror[2] = false;
                 }
                 steps += &format!(" symmetry {order:?} {mirror:?}");
-                view = view.transform(&Map::symmetry(order, mirror).unwrap()).unwrap();
+                view = view.transform(&AffineMap::symmetry(order, mirror).unwrap()).unwrap();
                 let size = order.map(|axis| cells.size[axis as usize]);
                 cells = made(form, size, |cell| {
                     let mut from = [0; 3];
@@ -142,7 +142,7 @@ fn affine(form: Form, seed: u64, size: [u64; 3], number: &mut impl FnMut() -> f6
     if axes == 2 {
         (rows[0][2], rows[1][2]) = (0.0, 0.0);
     }
-    let map = Map::from_rows(rows);
+    let map = AffineMap::from_rows(rows);
     let Ok(view) = view.transform(&map) else { return };
     if view.extent().iter().product::<u64>() > 200_000 {
         return;
@@ -166,7 +166,7 @@ fn affine(form: Form, seed: u64, size: [u64; 3], number: &mut impl FnMut() -> f6
     let part = std::array::from_fn(|i| size[i].div_ceil(2));
     let min = std::array::from_fn(|i| (size[i] / 4) as i64);
     let window = view.clone().window(min, part).unwrap();
-    let turn = Map::rotation(Axis::Z, 25.0, [3.0, 5.0, 0.0]);
+    let turn = AffineMap::rotation(Axis::Z, 25.0, [3.0, 5.0, 0.0]);
     let turned = window.clone().transform(&turn).unwrap();
     if turned.extent().iter().product::<u64>() > 200_000 {
         return;
@@ -273,7 +273,7 @@ fn halving_gives_the_representatives() {
 fn quarter_turns_of_the_literature() {
     // Counter-clockwise: NW goes to SW, NE to NW, SE to NE, SW to SE.
     let cells = made(QUAD, [2, 2, 1], |[x, y, _]| Some(byte((2 * y + x) as u8)));
-    let turn = Map::rotation(Axis::Z, -90.0, [1.0, 1.0, 0.0]);
+    let turn = AffineMap::rotation(Axis::Z, -90.0, [1.0, 1.0, 0.0]);
     let turned = seen(&view_of_cells(&cells).transform(&turn).unwrap());
     let goes = [2, 0, 3, 1];
     for (from, to) in goes.into_iter().enumerate() {
@@ -294,7 +294,7 @@ fn quarter_turns_of_the_literature() {
         // In the first numbering the printed turn about x takes (y, z) to (z, 1 - y): minus 90 degrees; so do the
         // solutions about the other axes. In the second all are turned by plus 90.
         let degrees = if z_before_y { 90.0 } else { -90.0 };
-        let turned = seen(&view.transform(&Map::rotation(axis, degrees, [1.0; 3])).unwrap());
+        let turned = seen(&view.transform(&AffineMap::rotation(axis, degrees, [1.0; 3])).unwrap());
         for z in 0..2 {
             for y in 0..2 {
                 for x in 0..2 {
@@ -329,13 +329,13 @@ fn window_of_the_literature() {
 #[test]
 fn turning_and_moving_there_and_back() {
     let (view, cells) = sample(QUAD, 8, [45, 31, 1]);
-    let quarter = Map::rotation(Axis::Z, 90.0, [7.0, 9.0, 0.0]);
+    let quarter = AffineMap::rotation(Axis::Z, 90.0, [7.0, 9.0, 0.0]);
     let mut turned = view.clone();
     for _ in 0..4 {
         turned = turned.transform(&quarter).unwrap();
     }
     assert_same(&seen(&turned), &cells, "four quarter turns");
-    assert_eq!(turned.to_source(), Map::IDENTITY);
+    assert_eq!(turned.to_source(), AffineMap::IDENTITY);
     let moved = view.clone().translate([13.0, 5.0, 0.0]).unwrap().translate([-13.0, -5.0, 0.0]).unwrap();
     assert_same(&seen(&moved), &cells, "there and back");
     let once = view.clone().window([5, 6, 0], [20, 15, 1]).unwrap();
@@ -352,7 +352,7 @@ fn frames_follow_or_move() {
     let shown = view.clone().window([10, 4, 0], [8, 8, 1]).unwrap();
     assert_eq!(shown.frame(false), shown.frame(true));
     assert_eq!(shown.frame(false).to_world([0.0; 3]), [105.0, 48.0, 0.0]);
-    let turned = view.clone().transform(&Map::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap();
+    let turned = view.clone().transform(&AffineMap::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap();
     // Cell (0, 0) was at the west end of the top row; turned clockwise it is at the right of the top row.
     let corner = turned.frame(false).to_world([29.5, 0.5, 0.0]);
     assert_eq!(corner, frame.to_world([0.5, 0.5, 0.0]));
@@ -383,7 +383,7 @@ fn files_of_views_and_combinations() {
     let shifted = |cell: [u64; 3]| a.get([cell[0] + 77, cell[1] + 130, 0]);
     check(view().window([77, 130, 0], part).unwrap(), made(QUAD, part, shifted), "window");
     let turned = made(QUAD, [1100, 1500, 1], |[x, y, _]| a.get([y, 1099 - x, 0]));
-    check(view().transform(&Map::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap(), turned, "quarter turn");
+    check(view().transform(&AffineMap::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap(), turned, "quarter turn");
     let moved = made(QUAD, [2524, 2124, 1], |[x, y, _]| a.at([x as i64 - 1024, y as i64 - 1024, 0]));
     check(view().translate([1024.0, 1024.0, 0.0]).unwrap(), moved, "moved by a power of two");
     for (number, prefer) in (0..16).flat_map(|number| [(number, Prefer::First), (number, Prefer::Second)]) {
@@ -431,13 +431,13 @@ fn what_cannot_be_done_is_refused() {
     says(view.clone().translate([0.0, 0.0, 1.0]), &["z"]);
     says(view.clone().scale([0.0, 1.0, 1.0]), &["scale"]);
     says(view.clone().scale([1e12, 1.0, 1.0]), &["size"]);
-    says(view.clone().transform(&Map::scaling([1.0, 0.0, 1.0])), &["inverted"]);
-    says(view.clone().transform(&Map::rotation(Axis::X, 30.0, [0.0; 3])), &["z alone"]);
+    says(view.clone().transform(&AffineMap::scaling([1.0, 0.0, 1.0])), &["inverted"]);
+    says(view.clone().transform(&AffineMap::rotation(Axis::X, 30.0, [0.0; 3])), &["z alone"]);
     says(view.clone().resample(200), &["size"]);
     says(view.clone().deepened(3), &["depth"]);
     says(view.clone().deepened(200), &["depth"]);
-    assert!(Map::rotation_about([0.0; 3], 30.0, [0.0; 3]).is_err());
-    assert!(Map::symmetry([Axis::X, Axis::X, Axis::Z], [false; 3]).is_err());
+    assert!(AffineMap::rotation_about([0.0; 3], 30.0, [0.0; 3]).is_err());
+    assert!(AffineMap::symmetry([Axis::X, Axis::X, Axis::Z], [false; 3]).is_err());
     let trees = |count: usize| (0..count).map(|_| view.clone()).collect::<Vec<_>>();
     let set = |number| Operation::Set { number, prefer: Prefer::First };
     assert!(Combined::new(trees(2), set(16), [40, 30, 1]).is_err());

@@ -5,7 +5,7 @@ use std::path::Path;
 use spinney::dataset::Dataset;
 use spinney::export::image::Format;
 use spinney::export::{
-    ArrayRequest, Detail, Projection, RenderRequest, WindowRequest, export_array, export_window, render,
+    ArrayRequest, CameraProjection, Detail, RenderRequest, WindowRequest, export_array, export_window, render,
 };
 use spinney::import::raster::{self, Pixels};
 use spinney::io::Output;
@@ -379,7 +379,7 @@ fn the_silhouette_of_a_ball_is_a_disc() {
             it.azimuth = azimuth;
             it.elevation = elevation;
             it.background = None;
-            it.projection = Projection::Orthographic;
+            it.projection = CameraProjection::Orthographic;
         });
         let (level, size, pixels) = picture(&file, &request);
         assert_eq!((level, size), (6, [120, 90, 4]));

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use spinney::brep::Faces;
-use spinney::brep::questions::Location;
+use spinney::brep::query::Location;
 use spinney::brep::surface_intersection::{LineKind, SurfaceIntersection, surface_intersection};
 
 use crate::common::Random;

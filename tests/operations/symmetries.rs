@@ -1,6 +1,6 @@
 //! All symmetries of the square and the cube, one by one and in pairs, against arrays whose cells change places.
 
-use spinney::ops::{Axis, Map, Step, View};
+use spinney::ops::{AffineMap, Axis, Step, View};
 use spinney::space::Frame;
 use spinney::value::{Kind, Rule};
 
@@ -44,8 +44,8 @@ impl Symmetry {
         format!("axes={}", parts.collect::<Vec<_>>().join(","))
     }
 
-    fn map(&self) -> Map {
-        Map::symmetry(self.from.map(|axis| [Axis::X, Axis::Y, Axis::Z][axis]), self.mirror).unwrap()
+    fn map(&self) -> AffineMap {
+        AffineMap::symmetry(self.from.map(|axis| [Axis::X, Axis::Y, Axis::Z][axis]), self.mirror).unwrap()
     }
 
     /// This, then another: an axis of the result comes from one of those between, which came from one of the first.

@@ -127,10 +127,10 @@ stays.";
 
 /// Inputs that are open and understood, ready to be built.
 enum Import {
-    Pictures(Box<raster::Import>),
+    Pictures(Box<raster::RasterImport>),
     /// Pictures on the grid of web maps: see [`WarpGrid::web_mercator`](spinney::ops::WarpGrid::web_mercator).
-    WebMap(Box<raster::Import>, Option<u8>, WarpOptions),
-    Volume(Box<volume::Import>),
+    WebMap(Box<raster::RasterImport>, Option<u8>, WarpOptions),
+    Volume(Box<volume::VolumeImport>),
     Solid(Box<SolidImport>),
     Exact(Box<ExactImport>),
 }

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use serde_json::json;
-use spinney::brep::{ExactModel, Faces, Node, NodeKind, NodeState};
+use spinney::brep::{ExactModel, Faces, ModelNode, ModelNodeState, NodeKind};
 use spinney::space::{Code, Dimension};
 
 use super::super::find::Found;
@@ -26,15 +26,15 @@ pub(crate) enum LeafKind {
 
 impl LeafKind {
     /// The kind of a leaf; `None` of a node that is divided.
-    fn of(state: NodeState) -> Option<LeafKind> {
+    fn of(state: ModelNodeState) -> Option<LeafKind> {
         Some(match state {
-            NodeState::Void => LeafKind::Void,
-            NodeState::Full => LeafKind::Full,
-            NodeState::Inner => return None,
-            NodeState::Leaf { kind: NodeKind::Face, .. } => LeafKind::Face,
-            NodeState::Leaf { kind: NodeKind::Edge, .. } => LeafKind::Edge,
-            NodeState::Leaf { kind: NodeKind::Vertex, .. } => LeafKind::Vertex,
-            NodeState::Leaf { kind: NodeKind::Boolean, .. } => LeafKind::Boolean,
+            ModelNodeState::Void => LeafKind::Void,
+            ModelNodeState::Full => LeafKind::Full,
+            ModelNodeState::Inner => return None,
+            ModelNodeState::Leaf { kind: NodeKind::Face, .. } => LeafKind::Face,
+            ModelNodeState::Leaf { kind: NodeKind::Edge, .. } => LeafKind::Edge,
+            ModelNodeState::Leaf { kind: NodeKind::Vertex, .. } => LeafKind::Vertex,
+            ModelNodeState::Leaf { kind: NodeKind::Boolean, .. } => LeafKind::Boolean,
         })
     }
 
@@ -67,8 +67,8 @@ pub(crate) fn find(model: &ExactModel, kinds: &[LeafKind], is_json: bool, found:
 /// Visits a node and what is below in Z order, until there is enough; says whether to go on.
 fn visit(
     model: &ExactModel,
-    node: &Node<'_>,
-    each: &mut dyn FnMut(&Node<'_>) -> spinney::Result<bool>,
+    node: &ModelNode<'_>,
+    each: &mut dyn FnMut(&ModelNode<'_>) -> spinney::Result<bool>,
 ) -> spinney::Result<bool> {
     if !each(node)? {
         return Ok(false);
@@ -82,7 +82,7 @@ fn visit(
 }
 
 /// A leaf as a line of text or a JSON object.
-fn line(model: &ExactModel, node: &Node<'_>, code: &str, kind: LeafKind, is_json: bool) -> String {
+fn line(model: &ExactModel, node: &ModelNode<'_>, code: &str, kind: LeafKind, is_json: bool) -> String {
     let (level, position, kind, faces) = (node.level(), node.position(), kind.name(), node.faces().count());
     let world = node.world_box(model.grid());
     if is_json {

@@ -5,7 +5,7 @@ use std::io::{self, BufRead as _, Write};
 use anyhow::{Context as _, Result, anyhow};
 use rayon::prelude::*;
 use spinney::brep::ExactModel;
-use spinney::brep::questions::Location;
+use spinney::brep::query::Location;
 
 /// Points that are answered at a time.
 const BATCH: usize = 1 << 16;

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use serde_json::json;
 use spinney::brep::ExactModel;
-use spinney::brep::questions::MassProperties;
+use spinney::brep::query::MassProperties;
 use spinney::brep::topology::{Euler, Topology, TopologyOptions};
 
 use super::super::Global;

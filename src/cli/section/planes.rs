@@ -1,7 +1,7 @@
 //! `spinney section MODEL PLANE...`: where planes cut an exact model.
 
 use anyhow::{Context as _, Result};
-use spinney::brep::questions::{CuttingPlane, SectionPolygon};
+use spinney::brep::query::{CuttingPlane, SectionPolygon};
 use spinney::brep::{ExactModel, Faces};
 use spinney::export::vector::{
     AttributeType, AttributeValue, GeometryKind, VectorFormat, VectorLayer, VectorWriter,

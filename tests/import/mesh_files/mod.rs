@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spinney::import::mesh::{Face, Model, ModelInfo, open};
+use spinney::import::mesh::{MeshFace, Model, ModelInfo, open};
 use spinney::{Error, Result};
 
 /// Memory for readers that have enough of it.
@@ -18,7 +18,7 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    fn of(face: &Face<'_>) -> Kept {
+    fn of(face: &MeshFace<'_>) -> Kept {
         Kept {
             points: face.points.to_vec(),
             ring_ends: face.ring_ends.to_vec(),
@@ -40,7 +40,7 @@ pub(crate) fn faces(model: &mut dyn Model) -> Result<Vec<Kept>> {
     Ok(faces)
 }
 
-fn check(info: &ModelInfo, face: &Face<'_>) {
+fn check(info: &ModelInfo, face: &MeshFace<'_>) {
     assert!(face.ring_ends.is_sorted() && face.ring_ends[0] >= 3, "{face:?}");
     assert_eq!(face.ring_ends.last(), Some(&face.points.len()));
     assert!((face.part as usize) < info.parts.len(), "{face:?}");

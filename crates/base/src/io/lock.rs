@@ -1,0 +1,94 @@
+//! One writer at a time: a lock on the file itself, and a note in it of who holds it.
+
+use std::fs::{File, TryLockError};
+use std::io::{self, Read};
+use std::path::Path;
+
+use super::file_id::FileId;
+use super::platform::path_of;
+use super::read::ReadBackend;
+use super::write::{FileBackend, WriteBackend};
+use crate::{Error, Result};
+
+/// Offset of the note in which the writer says who it is: in the header's page, behind everything else. It is
+/// no part of what is stored.
+const NOTE_OFFSET: u64 = 2048;
+/// Bytes of the note; what is not needed is zero.
+const NOTE_SIZE: usize = 256;
+
+/// A file that only this process may write, until this is dropped.
+pub struct LockedFile(FileBackend);
+
+impl LockedFile {
+    /// Takes the lock of a file, and says in the file who has it.
+    ///
+    /// # Errors
+    /// If another process has the lock, or the note cannot be written.
+    pub fn new(file: FileBackend) -> Result<LockedFile> {
+        match file.file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(Error::Locked { holder: holder(&file.path), path: file.path });
+            }
+            Err(TryLockError::Error(cause)) => return Err(Error::io(file.path, "lock")(cause)),
+        }
+        // From here on the lock is given back whatever happens.
+        let mut locked = LockedFile(file);
+        let program = std::env::args().next().unwrap_or_default();
+        let program = Path::new(&program).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut note = format!("process {} ({program})", std::process::id()).into_bytes();
+        note.resize(NOTE_SIZE, 0);
+        let written = locked.write(NOTE_OFFSET, &note);
+        written.map_err(Error::io(&*locked.0.path, "write the lock's note"))?;
+        Ok(locked)
+    }
+}
+
+impl Drop for LockedFile {
+    /// Closing the file is not enough: the system keeps the lock as long as any copy of the descriptor is
+    /// open, and a process that is being started has one until it runs its program; so has every mapping that
+    /// readers still hold.
+    fn drop(&mut self) {
+        // Where it fails, the lock ends with the last copy of the descriptor.
+        let _ = self.0.file.unlock();
+    }
+}
+
+impl WriteBackend for LockedFile {
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        self.0.write(offset, bytes)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.0.sync()
+    }
+
+    fn reader(&self) -> Result<Box<dyn ReadBackend>> {
+        self.0.reader()
+    }
+
+    fn id(&self) -> FileId {
+        self.0.id()
+    }
+
+    fn check_path(&self) -> Result<()> {
+        let FileBackend { file, path, .. } = &self.0;
+        let what = match FileId::at(path) {
+            Ok(there) if there == self.id() || there.is_unique() => return Ok(()),
+            Ok(_) => "was replaced by another file",
+            Err(cause) if cause.kind() == io::ErrorKind::NotFound => "was moved or removed",
+            Err(cause) => return Err(Error::io(path, "look at the file")(cause)),
+        };
+        Err(Error::Moved { path: path.clone(), what, file: path_of(file) })
+    }
+}
+
+/// Who has locked the file, as far as it says.
+fn holder(path: &Path) -> String {
+    let mut bytes = Vec::new();
+    let read =
+        File::open(path).and_then(|file| file.take(NOTE_OFFSET + NOTE_SIZE as u64).read_to_end(&mut bytes));
+    let note = bytes.get(NOTE_OFFSET as usize..).filter(|_| read.is_ok()).unwrap_or_default();
+    let text: String = String::from_utf8_lossy(note).chars().take_while(|c| !c.is_control()).collect();
+    if text.is_empty() { "another process".into() } else { text }
+}

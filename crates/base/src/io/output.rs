@@ -1,0 +1,404 @@
+//! Writing a file so that nobody ever sees half of it.
+
+use std::fs::{File, TryLockError};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::faults::{Faults, MayFail};
+use super::platform::{free_space, set_output_permissions};
+use super::write::FileBackend;
+use crate::{Error, Result};
+
+/// Destination of output: a new file that appears whole or not at all, or standard output.
+///
+/// A file is written under a temporary name in the target's folder and takes the target's place only in
+/// [`Output::commit`], after its bytes are on the disk; readers of an older file of that name keep it.
+/// Dropping the output without committing removes the temporary file; if the process is killed, the next
+/// output of that name does. Where the name is a symbolic link, what it leads to is made or replaced.
+pub struct Output {
+    path: PathBuf,
+    sink: Sink,
+    /// Bytes written to the end so far, and how many there may be.
+    written: u64,
+    most: u64,
+}
+
+enum Sink {
+    File {
+        file: BufWriter<TemporaryFile>,
+        /// (Behind the file, so that it goes after it.)
+        _unfinished: Unfinished,
+        /// The place of the file, which the path may lead to by symbolic links.
+        target: PathBuf,
+        /// Whether a file that is there by the end is an error.
+        must_be_new: bool,
+    },
+    /// Standard output, a device or a pipe: there is nothing to take the place of.
+    Stream(BufWriter<Box<dyn Write + Send>>),
+}
+
+/// A file that has another name until it is finished.
+struct TemporaryFile {
+    file: tempfile::NamedTempFile,
+    faults: MayFail,
+}
+
+impl Write for TemporaryFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.file.write(self.faults.arriving(bytes)?)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// Larger pieces, such as most segments, are written as they are.
+const BUFFER: usize = 1 << 16;
+
+impl Output {
+    /// Starts a file at `path`; `-` is standard output. Devices and named pipes are written to as they are.
+    ///
+    /// # Errors
+    /// If `path` is a folder, or no file can be made in its folder.
+    pub fn create(path: &Path) -> Result<Output> {
+        let sink = if path == Path::new("-") {
+            Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(io::stdout())))
+        } else if path.is_dir() {
+            let is_folder = io::Error::from(io::ErrorKind::IsADirectory);
+            return Err(Error::io(path, "create a file")(is_folder));
+        } else if std::fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+            let stream = File::options().write(true).open(path).map_err(Error::io(path, "open"))?;
+            Sink::Stream(BufWriter::with_capacity(BUFFER, Box::new(stream)))
+        } else {
+            let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
+            let file =
+                temporary(&target).map_err(Error::io(path, "create a temporary file beside the target"))?;
+            Sink::File {
+                _unfinished: Unfinished::new(file.path()),
+                file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
+                target,
+                must_be_new: false,
+            }
+        };
+        Ok(Output { path: path.to_path_buf(), sink, written: 0, most: u64::MAX })
+    }
+
+    /// Starts a file at `path`, or goes on with one that was not finished: what is written stays as `path` with `.partial`
+    /// behind it until [`Output::commit`], also if it is dropped. Returns how many bytes there are already.
+    ///
+    /// # Errors
+    /// If it cannot be made or read, or is being written by somebody else.
+    pub fn resumable(path: &Path) -> Result<(Output, u64)> {
+        let target = follow_links(path).map_err(Error::io(path, "follow the symbolic link"))?;
+        let partial = partial_of(&target);
+        let open = File::options().read(true).write(true).create(true).truncate(false).open(&partial);
+        let file = open.map_err(Error::io(&partial, "open"))?;
+        if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
+            return Err(Error::Locked { path: partial, holder: "another process".into() });
+        }
+        let there = file.metadata().map_err(Error::io(&partial, "read"))?.len();
+        let name = tempfile::TempPath::try_from_path(&partial).map_err(Error::io(&partial, "open"))?;
+        let mut file = tempfile::NamedTempFile::from_parts(file, name);
+        file.disable_cleanup(true);
+        io::Seek::seek(&mut file, io::SeekFrom::End(0)).map_err(Error::io(&partial, "read"))?;
+        let sink = Sink::File {
+            _unfinished: Unfinished(PathBuf::new()),
+            file: BufWriter::with_capacity(BUFFER, TemporaryFile { file, faults: MayFail::default() }),
+            target,
+            must_be_new: false,
+        };
+        Ok((Output { path: path.to_path_buf(), sink, written: there, most: u64::MAX }, there))
+    }
+
+    /// The file as it is before it is in its place.
+    pub fn unfinished_path(&self) -> Option<&Path> {
+        let Sink::File { file, .. } = &self.sink else { return None };
+        Some(file.get_ref().file.path())
+    }
+
+    /// Cuts a file off behind so many bytes, and goes on there.
+    pub fn truncate(&mut self, length: u64) -> io::Result<()> {
+        let Sink::File { file, .. } = &mut self.sink else { return Err(io::ErrorKind::Unsupported.into()) };
+        file.flush()?;
+        let file = &mut file.get_mut().file;
+        file.as_file().set_len(length)?;
+        self.written = length;
+        io::Seek::seek(file, io::SeekFrom::End(0)).map(drop)
+    }
+
+    /// Makes what was written so far durable.
+    pub fn sync(&mut self) -> io::Result<()> {
+        let Sink::File { file, .. } = &mut self.sink else { return Ok(()) };
+        file.flush()?;
+        let TemporaryFile { file, faults } = file.get_ref();
+        faults.sync()?;
+        file.as_file().sync_data()
+    }
+
+    /// Makes writing fail, and nothing be left of the file, when there would be more bytes than so many.
+    #[must_use]
+    pub fn with_limit(self, most: u64) -> Output {
+        Output { most, ..self }
+    }
+
+    /// Makes sure, before anything is written, that there is room for a number of bytes; that is an estimate of those
+    /// that will be written at least.
+    ///
+    /// # Errors
+    /// If that is more than the limit, or than is free in the output's folder.
+    pub fn check_room(&self, needed: u64) -> Result<()> {
+        let no_room = |limit, whose| {
+            let advice =
+                "nothing was written; write a part of it, or a coarser tree (see `spinney transform`)";
+            Err(Error::NoRoom { path: self.path.clone(), needed, limit, whose, advice: advice.into() })
+        };
+        if needed > self.most {
+            return no_room(self.most, "are allowed");
+        }
+        let Sink::File { target, .. } = &self.sink else { return Ok(()) };
+        match free_space(folder(target)) {
+            Some(free) if needed > free => no_room(free, "are free in its folder"),
+            _ => Ok(()),
+        }
+    }
+
+    /// The final path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Makes writes and syncs of a file fail as a test wants it.
+    #[must_use]
+    pub fn with_faults(mut self, faults: Arc<dyn Faults>) -> Output {
+        if let Sink::File { file, .. } = &mut self.sink {
+            file.get_mut().faults = MayFail(Some(faults));
+        }
+        self
+    }
+
+    /// Whether bytes go to a file that takes its place in the end, and not to a stream.
+    pub fn is_file(&self) -> bool {
+        matches!(self.sink, Sink::File { .. })
+    }
+
+    /// Overwrites bytes of a file that were written before. A stream has no such bytes.
+    pub fn overwrite(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        let Sink::File { file, .. } = &mut self.sink else { return Err(io::ErrorKind::Unsupported.into()) };
+        file.flush()?;
+        let TemporaryFile { file, faults } = file.get_mut();
+        faults.write_all_at(file.as_file(), bytes, offset)?;
+        // (Where positioned writes move the cursor, too.)
+        io::Seek::seek(file, io::SeekFrom::End(0)).map(drop)
+    }
+
+    /// The file as something to be written in any order, if there is one.
+    pub fn backend(&self) -> Option<io::Result<FileBackend>> {
+        let Sink::File { file, .. } = &self.sink else { return None };
+        let TemporaryFile { file, faults } = file.get_ref();
+        let copy = file.as_file().try_clone();
+        Some(copy.map(|copy| FileBackend::of_output(copy, &self.path, faults.clone(), self.most)))
+    }
+
+    /// Makes [`Output::commit`] fail if by then there is a file of that name, instead of replacing it.
+    pub fn keep_existing(&mut self) {
+        if let Sink::File { must_be_new, .. } = &mut self.sink {
+            *must_be_new = true;
+        }
+    }
+
+    /// Removes the temporary files of all outputs of this process that are not committed, for a program that
+    /// is about to end without dropping them.
+    pub fn remove_unfinished() {
+        let mut unfinished = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
+        for path in unfinished.drain(..) {
+            let _ = std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir_all(&path));
+        }
+    }
+
+    /// Puts the finished file in its place, on the disk and not only in the system's memory.
+    ///
+    /// An existing file's permissions are kept; a new file gets the usual ones.
+    ///
+    /// # Errors
+    /// If that fails, or there is a file that must be kept: see [`Output::keep_existing`]. The new one is gone
+    /// then.
+    pub fn commit(self) -> Result<()> {
+        let path = self.path;
+        match self.sink {
+            Sink::Stream(mut out) => out.flush().map_err(Error::io(path, "write")),
+            Sink::File { file, target, must_be_new, _unfinished } => {
+                let file = file.into_inner().map_err(|e| Error::io(&path, "write")(e.into_error()))?;
+                let TemporaryFile { file, faults } = file;
+                set_output_permissions(file.as_file(), &path)
+                    .map_err(Error::io(&path, "set the permissions"))?;
+                // The bytes are durable before the name leads to them; the folder comes last, which makes the
+                // rename durable.
+                faults.sync().and_then(|()| file.as_file().sync_all()).map_err(Error::io(&path, "sync"))?;
+                // (One step, so that no file can appear between a look and the renaming.)
+                let persisted =
+                    if must_be_new { file.persist_noclobber(&target) } else { file.persist(&target) };
+                let file = persisted.map_err(|failed| match failed.error {
+                    cause if must_be_new && cause.kind() == io::ErrorKind::AlreadyExists => {
+                        let advice = "nothing was written; choose another name, or remove that file first";
+                        Error::unsupported(&path, "replacing a file that has appeared meanwhile", advice)
+                    }
+                    cause => Error::io(&path, "put in place")(cause),
+                })?;
+                // Whoever edits the file next must not find it locked: closing it is not enough while a process
+                // that is being started has a copy of the descriptor.
+                let _ = file.unlock();
+                sync_folder(folder(&target)).map_err(Error::io(&path, "sync the folder"))
+            }
+        }
+    }
+}
+
+/// Temporary files of this process.
+static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// A temporary file or folder, for [`Output::remove_unfinished`].
+pub struct Unfinished(PathBuf);
+
+impl Unfinished {
+    pub fn new(path: &Path) -> Unfinished {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
+        Unfinished(path.to_path_buf())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).retain(|path| *path != self.0);
+    }
+}
+
+impl Write for Output {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        check_limit(self.written, bytes.len(), self.most)?;
+        let count = match &mut self.sink {
+            Sink::File { file, .. } => file.write(bytes),
+            Sink::Stream(out) => out.write(bytes),
+        }?;
+        self.written += count as u64;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.sink {
+            Sink::File { file, .. } => file.flush(),
+            Sink::Stream(out) => out.flush(),
+        }
+    }
+}
+
+/// Fails if so many more bytes would be more than may be written.
+pub(super) fn check_limit(written: u64, more: usize, most: u64) -> io::Result<()> {
+    if written.saturating_add(more as u64) <= most {
+        return Ok(());
+    }
+    let message = format!("it would be longer than the {most} bytes that are allowed");
+    Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
+}
+
+/// Letters and digits between a temporary file's prefix and suffix.
+const RANDOM: usize = 6;
+
+const SUFFIX: &str = ".partial";
+
+/// Bytes of a file's name that its temporary file's name has as well: with all that surrounds them they fit
+/// where names may have 255 bytes.
+const MAX_PREFIX: usize = 200;
+
+/// Symbolic links that are followed one after the other, as many as the system follows.
+const MAX_LINKS: usize = 40;
+
+/// The file that a path leads to by symbolic links; it need not be there.
+fn follow_links(path: &Path) -> io::Result<PathBuf> {
+    let mut target = path.to_path_buf();
+    for _ in 0..MAX_LINKS {
+        match std::fs::read_link(&target) {
+            // (An absolute one replaces the folder.)
+            Ok(next) => target = folder(&target).join(next),
+            // No link, or nothing there.
+            Err(_) => return Ok(target),
+        }
+    }
+    Err(io::Error::other("too many symbolic links"))
+}
+
+/// The beginning of the names of temporary files for a target.
+fn prefix(target: &Path) -> String {
+    let name = target.file_name().unwrap_or_default();
+    let text = name.to_string_lossy();
+    if text.len() <= MAX_PREFIX {
+        return format!(".{text}.");
+    }
+    // Long names may begin alike: a hash tells them apart.
+    let hash = xxhash_rust::xxh3::xxh3_64(name.as_encoded_bytes());
+    let end = (0..=MAX_PREFIX - 17).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+    format!(".{}~{hash:016x}.", &text[..end])
+}
+
+/// A file beside the target, with a lock that tells others that it is being written.
+fn temporary(target: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let prefix = prefix(target);
+    let folder = folder(target);
+    remove_left_behind(folder, &prefix);
+    loop {
+        let file =
+            tempfile::Builder::new().prefix(&prefix).suffix(SUFFIX).rand_bytes(RANDOM).tempfile_in(folder)?;
+        // Before it is locked, another process may take it for one that was left behind. Where there are no
+        // locks, nobody takes anything.
+        let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
+        if !taken && file.path().exists() {
+            return Ok(file);
+        }
+    }
+}
+
+/// Removes what processes that were killed have left: temporary files for the same target that nobody holds a
+/// lock on. What cannot be removed stays, which is no reason to fail.
+fn remove_left_behind(folder: &Path, prefix: &str) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let random = name.to_str().and_then(|name| name.strip_prefix(prefix)?.strip_suffix(SUFFIX));
+        let is_ours = random.is_some_and(|random| {
+            random.len() == RANDOM && random.bytes().all(|byte| byte.is_ascii_alphanumeric())
+        });
+        if !is_ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        // The lock is held while the file is removed, so that its maker cannot take it meanwhile.
+        if let Ok(file) = File::open(entry.path())
+            && file.try_lock().is_ok()
+        {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// The place of a file, or folder, that can be gone on with before it is finished.
+pub fn partial_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(SUFFIX);
+    name.into()
+}
+
+/// The folder a path lies in.
+pub fn folder(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// GDAL's sidecar of a file: `a.tif.aux.xml` for `a.tif`.
+pub fn sidecar_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".aux.xml");
+    name.into()
+}
+
+/// Makes a rename in a folder durable.
+pub fn sync_folder(folder: &Path) -> io::Result<()> {
+    if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
+}

@@ -1,0 +1,222 @@
+//! Access to a file's bytes: mapped, by positioned reads, or in memory.
+
+use std::borrow::Cow;
+use std::fs::File;
+use std::ops::Deref;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::SystemTime;
+
+use super::platform::read_exact_at;
+use crate::{Error, Result};
+
+/// The bytes of a file that is only read.
+pub trait ReadBackend: Send + Sync {
+    /// Number of bytes.
+    fn len(&self) -> u64;
+
+    /// Whether there are no bytes.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// All bytes, where they can be seen without copying.
+    fn bytes(&self) -> Option<&[u8]>;
+
+    /// Length and time of modification of the file as it is now; `None` where nobody can change the bytes.
+    ///
+    /// # Errors
+    /// If the system cannot tell.
+    fn stamp(&self) -> Result<Option<Stamp>> {
+        Ok(None)
+    }
+
+    /// Some bytes; the range must lie within the length.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>>;
+}
+
+/// Length and time of modification of a file: where they are the same, its bytes are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stamp {
+    /// Bytes.
+    pub length: u64,
+    /// Time of the last change of a byte. (Renaming and linking do not count.)
+    pub(crate) modified: SystemTime,
+}
+
+impl Stamp {
+    fn of(file: &File, path: &Path) -> Result<Option<Stamp>> {
+        let stamp = file
+            .metadata()
+            .and_then(|metadata| Ok(Stamp { length: metadata.len(), modified: metadata.modified()? }));
+        stamp.map(Some).map_err(Error::io(path, "look at the file"))
+    }
+}
+
+/// Whether files are read by positioned reads where nobody says how.
+static POSITIONED: AtomicBool = AtomicBool::new(false);
+
+/// Makes positioned reads the default of this process, instead of mapping files: for programs whose files are on
+/// network folders, or may be cut short by others.
+pub fn prefer_positioned_reads() {
+    POSITIONED.store(true, Ordering::Relaxed);
+}
+
+/// Whether files are read by positioned reads where nobody says how.
+pub fn positioned_reads_are_preferred() -> bool {
+    POSITIONED.load(Ordering::Relaxed)
+}
+
+impl ReadBackend for Vec<u8> {
+    fn len(&self) -> u64 {
+        self.as_slice().len() as u64
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        Some(self)
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        Ok(Cow::Borrowed(&self[offset as usize..][..length]))
+    }
+}
+
+/// A file mapped into memory: bytes are seen where the system's cache has them.
+///
+/// If another process truncates the file, touching a lost page kills this one (SIGBUS); files that Spinney
+/// publishes are replaced by renaming, which is safe. For untrusted writers and network folders use
+/// [`Positioned`].
+pub struct Mapped {
+    map: memmap2::Mmap,
+    file: File,
+    path: std::path::PathBuf,
+}
+
+impl Mapped {
+    /// Maps a file.
+    ///
+    /// # Errors
+    /// If it cannot be opened or mapped.
+    pub fn open(path: &Path) -> Result<Mapped> {
+        Mapped::of(&File::open(path).map_err(Error::io(path, "open"))?, path)
+    }
+
+    /// Maps an open file; the path is for messages.
+    ///
+    /// # Errors
+    /// If it is empty or cannot be mapped.
+    pub fn of(file: &File, path: &Path) -> Result<Mapped> {
+        let length = file.metadata().map_err(Error::io(path, "open"))?.len();
+        if length == 0 {
+            return Err(Error::corrupt(path, "file", "0 bytes", "a Spinney file"));
+        }
+        // SAFETY: the mapping is read-only, and readers check every number they take from it before use, so
+        // that even bytes that change under us lead to wrong answers or errors, not to undefined lengths:
+        // slices of it are only ever read as plain integers. Truncation is the documented risk above.
+        #[allow(unsafe_code)]
+        let map = unsafe { memmap2::Mmap::map(file) }.map_err(Error::io(path, "map"))?;
+        let file = file.try_clone().map_err(Error::io(path, "open"))?;
+        Ok(Mapped { map, file, path: path.to_path_buf() })
+    }
+
+    /// Gives the memory behind all pages back to the system, which reads them anew when they are looked at
+    /// again: who reads a large file once from beginning to end need not hold what is behind.
+    pub fn release_pages(&self) {
+        #[cfg(unix)]
+        {
+            // SAFETY: pages of a read-only mapping of a file have nothing that is not in the file; they come
+            // back as they were, or as the file is by then, which the mapping allows for anyway.
+            #[allow(unsafe_code)]
+            let done = unsafe { self.map.unchecked_advise(memmap2::UncheckedAdvice::DontNeed) };
+            // A system that cannot do it has to live with the pages.
+            let _ = done;
+        }
+    }
+}
+
+impl ReadBackend for Mapped {
+    fn len(&self) -> u64 {
+        self.map.len() as u64
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        Some(&self.map)
+    }
+
+    fn stamp(&self) -> Result<Option<Stamp>> {
+        Stamp::of(&self.file, &self.path)
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        Ok(Cow::Borrowed(&self.map[offset as usize..][..length]))
+    }
+}
+
+/// A file read with positioned reads: every answer is a copy, errors are errors.
+pub struct Positioned {
+    file: File,
+    length: u64,
+    path: std::path::PathBuf,
+}
+
+impl Positioned {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn open(path: &Path) -> Result<Positioned> {
+        Positioned::of(File::open(path).map_err(Error::io(path, "open"))?, path)
+    }
+
+    /// Reads an open file; the path is for messages.
+    ///
+    /// # Errors
+    /// If its length is not to be had.
+    pub fn of(file: File, path: &Path) -> Result<Positioned> {
+        let length = file.metadata().map_err(Error::io(path, "open"))?.len();
+        Ok(Positioned { file, length, path: path.to_path_buf() })
+    }
+}
+
+impl ReadBackend for Positioned {
+    fn len(&self) -> u64 {
+        self.length
+    }
+
+    fn bytes(&self) -> Option<&[u8]> {
+        None
+    }
+
+    fn stamp(&self) -> Result<Option<Stamp>> {
+        Stamp::of(&self.file, &self.path)
+    }
+
+    fn read(&self, offset: u64, length: usize) -> Result<Cow<'_, [u8]>> {
+        let mut bytes = vec![0; length];
+        read_exact_at(&self.file, &mut bytes, offset).map_err(Error::io(&self.path, "read"))?;
+        Ok(Cow::Owned(bytes))
+    }
+}
+
+/// Bytes of a file: where they are mapped, or held by a cache.
+#[derive(Clone)]
+pub enum FileBytes<'a> {
+    Mapped(&'a [u8]),
+    Held(Arc<Vec<u8>>),
+}
+
+impl Deref for FileBytes<'_> {
+    type Target = [u8];
+
+    #[inline]
+    fn deref(&self) -> &[u8] {
+        match self {
+            FileBytes::Mapped(bytes) => bytes,
+            FileBytes::Held(bytes) => bytes,
+        }
+    }
+}

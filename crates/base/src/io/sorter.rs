@@ -1,0 +1,96 @@
+//! Sorts items that need not fit into memory.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::{Error, Result};
+
+/// Collects items of one size, each with a key, and gives them back in the order of the keys.
+///
+/// More items than the memory allows go to temporary files in sorted runs, which are merged in the end.
+pub struct Sorter {
+    folder: PathBuf,
+    item_size: usize,
+    /// Items kept in memory.
+    most: usize,
+    items: Vec<(u64, Vec<u8>)>,
+    runs: Vec<Run>,
+    len: u64,
+}
+
+struct Run {
+    file: tempfile::SpooledTempFile,
+    items: u64,
+}
+
+impl Sorter {
+    /// Items of `item_size` bytes that start with their key; about `memory` bytes are used.
+    pub fn new(folder: &Path, item_size: usize, memory: u64) -> Sorter {
+        let most = (memory / (item_size as u64 + 48)).max(64) as usize;
+        Sorter { folder: folder.to_path_buf(), item_size, most, items: Vec::new(), runs: Vec::new(), len: 0 }
+    }
+
+    pub fn push(&mut self, key: u64, item: Vec<u8>) -> Result<()> {
+        debug_assert_eq!(item.len(), self.item_size);
+        self.items.push((key, item));
+        self.len += 1;
+        if self.items.len() < self.most {
+            return Ok(());
+        }
+        self.spill().map_err(Error::io(&self.folder, "use a temporary file"))
+    }
+
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    fn spill(&mut self) -> io::Result<()> {
+        self.items.sort_unstable_by_key(|(key, _)| *key);
+        let mut out = BufWriter::new(tempfile::spooled_tempfile_in(0, &self.folder));
+        for (key, item) in &self.items {
+            out.write_all(&key.to_le_bytes())?;
+            out.write_all(item)?;
+        }
+        let mut file = out.into_inner().map_err(|error| error.into_error())?;
+        file.seek(SeekFrom::Start(0))?;
+        self.runs.push(Run { file, items: self.items.len() as u64 });
+        self.items.clear();
+        Ok(())
+    }
+
+    /// Hands out all items in order.
+    pub fn finish(mut self, mut item: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        let spill_error = || Error::io(&self.folder, "use a temporary file");
+        self.items.sort_unstable_by_key(|(key, _)| *key);
+        let mut last = self.items.into_iter().peekable();
+        let mut runs: Vec<_> =
+            self.runs.into_iter().map(|run| (BufReader::new(run.file), run.items)).collect();
+        let read = |(file, left): &mut (BufReader<_>, u64)| -> io::Result<Option<(u64, Vec<u8>)>> {
+            if *left == 0 {
+                return Ok(None);
+            }
+            *left -= 1;
+            let (mut key, mut item) = ([0; 8], vec![0; self.item_size]);
+            Read::read_exact(file, &mut key)?;
+            Read::read_exact(file, &mut item)?;
+            Ok(Some((u64::from_le_bytes(key), item)))
+        };
+        // A merge of all runs: the heap has the next item of each run on disk; what is still in memory is one
+        // run more.
+        let mut heap = BinaryHeap::new();
+        for (number, run) in runs.iter_mut().enumerate() {
+            heap.extend(read(run).map_err(spill_error())?.map(|(key, bytes)| Reverse((key, number, bytes))));
+        }
+        while let Some(Reverse((key, number, bytes))) = heap.pop() {
+            while let Some((_, bytes)) = last.next_if(|(other, _)| *other < key) {
+                item(&bytes)?;
+            }
+            item(&bytes)?;
+            let next = read(&mut runs[number]).map_err(spill_error())?;
+            heap.extend(next.map(|(key, bytes)| Reverse((key, number, bytes))));
+        }
+        last.try_for_each(|(_, bytes)| item(&bytes))
+    }
+}

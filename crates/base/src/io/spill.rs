@@ -1,0 +1,53 @@
+//! Output that waits in temporary files.
+
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use crate::io::Output;
+use crate::{Error, Result};
+
+/// Output that has to follow what is not known yet, in an unnamed temporary file: in the output's folder if
+/// it has one, since that is where there must be room.
+pub struct Spill {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Spill {
+    pub fn new(output: &Output) -> Result<Spill> {
+        let path = output.path().to_path_buf();
+        let file = match output.is_file() {
+            true => tempfile::tempfile_in(crate::io::folder(&path)),
+            false => tempfile::tempfile(),
+        };
+        let file = file.map_err(Error::io(&path, "make a temporary file for"))?;
+        Ok(Spill { path, file: BufWriter::with_capacity(1 << 20, file) })
+    }
+
+    pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.file.write_all(bytes).map_err(|cause| failed(&self.path)(cause))
+    }
+
+    /// Writes all of it to the output.
+    pub fn copy_to(self, output: &mut Output) -> Result<()> {
+        let copy = || -> io::Result<()> {
+            let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
+            file.seek(SeekFrom::Start(0))?;
+            let mut file = BufReader::with_capacity(1 << 20, file);
+            let mut buffer = vec![0; 1 << 20];
+            loop {
+                match file.read(&mut buffer)? {
+                    0 => return Ok(()),
+                    count => output.write_all(&buffer[..count])?,
+                }
+            }
+        };
+        copy().map_err(failed(&self.path))
+    }
+}
+
+/// An error while writing.
+pub fn failed(path: &Path) -> impl FnOnce(io::Error) -> Error {
+    Error::io(path, "write")
+}

@@ -1,0 +1,119 @@
+//! Lists of words that may be longer than memory: many lists in one temporary file, whose room is used again.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use zerocopy::IntoBytes;
+
+use super::platform::{read_exact_at, write_all_at};
+use crate::{Error, Result};
+
+/// Words that are written at a time: a whole number of triangles of solids, which have eleven.
+const CHUNK: usize = 11 * 1536;
+
+/// A temporary file without a name, in chunks that are used again when their list is dropped.
+#[derive(Debug)]
+pub struct Spool {
+    file: File,
+    /// Folder of the file, for messages.
+    folder: PathBuf,
+    chunks: Mutex<Chunks>,
+}
+
+#[derive(Debug, Default)]
+struct Chunks {
+    free: Vec<u64>,
+    used: u64,
+}
+
+impl Spool {
+    pub fn create(folder: &Path) -> Result<Arc<Spool>> {
+        let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
+        Ok(Arc::new(Spool { file, folder: folder.to_path_buf(), chunks: Mutex::default() }))
+    }
+
+    fn take(&self) -> u64 {
+        let mut chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
+        chunks.free.pop().unwrap_or_else(|| {
+            chunks.used += 1;
+            chunks.used - 1
+        })
+    }
+}
+
+/// A list in a spool.
+#[derive(Debug)]
+pub struct SpooledWords {
+    spool: Arc<Spool>,
+    chunks: Vec<u64>,
+    len: usize,
+}
+
+impl SpooledWords {
+    /// Number of words.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Hands out the words, a chunk at a time: whole records, if these are all of eleven words.
+    pub fn each(&self, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
+        let mut words = vec![0; CHUNK];
+        for (index, chunk) in self.chunks.iter().enumerate() {
+            let here = &mut words[..(self.len - index * CHUNK).min(CHUNK)];
+            let read = read_exact_at(&self.spool.file, here.as_mut_bytes(), chunk * 4 * CHUNK as u64);
+            read.map_err(Error::io(&self.spool.folder, "read a temporary file"))?;
+            each(here)?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for SpooledWords {
+    fn drop(&mut self) {
+        let mut chunks = self.spool.chunks.lock().unwrap_or_else(PoisonError::into_inner);
+        chunks.free.append(&mut self.chunks);
+    }
+}
+
+/// Writes one list to a spool.
+pub struct WordSpooler {
+    list: SpooledWords,
+    buffer: Vec<u32>,
+}
+
+impl WordSpooler {
+    pub fn new(spool: &Arc<Spool>) -> WordSpooler {
+        let list = SpooledWords { spool: spool.clone(), chunks: Vec::new(), len: 0 };
+        WordSpooler { list, buffer: Vec::new() }
+    }
+
+    pub fn push(&mut self, mut words: &[u32]) -> Result<()> {
+        self.list.len += words.len();
+        while self.buffer.len() + words.len() >= CHUNK {
+            let (here, rest) = words.split_at(CHUNK - self.buffer.len());
+            self.buffer.extend_from_slice(here);
+            self.flush()?;
+            words = rest;
+        }
+        self.buffer.extend_from_slice(words);
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let spool = &self.list.spool;
+        let chunk = spool.take();
+        self.list.chunks.push(chunk);
+        let written = write_all_at(&spool.file, self.buffer.as_bytes(), chunk * 4 * CHUNK as u64);
+        written.map_err(Error::io(&spool.folder, "write a temporary file"))?;
+        self.buffer.clear();
+        Ok(())
+    }
+
+    pub fn finish(mut self) -> Result<SpooledWords> {
+        if !self.buffer.is_empty() {
+            self.flush()?;
+        }
+        Ok(self.list)
+    }
+}

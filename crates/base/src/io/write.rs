@@ -1,0 +1,89 @@
+//! Positioned, durable writing: files, or stand-ins of tests.
+
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::faults::MayFail;
+use super::file_id::FileId;
+use super::output::check_limit;
+use super::read::{Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
+use crate::{Error, Result};
+
+/// Storage that is written at any offset and made durable: a file, or a stand-in of tests.
+///
+/// Writes may become durable in any order, in part or not at all, until [`WriteBackend::sync`] returns.
+pub trait WriteBackend: Send {
+    /// Writes bytes at an offset, which may lie behind the end.
+    ///
+    /// # Errors
+    /// If that fails; some of the bytes may be written.
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()>;
+
+    /// Makes all that was written durable.
+    ///
+    /// # Errors
+    /// If that fails. What was written since the last success may then be lost even if a later call succeeds.
+    fn sync(&mut self) -> io::Result<()>;
+
+    /// The bytes as they are now, to be read.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    fn reader(&self) -> Result<Box<dyn ReadBackend>>;
+
+    /// The identity of the file.
+    fn id(&self) -> FileId;
+
+    /// Makes sure that readers find what was written: that the file is still at its path.
+    ///
+    /// # Errors
+    /// If it is not.
+    fn check_path(&self) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// A file. Written with ordinary positioned writes, never through a mapping.
+pub struct FileBackend {
+    pub file: File,
+    pub path: PathBuf,
+    faults: MayFail,
+    /// Bytes that the file may have.
+    most: u64,
+}
+
+impl FileBackend {
+    pub fn new(file: File, path: &Path) -> FileBackend {
+        FileBackend::of_output(file, path, MayFail::default(), u64::MAX)
+    }
+
+    /// The file of an output that may have so many bytes.
+    pub(super) fn of_output(file: File, path: &Path, faults: MayFail, most: u64) -> FileBackend {
+        FileBackend { file, path: path.to_path_buf(), faults, most }
+    }
+}
+
+impl WriteBackend for FileBackend {
+    fn write(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        check_limit(offset, bytes.len(), self.most)?;
+        self.faults.write_all_at(&self.file, bytes, offset)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        self.faults.sync()?;
+        self.file.sync_data()
+    }
+
+    fn reader(&self) -> Result<Box<dyn ReadBackend>> {
+        if positioned_reads_are_preferred() {
+            let file = self.file.try_clone().map_err(Error::io(&self.path, "open"))?;
+            return Ok(Box::new(Positioned::of(file, &self.path)?));
+        }
+        Ok(Box::new(Mapped::of(&self.file, &self.path)?))
+    }
+
+    fn id(&self) -> FileId {
+        FileId::of(&self.file).unwrap_or_else(|_| FileId::unique())
+    }
+}

@@ -1,0 +1,14 @@
+//! What all of Spinney stands on: errors, files, space, values, work for several threads.
+
+mod error;
+mod form;
+pub mod guard;
+pub mod io;
+pub mod parallel;
+mod progress;
+pub mod space;
+pub mod value;
+
+pub use error::{Error, Result};
+pub use form::Form;
+pub use progress::{PartOfWork, Progress};

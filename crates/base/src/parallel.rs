@@ -1,0 +1,57 @@
+//! Work for several threads. The thread pool's own code is compiled once, for plain functions, and not anew
+//! wherever it is used for each of the many types of trees.
+
+use std::sync::Mutex;
+
+use rayon::prelude::*;
+
+/// Applies a function to each item with the threads of the current rayon pool; the results have the items'
+/// order.
+pub fn map<T: Sync, R: Send>(items: &[T], make: impl Fn(&T) -> R + Sync) -> Vec<R> {
+    let made: Vec<Mutex<Option<R>>> = items.iter().map(|_| Mutex::new(None)).collect();
+    for_each(items.len(), &|index| {
+        let result = make(&items[index]);
+        *made[index].lock().expect("nobody panics with this lock") = Some(result);
+    });
+    let taken =
+        |cell: Mutex<Option<R>>| cell.into_inner().expect("as above").expect("all items were visited");
+    made.into_iter().map(taken).collect()
+}
+
+fn for_each(count: usize, visit: &(dyn Fn(usize) + Sync)) {
+    (0..count).into_par_iter().for_each(visit);
+}
+
+/// Runs two functions, at the same time where a thread is free, and returns both results.
+pub fn join<A: Send, B: Send>(first: impl FnOnce() -> A + Send, second: impl FnOnce() -> B + Send) -> (A, B) {
+    let (mut first, mut second) = (Some(first), Some(second));
+    let (mut a, mut b) = (None, None);
+    run_both(&mut || a = first.take().map(|run| run()), &mut || b = second.take().map(|run| run()));
+    (a.expect("the first has run"), b.expect("the second has run"))
+}
+
+fn run_both(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
+    rayon::join(first, second);
+}
+
+/// Things that threads take to work with and put back: what one job has read serves another.
+pub struct Pool<T>(Mutex<Vec<T>>);
+
+impl<T: Send> Pool<T> {
+    pub fn new() -> Pool<T> {
+        Pool(Mutex::new(Vec::new()))
+    }
+
+    /// Runs a job with one of the things, made anew if all are in use. One whose job fails is not used again.
+    pub fn with<R, E>(
+        &self,
+        make: impl FnOnce() -> Result<T, E>,
+        job: impl FnOnce(&mut T) -> Result<R, E>,
+    ) -> Result<R, E> {
+        let free = self.0.lock().expect("nobody panics with this lock").pop();
+        let mut thing = free.map_or_else(make, Ok)?;
+        let result = job(&mut thing)?;
+        self.0.lock().expect("as above").push(thing);
+        Ok(result)
+    }
+}

@@ -1,0 +1,15 @@
+//! Space: dimensions, nodes' codes, regions of cells.
+
+mod bounds;
+mod code;
+mod dimension;
+mod polygon;
+mod region;
+mod up;
+
+pub use bounds::Bounds;
+pub use code::{Cell, Code, morton_encode};
+pub use dimension::Dimension;
+pub use polygon::{Cover, Polygon};
+pub use region::Region;
+pub use up::Up;

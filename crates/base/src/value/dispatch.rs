@@ -1,0 +1,42 @@
+//! From types known at run time to types known at compile time: the way into kernels.
+
+/// Evaluates an expression with a name bound to the Rust type of a [`ValueType`](crate::value::ValueType),
+/// for kernels.
+///
+/// Trees have no other types than these: a type that comes from outside is checked by
+/// [`ValueType::is_supported`](crate::value::ValueType::is_supported) before it gets here.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! with_native_type {
+    ($type:expr, $V:ident => $body:expr) => {{
+        use $crate::value::SampleType;
+        let value_type: $crate::value::ValueType = $type;
+        macro_rules! with {
+            ($Rust:ty) => {{
+                type $V = $Rust;
+                $body
+            }};
+        }
+        match (value_type.sample, value_type.channels) {
+            (SampleType::U8, 1) => with!([u8; 1]),
+            (SampleType::U8, 2) => with!([u8; 2]),
+            (SampleType::U8, 3) => with!([u8; 3]),
+            (SampleType::U8, 4) => with!([u8; 4]),
+            (SampleType::U16, 1) => with!([u16; 1]),
+            (SampleType::U16, 2) => with!([u16; 2]),
+            (SampleType::U16, 3) => with!([u16; 3]),
+            (SampleType::U16, 4) => with!([u16; 4]),
+            (SampleType::I16, 1) => with!([i16; 1]),
+            (SampleType::U32, 1) => with!([u32; 1]),
+            (SampleType::I32, 1) => with!([i32; 1]),
+            (SampleType::F32, 1) => with!([f32; 1]),
+            (SampleType::F32, 2) => with!([f32; 2]),
+            (SampleType::F32, 3) => with!([f32; 3]),
+            (SampleType::F32, 4) => with!([f32; 4]),
+            (SampleType::F64, 1) => with!([f64; 1]),
+            (sample, channels) => unreachable!("no tree has {channels} channels of {}", sample.name()),
+        }
+    }};
+}
+
+pub use with_native_type;

@@ -1,0 +1,321 @@
+//! Values whose type is known at run time, and what can be done with one of them.
+//!
+//! Everything above kernels handles values as their bytes: two values are the same if all bytes are. What
+//! needs the numbers asks a [`ValueType`], which looks at one sample after the other; work on many values at
+//! once belongs into kernels, which know the type at compile time.
+
+use std::cmp::Ordering;
+use std::ops::Deref;
+
+use super::sample::Sample;
+use super::value_type::{SampleType, ValueType};
+
+/// A value as its bytes on disk, little-endian, followed by zeros.
+///
+/// ```
+/// use spinney::value::{SampleType, Value, ValueType};
+/// let rgb = ValueType::new(SampleType::U8, 3);
+/// let orange = Value::from([255u8, 165, 0]);
+/// assert_eq!(rgb.samples(orange)[..], [255.0, 165.0, 0.0]);
+/// assert_eq!(rgb.exact(&[255.0, 165.0, 0.0]), Some(orange));
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Value {
+    words: [u64; 2],
+}
+
+/// Bytes of the largest values.
+pub const MAX_VALUE_SIZE: usize = size_of::<Value>();
+
+impl Value {
+    /// All bytes zero.
+    pub const ZERO: Value = Value { words: [0; 2] };
+
+    /// The value with these bytes, at most 16.
+    ///
+    /// # Panics
+    /// If there are more.
+    #[inline]
+    pub fn from_bytes(bytes: &[u8]) -> Value {
+        let mut all = [0; MAX_VALUE_SIZE];
+        all[..bytes.len()].copy_from_slice(bytes);
+        Value::from_wide(u128::from_le_bytes(all))
+    }
+
+    /// The value whose bytes stand at the beginning of a slice, `width` of them; `None` if it is too short.
+    #[inline]
+    pub fn read(bytes: &[u8], width: usize) -> Option<Value> {
+        match bytes.first_chunk::<MAX_VALUE_SIZE>() {
+            // One load and a mask, where there is room behind the value.
+            Some(wide) => Some(Value::from_wide(u128::from_le_bytes(*wide) & mask(width))),
+            None => bytes.get(..width).map(Value::from_bytes),
+        }
+    }
+
+    #[inline]
+    fn from_wide(wide: u128) -> Value {
+        Value { words: [wide as u64, (wide >> 64) as u64] }
+    }
+
+    /// The bytes, followed by zeros.
+    #[inline]
+    pub fn to_bytes(self) -> [u8; MAX_VALUE_SIZE] {
+        let mut bytes = [0; MAX_VALUE_SIZE];
+        bytes[..8].copy_from_slice(&self.words[0].to_le_bytes());
+        bytes[8..].copy_from_slice(&self.words[1].to_le_bytes());
+        bytes
+    }
+
+    /// Writes the value's bytes, of which there are as many as the slice has room for.
+    #[inline]
+    pub fn write(self, bytes: &mut [u8]) {
+        let all = self.to_bytes();
+        // The usual widths are single stores; a copy of unknown length is a call.
+        match bytes.len() {
+            1 => bytes[0] = all[0],
+            2 => bytes.copy_from_slice(&all[..2]),
+            4 => bytes.copy_from_slice(&all[..4]),
+            8 => bytes.copy_from_slice(&all[..8]),
+            length => bytes.copy_from_slice(&all[..length]),
+        }
+    }
+}
+
+/// The lowest `width` bytes.
+#[inline]
+fn mask(width: usize) -> u128 {
+    u128::MAX >> (128 - 8 * width as u32)
+}
+
+impl<S: Sample, const CHANNELS: usize> From<[S; CHANNELS]> for Value {
+    /// # Panics
+    /// If the samples have more than 16 bytes.
+    #[inline]
+    fn from(samples: [S; CHANNELS]) -> Value {
+        let mut bytes = [0; MAX_VALUE_SIZE];
+        for (sample, target) in samples.into_iter().zip(bytes.chunks_exact_mut(size_of::<S>())) {
+            sample.write(target);
+        }
+        Value::from_wide(u128::from_le_bytes(bytes))
+    }
+}
+
+/// The samples of a value as numbers; f64 holds those of every type exactly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Samples {
+    numbers: [f64; 4],
+    channels: u8,
+}
+
+impl Deref for Samples {
+    type Target = [f64];
+
+    #[inline]
+    fn deref(&self) -> &[f64] {
+        &self.numbers[..usize::from(self.channels)]
+    }
+}
+
+impl Samples {
+    /// The numbers, followed by zeros.
+    #[inline]
+    pub fn padded(self) -> [f64; 4] {
+        self.numbers
+    }
+}
+
+/// Evaluates an expression with the Rust type of a [`SampleType`] bound to a name.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! with_sample_type {
+    ($type:expr, $S:ident => $body:expr) => {
+        match $type {
+            $crate::value::SampleType::U8 => {
+                type $S = u8;
+                $body
+            }
+            $crate::value::SampleType::U16 => {
+                type $S = u16;
+                $body
+            }
+            $crate::value::SampleType::I16 => {
+                type $S = i16;
+                $body
+            }
+            $crate::value::SampleType::U32 => {
+                type $S = u32;
+                $body
+            }
+            $crate::value::SampleType::I32 => {
+                type $S = i32;
+                $body
+            }
+            $crate::value::SampleType::F32 => {
+                type $S = f32;
+                $body
+            }
+            $crate::value::SampleType::F64 => {
+                type $S = f64;
+                $body
+            }
+        }
+    };
+}
+
+pub use with_sample_type;
+
+impl SampleType {
+    /// The number that the first bytes of a slice are.
+    #[inline]
+    fn number(self, bytes: &[u8]) -> f64 {
+        with_sample_type!(self, S => S::read(bytes).to_f64())
+    }
+
+    /// Writes the sample nearest to a number.
+    #[inline]
+    fn write_nearest(self, number: f64, bytes: &mut [u8]) {
+        with_sample_type!(self, S => S::from_f64_lossy(number).write(bytes))
+    }
+
+    /// The sample nearest to a number, as a number.
+    pub fn nearest(self, number: f64) -> f64 {
+        with_sample_type!(self, S => S::from_f64_lossy(number).to_f64())
+    }
+
+    /// Whether some sample is equal to a number.
+    pub fn can_hold(self, number: f64) -> bool {
+        with_sample_type!(self, S => S::from_f64(number).is_some())
+    }
+
+    /// A number that orders samples as [`Sample::order`] does.
+    #[inline]
+    fn order_key(self, bytes: &[u8]) -> u64 {
+        with_sample_type!(self, S => S::read(bytes).order_key())
+    }
+}
+
+impl ValueType {
+    /// The bytes of each sample of a value.
+    #[inline]
+    fn each_sample(self, bytes: &[u8; MAX_VALUE_SIZE]) -> impl Iterator<Item = &[u8]> {
+        bytes.chunks_exact(self.sample.size()).take(usize::from(self.channels))
+    }
+
+    /// The first sample of a value as a number.
+    #[inline]
+    pub fn first_sample(self, value: Value) -> f64 {
+        self.sample.number(&value.to_bytes())
+    }
+
+    /// The samples of a value as numbers.
+    #[inline]
+    pub fn samples(self, value: Value) -> Samples {
+        let mut numbers = [0.0; 4];
+        for (number, sample) in numbers.iter_mut().zip(self.each_sample(&value.to_bytes())) {
+            *number = self.sample.number(sample);
+        }
+        Samples { numbers, channels: self.channels }
+    }
+
+    /// Adds the samples that many values have in a channel as numbers, NaN where one is missing.
+    pub fn push_numbers(self, channel: usize, bytes: &[u8], numbers: &mut Vec<f64>) {
+        let size = self.sample.size();
+        let (first, width) = (channel * size, self.size());
+        let missing = self.missing.map(|sample| self.sample.number(&sample).to_bits());
+        let start = numbers.len();
+        with_sample_type!(self.sample, S => {
+            numbers.extend(bytes.chunks_exact(width).map(|value| S::read(&value[first..]).to_f64()));
+        });
+        if let Some(missing) = missing {
+            let absent = numbers[start..].iter_mut().filter(|number| number.to_bits() == missing);
+            absent.for_each(|number| *number = f64::NAN);
+        }
+    }
+
+    /// The value whose samples are nearest to the numbers that a function has for the channels.
+    #[inline]
+    pub fn nearest(self, number: impl Fn(usize) -> f64) -> Value {
+        let mut bytes = [0; MAX_VALUE_SIZE];
+        let size = self.sample.size();
+        for channel in 0..usize::from(self.channels) {
+            self.sample.write_nearest(number(channel), &mut bytes[channel * size..][..size]);
+        }
+        Value::from_wide(u128::from_le_bytes(bytes))
+    }
+
+    /// The value with exactly these samples, one per channel; `None` if there is no such value.
+    pub fn exact(self, numbers: &[f64]) -> Option<Value> {
+        let fits = numbers.len() == usize::from(self.channels)
+            && numbers.iter().all(|number| self.sample.can_hold(*number));
+        fits.then(|| self.nearest(|channel| numbers[channel]))
+    }
+
+    /// The value whose every sample is this number; `None` if the type cannot hold it.
+    pub fn splat(self, number: f64) -> Option<Value> {
+        self.sample.can_hold(number).then(|| self.nearest(|_| number))
+    }
+
+    /// Whether any sample is not a number; such a value is VOID.
+    #[inline]
+    pub fn is_nan(self, value: Value) -> bool {
+        let [low, high] = value.words;
+        // (What is behind the last channel is zero, which is a number.)
+        match self.sample {
+            SampleType::F32 => {
+                let is_nan = |word: u64| {
+                    f32::from_bits(word as u32).is_nan() || f32::from_bits((word >> 32) as u32).is_nan()
+                };
+                is_nan(low) || is_nan(high)
+            }
+            SampleType::F64 => f64::from_bits(low).is_nan() || f64::from_bits(high).is_nan(),
+            _ => false,
+        }
+    }
+
+    /// A number that orders values: channel after channel, each by number, then (for floats) by bits, as
+    /// `f64::total_cmp`.
+    #[inline]
+    pub fn order_key(self, value: Value) -> u128 {
+        let bits = 8 * self.sample.size();
+        let bytes = value.to_bytes();
+        self.each_sample(&bytes)
+            .fold(0, |key, sample| key << bits | u128::from(self.sample.order_key(sample)))
+    }
+
+    /// A total order: channel after channel, each by number, then (for floats) by bits, as `f64::total_cmp`.
+    #[inline]
+    pub fn order(self, a: Value, b: Value) -> Ordering {
+        self.order_key(a).cmp(&self.order_key(b))
+    }
+
+    /// The smaller sample of each channel.
+    #[inline]
+    pub fn min(self, a: Value, b: Value) -> Value {
+        self.choose(a, b, Ordering::Less)
+    }
+
+    /// The larger sample of each channel.
+    #[inline]
+    pub fn max(self, a: Value, b: Value) -> Value {
+        self.choose(a, b, Ordering::Greater)
+    }
+
+    /// Takes of each channel the sample of `b` where that is less (or greater), else that of `a`.
+    fn choose(self, a: Value, b: Value, wanted: Ordering) -> Value {
+        let (mut bytes, others) = (a.to_bytes(), b.to_bytes());
+        let size = self.sample.size();
+        for start in (0..self.size()).step_by(size) {
+            let other = &others[start..][..size];
+            if self.sample.order_key(other).cmp(&self.sample.order_key(&bytes[start..])) == wanted {
+                bytes[start..][..size].copy_from_slice(other);
+            }
+        }
+        Value::from_wide(u128::from_le_bytes(bytes))
+    }
+
+    /// A value as text: its samples, between brackets.
+    pub fn show(self, value: Value) -> String {
+        let samples: Vec<String> = self.samples(value).iter().map(f64::to_string).collect();
+        format!("[{}]", samples.join(", "))
+    }
+}

@@ -1,0 +1,26 @@
+//! Values of cells: samples, values whose type is known at run time, what many cells add up to, and how
+//! coarse levels get theirs.
+
+mod dispatch;
+mod double;
+mod erased;
+mod missing;
+mod palette;
+mod rule;
+mod sample;
+mod sums;
+mod tally;
+mod value_type;
+
+pub use dispatch::with_native_type;
+pub use double::DoubleDouble;
+pub use erased::{MAX_VALUE_SIZE, with_sample_type};
+pub use erased::{Samples, Value};
+pub use palette::Palette;
+pub use rule::{Kind, Rule};
+pub use sample::Native;
+pub use sample::Sample;
+pub use sums::Sums;
+pub use tally::Tally;
+pub use tally::{dominant, erase, native, representative};
+pub use value_type::{SampleType, ValueType};

@@ -1,0 +1,229 @@
+//! Tallies: exact counts, extremes and sums over all the cells below a node.
+
+use super::dispatch::with_native_type;
+use super::erased::Value;
+use super::rule::Rule;
+use super::sample::Native;
+use super::sums::Sums;
+use super::value_type::ValueType;
+
+/// Counts, extremes and sums over cells that are not VOID; those of a node are its zone statistics.
+///
+/// For floating samples the sums are double-double and depend on the order of adding, which is therefore part of
+/// the definition: pairwise in Z order ([`Tally::merge`]), so that a uniform block has exactly the sum of its
+/// cells and trees built in any way agree in every bit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tally {
+    /// Type of the values.
+    pub value_type: ValueType,
+    /// Cells that are not VOID.
+    pub cells: u64,
+    /// Cells that have a sample, per channel: all of them, unless samples of the type can be missing.
+    pub present: [u64; 4],
+    /// Smallest sample of each channel (zero without any).
+    pub min: Value,
+    /// Largest sample of each channel (zero without any).
+    pub max: Value,
+    /// Sum of each channel.
+    pub sum: Sums,
+    /// Sum of squares of each channel.
+    pub squares: Sums,
+    /// Cells of each value, by ascending value; empty unless classes are counted, or where there are too many.
+    pub classes: Vec<(Value, u64)>,
+}
+
+/// Classes that files list of a zone at most. A list is then no longer than a third of the records of the smallest segment that
+/// has one, and an edit writes no more than some kilobytes of them on each level.
+const MOST_CLASSES: usize = 1024;
+
+impl Tally {
+    /// Whether there are cells, but nothing is known of their values.
+    pub fn lacks_classes(&self) -> bool {
+        self.classes.is_empty() && self.cells > 0
+    }
+
+    /// The classes as files list them; `None` if there are too many, or they were not counted.
+    pub fn listed_classes(&self) -> Option<&[(Value, u64)]> {
+        (self.classes.len() <= MOST_CLASSES && !self.lacks_classes()).then_some(&self.classes)
+    }
+
+    /// Forgets classes that no file lists, unless representatives are made of their counts.
+    pub fn keep_listed_for(&mut self, rule: Rule) {
+        if rule != Rule::Majority && self.listed_classes().is_none() {
+            self.classes = Vec::new();
+        }
+    }
+
+    /// The tally of no cells.
+    pub fn void(value_type: ValueType) -> Tally {
+        let zero = Sums::zero(value_type.sample);
+        let (min, max) = (Value::ZERO, Value::ZERO);
+        let present = [0; 4];
+        Tally { value_type, cells: 0, present, min, max, sum: zero, squares: zero, classes: Vec::new() }
+    }
+
+    /// The tally of `cells` cells of one value.
+    pub fn leaf(value_type: ValueType, value: Value, cells: u64, count_classes: bool) -> Tally {
+        let present = value_type.present(value).map(|is_there| if is_there { cells } else { 0 });
+        let classes = if count_classes { vec![(value, cells)] } else { Vec::new() };
+        let value = value_type.with_zeros(value);
+        let (sum, squares) = with_native_type!(value_type, V => leaf_sums::<V>(value, cells));
+        Tally { value_type, cells, present, min: value, max: value, sum, squares, classes }
+    }
+
+    /// The tally of the cells of all the parts; their number must be a power of two for the sums of floating
+    /// samples to be those that are defined.
+    ///
+    /// # Panics
+    /// If there are no parts.
+    pub fn merge(parts: &[&Tally]) -> Tally {
+        match parts {
+            [] => unreachable!("a node has children"),
+            [one] => (*one).clone(),
+            _ => {
+                // By halves, not one after the other: floating sums are defined as pairwise in Z order.
+                let (a, b) = parts.split_at(parts.len() / 2);
+                Tally::add(&Tally::merge(a), &Tally::merge(b))
+            }
+        }
+    }
+
+    fn add(a: &Tally, b: &Tally) -> Tally {
+        let value_type = a.value_type;
+        let mut tally = Tally {
+            sum: a.sum.add(&b.sum),
+            squares: a.squares.add(&b.squares),
+            // (What is not known of a part is not known of the whole.)
+            classes: match a.lacks_classes() || b.lacks_classes() {
+                true => Vec::new(),
+                false => merge_counts(value_type, &a.classes, &b.classes),
+            },
+            ..*a
+        };
+        tally.count_cells(b.min, b.max, b.cells, b.present);
+        tally
+    }
+
+    /// Counts cells whose samples are between those of two values, of which so many cells have one per channel; sums and
+    /// classes stay as they are.
+    pub(crate) fn count_cells(&mut self, min: Value, max: Value, cells: u64, present: [u64; 4]) {
+        let value_type = self.value_type;
+        (self.min, self.max) = match (self.cells, cells) {
+            (_, 0) => (self.min, self.max),
+            (0, _) if value_type.missing.is_none() => (min, max),
+            _ => {
+                let before = self.present;
+                let join = |old: Value, new: Value, both: Value| match value_type.missing {
+                    None => both,
+                    Some(_) => value_type.by_channel(|channel| match (before[channel], present[channel]) {
+                        (_, 0) => old,
+                        (0, _) => new,
+                        _ => both,
+                    }),
+                };
+                (
+                    join(self.min, min, value_type.min(self.min, min)),
+                    join(self.max, max, value_type.max(self.max, max)),
+                )
+            }
+        };
+        self.cells += cells;
+        self.present = std::array::from_fn(|channel| self.present[channel] + present[channel]);
+    }
+
+    /// Mean of each channel over the cells that have a sample in it; missing where none has.
+    fn mean(&self) -> Value {
+        let Some(missing) = self.value_type.all_missing() else { return self.mean_over(self.cells) };
+        self.value_type.by_channel(|channel| match self.present[channel] {
+            0 => missing,
+            cells => self.mean_over(cells),
+        })
+    }
+
+    /// Mean of each channel over so many cells, those beyond the tally's own counting as zero, rounded to the
+    /// type. Not to be called without cells.
+    fn mean_over(&self, cells: u64) -> Value {
+        with_native_type!(self.value_type, V => erase(V::mean(&self.sum, cells)))
+    }
+
+    /// The class with most cells, the lowest if there are several.
+    fn majority(&self) -> Option<Value> {
+        let mut best: Option<(Value, u64)> = None;
+        // They come by ascending value.
+        for class in &self.classes {
+            if best.is_none_or(|best| class.1 > best.1) {
+                best = Some(*class);
+            }
+        }
+        best.map(|(value, _)| value)
+    }
+}
+
+fn leaf_sums<V: Native>(value: Value, cells: u64) -> (Sums, Sums) {
+    let value = native::<V>(value);
+    (V::erase(value.total_sums(cells)), V::erase(value.total_squares(cells)))
+}
+
+/// A value with its type known at compile time.
+#[inline]
+pub fn native<V: Native>(value: Value) -> V {
+    let bytes = value.to_bytes();
+    let (wire, _) =
+        <V::Wire as zerocopy::FromBytes>::read_from_prefix(&bytes).expect("16 bytes hold any value");
+    V::from_wire(wire)
+}
+
+/// A value with its type known at run time.
+#[inline]
+pub fn erase<V: Native>(value: V) -> Value {
+    Value::from_bytes(zerocopy::IntoBytes::as_bytes(&value.to_wire()))
+}
+
+/// The representative of an inner node of so many cells from its children (`None` is VOID; the flag says
+/// INNER) and from the tally of what is below it.
+pub fn representative(rule: Rule, children: &[Option<(Value, bool)>], tally: &Tally, cells: u64) -> Value {
+    let value_type = tally.value_type;
+    let values = || children.iter().flatten().map(|(value, _)| *value);
+    let value = match rule {
+        Rule::Mean => Some(tally.mean()),
+        Rule::Occupancy => Some(tally.mean_over(cells)),
+        Rule::Majority => tally.majority(),
+        Rule::Dominant => Some(dominant(children.iter().flatten().copied())),
+        Rule::Min => values().reduce(|a, b| value_type.join_present(a, b, ValueType::min)),
+        Rule::Max => values().reduce(|a, b| value_type.join_present(a, b, ValueType::max)),
+        Rule::Nearest => values().next(),
+    };
+    value.unwrap_or_default()
+}
+
+/// The survey's rule: leaves weigh 3, inner nodes 2, the first of the heaviest wins.
+pub fn dominant<T: Copy + Default + PartialEq>(children: impl Iterator<Item = (T, bool)> + Clone) -> T {
+    let mut best = (T::default(), 0);
+    for (value, _) in children.clone() {
+        let same = children.clone().filter(|(other, _)| *other == value);
+        let weight: u32 = same.map(|(_, inner)| if inner { 2 } else { 3 }).sum();
+        if weight > best.1 {
+            best = (value, weight);
+        }
+    }
+    best.0
+}
+
+/// Adds two lists of counts that are in ascending order of values.
+fn merge_counts(value_type: ValueType, a: &[(Value, u64)], b: &[(Value, u64)]) -> Vec<(Value, u64)> {
+    if a.is_empty() || b.is_empty() {
+        return [a, b].concat();
+    }
+    let mut merged = Vec::with_capacity(a.len().max(b.len()));
+    let (mut a, mut b) = (a.iter().copied().peekable(), b.iter().copied().peekable());
+    while let (Some((first, _)), Some((second, _))) = (a.peek(), b.peek()) {
+        match value_type.order(*first, *second) {
+            std::cmp::Ordering::Less => merged.extend(a.next()),
+            std::cmp::Ordering::Greater => merged.extend(b.next()),
+            std::cmp::Ordering::Equal => merged.extend(a.next().zip(b.next()).map(|(a, b)| (a.0, a.1 + b.1))),
+        }
+    }
+    merged.extend(a);
+    merged.extend(b);
+    merged
+}

@@ -1,0 +1,201 @@
+//! Pairs of faces that have points in common, mostly more than neighbours of a surface have, and what that is.
+
+use std::collections::HashSet;
+
+use super::meeting::{Meeting, meet};
+use super::point::ExactPoint;
+use super::polygons::{Common, common};
+use super::surface::{Surface, too_large};
+use crate::boxes::touch;
+use spinney_base::{Progress, Result, parallel};
+
+/// Common points of two faces.
+pub(crate) struct Contact {
+    pub faces: [u32; 2],
+    pub segments: Vec<[ExactPoint; 2]>,
+    pub points: Vec<ExactPoint>,
+    /// Whether the faces lie in one plane, and on each other.
+    pub in_plane: bool,
+}
+
+/// Kinds of contacts that are looked for.
+#[derive(Clone, Copy, PartialEq)]
+enum Wanted {
+    /// More than neighbours have: no corners and edges of both.
+    Irregular,
+    /// All that they have in common.
+    All,
+}
+
+impl Surface<'_> {
+    /// All that faces of the first body have in common with those of the others; but faces that lie in one plane beside each other
+    /// have nothing (others, which hang together with them, have what these have).
+    pub(crate) fn contacts_of_first(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
+        let first = self.operands.ends[0];
+        let (tree, others) = (self.boxes_of(0..first), self.boxes_of(first..self.planes.len() as u32));
+        let (mut bytes, mut all) = (self.bytes, Vec::new());
+        for groups in tree.groups().chunks(64) {
+            progress.check()?;
+            let found = parallel::map(groups, |group| {
+                let mut found: Vec<Contact> = Vec::new();
+                tree.pairs_of(group, &others, &mut |[one, other]| {
+                    if !progress.interrupted() {
+                        found.extend(self.contact(one, other, Wanted::All));
+                    }
+                });
+                found.sort_unstable_by_key(|contact| contact.faces);
+                found
+            });
+            found.into_iter().try_for_each(|found| self.add(found, &mut all, &mut bytes, memory))?;
+        }
+        progress.check()?;
+        Ok(all)
+    }
+
+    /// Appends contacts, if they fit into the memory with the bytes so far.
+    fn add(&self, found: Vec<Contact>, all: &mut Vec<Contact>, bytes: &mut u64, memory: u64) -> Result<()> {
+        let of = |contact: &Contact| {
+            let points = 2 * contact.segments.len() + contact.points.len();
+            (size_of::<Contact>() + points * size_of::<ExactPoint>()) as u64
+        };
+        *bytes += found.iter().map(of).sum::<u64>();
+        if *bytes > memory {
+            return Err(too_large(self.path, *bytes, memory));
+        }
+        all.extend(found);
+        Ok(())
+    }
+
+    /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and
+    /// what else such faces touch.
+    pub(super) fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
+        let mut bytes = self.bytes;
+        let mut all = Vec::new();
+        let mut add = |found: Vec<Contact>| self.add(found, &mut all, &mut bytes, memory);
+        let every: Vec<u32> =
+            (0..self.planes.len() as u32).filter(|face| self.planes[*face as usize].is_some()).collect();
+        if !self.operands.changed.is_empty() {
+            let is_changed = |face: u32| self.operands.changed[face as usize];
+            let changed: Vec<u32> = every.into_iter().filter(|face| is_changed(*face)).collect();
+            let is_wanted = |one, other| one != other && (one < other || !is_changed(other));
+            self.pairs(&changed, &is_wanted, progress, &mut add)?;
+            return Ok(all);
+        }
+        if !self.operands.are_bodies {
+            self.pairs(&every, &|one, other| one < other, progress, &mut add)?;
+            return Ok(all);
+        }
+        let differ = |one, other| one < other && self.operand(one) != self.operand(other);
+        let mut touched = vec![false; self.planes.len()];
+        let mut open = Vec::new();
+        let mut touch = |contacts: &[Contact], open: &mut Vec<u32>| {
+            for face in contacts.iter().flat_map(|contact| contact.faces) {
+                if !std::mem::replace(&mut touched[face as usize], true) {
+                    open.push(face);
+                }
+            }
+        };
+        self.pairs(&every, &differ, progress, &mut |found| {
+            touch(&found, &mut open);
+            add(found)
+        })?;
+        // Faces that are divided have to be wherever others of the same body touch them, too.
+        let mut seen: HashSet<[u32; 2]> = HashSet::new();
+        while !open.is_empty() {
+            let faces = std::mem::take(&mut open);
+            let same = |one, other| one != other && self.operand(one) == self.operand(other);
+            self.pairs(&faces, &same, progress, &mut |mut found| {
+                found.retain(|contact| {
+                    let [one, other] = contact.faces;
+                    seen.insert([one.min(other), one.max(other)])
+                });
+                touch(&found, &mut open);
+                add(found)
+            })?;
+        }
+        Ok(all)
+    }
+
+    /// Hands out, some at a time, the contacts of faces with others that are wanted.
+    fn pairs(
+        &self,
+        faces: &[u32],
+        is_wanted: &(dyn Fn(u32, u32) -> bool + Sync),
+        progress: &dyn Progress,
+        each: &mut dyn FnMut(Vec<Contact>) -> Result<()>,
+    ) -> Result<()> {
+        const TASK: usize = 1 << 10;
+        let tasks: Vec<&[u32]> = faces.chunks(TASK).collect();
+        for tasks in tasks.chunks(64) {
+            progress.check()?;
+            let found = parallel::map(tasks, |faces| {
+                let mut found = Vec::new();
+                let mut others = Vec::new();
+                for &one in *faces {
+                    if progress.interrupted() {
+                        break;
+                    }
+                    let own = self.bounds(one);
+                    others.clear();
+                    self.boxes().each(&|bounds| touch(bounds, &own), |other| {
+                        if is_wanted(one, other) {
+                            others.push(other);
+                        }
+                    });
+                    others.sort_unstable();
+                    found.extend(
+                        others.iter().filter_map(|other| self.contact(one, *other, Wanted::Irregular)),
+                    );
+                }
+                found
+            });
+            found.into_iter().try_for_each(&mut *each)?;
+        }
+        Ok(())
+    }
+
+    fn contact(&self, one: u32, other: u32, wanted: Wanted) -> Option<Contact> {
+        let mut contact =
+            Contact { faces: [one, other], segments: Vec::new(), points: Vec::new(), in_plane: false };
+        let (plane_a, plane_b) = (self.plane(one), self.plane(other));
+        if let (Some(a), Some(b)) = (self.triangle(one), self.triangle(other)) {
+            match meet(&a, plane_a, &b, plane_b) {
+                Meeting::Corner(point) if wanted == Wanted::All => contact.points.push(point),
+                Meeting::Edge(ends) if wanted == Wanted::All => contact.segments.push(ends),
+                Meeting::Apart | Meeting::Corner(_) | Meeting::Edge(_) => {}
+                Meeting::Point(point) => contact.points.push(point),
+                Meeting::Segment(ends) => contact.segments.push(ends),
+                Meeting::InPlane => contact.in_plane = true,
+            }
+        } else if plane_a.is(plane_b) {
+            contact.in_plane = self.lie_on_each_other(one, other);
+        } else {
+            // (By whole polygons: edges along which they were cut into triangles would divide others.)
+            let Common { segments, points, edges, corners } =
+                common(&self.polygon(one), &self.polygon(other));
+            (contact.segments, contact.points) = (segments, points);
+            if wanted == Wanted::All {
+                contact.segments.extend(edges);
+                contact.points.extend(corners);
+            }
+        }
+        let is_contact = contact.in_plane || !contact.segments.is_empty() || !contact.points.is_empty();
+        is_contact.then_some(contact)
+    }
+
+    /// Whether two faces of one plane may have an area in common.
+    fn lie_on_each_other(&self, one: u32, other: u32) -> bool {
+        if self.exact(one).is_some() || self.exact(other).is_some() {
+            // (Of one body, faces in a plane do not lie on each other unless they are turned to each other.)
+            let is_one = self.operands.are_bodies && self.operand(one) == self.operand(other);
+            return !(is_one && self.plane(one).is_turned_as(self.plane(other)));
+        }
+        let (plane_a, plane_b) = (self.plane(one), self.plane(other));
+        self.with_pieces(one, |a| {
+            self.with_pieces(other, |b| {
+                let mut pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+                pairs.any(|(a, b)| matches!(meet(a, plane_a, b, plane_b), Meeting::InPlane))
+            })
+        })
+    }
+}

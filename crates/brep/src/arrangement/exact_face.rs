@@ -1,0 +1,176 @@
+//! Faces with corners that are common points of planes, and as such exact.
+
+use std::collections::HashMap;
+
+use super::overlay::{Corner, Region};
+use super::point::{ExactPlane, ExactPoint};
+use crate::boxes::{Bounds, bounds_of};
+use crate::{Face, FaceList, Faces};
+
+/// A face with corners that may lie beside the grid; rings as those of [`Face`].
+#[derive(Clone, Debug)]
+pub(crate) struct ExactFace {
+    /// Its normal points out of the body.
+    pub plane: ExactPlane,
+    pub corners: Vec<Corner>,
+    pub ring_ends: Vec<usize>,
+    pub colours: Vec<[u8; 3]>,
+    pub part: u32,
+    pub source: u64,
+}
+
+impl ExactFace {
+    /// A face of the grid that lies in a plane.
+    pub(super) fn of_grid(face: &Face<'_>, plane: &ExactPlane) -> ExactFace {
+        let axis = plane.main_axis();
+        let corner = |[from, to]: [[i32; 3]; 2]| Corner {
+            point: ExactPoint::of_grid(from),
+            line: ExactPlane::along(axis, from, to),
+        };
+        let ring = |ring: &[[i32; 3]]| -> Vec<Corner> {
+            (0..ring.len()).map(|i| corner([ring[i], ring[(i + 1) % ring.len()]])).collect()
+        };
+        ExactFace {
+            plane: *plane,
+            corners: face.rings().flat_map(ring).collect(),
+            ring_ends: face.ring_ends.to_vec(),
+            colours: face.colours.to_vec(),
+            part: face.part,
+            source: face.source,
+        }
+    }
+
+    /// A region of a face, or its back.
+    pub(super) fn of_region(
+        face: &Face<'_>,
+        plane: &ExactPlane,
+        region: &Region,
+        is_turned: bool,
+    ) -> ExactFace {
+        let plane = if is_turned { plane.turned() } else { *plane };
+        let mut found = ExactFace {
+            plane,
+            corners: Vec::new(),
+            ring_ends: Vec::new(),
+            colours: Vec::new(),
+            part: face.part,
+            source: face.source,
+        };
+        // Rings of regions turn as seen from the axis' positive end.
+        let is_up = plane.normal[plane.main_axis()] > 0;
+        for ring in &region.rings {
+            if is_up {
+                found.corners.extend(ring)
+            } else {
+                found.corners.extend(reversed(ring))
+            }
+            found.ring_ends.push(found.corners.len());
+        }
+        found
+    }
+
+    /// The face as a region of its plane.
+    pub(super) fn region(&self) -> Region {
+        let is_up = self.plane.normal[self.plane.main_axis()] > 0;
+        let ring = |ring: &[Corner]| if is_up { ring.to_vec() } else { reversed(ring).collect() };
+        Region { rings: self.rings().map(ring).collect() }
+    }
+
+    /// The face's back.
+    pub(super) fn turned(&self) -> ExactFace {
+        let mut colours = Vec::with_capacity(self.colours.len());
+        let mut start = 0;
+        for &end in &self.ring_ends {
+            colours.extend(self.colours.get(start..end).into_iter().flatten().rev());
+            start = end;
+        }
+        ExactFace {
+            plane: self.plane.turned(),
+            corners: self.rings().flat_map(reversed).collect(),
+            ring_ends: self.ring_ends.clone(),
+            colours,
+            ..*self
+        }
+    }
+
+    /// The rings, the outer one first.
+    pub(crate) fn rings(&self) -> impl Iterator<Item = &[Corner]> {
+        let starts = std::iter::once(0).chain(self.ring_ends.iter().copied());
+        starts.zip(&self.ring_ends).map(|(start, end)| &self.corners[start..*end])
+    }
+
+    /// The edges: corners with the ones that follow.
+    pub(crate) fn edges(&self) -> impl Iterator<Item = (&Corner, &ExactPoint)> {
+        self.rings().flat_map(|ring| (0..ring.len()).map(|i| (&ring[i], &ring[(i + 1) % ring.len()].point)))
+    }
+
+    /// The corners on the grid, if all are.
+    pub(super) fn on_grid(&self) -> Option<Vec<[i32; 3]>> {
+        self.corners.iter().map(|corner| corner.point.on_grid()).collect()
+    }
+
+    /// The points of the grid that are nearest to the corners.
+    pub(crate) fn rounded(&self) -> Vec<[i32; 3]> {
+        self.corners.iter().map(|corner| corner.point.rounded()).collect()
+    }
+
+    /// Bytes of memory that it takes.
+    pub(crate) fn bytes(&self) -> u64 {
+        (size_of::<ExactFace>()
+            + size_of_val(&self.corners[..])
+            + size_of_val(&self.ring_ends[..])
+            + size_of_val(&self.colours[..])) as u64
+    }
+}
+
+/// Faces, of which some have corners beside the grid: these stand in the list with rounded corners.
+#[derive(Clone, Debug)]
+pub struct ExactFaces {
+    pub list: FaceList,
+    pub(crate) exact: HashMap<u32, ExactFace>,
+}
+
+impl ExactFaces {
+    /// Faces of the grid.
+    pub fn of_grid(list: FaceList) -> ExactFaces {
+        ExactFaces { list, exact: HashMap::new() }
+    }
+
+    /// Appends a face with any corners.
+    pub(crate) fn push(&mut self, face: ExactFace) {
+        let on_grid = face.on_grid();
+        let points = on_grid.clone().unwrap_or_else(|| face.rounded());
+        let number = self.list.len();
+        self.list.push(&Face {
+            number,
+            points: &points,
+            ring_ends: &face.ring_ends,
+            colours: &face.colours,
+            part: face.part,
+            source: face.source,
+        });
+        if on_grid.is_none() {
+            self.exact.insert(number as u32, face);
+        }
+    }
+
+    /// The box around a face.
+    pub(super) fn bounds(&self, face: u32) -> Bounds {
+        let more = i32::from(self.exact.contains_key(&face));
+        bounds_of(self.list.get(face as usize).points, more)
+    }
+
+    /// Bytes of memory that they take.
+    pub fn bytes(&self) -> u64 {
+        self.list.bytes() + self.exact.values().map(ExactFace::bytes).sum::<u64>()
+    }
+}
+
+/// A ring the other way round: edges keep their lines.
+fn reversed(ring: &[Corner]) -> impl Iterator<Item = Corner> {
+    let count = ring.len();
+    (0..count).map(move |i| Corner {
+        point: ring[count - 1 - i].point,
+        line: ring[(2 * count - 2 - i) % count].line,
+    })
+}

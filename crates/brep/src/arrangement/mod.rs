@@ -1,0 +1,35 @@
+//! Arrangement of a surface's faces: where they pass through each other or lie on each other they are divided, and what
+//! bounds the body is kept. Exact, up to the rounding of new vertices to the grid.
+//!
+//! Pairs of faces whose boxes touch are looked for in a tree; what their triangles have in common ([`meeting`]) divides
+//! each of the two into regions ([`overlay`]); for a point of each region ([`sample`]) the winding numbers on both sides
+//! are counted along a line, and the region stays if one side is inside and the other is not. Faces that meet nothing
+//! stay or go together with those beside them. (The scheme is that of Zhou, Grinspun, Zorin and Jacobson, "Mesh
+//! Arrangements for Solid Geometry", 2016, but for the winding numbers, which need no order around edges here.)
+
+mod contacts;
+mod delaunay;
+mod exact_face;
+mod meeting;
+mod overlay;
+mod point;
+mod polygons;
+mod rounding;
+mod rounds;
+mod sample;
+mod snapping;
+mod surface;
+mod world;
+
+pub(crate) use contacts::Contact;
+pub(crate) use delaunay::flip_in_plane;
+pub(crate) use exact_face::ExactFace;
+pub use exact_face::ExactFaces;
+pub(crate) use overlay::regions;
+pub use overlay::{Corner, Region, Segment, Vertices, root};
+pub(crate) use point::{ExactPlane, ExactPoint};
+pub use point::{cross, product};
+pub(crate) use rounds::Turner;
+pub use rounds::{Rounded, Rounds, divide, round};
+pub use sample::Sample;
+pub use surface::{Operands, Surface};

@@ -1,0 +1,576 @@
+//! The regions into which segments divide a face's plane: a planar subdivision over exact points.
+//!
+//! Segments are cut where they meet; edges that have the same region on both sides are left out; what remains are loops,
+//! traced with the region to the left, and holes are given to the loops around them.
+
+use std::cmp::Ordering;
+use std::collections::{HashMap, HashSet};
+
+use super::point::{ExactPlane, ExactPoint, others};
+
+/// A segment in a face's plane.
+#[derive(Clone, Copy, Debug)]
+pub struct Segment {
+    pub(crate) ends: [ExactPoint; 2],
+    /// A plane that the segment lies in, other than the face's.
+    pub(crate) line: ExactPlane,
+}
+
+/// A corner of a ring.
+#[derive(Clone, Copy, Debug)]
+pub struct Corner {
+    pub(crate) point: ExactPoint,
+    /// A plane that the edge to the next corner lies in, other than the face's.
+    pub(crate) line: ExactPlane,
+}
+
+/// A region: its rings, the outer one first, counterclockwise seen from the main axis' positive end, and holes the other
+/// way round. The region lies to the left of all.
+#[derive(Clone, Debug)]
+pub struct Region {
+    pub rings: Vec<Vec<Corner>>,
+}
+
+/// Divides a plane by segments, and segments where points lie on them; returns those of the bounded regions that `choose`
+/// takes, with what it says of them. Regions beside each other of which it says the same become one. `None` if
+/// `gives_up` says so, which is asked with the number of vertices time and again: it may go with the square of that of the segments.
+pub(crate) fn regions<T: PartialEq + Copy>(
+    plane: &ExactPlane,
+    segments: &[Segment],
+    points: &[ExactPoint],
+    gives_up: &dyn Fn(usize) -> bool,
+    choose: impl Fn(&Region) -> Option<T>,
+) -> Option<Vec<(Region, T)>> {
+    let mut overlay = Overlay::new(plane);
+    for segment in segments {
+        overlay.add(segment);
+    }
+    let points: Vec<u32> = points.iter().map(|point| overlay.vertices.number(*point)).collect();
+    if !overlay.cut(&points, gives_up) {
+        return None;
+    }
+    overlay.edges();
+    let loops = Loops::of(&overlay);
+    overlay.leave_out(|half| loops.of_half[half]);
+    let loops = Loops::of(&overlay);
+    let outer = overlay.outer_loops(&loops);
+    let chosen: Vec<Option<T>> =
+        overlay.regions(&loops, &outer).iter().map(|region| choose(region.as_ref()?)).collect();
+    let of_half = |half: usize| outer[loops.of_half[half] as usize].and_then(|outer| chosen[outer]);
+    let kept: Vec<[Option<T>; 2]> = (0..overlay.edges.len())
+        .map(|edge| [2 * edge, 2 * edge + 1].map(of_half))
+        .filter(|[left, right]| left != right)
+        .collect();
+    overlay.leave_out(of_half);
+    let loops = Loops::of(&overlay);
+    let outer = overlay.outer_loops(&loops);
+    let regions = overlay.regions(&loops, &outer);
+    let found = regions.into_iter().zip(&loops.list).filter_map(|(region, list)| {
+        let half = list.halves[0] as usize;
+        Some((region?, kept[half / 2][half % 2]?))
+    });
+    Some(found.collect())
+}
+
+/// Points, none twice.
+#[derive(Default)]
+pub struct Vertices {
+    list: Vec<ExactPoint>,
+    /// Numbers of the points in each cell of a lattice that is much coarser than the error of approximations.
+    cells: HashMap<[i64; 3], Vec<u32>>,
+}
+
+/// A point as a key: coordinates of the grid, and a number above 0 for one beside it.
+pub(super) type VertexKey = ([i32; 3], u32);
+
+impl Vertices {
+    /// The points in the order of their numbers.
+    pub(crate) fn list(&self) -> &[ExactPoint] {
+        &self.list
+    }
+
+    /// The key of a point, the same for all that are the same.
+    pub(super) fn key(&mut self, point: &ExactPoint) -> VertexKey {
+        match point.on_grid() {
+            Some(at) => (at, 0),
+            None => (point.rounded(), self.number(*point) + 1),
+        }
+    }
+
+    /// The number of a point.
+    pub(crate) fn number(&mut self, point: ExactPoint) -> u32 {
+        /// Cells per unit of the grid.
+        const FINE: f64 = 1024.0;
+        let cell = |shift: f64| point.near.map(|at| (at * FINE + shift).floor() as i64);
+        // Near a wall a point's other approximation may be on the other side.
+        let (low, high) = (cell(-0.01), cell(0.01));
+        let mut places = [low; 8];
+        for (corner, place) in places.iter_mut().enumerate() {
+            for axis in 0..3 {
+                place[axis] = if corner >> axis & 1 == 1 { high[axis] } else { low[axis] };
+            }
+        }
+        for (index, place) in places.iter().enumerate() {
+            if places[..index].contains(place) {
+                continue;
+            }
+            let known = self.cells.get(place).into_iter().flatten();
+            if let Some(found) = known.copied().find(|known| self.list[*known as usize].is(&point)) {
+                return found;
+            }
+        }
+        let number = self.list.len() as u32;
+        self.list.push(point);
+        self.cells.entry(cell(0.0)).or_default().push(number);
+        number
+    }
+}
+
+/// A segment with the vertices on it.
+struct Line {
+    plane: ExactPlane,
+    /// The side of the plane that is to the left of who goes to greater coordinates: 1 or -1.
+    left: i32,
+    /// Ends first.
+    vertices: Vec<u32>,
+    bounds: [[f64; 2]; 2],
+}
+
+/// An edge of the subdivision, from the vertex of lesser coordinates to that of greater ones.
+#[derive(Clone, Copy)]
+struct Edge {
+    ends: [u32; 2],
+    line: u32,
+}
+
+struct Overlay<'a> {
+    plane: &'a ExactPlane,
+    axis: usize,
+    vertices: Vertices,
+    lines: Vec<Line>,
+    /// Ends of the lines, in order.
+    known: HashSet<[u32; 2]>,
+    /// Place of each vertex in the order of its coordinates.
+    ranks: Vec<u32>,
+    edges: Vec<Edge>,
+}
+
+impl<'a> Overlay<'a> {
+    fn new(plane: &'a ExactPlane) -> Overlay<'a> {
+        let axis = plane.main_axis();
+        Overlay {
+            plane,
+            axis,
+            vertices: Vertices::default(),
+            lines: Vec::new(),
+            known: HashSet::new(),
+            ranks: Vec::new(),
+            edges: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, segment: &Segment) {
+        let ends = segment.ends.map(|end| self.vertices.number(end));
+        if ends[0] == ends[1] || !self.known.insert([ends[0].min(ends[1]), ends[0].max(ends[1])]) {
+            return;
+        }
+        let [u, v] = others(self.axis);
+        // The gradient of the plane's height as seen along the axis points to the left or to the right.
+        let normal = self.plane.normal;
+        let gradient = [u, v].map(|along| {
+            let height = i128::from(segment.line.normal[along]) * i128::from(normal[self.axis])
+                - i128::from(segment.line.normal[self.axis]) * i128::from(normal[along]);
+            height.signum() * i128::from(normal[self.axis].signum())
+        });
+        // Who has the gradient to the left goes along (v, -u) of it.
+        let left = if gradient[1] > 0 || (gradient[1] == 0 && gradient[0] < 0) { 1 } else { -1 };
+        let [a, b] = segment.ends.map(|end| [end.near[u], end.near[v]]);
+        let bounds = [[a[0].min(b[0]), a[1].min(b[1])], [a[0].max(b[0]), a[1].max(b[1])]];
+        self.lines.push(Line { plane: segment.line, left, vertices: ends.to_vec(), bounds });
+    }
+
+    fn point(&self, vertex: u32) -> &ExactPoint {
+        &self.vertices.list[vertex as usize]
+    }
+
+    /// The order of two vertices by their coordinates.
+    fn order(&self, a: u32, b: u32) -> Ordering {
+        if a == b {
+            return Ordering::Equal;
+        }
+        let [u, v] = others(self.axis);
+        let (a, b) = (self.point(a), self.point(b));
+        a.compare(b, u).then_with(|| a.compare(b, v))
+    }
+
+    /// Cuts lines where they meet, and where these points lie on them; says whether it was not to give up.
+    fn cut(&mut self, points: &[u32], gives_up: &dyn Fn(usize) -> bool) -> bool {
+        /// More than the error of approximations.
+        const MARGIN: f64 = 1e-6;
+        let mut order: Vec<usize> = (0..self.lines.len()).collect();
+        order.sort_by(|a, b| self.lines[*a].bounds[0][0].total_cmp(&self.lines[*b].bounds[0][0]));
+        for (index, &i) in order.iter().enumerate() {
+            let [low, high] = self.lines[i].bounds;
+            for &j in &order[index + 1..] {
+                let [other_low, other_high] = self.lines[j].bounds;
+                if other_low[0] > high[0] + MARGIN {
+                    break;
+                }
+                if other_low[1] <= high[1] + MARGIN && low[1] <= other_high[1] + MARGIN {
+                    self.cut_two(i, j);
+                }
+            }
+            if gives_up(self.vertices.list.len()) {
+                return false;
+            }
+        }
+        let [u, v] = others(self.axis);
+        for &vertex in points {
+            let at = self.point(vertex).near;
+            for i in 0..self.lines.len() {
+                let [low, high] = self.lines[i].bounds;
+                let is_near = |axis: usize, at: f64| low[axis] <= at + MARGIN && at <= high[axis] + MARGIN;
+                if is_near(0, at[u]) && is_near(1, at[v]) && self.lines[i].plane.side(self.point(vertex)) == 0
+                {
+                    self.put_on(i, vertex);
+                }
+            }
+        }
+        true
+    }
+
+    fn cut_two(&mut self, i: usize, j: usize) {
+        let ends = |line: usize| [self.lines[line].vertices[0], self.lines[line].vertices[1]];
+        let (ends_i, ends_j) = (ends(i), ends(j));
+        let sides =
+            |line: usize, ends: [u32; 2]| ends.map(|end| self.lines[line].plane.side(self.point(end)));
+        let of_j = sides(i, ends_j);
+        if of_j[0] * of_j[1] > 0 {
+            return;
+        }
+        let of_i = sides(j, ends_i);
+        if of_i[0] * of_i[1] > 0 {
+            return;
+        }
+        if of_i[0] * of_i[1] < 0 && of_j[0] * of_j[1] < 0 {
+            let planes = [self.plane, &self.lines[i].plane, &self.lines[j].plane];
+            let met = ExactPoint::of_planes(planes);
+            let vertex = self.vertices.number(met);
+            self.lines[i].vertices.push(vertex);
+            self.lines[j].vertices.push(vertex);
+            return;
+        }
+        for k in 0..2 {
+            if of_j[k] == 0 {
+                self.put_on(i, ends_j[k]);
+            }
+            if of_i[k] == 0 {
+                self.put_on(j, ends_i[k]);
+            }
+        }
+    }
+
+    /// Cuts a line at a vertex that lies on its plane, if that is between the ends.
+    fn put_on(&mut self, line: usize, vertex: u32) {
+        let (a, b) = (self.lines[line].vertices[0], self.lines[line].vertices[1]);
+        if self.order(a, vertex) == self.order(vertex, b) && vertex != a && vertex != b {
+            self.lines[line].vertices.push(vertex);
+        }
+    }
+
+    /// Makes edges of the cut lines, none twice.
+    fn edges(&mut self) {
+        let mut order: Vec<u32> = (0..self.vertices.list.len() as u32).collect();
+        order.sort_by(|a, b| self.order(*a, *b));
+        self.ranks = vec![0; order.len()];
+        for (rank, vertex) in (0..).zip(order) {
+            self.ranks[vertex as usize] = rank;
+        }
+        for (number, line) in (0..).zip(&self.lines) {
+            let mut along = line.vertices.clone();
+            along.sort_by_key(|vertex| self.ranks[*vertex as usize]);
+            along.dedup();
+            self.edges.extend(along.windows(2).map(|ends| Edge { ends: [ends[0], ends[1]], line: number }));
+        }
+        self.edges.sort_by_key(|edge| (edge.ends, edge.line));
+        self.edges.dedup_by_key(|edge| edge.ends);
+    }
+
+    /// Whether a vertex lies to the left (1) of an edge in its direction, to the right (-1), or on its line.
+    fn turn(&self, edge: &Edge, vertex: u32) -> i32 {
+        let line = &self.lines[edge.line as usize];
+        line.left * line.plane.side(self.point(vertex))
+    }
+
+    /// Leaves out edges whose half-edges have the same to their left.
+    fn leave_out<T: PartialEq>(&mut self, left: impl Fn(usize) -> T) {
+        let mut index = 0;
+        self.edges.retain(|_| {
+            let [forward, backward] = [2 * index, 2 * index + 1].map(&left);
+            index += 1;
+            forward != backward
+        });
+    }
+
+    /// The outer loop of the region to the left of each loop; `None` outside of all.
+    fn outer_loops(&self, loops: &Loops) -> Vec<Option<usize>> {
+        let of_hole = |hole: &Loop| {
+            let around = (0..loops.list.len()).filter(|outer| {
+                let outer = &loops.list[*outer];
+                !outer.is_hole && outer.component != hole.component && self.is_inside(hole.vertices[0], outer)
+            });
+            // Of those around it, the one that is inside all the others.
+            around.reduce(|best, other| {
+                if self.is_inside(loops.list[other].vertices[0], &loops.list[best]) { other } else { best }
+            })
+        };
+        let outer = |(number, list): (usize, &Loop)| if list.is_hole { of_hole(list) } else { Some(number) };
+        loops.list.iter().enumerate().map(outer).collect()
+    }
+
+    /// The region of each outer loop.
+    fn regions(&self, loops: &Loops, outer: &[Option<usize>]) -> Vec<Option<Region>> {
+        let ring = |list: &Loop| -> Vec<Corner> {
+            let lines = list.halves.iter().map(|half| self.edges[*half as usize / 2].line);
+            let corner = |(vertex, line): (&u32, u32)| Corner {
+                point: self.point(*vertex).settled(),
+                line: self.lines[line as usize].plane,
+            };
+            list.vertices.iter().zip(lines).map(corner).collect()
+        };
+        let mut regions: Vec<Option<Region>> = loops
+            .list
+            .iter()
+            .map(|list| (!list.is_hole).then(|| Region { rings: vec![ring(list)] }))
+            .collect();
+        for (list, outer) in loops.list.iter().zip(outer).filter(|(list, _)| list.is_hole) {
+            if let Some(region) = outer.and_then(|outer| regions[outer].as_mut()) {
+                region.rings.push(ring(list));
+            }
+        }
+        regions
+    }
+
+    /// Whether a vertex lies inside a loop that it is not on: by the loop's edges that pass it on one side.
+    fn is_inside(&self, vertex: u32, outer: &Loop) -> bool {
+        let [_, v] = others(self.axis);
+        let is_above = |other: u32| self.point(other).compare(self.point(vertex), v) == Ordering::Greater;
+        let mut inside = false;
+        for &half in &outer.halves {
+            let edge = self.edges[half as usize / 2];
+            let above = edge.ends.map(is_above);
+            if above[0] != above[1] {
+                // To the left of an edge that goes up is where edges of greater coordinates are passed.
+                inside ^= (self.turn(&edge, vertex) > 0) == above[1];
+            }
+        }
+        inside
+    }
+}
+
+/// A closed chain of half-edges with a region to the left.
+struct Loop {
+    halves: Vec<u32>,
+    /// First vertex of each half-edge.
+    vertices: Vec<u32>,
+    /// Whether the region is outside of the loop.
+    is_hole: bool,
+    /// Number of the connected component.
+    component: u32,
+}
+
+/// All loops of a subdivision. Half-edge `2 e` is edge `e` in its direction, `2 e + 1` the other way.
+struct Loops {
+    list: Vec<Loop>,
+    /// Number of the loop of each half-edge.
+    of_half: Vec<u32>,
+}
+
+impl Loops {
+    fn of(overlay: &Overlay<'_>) -> Loops {
+        let edges = &overlay.edges;
+        let origin = |half: u32| edges[half as usize / 2].ends[half as usize % 2];
+        let mut around: Vec<Vec<u32>> = vec![Vec::new(); overlay.vertices.list.len()];
+        for half in 0..2 * edges.len() as u32 {
+            around[origin(half) as usize].push(half);
+        }
+        // Counterclockwise, from the direction opposite to the second coordinate's.
+        for halves in &mut around {
+            halves.sort_by(|a, b| {
+                (a % 2).cmp(&(b % 2)).then_with(|| {
+                    let edge = &edges[*a as usize / 2];
+                    let tip = origin(b ^ 1);
+                    let turn = overlay.turn(edge, tip) * if a % 2 == 0 { 1 } else { -1 };
+                    0.cmp(&turn)
+                })
+            });
+        }
+        let mut place = vec![0u32; 2 * edges.len()];
+        for halves in &around {
+            for (index, half) in (0..).zip(halves) {
+                place[*half as usize] = index;
+            }
+        }
+        let components = components(overlay);
+        let mut loops = Loops { list: Vec::new(), of_half: vec![u32::MAX; 2 * edges.len()] };
+        for first in 0..2 * edges.len() as u32 {
+            if loops.of_half[first as usize] != u32::MAX {
+                continue;
+            }
+            let number = loops.list.len() as u32;
+            let mut found = Loop {
+                halves: Vec::new(),
+                vertices: Vec::new(),
+                is_hole: false,
+                component: components[origin(first) as usize],
+            };
+            let (mut half, mut least) = (first, u32::MAX);
+            loop {
+                loops.of_half[half as usize] = number;
+                found.halves.push(half);
+                found.vertices.push(origin(half));
+                // The next one is clockwise from the way back.
+                let back = half ^ 1;
+                let vertex = origin(back);
+                let halves = &around[vertex as usize];
+                let at = place[back as usize] as usize;
+                let next = halves[(at + halves.len() - 1) % halves.len()];
+                // At a vertex of the least coordinates, all edges lead to greater ones; the region between the last and
+                // the first is outside of the loop.
+                let rank = overlay.ranks[vertex as usize];
+                if rank < least {
+                    (least, found.is_hole) = (rank, false);
+                }
+                found.is_hole |= rank == least && at == 0;
+                half = next;
+                if half == first {
+                    break;
+                }
+            }
+            loops.list.push(found);
+        }
+        loops
+    }
+}
+
+/// Number of each vertex' connected component.
+fn components(overlay: &Overlay<'_>) -> Vec<u32> {
+    let mut parents: Vec<u32> = (0..overlay.vertices.list.len() as u32).collect();
+    for edge in &overlay.edges {
+        let [a, b] = edge.ends.map(|vertex| root(&mut parents, vertex));
+        parents[a.max(b) as usize] = a.min(b);
+    }
+    (0..parents.len() as u32).map(|vertex| root(&mut parents, vertex)).collect()
+}
+
+/// The representative of a set, of sets that are told by the parents of their members.
+pub fn root(parents: &mut [u32], mut member: u32) -> u32 {
+    while parents[member as usize] != member {
+        parents[member as usize] = parents[parents[member as usize] as usize];
+        member = parents[member as usize];
+    }
+    member
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLANE: [i64; 3] = [0, 0, 1];
+
+    /// Regions by twice their areas, of segments between points of the plane z = 0.
+    fn areas(segments: &[[[i32; 2]; 2]], points: &[[i32; 2]]) -> Vec<(usize, f64)> {
+        let plane = ExactPlane::through([0; 3], PLANE);
+        let lift = |at: [i32; 2]| [at[0], at[1], 0];
+        let segments: Vec<Segment> = segments
+            .iter()
+            .map(|ends| Segment {
+                ends: ends.map(|end| ExactPoint::of_grid(lift(end))),
+                line: ExactPlane::along(2, lift(ends[0]), lift(ends[1])),
+            })
+            .collect();
+        let points: Vec<ExactPoint> = points.iter().map(|at| ExactPoint::of_grid(lift(*at))).collect();
+        let area = |ring: &Vec<Corner>| -> f64 {
+            (0..ring.len())
+                .map(|i| {
+                    let (a, b) = (ring[i].point.near, ring[(i + 1) % ring.len()].point.near);
+                    a[0] * b[1] - a[1] * b[0]
+                })
+                .sum()
+        };
+        // (All are wanted, and none is the same as another.)
+        let count = std::cell::Cell::new(0);
+        let choose = |_: &Region| Some(count.replace(count.get() + 1));
+        let mut found: Vec<(usize, f64)> = regions(&plane, &segments, &points, &|_| false, choose)
+            .unwrap()
+            .iter()
+            .map(|(region, _)| {
+                (region.rings.len(), (region.rings.iter().map(area).sum::<f64>() * 1e6).round() / 1e6)
+            })
+            .collect();
+        found.sort_by(|a, b| a.1.total_cmp(&b.1));
+        found
+    }
+
+    fn square(low: i32, high: i32) -> Vec<[[i32; 2]; 2]> {
+        let corners = [[low, low], [high, low], [high, high], [low, high]];
+        (0..4).map(|i| [corners[i], corners[(i + 1) % 4]]).collect()
+    }
+
+    #[test]
+    fn segments_divide_a_square() {
+        assert_eq!(areas(&square(0, 8), &[[4, 0], [3, 3]]), [(1, 128.0)]);
+        let with = |more: &[[[i32; 2]; 2]]| areas(&[square(0, 8), more.to_vec()].concat(), &[]);
+        // Two crossing ones, one that ends inside, one from outside, one along an edge.
+        assert_eq!(with(&[[[0, 4], [8, 4]], [[4, 0], [4, 8]]]), [(1, 32.0); 4]);
+        assert_eq!(with(&[[[0, 4], [5, 4]]]), [(1, 128.0)]);
+        assert_eq!(with(&[[[-3, 4], [11, 4]], [[2, 0], [6, 0]]]), [(1, 64.0), (1, 64.0)]);
+        assert_eq!(with(&[[[2, 2], [5, 5]]]), [(1, 128.0)]);
+        // Crossings off the grid.
+        assert_eq!(with(&[[[0, 1], [8, 4]], [[0, 5], [8, 1]]]).len(), 4);
+    }
+
+    #[test]
+    fn holes_go_to_the_region_around_them() {
+        let nested = [square(0, 20), square(2, 18), square(4, 6), square(8, 10), square(9, 12)].concat();
+        let found = areas(&nested, &[]);
+        assert_eq!(
+            found,
+            [
+                (1, 2.0),
+                (1, 6.0),
+                (1, 8.0),
+                (1, 16.0),
+                (2, 2.0 * 400.0 - 2.0 * 256.0),
+                (3, 2.0 * (256.0 - 4.0 - 4.0 - 9.0 + 1.0))
+            ]
+        );
+        // A bridge to a hole, and two squares that touch in a corner.
+        let bridged = [square(0, 20), square(4, 6), vec![[[0, 0], [4, 4]]], square(6, 9)].concat();
+        assert_eq!(areas(&bridged, &[]), [(1, 8.0), (1, 18.0), (2, 774.0)]);
+    }
+
+    /// Of random segments in a square, the areas add up to the square's, and no region is empty.
+    #[test]
+    fn areas_add_up() {
+        let mut state = 11u64;
+        let mut number = |below: i32| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            ((state >> 33) as i32).rem_euclid(below)
+        };
+        for round in 0..200 {
+            let size = [6, 40, 1 << 20][round % 3];
+            let mut segments = square(0, size);
+            for _ in 0..round % 17 {
+                let mut point = || [number(size + 1), number(size + 1)];
+                segments.push([point(), point()]);
+            }
+            segments.retain(|[a, b]| a != b);
+            let found = areas(&segments, &[]);
+            let sum: f64 = found.iter().map(|(_, area)| area).sum();
+            let whole = 2.0 * f64::from(size) * f64::from(size);
+            assert!((sum - whole).abs() < 1e-6 * whole, "{round}: {sum} {whole}");
+            assert!(found.iter().all(|(_, area)| *area > 0.0), "{found:?}");
+        }
+    }
+}

@@ -1,0 +1,384 @@
+//! Points with rational coordinates, and planes through points of the grid: exact, with doubles in front.
+//!
+//! Planes have normals of at most 56 bits and offsets of at most 84. The point of three of them has homogeneous
+//! coordinates of at most 198 bits and a weight of at most 171, and the test on which side of a plane it lies takes at
+//! most 255: points that are made of planes, and never of other such points, never need more.
+
+use std::cmp::Ordering;
+
+use bnum::cast::As;
+use bnum::types::{I256, I512, I1024};
+
+/// Most that a coordinate of [`ExactPoint::near`] differs from the exact one.
+pub(super) const ERROR: f64 = 1.0 / (1 << 24) as f64;
+
+/// A plane through points of the grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ExactPlane {
+    pub normal: [i64; 3],
+    /// The product of the normal with each point of the plane.
+    pub offset: i128,
+}
+
+impl ExactPlane {
+    /// The plane through a point.
+    pub(crate) fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
+        let offset = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(base[axis])).sum();
+        ExactPlane { normal, offset }
+    }
+
+    /// The plane along an axis through two points.
+    pub(super) fn along(axis: usize, from: [i32; 3], to: [i32; 3]) -> ExactPlane {
+        let [u, v] = others(axis);
+        let mut normal = [0; 3];
+        normal[u] = i64::from(from[v]) - i64::from(to[v]);
+        normal[v] = i64::from(to[u]) - i64::from(from[u]);
+        ExactPlane::through(from, normal)
+    }
+
+    /// The height of a point of the grid over the plane, times the length of the normal.
+    pub(super) fn height(&self, point: [i32; 3]) -> i128 {
+        let along = |axis: usize| i128::from(self.normal[axis]) * i128::from(point[axis]);
+        along(0) + along(1) + along(2) - self.offset
+    }
+
+    /// The side on which a point lies: 1 where the normal points to, 0 in the plane.
+    pub(crate) fn side(&self, point: &ExactPoint) -> i32 {
+        if let Some(point) = point.on_grid() {
+            return self.height(point).signum() as i32;
+        }
+        self.side_near(point.near).unwrap_or_else(|| {
+            let mut sum = product(self.offset, 1) * -point.weight;
+            for axis in 0..3 {
+                sum += wide(self.normal[axis].into()) * point.at[axis];
+            }
+            sign(&sum)
+        })
+    }
+
+    /// The plane with its other side in front.
+    pub(crate) fn turned(&self) -> ExactPlane {
+        ExactPlane { normal: self.normal.map(|part| -part), offset: -self.offset }
+    }
+
+    /// The plane, moved, with all coordinates so many times as large before.
+    pub(crate) fn placed(&self, times: i64, shift: [i64; 3]) -> ExactPlane {
+        let along = |axis: usize| i128::from(self.normal[axis]) * i128::from(shift[axis]);
+        ExactPlane { offset: self.offset * i128::from(times) + along(0) + along(1) + along(2), ..*self }
+    }
+
+    /// The side of a point that is known but for an error of [`ERROR`], if that is enough to tell. (Coordinates have 26 bits,
+    /// and doubles 53: the sum is off by about as much as the point is.)
+    pub(super) fn side_near(&self, near: [f64; 3]) -> Option<i32> {
+        let (mut height, mut size) = (-(self.offset as f64), 0.0);
+        for (axis, near) in near.into_iter().enumerate() {
+            let normal = self.normal[axis] as f64;
+            height += normal * near;
+            size += normal.abs();
+        }
+        (height.abs() > size * (8.0 * ERROR)).then_some(if height > 0.0 { 1 } else { -1 })
+    }
+
+    /// Whether two planes are the same, whichever sides they are turned to.
+    pub(crate) fn is(&self, other: &ExactPlane) -> bool {
+        let axis = self.main_axis();
+        cross(self.normal, other.normal) == [0; 3]
+            && product(self.offset, other.normal[axis].into())
+                == product(other.offset, self.normal[axis].into())
+    }
+
+    /// Whether the normal points to the same side as that of a parallel plane.
+    pub(super) fn is_turned_as(&self, other: &ExactPlane) -> bool {
+        let axis = self.main_axis();
+        (self.normal[axis] > 0) == (other.normal[axis] > 0)
+    }
+
+    /// The axis along which the plane is seen largest.
+    pub(crate) fn main_axis(&self) -> usize {
+        (0..3).max_by_key(|axis| self.normal[*axis].unsigned_abs()).unwrap_or(2)
+    }
+}
+
+/// The two other axes, in the order that makes a right-handed system with the first.
+pub(super) const fn others(axis: usize) -> [usize; 2] {
+    [(axis + 1) % 3, (axis + 2) % 3]
+}
+
+/// The product of two normals.
+pub fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
+    std::array::from_fn(|axis| {
+        let [j, k] = others(axis);
+        i128::from(a[j]) * i128::from(b[k]) - i128::from(a[k]) * i128::from(b[j])
+    })
+}
+
+/// A point by homogeneous coordinates.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExactPoint {
+    pub at: [I256; 3],
+    /// Divisor of the coordinates: positive.
+    pub weight: I256,
+    /// The point, but for [`ERROR`].
+    pub near: [f64; 3],
+    /// Whether it is a point of the grid, and `near` is exact.
+    is_on_grid: bool,
+}
+
+impl ExactPoint {
+    /// A point of the grid.
+    pub(crate) fn of_grid(point: [i32; 3]) -> ExactPoint {
+        let at = point.map(|at| wide(at.into()));
+        ExactPoint { at, weight: wide(1), near: point.map(f64::from), is_on_grid: true }
+    }
+
+    /// The point where an edge meets a plane whose normal has these products with its ends' places: not twice the same.
+    pub(super) fn of_edge([from, to]: [[i32; 3]; 2], [start, end]: [i128; 2]) -> ExactPoint {
+        // A mean of the ends.
+        let (weight, start) = if start > end { (start - end, start) } else { (end - start, -start) };
+        let at = std::array::from_fn(|axis| {
+            let along = i128::from(to[axis]) - i128::from(from[axis]);
+            product(weight, from[axis].into()) + product(start, along)
+        });
+        ExactPoint::new(at, wide(weight))
+    }
+
+    /// The point of three planes that have one in common, and no more.
+    pub(super) fn of_planes(planes: [&ExactPlane; 3]) -> ExactPoint {
+        let [a, b, c] = planes;
+        let crosses = [cross(b.normal, c.normal), cross(c.normal, a.normal), cross(a.normal, b.normal)];
+        let mut weight = wide(0);
+        for (along, across) in a.normal.into_iter().zip(crosses[0]) {
+            weight += product(along.into(), across);
+        }
+        let mut at = [0, 1, 2].map(|axis| {
+            let mut sum = wide(0);
+            for (plane, cross) in planes.iter().zip(&crosses) {
+                sum += product(plane.offset, cross[axis]);
+            }
+            sum
+        });
+        if weight.is_negative() {
+            weight = -weight;
+            at = at.map(|at| -at);
+        }
+        ExactPoint::new(at, weight)
+    }
+
+    /// The point of any homogeneous coordinates with a positive weight.
+    pub(crate) fn of(at: [I256; 3], weight: I256) -> ExactPoint {
+        ExactPoint::new(at, weight).settled()
+    }
+
+    /// The point of homogeneous coordinates with a positive weight.
+    fn new(at: [I256; 3], weight: I256) -> ExactPoint {
+        let size: f64 = weight.as_();
+        let near = at.map(|at| {
+            let at: f64 = at.as_();
+            at / size
+        });
+        ExactPoint { at, weight, near, is_on_grid: false }
+    }
+
+    /// The coordinates of a point that was made as one of the grid.
+    pub(crate) fn on_grid(&self) -> Option<[i32; 3]> {
+        self.is_on_grid.then(|| self.near.map(|at| at as i32))
+    }
+
+    /// The point, made as one of the grid if it is one.
+    pub(super) fn settled(self) -> ExactPoint {
+        if self.is_on_grid {
+            return self;
+        }
+        let rounded = ExactPoint::of_grid(self.rounded());
+        if self.is(&rounded) { rounded } else { self }
+    }
+
+    /// The point, moved, with all coordinates so many times as large before.
+    pub(crate) fn placed(&self, times: i64, shift: [i64; 3]) -> ExactPoint {
+        let at =
+            [0, 1, 2].map(|axis| self.at[axis] * wide(times.into()) + self.weight * wide(shift[axis].into()));
+        match self.is_on_grid {
+            true => ExactPoint::of_grid(at.map(|at| at.as_())),
+            false => ExactPoint::new(at, self.weight),
+        }
+    }
+
+    /// The order of two points along an axis.
+    pub(crate) fn compare(&self, other: &ExactPoint, axis: usize) -> Ordering {
+        let difference = self.near[axis] - other.near[axis];
+        if difference.abs() > 2.0 * ERROR {
+            return if difference > 0.0 { Ordering::Greater } else { Ordering::Less };
+        }
+        if self.is_on_grid && other.is_on_grid {
+            return Ordering::Equal;
+        }
+        if self.weight.is_zero() || other.weight.is_zero() {
+            // Faces that are not flat have points that are none: in any order, as long as it is one.
+            return self.near[axis].total_cmp(&other.near[axis]);
+        }
+        let (a, b): (I512, I512) = (self.at[axis].as_(), other.at[axis].as_());
+        let (weight, other_weight): (I512, I512) = (self.weight.as_(), other.weight.as_());
+        (a * other_weight).cmp(&(b * weight))
+    }
+
+    /// Whether two points are one.
+    pub(crate) fn is(&self, other: &ExactPoint) -> bool {
+        (0..3).all(|axis| self.compare(other, axis) == Ordering::Equal)
+    }
+
+    /// The nearest point of the grid; a coordinate in the middle between two goes to the greater.
+    pub(crate) fn rounded(&self) -> [i32; 3] {
+        std::array::from_fn(|axis| {
+            let near = self.near[axis];
+            let rounded = near.round();
+            // (The distance from the middle between two.)
+            if (near - rounded).abs() < 0.5 - 2.0 * ERROR {
+                return rounded as i32;
+            }
+            let low = near.floor() as i32;
+            let twice_middle = wide(2 * i128::from(low) + 1) * self.weight;
+            low.saturating_add((self.at[axis] + self.at[axis] >= twice_middle).into())
+        })
+    }
+}
+
+/// Twice the area of the triangle of three points as seen along an axis, times all their weights; the sign is that of a
+/// turn to the left, seen from the axis' positive end.
+pub(super) fn area(axis: usize, [a, b, c]: [&ExactPoint; 3]) -> I1024 {
+    let [u, v] = others(axis);
+    let minor = |p: &ExactPoint, q: &ExactPoint| -> I1024 {
+        let widen = |number: I256| -> I512 { number.as_() };
+        (widen(p.at[u]) * widen(q.at[v]) - widen(p.at[v]) * widen(q.at[u])).as_()
+    };
+    let weight = |p: &ExactPoint| -> I1024 { p.weight.as_() };
+    minor(a, b) * weight(c) + minor(b, c) * weight(a) + minor(c, a) * weight(b)
+}
+
+/// The sign of [`area`].
+pub(super) fn turn(axis: usize, corners: [&ExactPoint; 3]) -> i32 {
+    let [u, v] = others(axis);
+    let [a, b, c] = corners.map(|point| [point.near[u], point.near[v]]);
+    if corners.iter().all(|point| point.is_on_grid) {
+        let along = |from: [f64; 2], to: [f64; 2]| [(to[0] - from[0]) as i64, (to[1] - from[1]) as i64];
+        let (along, to) = (along(a, b), along(a, c));
+        return (along[0] * to[1] - along[1] * to[0]).signum() as i32;
+    }
+    let (along, to) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
+    let area = along[0] * to[1] - along[1] * to[0];
+    let size = along[0].abs() + along[1].abs() + to[0].abs() + to[1].abs();
+    if area.abs() > (size + 1.0) * (4.0 * ERROR) {
+        return if area > 0.0 { 1 } else { -1 };
+    }
+    sign(&self::area(axis, corners))
+}
+
+/// A number in 256 bits.
+pub(super) fn wide(number: i128) -> I256 {
+    number.as_()
+}
+
+/// The product of two numbers.
+pub fn product(a: i128, b: i128) -> I256 {
+    wide(a) * wide(b)
+}
+
+/// The sign of a number.
+pub(super) fn sign<const N: usize>(number: &bnum::Int<N>) -> i32 {
+    if number.is_negative() { -1 } else { i32::from(!number.is_zero()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::crossing::ring_normal;
+
+    fn random(seed: u64) -> impl FnMut(i32) -> i32 {
+        let mut state = seed;
+        move |below| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            ((state >> 33) as i32).rem_euclid(below)
+        }
+    }
+
+    /// Points of planes and of edges lie in them, at any size of the coordinates.
+    #[test]
+    fn points_lie_in_their_planes() {
+        let mut number = random(1);
+        for round in 0..3000 {
+            let far = [8, 1 << 10, (1 << 26) - 1][round % 3];
+            let mut point = || [number(far), number(far), number(far)];
+            let mut plane = || loop {
+                let corners = [point(), point(), point()];
+                let normal = ring_normal(&corners);
+                if normal != [0; 3] {
+                    return (ExactPlane::through(corners[0], normal), corners);
+                }
+            };
+            let ((a, corners), (b, _), (c, _)) = (plane(), plane(), plane());
+            assert!(corners.iter().all(|corner| a.side(&ExactPoint::of_grid(*corner)) == 0));
+            let (from, to) = (corners[0], corners[1]);
+            let heights = [b.height(from), b.height(to)];
+            if heights[0].signum() * heights[1].signum() < 0 {
+                let met = ExactPoint::of_edge([from, to], heights);
+                assert_eq!((a.side(&met), b.side(&met)), (0, 0));
+                assert!(
+                    met.rounded()
+                        .iter()
+                        .zip(met.near)
+                        .all(|(at, near)| (f64::from(*at) - near).abs() <= 0.5 + ERROR)
+                );
+            }
+            let parallel = rank(&[&a, &b, &c]) < 3;
+            if parallel {
+                continue;
+            }
+            let common = ExactPoint::of_planes([&a, &b, &c]);
+            assert!([&a, &b, &c].iter().all(|plane| plane.side(&common) == 0));
+            let turned = ExactPoint::of_planes([&c, &a, &b]);
+            assert!(common.is(&turned));
+            // One unit beside it is not the same.
+            let beside = ExactPoint { at: [common.at[0] + wide(1), common.at[1], common.at[2]], ..common };
+            assert!(!common.is(&beside) && common.compare(&beside, 0) == Ordering::Less);
+        }
+    }
+
+    fn rank(planes: &[&ExactPlane; 3]) -> usize {
+        let [a, b, c] = planes.map(|plane| plane.normal);
+        let along = cross(a, b);
+        let sum = (0..3).fold(wide(0), |sum, axis| sum + product(along[axis], c[axis].into()));
+        if sum.is_zero() { 2 } else { 3 }
+    }
+
+    #[test]
+    fn middles_are_rounded_up_however_they_are_written() {
+        let half = |scale: i128| ExactPoint {
+            at: [wide(7 * scale), wide(-7 * scale), wide(6 * scale)],
+            weight: wide(2 * scale),
+            near: [3.5, -3.5, 3.0],
+            is_on_grid: false,
+        };
+        for scale in [1, 3, 1 << 100] {
+            assert_eq!(half(scale).rounded(), [4, -3, 3]);
+        }
+        let below = ExactPoint {
+            at: [wide((7 << 100) - 1), wide(0), wide(0)],
+            weight: wide(2 << 100),
+            near: [3.5, 0.0, 0.0],
+            is_on_grid: false,
+        };
+        assert_eq!(below.rounded(), [3, 0, 0]);
+    }
+
+    #[test]
+    fn turns_are_those_of_integers() {
+        let mut number = random(5);
+        for _ in 0..3000 {
+            let corners = [0; 3].map(|_| [number(4), number(4), number(4)]);
+            let normal = ring_normal(&corners);
+            let points = corners.map(ExactPoint::of_grid);
+            for (axis, along) in normal.into_iter().enumerate() {
+                assert_eq!(turn(axis, [&points[0], &points[1], &points[2]]), along.signum() as i32);
+            }
+        }
+    }
+}

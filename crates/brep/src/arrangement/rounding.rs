@@ -1,0 +1,127 @@
+//! Faces with corners beside the grid as faces with corners on it.
+
+use super::delaunay;
+use super::exact_face::ExactFace;
+use super::overlay::Corner;
+use super::point::{ExactPlane, others};
+use crate::Face;
+use crate::geometry::Triangulator;
+use crate::piece::Piece;
+use spinney_base::Result;
+
+/// Moves the corners of faces to the nearest points of the grid; keeps its buffers from face to face.
+#[derive(Default)]
+pub(super) struct Rounder {
+    /// The furthest that a corner was moved, in steps of the grid.
+    pub(super) displacement: f64,
+    /// Whether any corner was moved.
+    pub(super) is_moved: bool,
+    /// Corners of all faces.
+    pub(super) corners: Vec<[i32; 3]>,
+    triangulator: Triangulator,
+    /// Corners before and after.
+    near: Vec<[f64; 3]>,
+    points: Vec<[i32; 3]>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Rounder {
+    /// Hands out a face: as a polygon if its corners lie in its plane on the grid, too, and otherwise in triangles. These are
+    /// found before: slivers then fall together, and do not fold over.
+    pub(super) fn round(
+        &mut self,
+        face: &ExactFace,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        self.near.clear();
+        self.points.clear();
+        for Corner { point, .. } in &face.corners {
+            let moved = point.rounded();
+            self.is_moved |= point.on_grid().is_none();
+            let squares = (0..3).map(|axis| (point.near[axis] - f64::from(moved[axis])).powi(2));
+            self.displacement = self.displacement.max(squares.sum::<f64>().sqrt());
+            self.near.push(point.near);
+            self.points.push(moved);
+        }
+        self.corners.extend_from_slice(&self.points);
+        let ExactFace { plane, ring_ends, colours, part, source, .. } = face;
+        let (part, source) = (*part, *source);
+        let stays_flat = self.points.iter().all(|point| plane.height(*point) == 0);
+        if stays_flat || !self.triangulate(plane, ring_ends) {
+            return each(&Face { number: 0, points: &self.points, ring_ends, colours, part, source });
+        }
+        for triangle in &self.triangles {
+            let points = triangle.map(|corner| self.points[corner as usize]);
+            let colours: Vec<[u8; 3]> = match colours.is_empty() {
+                true => Vec::new(),
+                false => triangle.map(|corner| colours[corner as usize]).to_vec(),
+            };
+            each(&Face { number: 0, points: &points, ring_ends: &[3], colours: &colours, part, source })?;
+        }
+        Ok(())
+    }
+
+    /// Cuts the face into triangles as it is before its corners are moved, on a grid that is finer by as much as the
+    /// face is small.
+    fn triangulate(&mut self, plane: &ExactPlane, ring_ends: &[usize]) -> bool {
+        let least = |axis: usize| self.near.iter().map(|point| point[axis]).fold(f64::INFINITY, f64::min);
+        let low = [0, 1, 2].map(least);
+        let extent = self.near.iter().flat_map(|point| (0..3).map(|axis| point[axis] - low[axis]));
+        let extent = extent.fold(1e-9, f64::max);
+        let scale = f64::from(1 << 30) / extent;
+        let fine =
+            |point: &[f64; 3]| [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale).round() as i64);
+        let fine: Vec<[i64; 3]> = self.near.iter().map(fine).collect();
+        self.triangles.clear();
+        if !self.triangulator.triangulate(&fine, ring_ends, &mut self.triangles) {
+            return false;
+        }
+        // Without long thin triangles, moving the corners makes fewer that pass through others.
+        let corners: Vec<[f64; 3]> = fine.iter().map(|point| point.map(|at| at as f64)).collect();
+        delaunay::flip_in_plane(plane.normal.map(|part| part as f64), &corners, &mut self.triangles);
+        true
+    }
+}
+
+/// The colours of the corners of a part of a face, between those of the triangle of the face that each lies in.
+pub(super) fn colours(face: &Face<'_>, plane: &ExactPlane, part: &ExactFace) -> Vec<[u8; 3]> {
+    if face.colours.is_empty() {
+        return Vec::new();
+    }
+    let pieces = Piece::of_face(face.points, face.ring_ends, &mut Triangulator::new());
+    part.corners.iter().map(|corner| colour(plane, face, &pieces, corner.point.near)).collect()
+}
+
+/// The colour of a place of a face.
+fn colour(plane: &ExactPlane, face: &Face<'_>, pieces: &[Piece], at: [f64; 3]) -> [u8; 3] {
+    let axis = plane.main_axis();
+    let [u, v] = others(axis);
+    // Areas of the triangles that the place makes with the edges opposite to the corners, as seen along the axis.
+    let weights = |piece: &Piece| {
+        let to = piece.corners.map(|corner| [f64::from(corner[u]) - at[u], f64::from(corner[v]) - at[v]]);
+        [0, 1, 2].map(|i| {
+            let (a, b) = (to[(i + 1) % 3], to[(i + 2) % 3]);
+            a[0] * b[1] - a[1] * b[0]
+        })
+    };
+    // The least of them in proportion is greatest in the triangle that has the place.
+    let least = |piece: &Piece| {
+        let weights = weights(piece);
+        let sum: f64 = weights.iter().sum();
+        weights.iter().map(|weight| weight / sum).fold(f64::INFINITY, f64::min)
+    };
+    let Some(piece) = pieces.iter().max_by(|a, b| least(a).total_cmp(&least(b))) else {
+        return face.colours[0];
+    };
+    let sum: f64 = weights(piece).iter().sum();
+    let shares = weights(piece).map(|weight| (weight / sum).max(0.0));
+    let whole: f64 = shares.iter().sum();
+    let colours = piece.corners.map(|corner| {
+        let place = face.points.iter().position(|point| *point == corner).unwrap_or(0);
+        face.colours[place].map(f64::from)
+    });
+    [0, 1, 2].map(|channel| {
+        let mean = (0..3).map(|corner| shares[corner] * colours[corner][channel]).sum::<f64>() / whole;
+        mean.round() as u8
+    })
+}

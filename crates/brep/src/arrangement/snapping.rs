@@ -1,0 +1,101 @@
+//! Edges bent to vertices that they pass closer than a step of the grid.
+//!
+//! Moving vertices to the grid makes triangles so thin that their planes mean nothing, and dividing those by each other
+//! makes more of them. As in snap rounding (Hobby, 1999), an edge therefore goes through every vertex that it comes near:
+//! thin triangles fall together. Which vertices these are depends on the edge alone, so that faces beside each other stay
+//! so.
+
+use super::rounds::EachFace;
+use crate::boxes::{BoxTree, touch};
+use crate::{Face, FaceList};
+use spinney_base::{Progress, Result};
+
+/// Hands out all faces, with corners added where edges pass some vertices closer than a step, and whether that was so
+/// or they were changed before: such faces may have corners that do not lie in one plane, or that fall together.
+pub(super) fn snap(
+    faces: &FaceList,
+    vertices: &[[i32; 3]],
+    changed: &[bool],
+    progress: &dyn Progress,
+    each: &mut EachFace<'_>,
+) -> Result<()> {
+    let mut unique = vertices.to_vec();
+    unique.sort_unstable();
+    unique.dedup();
+    let tree = BoxTree::of((0..).zip(&unique).map(|(number, at)| (number, [*at; 2])).collect());
+    let (mut points, mut colours, mut ring_ends) = (Vec::new(), Vec::new(), Vec::new());
+    let mut near = Vec::new();
+    for (number, is_changed) in changed.iter().enumerate() {
+        if number % 4096 == 0 {
+            progress.check()?;
+        }
+        let face = faces.get(number);
+        points.clear();
+        colours.clear();
+        ring_ends.clear();
+        let mut added = 0;
+        for ring in face.rings() {
+            for (index, &from) in ring.iter().enumerate() {
+                let colour = face.colours.get(points.len() - added).copied();
+                points.push(from);
+                between(&tree, &unique, [from, ring[(index + 1) % ring.len()]], &mut near);
+                points.extend_from_slice(&near);
+                colours.extend(colour.into_iter().cycle().take(1 + near.len()));
+                added += near.len();
+            }
+            ring_ends.push(points.len());
+        }
+        let face = Face { points: &points, ring_ends: &ring_ends, colours: &colours, ..face };
+        each(&face, added > 0 || *is_changed)?;
+    }
+    Ok(())
+}
+
+/// Vertices that an edge passes closer than a step, in its order: the same from both sides.
+fn between(tree: &BoxTree, vertices: &[[i32; 3]], [from, to]: [[i32; 3]; 2], near: &mut Vec<[i32; 3]>) {
+    near.clear();
+    let reach = [
+        [0, 1, 2].map(|axis| from[axis].min(to[axis]) - 1),
+        [0, 1, 2].map(|axis| from[axis].max(to[axis]) + 1),
+    ];
+    let minus = |a: [i32; 3], b: [i32; 3]| [0, 1, 2].map(|axis| i128::from(a[axis]) - i128::from(b[axis]));
+    let dot = |a: [i128; 3], b: [i128; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let along = minus(to, from);
+    let length = dot(along, along);
+    let mut found: Vec<(i128, [i32; 3])> = Vec::new();
+    tree.each(&|bounds| touch(bounds, &reach), |number| {
+        let vertex = vertices[number as usize];
+        let there = minus(vertex, from);
+        let place = dot(there, along);
+        // The square of the distance from the edge's line times that of its length.
+        let distance = dot(there, there) * length - place * place;
+        if place > 0 && place < length && distance < length {
+            found.push((place, vertex));
+        }
+    });
+    // Of vertices at one place, the order is turned round for who goes the other way.
+    let is_forward = from < to;
+    found.sort_unstable_by(|a, b| {
+        a.0.cmp(&b.0).then_with(|| if is_forward { a.1.cmp(&b.1) } else { b.1.cmp(&a.1) })
+    });
+    near.extend(found.into_iter().map(|(_, vertex)| vertex));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_go_through_what_they_pass() {
+        let vertices = [[50, 0, 1], [50, 1, 0], [30, 0, 0], [0, 0, 0], [70, 0, 2], [200, 1, 0]];
+        let tree = BoxTree::of((0..).zip(&vertices).map(|(number, at)| (number, [*at; 2])).collect());
+        let mut near = Vec::new();
+        let ends = [[0, 0, 0], [100, 1, 1]];
+        between(&tree, &vertices, ends, &mut near);
+        let mut there = near.clone();
+        assert_eq!(there, [[30, 0, 0], [50, 0, 1], [50, 1, 0]]);
+        there.reverse();
+        between(&tree, &vertices, [ends[1], ends[0]], &mut near);
+        assert_eq!(near, there);
+    }
+}

@@ -1,0 +1,554 @@
+//! Faces with what bounds no body taken away: by winding numbers of the surfaces that they belong to.
+
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::OnceLock;
+
+use super::contacts::Contact;
+use super::exact_face::{ExactFace, ExactFaces};
+use super::overlay::{Region, Segment, VertexKey, Vertices, regions, root};
+use super::point::{ExactPlane, ExactPoint, others};
+use super::rounding::colours;
+use super::sample::Sample;
+use crate::boxes::{BOX, Bounds, BoxTree};
+use crate::geometry::Triangulator;
+use crate::geometry::crossing::ring_normal;
+use crate::piece::Piece;
+use crate::{Face, Faces};
+use spinney_base::parallel;
+use spinney_base::{Error, Progress, Result};
+
+/// Counts of what was done to a surface.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Resolved {
+    /// Pairs of faces that have more in common than neighbours have.
+    pub(super) pairs: u64,
+    /// Faces that were divided, or of which a part was taken away.
+    pub(super) divided: u64,
+    /// Faces that were taken away as a whole.
+    pub(super) removed: u64,
+}
+
+/// Surfaces whose faces stand one behind the other in a list, and what of space is inside of the result.
+#[derive(Clone, Copy)]
+pub struct Operands<'a> {
+    /// Where each one's faces end in the list.
+    pub ends: &'a [u32],
+    /// How many times each goes around what is far away: 0, or 1 where it bounds what is outside of it.
+    pub far: &'a [i32],
+    /// Whether each bounds a body by itself: its winding numbers are 0 or 1, and its faces do not pass through each other.
+    pub are_bodies: bool,
+    /// If there are any: the faces of which each may pass through any other; no other pair does.
+    pub changed: &'a [bool],
+    /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
+    /// them.
+    pub winding: &'a (dyn Fn(usize, &Sample<'_>) -> Option<Result<i32>> + Sync),
+    /// Whether places which they go around so many times are inside.
+    pub is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
+}
+
+/// Remains of a face.
+pub(super) enum Kept<'a> {
+    /// The face, or its back.
+    Face { face: Face<'a>, is_turned: bool },
+    /// A part of the face or of its back, which is no longer as it was.
+    Region { face: Face<'a>, exact: ExactFace },
+}
+
+/// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
+const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
+
+/// Hands out the faces that bound what is inside, in the order of those that they come from. Where faces pass through each
+/// other, they are divided; where they lie on each other, one stays. Surfaces have to be closed. Faces without an area stay where
+/// all around them does; of bodies none stays, so that vertices may lie on edges.
+///
+/// All faces are held in memory; planes, boxes and edges take about 250 bytes each. The result depends on no number of
+/// threads.
+///
+/// # Errors
+/// If `memory` bytes are not enough, on interruption, or what `each` returns.
+pub(super) fn resolve(
+    faces: &ExactFaces,
+    operands: &Operands<'_>,
+    path: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+    each: &mut dyn FnMut(Kept<'_>) -> Result<()>,
+) -> Result<Resolved> {
+    let surface = Surface::new(faces, operands, path, memory)?;
+    let contacts = surface.contacts(memory, progress)?;
+    let mut of_face: HashMap<u32, Vec<u32>> = HashMap::new();
+    for (number, contact) in (0..).zip(&contacts) {
+        contact.faces.iter().for_each(|face| of_face.entry(*face).or_default().push(number));
+    }
+    let (components, samples) = surface.components(&of_face, progress)?;
+    let kept = parallel::map(&samples, |(_, face)| {
+        if progress.interrupted() { Ok(None) } else { surface.face_stays(*face, operands.are_bodies) }
+    });
+    let mut kept_of: HashMap<u32, Option<bool>> = HashMap::new();
+    for ((component, _), kept) in samples.iter().zip(kept) {
+        kept_of.insert(*component, kept?);
+    }
+    let mut counts = Resolved { pairs: contacts.len() as u64, ..Resolved::default() };
+    let mut divided: Vec<u32> = of_face.keys().copied().collect();
+    divided.sort_unstable();
+    // Some at a time, so that regions do not pile up.
+    const BATCH: usize = 1 << 12;
+    let mut regions_of: HashMap<u32, Divided> = HashMap::new();
+    let mut next = 0;
+    let faces = &faces.list;
+    for number in 0..faces.len() as u32 {
+        if number % 4096 == 0 {
+            progress.check()?;
+        }
+        let face = faces.get(number as usize);
+        if divided.get(next) == Some(&number) {
+            if next % BATCH == 0 {
+                let batch = &divided[next..divided.len().min(next + BATCH)];
+                let found = parallel::map(batch, |face| {
+                    if progress.interrupted() {
+                        return Ok(Divided::default());
+                    }
+                    surface.divide(*face, &of_face[face], &contacts)
+                });
+                progress.check()?;
+                regions_of.clear();
+                for (face, found) in batch.iter().zip(found) {
+                    regions_of.insert(*face, found?);
+                }
+            }
+            next += 1;
+            let found = regions_of.remove(&number).unwrap_or_default();
+            match found.whole {
+                Some(is_turned) => each(Kept::Face { face, is_turned })?,
+                None if found.regions.is_empty() => counts.removed += 1,
+                None => {
+                    counts.divided += 1;
+                    found.regions.into_iter().try_for_each(|exact| each(Kept::Region { face, exact }))?;
+                }
+            }
+        } else {
+            let has_area = surface.planes[number as usize].is_some();
+            match kept_of.get(&components[number as usize]) {
+                Some(Some(is_turned)) if has_area || !operands.are_bodies => {
+                    each(Kept::Face { face, is_turned: *is_turned })?
+                }
+                // (What has no area is nothing that is missed.)
+                _ => counts.removed += u64::from(has_area),
+            }
+        }
+    }
+    Ok(counts)
+}
+
+/// Counts the pairs of faces that have more in common than neighbours have.
+pub(super) fn crossings(
+    faces: &ExactFaces,
+    operands: &Operands<'_>,
+    path: &Path,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<u64> {
+    let surface = Surface::of(faces, operands, path, faces.list.len() * FACE + faces.bytes());
+    Ok(surface.contacts(memory, progress)?.len() as u64)
+}
+
+pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
+    Error::TooLarge {
+        path: path.to_path_buf(),
+        what: "the surface that is to be divided, with what its faces have in common,".into(),
+        needed,
+        limit,
+        advice: "allow more with --memory".into(),
+    }
+}
+
+/// Components by their first faces, each with a face that has an area.
+type Samples = Vec<(u32, u32)>;
+
+/// A face's regions that stay.
+#[derive(Default)]
+struct Divided {
+    regions: Vec<ExactFace>,
+    /// If all of the face stays just as it is: whether it is turned to the other side.
+    whole: Option<bool>,
+}
+
+/// Faces with their planes, and a tree over their boxes.
+pub struct Surface<'a> {
+    faces: &'a ExactFaces,
+    pub(super) operands: &'a Operands<'a>,
+    /// Of a model, for errors.
+    pub(super) path: &'a Path,
+    /// Memory that faces, planes and boxes take.
+    pub(super) bytes: u64,
+    /// None of faces without an area.
+    pub(super) planes: Vec<Option<ExactPlane>>,
+    /// A tree over the faces' boxes, made when it is asked for first.
+    tree: OnceLock<BoxTree>,
+    /// Triangles of the faces that are no triangles.
+    pieces: HashMap<u32, Vec<Piece>>,
+}
+
+impl<'a> Surface<'a> {
+    /// The surfaces of operands, if their planes and boxes fit into the memory. `path` is for errors.
+    pub fn new(
+        faces: &'a ExactFaces,
+        operands: &'a Operands<'a>,
+        path: &'a Path,
+        memory: u64,
+    ) -> Result<Surface<'a>> {
+        let needed = faces.list.len() * FACE + faces.bytes();
+        match needed > memory {
+            true => Err(too_large(path, needed, memory)),
+            false => Ok(Surface::of(faces, operands, path, needed)),
+        }
+    }
+
+    /// The error of what is made of the surfaces, and would need more memory than there is.
+    pub fn too_large(&self, memory: u64) -> Error {
+        too_large(self.path, memory.saturating_add(1), memory)
+    }
+
+    fn of(faces: &'a ExactFaces, operands: &'a Operands<'a>, path: &'a Path, bytes: u64) -> Surface<'a> {
+        let count = faces.list.len() as u32;
+        let mut planes = Vec::with_capacity(count as usize);
+        let mut pieces = HashMap::new();
+        let mut triangulator = Triangulator::new();
+        for number in 0..count {
+            if let Some(exact) = faces.exact.get(&number) {
+                planes.push(Some(exact.plane));
+                continue;
+            }
+            let face = faces.list.get(number as usize);
+            let normal = ring_normal(face.rings().next().unwrap_or_default());
+            if normal == [0; 3] {
+                planes.push(None);
+                continue;
+            }
+            planes.push(Some(ExactPlane::through(face.points[0], normal)));
+            if face.points.len() > 3 {
+                pieces.insert(number, Piece::of_face(face.points, face.ring_ends, &mut triangulator));
+            }
+        }
+        Surface { faces, operands, path, bytes, planes, tree: OnceLock::new(), pieces }
+    }
+
+    /// A tree over the boxes of all faces that have an area.
+    pub(crate) fn boxes(&self) -> &BoxTree {
+        self.tree.get_or_init(|| self.boxes_of(0..self.planes.len() as u32))
+    }
+
+    /// A tree over the boxes of those of some faces that have an area.
+    pub(super) fn boxes_of(&self, faces: Range<u32>) -> BoxTree {
+        let has_area = |face: &u32| self.planes[*face as usize].is_some();
+        BoxTree::of(faces.filter(has_area).map(|face| (face, self.bounds(face))).collect())
+    }
+
+    /// The face, if it has corners beside the grid.
+    pub(super) fn exact(&self, face: u32) -> Option<&'a ExactFace> {
+        self.faces.exact.get(&face)
+    }
+
+    /// The face of the surfaces' list.
+    pub fn face(&self, face: u32) -> Face<'a> {
+        self.faces.list.get(face as usize)
+    }
+
+    /// The face as one that may have such corners.
+    pub(crate) fn polygon(&self, face: u32) -> Cow<'a, ExactFace> {
+        let of_grid = || ExactFace::of_grid(&self.faces.list.get(face as usize), self.plane(face));
+        self.exact(face).map_or_else(|| Cow::Owned(of_grid()), Cow::Borrowed)
+    }
+
+    /// The box around a face.
+    pub(super) fn bounds(&self, face: u32) -> Bounds {
+        self.faces.bounds(face)
+    }
+
+    pub(crate) fn plane(&self, face: u32) -> &ExactPlane {
+        self.planes[face as usize]
+            .as_ref()
+            .unwrap_or_else(|| unreachable!("only faces with an area are asked for"))
+    }
+
+    /// The operand that a face belongs to.
+    pub(crate) fn operand(&self, face: u32) -> usize {
+        self.operands.ends.partition_point(|end| *end <= face)
+    }
+
+    /// A face that is a triangle of the grid.
+    pub(super) fn triangle(&self, face: u32) -> Option<Piece> {
+        let points = self.faces.list.get(face as usize).points;
+        let corners: [[i32; 3]; 3] = points.try_into().ok()?;
+        self.exact(face).is_none().then(|| Piece::of_triangle(corners))
+    }
+
+    /// Looks at a face as triangles.
+    pub(super) fn with_pieces<R>(&self, face: u32, look: impl FnOnce(&[Piece]) -> R) -> R {
+        match self.pieces.get(&face) {
+            Some(pieces) => look(pieces),
+            None => {
+                let points = self.faces.list.get(face as usize).points;
+                look(&[Piece::of_triangle(std::array::from_fn(|corner| points[corner]))])
+            }
+        }
+    }
+
+    /// The component of each face that touches nothing but its neighbours, by its first face, and for each of these a face of it
+    /// that has an area; others are components of their own, which are not told.
+    fn components(
+        &self,
+        touching: &HashMap<u32, Vec<u32>>,
+        progress: &dyn Progress,
+    ) -> Result<(Vec<u32>, Samples)> {
+        let count = self.planes.len() as u32;
+        let mut parents: Vec<u32> = (0..count).collect();
+        let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
+        let mut vertices = Vertices::default();
+        let mut ring: Vec<VertexKey> = Vec::new();
+        for face in 0..count {
+            let mut add = |ring: &[VertexKey]| {
+                edges.extend((0..ring.len()).map(|i| {
+                    let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
+                    ([from.min(to), from.max(to)], face)
+                }));
+            };
+            match self.exact(face) {
+                Some(exact) => exact.rings().for_each(|corners| {
+                    ring.clear();
+                    ring.extend(corners.iter().map(|corner| vertices.key(&corner.point)));
+                    add(&ring);
+                }),
+                None => self.faces.list.get(face as usize).rings().for_each(|corners| {
+                    ring.clear();
+                    ring.extend(corners.iter().map(|corner| (*corner, 0)));
+                    add(&ring);
+                }),
+            }
+        }
+        progress.check()?;
+        edges.sort_unstable();
+        // Two faces at an edge are on the same side of everything.
+        for edge in edges.chunk_by(|a, b| a.0 == b.0) {
+            if let [(_, one), (_, other)] = edge
+                && !touching.contains_key(one)
+                && !touching.contains_key(other)
+            {
+                let [one, other] = [*one, *other].map(|face| root(&mut parents, face));
+                parents[one.max(other) as usize] = one.min(other);
+            }
+        }
+        let components: Vec<u32> = (0..count).map(|face| root(&mut parents, face)).collect();
+        // (Faces without an area have no side; they go with their neighbours.)
+        let mut firsts = vec![u32::MAX; count as usize];
+        for face in (0..count).filter(|face| self.planes[*face as usize].is_some()) {
+            let first = &mut firsts[components[face as usize] as usize];
+            *first = face.min(*first);
+        }
+        let firsts = (0..count)
+            .zip(firsts)
+            .filter(|(component, first)| *first != u32::MAX && !touching.contains_key(component));
+        let firsts = firsts.collect();
+        Ok((components, firsts))
+    }
+
+    /// Whether a face bounds what is inside, by a point of it: see [`Surface::stays`].
+    fn face_stays(&self, face: u32, alone: bool) -> Result<Option<bool>> {
+        let plane = self.plane(face);
+        if let Some(exact) = self.exact(face) {
+            return self.stays(&Sample::of_region(plane, &exact.region()), face, alone);
+        }
+        let corners = self.with_pieces(face, |pieces| pieces.first().map(|piece| piece.corners));
+        let first = self.faces.list.get(face as usize).points[0];
+        self.stays(&Sample::of_triangle(plane, &corners.unwrap_or([first; 3])), face, alone)
+    }
+
+    /// Whether the line through a sample meets a face.
+    pub fn meets(&self, sample: &Sample<'_>, face: u32) -> bool {
+        match self.exact(face) {
+            Some(exact) => sample.meets_exact(exact),
+            None => {
+                let Face { points, ring_ends, .. } = self.faces.list.get(face as usize);
+                sample.meets(points, ring_ends)
+            }
+        }
+    }
+
+    /// Hands out the faces in whose boxes a sample lies.
+    pub(crate) fn each_at(&self, sample: &Sample<'_>, each: impl FnMut(u32)) {
+        let near = sample.near;
+        let holds = |[low, high]: &Bounds| {
+            (0..3).all(|axis| {
+                f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
+            })
+        };
+        self.boxes().each(&holds, each);
+    }
+
+    /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
+    /// round. Of faces that lie on each other, one stays for all; but of a body's faces that touch no other's (`alone`) each
+    /// does.
+    fn stays(&self, sample: &Sample<'_>, face: u32, alone: bool) -> Result<Option<bool>> {
+        // Faces in the same place, and whether they are turned up.
+        let mut same: Vec<(u32, bool)> = Vec::new();
+        let is_up = |face: u32| self.plane(face).normal[sample.axis] > 0;
+        if alone {
+            same.push((face, is_up(face)));
+        } else {
+            self.each_at(sample, |other| {
+                let is_there = other == face || sample.side(self.plane(other)) == 0;
+                if is_there && self.meets(sample, other) {
+                    same.push((other, is_up(other)));
+                }
+            });
+            same.sort_unstable();
+        }
+        let [above, below] = self.windings(sample, &same)?;
+        let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));
+        if front == back {
+            return Ok(None);
+        }
+        let is_up = back;
+        let stays = same.iter().find(|(_, up)| *up == is_up).or(same.first());
+        Ok(stays.filter(|(stays, _)| *stays == face).map(|(_, up)| *up != is_up))
+    }
+
+    /// The winding numbers above and below a sample, on which these faces lie.
+    fn windings(&self, sample: &Sample<'_>, same: &[(u32, bool)]) -> Result<[Vec<i32>; 2]> {
+        let count = self.operands.far.len();
+        let mut changes: Vec<Option<i32>> = vec![None; count];
+        for (face, up) in same {
+            *changes[self.operand(*face)].get_or_insert(0) += if *up { 1 } else { -1 };
+        }
+        // By a line upwards, where nothing else is known.
+        let (mut above, mut is_asked) = (self.operands.far.to_vec(), vec![true; count]);
+        for operand in (0..count).filter(|_| self.operands.are_bodies) {
+            let known = match changes[operand] {
+                // Outside is in front; two walls of one body that lie on each other have the inside on both sides.
+                Some(change) => Some(i32::from(change <= 0)),
+                None => (self.operands.winding)(operand, sample).transpose()?,
+            };
+            if let Some(winding) = known {
+                (above[operand], is_asked[operand]) = (winding, false);
+            }
+        }
+        if is_asked.contains(&true) {
+            self.add_above(sample, same, &is_asked, &mut above);
+        }
+        let below = above.iter().zip(&changes).map(|(above, change)| above + change.unwrap_or(0)).collect();
+        Ok([above, below])
+    }
+
+    /// Adds what faces above a sample, but for these, change in the winding numbers of some operands.
+    fn add_above(&self, sample: &Sample<'_>, same: &[(u32, bool)], is_asked: &[bool], above: &mut [i32]) {
+        let (axis, near) = (sample.axis, sample.near);
+        let [u, v] = others(axis);
+        let reaches = |[low, high]: &Bounds| {
+            let holds = |axis: usize| {
+                f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
+            };
+            holds(u) && holds(v) && near[axis] <= f64::from(high[axis]) + 1e-6
+        };
+        self.boxes().each(&reaches, |other| {
+            let plane = self.plane(other);
+            let up = plane.normal[axis].signum() as i32;
+            let operand = self.operand(other);
+            if up == 0 || !is_asked[operand] || !self.meets(sample, other) {
+                return;
+            }
+            if same.binary_search_by_key(&other, |(face, _)| *face).is_err() && sample.side(plane) * up < 0 {
+                above[operand] += up;
+            }
+        });
+    }
+
+    /// Divides a face by what touches it.
+    fn divide(&self, face: u32, touching: &[u32], contacts: &[Contact]) -> Result<Divided> {
+        let plane = self.plane(face);
+        let axis = plane.main_axis();
+        let mut segments = Vec::new();
+        let mut corners = 0;
+        self.edges(face, axis, |segment| {
+            corners += 1;
+            segments.push(segment);
+        });
+        let mut points = Vec::new();
+        for &number in touching {
+            let contact = &contacts[number as usize];
+            let other = contact.faces[usize::from(contact.faces[0] == face)];
+            let line = *self.plane(other);
+            segments.extend(contact.segments.iter().map(|ends| Segment { ends: *ends, line }));
+            points.extend_from_slice(&contact.points);
+            // Edges in the plane divide it, wherever they were cut into triangles.
+            self.edges(other, axis, |segment| {
+                if segment.ends.iter().all(|end| plane.side(end) == 0) {
+                    // (The line of an edge may be a plane that this face lies in.)
+                    let line = if plane.is(&segment.line) { line } else { segment.line };
+                    segments.push(Segment { line, ..segment });
+                }
+            });
+        }
+        let own = self.faces.list.get(face as usize);
+        let failed = RefCell::new(None);
+        let choose = |region: &Region| {
+            let sample = Sample::of_region(plane, region);
+            // Edges of others may have made regions outside of the face.
+            if !self.meets(&sample, face) {
+                return None;
+            }
+            self.stays(&sample, face, false).unwrap_or_else(|error| {
+                failed.replace(Some(error));
+                None
+            })
+        };
+        let found = regions(plane, &segments, &points, &|_| false, choose).unwrap_or_default();
+        if let Some(error) = failed.take() {
+            return Err(error);
+        }
+        let whole = match &found[..] {
+            [(region, is_turned)] if region.rings.iter().map(Vec::len).sum::<usize>() == corners => {
+                self.is_same(face, region).then_some(*is_turned)
+            }
+            _ => None,
+        };
+        let regions = found.into_iter().map(|(region, is_turned)| {
+            let colours = |face: &ExactFace| colours(&own, plane, face);
+            let mut exact = ExactFace::of_region(&own, plane, &region, is_turned);
+            exact.colours = colours(&exact);
+            exact
+        });
+        Ok(Divided { regions: regions.collect(), whole })
+    }
+
+    /// Whether a region has no corners but those of a face.
+    fn is_same(&self, face: u32, region: &Region) -> bool {
+        let own = self.polygon(face);
+        region
+            .rings
+            .iter()
+            .flatten()
+            .all(|corner| own.corners.iter().any(|known| known.point.is(&corner.point)))
+    }
+
+    /// Hands out the edges of a face; those between points of the grid with planes along an axis.
+    pub fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(Segment)) {
+        if let Some(exact) = self.exact(face) {
+            return exact
+                .edges()
+                .for_each(|(corner, next)| each(Segment { ends: [corner.point, *next], line: corner.line }));
+        }
+        for ends in edges_of(&self.faces.list.get(face as usize)) {
+            let [from, to] = ends;
+            each(Segment { ends: ends.map(ExactPoint::of_grid), line: ExactPlane::along(axis, from, to) });
+        }
+    }
+}
+
+/// The edges of a face.
+fn edges_of<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
+    face.rings().flat_map(|ring| (0..ring.len()).map(move |i| [ring[i], ring[(i + 1) % ring.len()]]))
+}

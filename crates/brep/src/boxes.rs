@@ -1,0 +1,195 @@
+//! A tree over bounding boxes, in memory: boxes in the order of their middles along a space-filling curve, eight to a
+//! node (as in the packed R-tree of Kamel and Faloutsos, 1993).
+
+use crate::MOST_BITS;
+use spinney_base::space::{Dimension, morton_encode};
+
+/// Least and greatest coordinates.
+pub(crate) type Bounds = [[i32; 3]; 2];
+
+const FAN_OUT: usize = 8;
+
+/// A tree over boxes, which are known by numbers.
+pub(crate) struct BoxTree {
+    /// Numbers of the boxes in the order of the lowest level.
+    numbers: Vec<u32>,
+    /// Boxes of each level, the lowest first: each covers eight of the level below.
+    levels: Vec<Vec<Bounds>>,
+}
+
+/// Bytes of a box in a tree.
+pub(crate) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
+
+impl BoxTree {
+    /// The tree over some boxes, with their numbers.
+    pub(crate) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
+        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
+        boxes.sort_by_cached_key(|(number, [low, high])| {
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
+            (x | y << 1 | z << 2, *number)
+        });
+        let numbers = boxes.iter().map(|(number, _)| *number).collect();
+        let mut levels: Vec<Vec<Bounds>> = vec![boxes.into_iter().map(|(_, bounds)| bounds).collect()];
+        while let Some(last) = levels.last().filter(|last| last.len() > 1) {
+            let above =
+                last.chunks(FAN_OUT).map(|boxes| boxes.iter().skip(1).fold(boxes[0], union)).collect();
+            levels.push(above);
+        }
+        BoxTree { numbers, levels }
+    }
+
+    /// Hands out the numbers of all boxes that pass a test, which all boxes around them pass, too.
+    pub(crate) fn each(&self, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(u32)) {
+        let top = self.levels.len() - 1;
+        // Nodes to be looked at: level and place.
+        let mut open: Vec<(usize, usize)> = (0..self.levels[top].len()).map(|place| (top, place)).collect();
+        while let Some((level, place)) = open.pop() {
+            if !meets(&self.levels[level][place]) {
+                continue;
+            }
+            match level {
+                0 => each(self.numbers[place]),
+                _ => open.extend(self.children(level, place).map(|child| (level - 1, child))),
+            }
+        }
+    }
+}
+
+/// The box around points, and so much more on all sides.
+pub(crate) fn bounds_of(points: &[[i32; 3]], more: i32) -> Bounds {
+    points.iter().fold([[i32::MAX; 3], [i32::MIN; 3]], |[low, high], point| {
+        [
+            [0, 1, 2].map(|axis| low[axis].min(point[axis] - more)),
+            [0, 1, 2].map(|axis| high[axis].max(point[axis] + more)),
+        ]
+    })
+}
+
+/// The box around two boxes.
+impl BoxTree {
+    /// Groups of boxes beside each other, of at most 512 each.
+    pub(crate) fn groups(&self) -> Vec<BoxGroup> {
+        let level = (self.levels.len() - 1).min(3);
+        (0..self.levels[level].len()).map(|place| BoxGroup { level, place }).collect()
+    }
+
+    /// Hands out the numbers of the boxes of a group with those of the boxes of another tree that touch them, in no order.
+    pub(crate) fn pairs_of(&self, group: &BoxGroup, other: &BoxTree, each: &mut dyn FnMut([u32; 2])) {
+        let top = other.levels.len() - 1;
+        let mut open: Vec<[(usize, usize); 2]> =
+            (0..other.levels[top].len()).map(|place| [(group.level, group.place), (top, place)]).collect();
+        while let Some([(level, place), (other_level, other_place)]) = open.pop() {
+            if !touch(&self.levels[level][place], &other.levels[other_level][other_place]) {
+                continue;
+            }
+            if level == 0 && other_level == 0 {
+                each([self.numbers[place], other.numbers[other_place]]);
+            } else if level >= other_level {
+                let children = self.children(level, place);
+                open.extend(children.map(|child| [(level - 1, child), (other_level, other_place)]));
+            } else {
+                let children = other.children(other_level, other_place);
+                open.extend(children.map(|child| [(level, place), (other_level - 1, child)]));
+            }
+        }
+    }
+
+    /// The nodes below one that is not of the lowest level.
+    fn children(&self, level: usize, place: usize) -> std::ops::Range<usize> {
+        let first = place * FAN_OUT;
+        first..(first + FAN_OUT).min(self.levels[level - 1].len())
+    }
+}
+
+/// Boxes beside each other: those below a node of a tree.
+pub(crate) struct BoxGroup {
+    level: usize,
+    place: usize,
+}
+
+fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
+    [
+        [0, 1, 2].map(|axis| low[axis].min(other_low[axis])),
+        [0, 1, 2].map(|axis| high[axis].max(other_high[axis])),
+    ]
+}
+
+/// Whether two boxes have a point in common.
+pub(crate) fn touch([low, high]: &Bounds, [other_low, other_high]: &Bounds) -> bool {
+    (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_that_touch_are_found() {
+        let mut state = 3u64;
+        let mut number = |below: u64| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            ((state >> 33) % below) as i32
+        };
+        for count in [0, 1, 2, 9, 700] {
+            let boxes: Vec<(u32, Bounds)> = (0..count)
+                .map(|i| {
+                    let low = [number(1 << 20), number(1 << 20), number(1 << 20)];
+                    (3 * i + 1, [low, low.map(|at| at + number(1 << 17))])
+                })
+                .collect();
+            let tree = BoxTree::of(boxes.clone());
+            for (_, wanted) in boxes.iter().take(50) {
+                let mut found = Vec::new();
+                tree.each(&|bounds| touch(bounds, wanted), |number| found.push(number));
+                found.sort_unstable();
+                let expected: Vec<u32> = boxes
+                    .iter()
+                    .filter(|(_, bounds)| touch(bounds, wanted))
+                    .map(|(number, _)| *number)
+                    .collect();
+                assert_eq!(found, expected);
+            }
+            let few: Vec<(u32, Bounds)> = boxes.iter().copied().step_by(3).collect();
+            let other = BoxTree::of(few.clone());
+            let mut found: Vec<[u32; 2]> = Vec::new();
+            for group in tree.groups() {
+                tree.pairs_of(&group, &other, &mut |pair| found.push(pair));
+            }
+            found.sort_unstable();
+            let mut expected: Vec<[u32; 2]> = Vec::new();
+            for (number, bounds) in &boxes {
+                let touching = few.iter().filter(|(_, other)| touch(bounds, other));
+                expected.extend(touching.map(|(other, _)| [*number, *other]));
+            }
+            expected.sort_unstable();
+            assert_eq!(found, expected);
+        }
+    }
+
+    /// All pairs of intervals between five points, as in "Construction of the spatial intersection line of polygon meshes" (2012), whose test
+    /// misses boxes that lie within the other one or touch it.
+    #[test]
+    fn intervals_touch_where_they_share_a_point() {
+        let intervals: Vec<[i32; 2]> = (0..5).flat_map(|low| (low..5).map(move |high| [low, high])).collect();
+        let (mut pairs, mut misjudged) = (0, 0);
+        for &one in &intervals {
+            for &other in &intervals {
+                let shares =
+                    (0..5).any(|at| one[0] <= at && at <= one[1] && other[0] <= at && at <= other[1]);
+                for axis in 0..3 {
+                    let of = |[low, high]: [i32; 2]| {
+                        let mut bounds = [[0; 3], [4; 3]];
+                        (bounds[0][axis], bounds[1][axis]) = (low, high);
+                        bounds
+                    };
+                    assert_eq!(touch(&of(one), &of(other)), shares, "{one:?} {other:?}");
+                }
+                let is_over_end = other[0] < one[1] && other[1] >= one[1];
+                let is_over_start = other[0] < one[0] && other[1] >= one[0];
+                misjudged += u32::from((is_over_end || is_over_start) != shares);
+                pairs += 1;
+            }
+        }
+        assert_eq!((pairs, misjudged), (225, 70));
+    }
+}

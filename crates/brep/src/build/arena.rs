@@ -1,0 +1,123 @@
+//! The nodes of a part of the octree that is being built, and the segments that are cut from it.
+
+use std::collections::HashMap;
+
+use crate::hash::Hasher;
+use crate::store::segment::{CUT, INNER, LEAF, LeafHead, encode, push_leaf};
+use crate::store::summary::NodeCounts;
+use spinney_base::space::Code;
+
+use super::defects::Defects;
+
+/// Words of nodes and leaves below a node that make it own a segment. A function of the tree alone decides, so that
+/// files do not depend on how the work was divided.
+const SEGMENT: usize = 4096;
+
+/// Nodes of subtrees, in preorder. The words of leaves are places in a list of heads, counts and numbers of faces.
+#[derive(Default)]
+pub(super) struct Arena {
+    words: Vec<u32>,
+    leaves: Vec<u32>,
+    /// Segments that were cut, the deepest first.
+    pub(super) segments: Vec<(Code, Vec<u8>)>,
+    pub(super) counts: NodeCounts,
+    pub(super) defects: Defects,
+}
+
+/// A place in an arena: where a subtree begins.
+#[derive(Clone, Copy)]
+pub(super) struct Mark {
+    words: usize,
+    leaves: usize,
+}
+
+impl Arena {
+    pub(super) fn mark(&self) -> Mark {
+        Mark { words: self.words.len(), leaves: self.leaves.len() }
+    }
+
+    /// Adds a leaf with the numbers of its faces; returns its word.
+    pub(super) fn leaf(&mut self, head: LeafHead, faces: impl Iterator<Item = u32>) -> u32 {
+        let at = self.leaves.len();
+        self.leaves.extend([head.to_byte().into(), 0]);
+        self.leaves.extend(faces);
+        self.leaves[at + 1] = (self.leaves.len() - at - 2) as u32;
+        self.counts.count(head.kind);
+        (at as u32) << 3 | LEAF
+    }
+
+    /// Makes room for the words of a node's children; returns where.
+    pub(super) fn record(&mut self) -> usize {
+        self.counts.inner += 1;
+        self.words.extend([0; 8]);
+        self.words.len() - 8
+    }
+
+    /// Tells the word of a child.
+    pub(super) fn set(&mut self, record: usize, child: usize, word: u32) {
+        self.words[record + child] = word;
+    }
+
+    /// The word of a node whose children are complete; it is cut off into a segment if it has become large.
+    pub(super) fn complete(&mut self, code: Code, mark: Mark, record: usize) -> u32 {
+        let size = self.words.len() - mark.words + self.leaves.len() - mark.leaves;
+        let word = (record as u32) << 3 | INNER;
+        if size <= SEGMENT {
+            return word;
+        }
+        self.cut(code, mark, word);
+        CUT
+    }
+
+    /// Cuts off the subtree that begins at a mark into a segment.
+    pub(super) fn cut(&mut self, code: Code, mark: Mark, word: u32) {
+        let mut numbers: HashMap<u32, u32, Hasher> = HashMap::default();
+        let mut faces = Vec::new();
+        let mut leaves = Vec::new();
+        let mut places = vec![0; self.leaves.len() - mark.leaves];
+        let mut at = mark.leaves;
+        let mut local = Vec::new();
+        while at < self.leaves.len() {
+            let (head, count) = (self.leaves[at] as u8, self.leaves[at + 1] as usize);
+            local.clear();
+            for &face in &self.leaves[at + 2..at + 2 + count] {
+                let next = faces.len() as u32;
+                let number = *numbers.entry(face).or_insert(next);
+                if number == next {
+                    faces.push(face);
+                }
+                local.push(number);
+            }
+            local.sort_unstable();
+            places[at - mark.leaves] = leaves.len() as u32;
+            push_leaf(&mut leaves, head, &local);
+            at += 2 + count;
+        }
+        let moved = |word: u32| match word & 7 {
+            INNER => ((word >> 3) - mark.words as u32 + 1) << 3 | INNER,
+            LEAF => places[(word >> 3) as usize - mark.leaves] << 3 | LEAF,
+            _ => word,
+        };
+        let mut words = vec![moved(word)];
+        words.extend(self.words[mark.words..].iter().map(|word| moved(*word)));
+        self.segments.push((code, encode(&faces, &words, &leaves)));
+        self.words.truncate(mark.words);
+        self.leaves.truncate(mark.leaves);
+    }
+
+    /// Takes over what another arena has, which has one node; returns its word here.
+    pub(super) fn append(&mut self, other: Arena, word: u32) -> u32 {
+        let (words, leaves) = (self.words.len() as u32, self.leaves.len() as u32);
+        let moved = |word: u32| match word & 7 {
+            INNER => word + (words << 3),
+            LEAF => word + (leaves << 3),
+            _ => word,
+        };
+        self.words.extend(other.words.iter().map(|word| moved(*word)));
+        self.leaves.extend_from_slice(&other.leaves);
+        self.segments.extend(other.segments);
+        self.counts.add(&other.counts);
+        self.defects.append(other.defects);
+        moved(word)
+    }
+}

@@ -1,0 +1,459 @@
+//! The octree over faces in memory: cells are divided until the planes of their faces have a point in common.
+
+use std::ops::Range;
+use std::sync::Mutex;
+
+use super::arena::Arena;
+use super::defects::{DefectKind, Found};
+use super::division::{Division, each_bit};
+use super::items::Items;
+use super::pairs::{Contact, Shared, contact, passes, twin};
+use crate::boxes::{Bounds, BoxTree};
+use crate::geometry::Stages;
+use crate::geometry::crossing::FinePoint;
+use crate::geometry::rank::rank_of_at_most;
+use crate::piece::Piece;
+use crate::store::segment::{CUT, FULL, INNER, LeafHead, LeafRule, NodeKind, VOID};
+use spinney_base::parallel;
+use spinney_base::space::{Code, Dimension};
+use spinney_base::{Progress, Result};
+
+/// A cell of the octree.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cell {
+    pub(super) level: u8,
+    pub(super) position: [u32; 3],
+    /// Winding number of the surface around its least corner, moved a little: see [`crate::geometry::crossing`].
+    pub(super) winding: i32,
+}
+
+impl Cell {
+    /// Least coordinates in half units of the grid, and width.
+    pub(super) fn bounds(&self, bits: u8) -> ([i64; 3], i64) {
+        let width = 2i64 << (bits - self.level);
+        (self.position.map(|at| i64::from(at) * width - 1), width)
+    }
+
+    pub(super) fn child(&self, child: usize, winding: i32) -> Cell {
+        let position = std::array::from_fn(|axis| 2 * self.position[axis] + (child >> axis & 1) as u32);
+        Cell { level: self.level + 1, position, winding }
+    }
+
+    pub(super) fn code(&self) -> Code {
+        Code::from_cell(Dimension::Oct, self.level, self.position).expect("a cell of the tree")
+    }
+}
+
+/// Lists of the faces of cells that are being divided, each behind that of the cell around it, and room to work in.
+struct Lists {
+    items: Vec<u32>,
+    /// Children that each face of a cell cuts, as bits.
+    children: Vec<u8>,
+    boxes: Vec<Bounds>,
+}
+
+/// Bounds of a leaf's faces in its cell, or a little beyond.
+struct Near<'a> {
+    boxes: &'a [Bounds],
+    /// Where they are many: faces of one plane may be any number.
+    tree: Option<BoxTree>,
+}
+
+impl<'a> Near<'a> {
+    fn of(boxes: &'a [Bounds]) -> Near<'a> {
+        /// A tree takes longer for fewer.
+        const MANY: usize = 64;
+        let numbered = || (0..).zip(boxes.iter().copied()).collect();
+        Near { boxes, tree: (boxes.len() > MANY).then(|| BoxTree::of(numbered())) }
+    }
+
+    /// Hands out the places, from a first one on, of all boxes that pass a test, which boxes around them pass, too.
+    #[inline]
+    fn each(&self, first: usize, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(usize)) {
+        match &self.tree {
+            None => {
+                for (place, bounds) in self.boxes.iter().enumerate().skip(first) {
+                    if meets(bounds) {
+                        each(place);
+                    }
+                }
+            }
+            Some(tree) => tree.each(meets, |place| {
+                if place as usize >= first {
+                    each(place as usize);
+                }
+            }),
+        }
+    }
+}
+
+/// Faces below which cells are not worth a task of their own.
+const TASK: usize = 2048;
+
+/// Context of all cells of a model.
+pub(super) struct Walk<'a> {
+    pub(super) items: &'a Items,
+    pub(super) bits: u8,
+    pub(super) depth: u8,
+    /// Cells with at most so many faces are not divided.
+    pub(super) boolean_faces: usize,
+    pub(super) stages: &'a Mutex<Stages>,
+    pub(super) progress: &'a dyn Progress,
+}
+
+impl Walk<'_> {
+    /// Builds a cell; returns the word of its node.
+    pub(super) fn cell(&self, cell: &Cell, items: Vec<u32>, out: &mut Arena) -> Result<u32> {
+        let mut stages = Stages::default();
+        let all = 0..items.len();
+        let mut lists = Lists { items, children: Vec::new(), boxes: Vec::new() };
+        let word = self.node(cell, all, &mut lists, out, &mut stages);
+        self.stages.lock().expect("nobody panics with this lock").add(&stages);
+        word
+    }
+
+    /// Builds a cell whose faces are a part of the last list.
+    fn node(
+        &self,
+        cell: &Cell,
+        list: Range<usize>,
+        lists: &mut Lists,
+        out: &mut Arena,
+        stages: &mut Stages,
+    ) -> Result<u32> {
+        if list.is_empty() {
+            return Ok(uniform(cell, self.bits, out));
+        }
+        if let Some(kind) = self.end(cell, &lists.items[list.clone()]) {
+            return self.leaf(cell, &lists.items[list], kind, &mut lists.boxes, out);
+        }
+        let mark = out.mark();
+        let record = out.record();
+        let end = lists.items.len();
+        let is_large = list.len() > TASK;
+        let (starts, cells) = self.divide(cell, list, lists, stages);
+        let of = |child: usize| starts[child]..starts[child + 1];
+        if is_large {
+            self.progress.check()?;
+            let children: Vec<usize> = (0..8).collect();
+            let built = parallel::map(&children, |child| {
+                let mut arena = Arena::default();
+                let list = lists.items[of(*child)].to_vec();
+                self.cell(&cells[*child], list, &mut arena).map(|word| (arena, word))
+            });
+            for (child, built) in built.into_iter().enumerate() {
+                let (arena, word) = built?;
+                let word = out.append(arena, word);
+                out.set(record, child, word);
+            }
+        } else {
+            for (child, cell) in cells.iter().enumerate() {
+                let word = self.node(cell, of(child), lists, out, stages)?;
+                out.set(record, child, word);
+            }
+        }
+        lists.items.truncate(end);
+        Ok(out.complete(cell.code(), mark, record))
+    }
+
+    /// Appends the lists of a cell's children: where each begins, and where the last one ends; and the children.
+    fn divide(
+        &self,
+        cell: &Cell,
+        list: Range<usize>,
+        lists: &mut Lists,
+        stages: &mut Stages,
+    ) -> ([usize; 9], [Cell; 8]) {
+        let Lists { items, children, .. } = lists;
+        let division = Division::of(cell, self.bits);
+        let mut changes = [0; 7];
+        let mut counts = [0; 8];
+        children.clear();
+        for &item in &items[list.clone()] {
+            let reach = division.reach(self.items.bounds(item));
+            let of_item = self.items.children(item, reach, &division, stages);
+            children.push(of_item);
+            each_bit(of_item, |child| counts[child] += 1);
+            division.count_changes(reach, || self.items.outline(item), &mut changes);
+        }
+        let mut starts = [items.len(); 9];
+        for child in 0..8 {
+            starts[child + 1] = starts[child] + counts[child];
+        }
+        items.resize(starts[8], 0);
+        let mut next = starts;
+        for (place, of_item) in list.zip(children) {
+            let item = items[place];
+            each_bit(*of_item, |child| {
+                items[next[child]] = item;
+                next[child] += 1;
+            });
+        }
+        (starts, Division::cells(cell, changes))
+    }
+
+    /// The kind of the leaf that a cell is; `None` if it is to be divided.
+    fn end(&self, cell: &Cell, list: &[u32]) -> Option<NodeKind> {
+        let rank = self.rank(list);
+        let kind = match rank {
+            0 | 1 => NodeKind::Face,
+            2 => NodeKind::Edge,
+            3 => NodeKind::Vertex,
+            _ => NodeKind::Boolean,
+        };
+        (rank < 4 || list.len() <= self.boolean_faces || cell.level == self.depth).then_some(kind)
+    }
+
+    fn rank(&self, list: &[u32]) -> usize {
+        if list.len() < 2 {
+            return list.len();
+        }
+        // A corner that all have in common says most, and is quickly found.
+        let is_common = |corner: &[i32; 3]| list.iter().all(|item| self.items.points(*item).contains(corner));
+        let most = match list.len() {
+            few @ ..4 => few,
+            _ if self.items.points(list[0]).iter().take(4).any(is_common) => 3,
+            _ => 4,
+        };
+        rank_of_at_most(list.iter().map(|item| self.items.plane(*item)), most)
+    }
+
+    fn leaf(
+        &self,
+        cell: &Cell,
+        list: &[u32],
+        kind: NodeKind,
+        boxes: &mut Vec<Bounds>,
+        out: &mut Arena,
+    ) -> Result<u32> {
+        // Bounds of the faces within the cell, or a little beyond.
+        let (min, width) = cell.bounds(self.bits);
+        let (least, most) =
+            (min.map(|at| at.div_euclid(2) as i32), min.map(|at| ((at + width + 1) / 2) as i32));
+        boxes.clear();
+        boxes.extend(list.iter().map(|item| {
+            let [low, high] = *self.items.bounds(*item);
+            [
+                [0, 1, 2].map(|axis| low[axis].max(least[axis])),
+                [0, 1, 2].map(|axis| high[axis].min(most[axis])),
+            ]
+        }));
+        let near = Near::of(boxes);
+        self.check_pairs(cell, list, &near, out)?;
+        self.check_windings(cell, list, &near, out);
+        let mut rule = self.rule(list);
+        let inside = cell.winding == 1;
+        if rule != LeafRule::Crossings || !(0..=1).contains(&cell.winding) {
+            let corner = FinePoint { at: min, bits: 1 };
+            let mut behind = list.iter().map(|item| self.items.outline(*item).side_of_moved(&corner) < 0);
+            let expected = match rule {
+                LeafRule::All => behind.all(|behind| behind),
+                LeafRule::Any => behind.any(|behind| behind),
+                LeafRule::Crossings => false,
+            };
+            if i32::from(expected) != cell.winding {
+                // What is behind is one more than what is in front.
+                let more = cell.winding - i32::from(expected);
+                rule = LeafRule::Crossings;
+                out.defects.push(Found {
+                    kind: DefectKind::Winding(if more > 0 { more + 1 } else { more }),
+                    at: min.map(|at| at as f64 / 2.0),
+                    faces: list.iter().take(2).map(|item| self.items.face(*item)).collect(),
+                });
+            }
+        }
+        let faces = list.iter().map(|item| self.items.face(*item));
+        Ok(out.leaf(LeafHead { kind, rule, inside }, faces))
+    }
+
+    /// Looks for faces that pass through each other or lie on each other.
+    fn check_pairs(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) -> Result<()> {
+        let (min, width) = cell.bounds(self.bits);
+        let owns = |point: [i32; 3]| {
+            (0..3).all(|axis| (0..width).contains(&(2 * i64::from(point[axis]) - min[axis])))
+        };
+        let mut others = Vec::new();
+        for (index, &one) in list.iter().enumerate() {
+            if index & 0xff == 0xff {
+                self.progress.check()?;
+            }
+            let [low, high] = near.boxes[index];
+            others.clear();
+            // (Without a branch for each axis.)
+            let apart = |axis: usize, [other_low, other_high]: &Bounds| {
+                (other_low[axis] > high[axis]) | (low[axis] > other_high[axis])
+            };
+            let touches = |other: &Bounds| !(apart(0, other) | apart(1, other) | apart(2, other));
+            near.each(index + 1, &touches, |other| others.push(list[other]));
+            for &other in &others {
+                if let Some(kind) = self.conflict(one, other, list, owns) {
+                    let [[low, high], [other_low, other_high]] =
+                        [one, other].map(|item| *self.items.bounds(item));
+                    let at = [0, 1, 2].map(|axis| {
+                        let (low, high) = (low[axis].max(other_low[axis]), high[axis].min(other_high[axis]));
+                        (f64::from(low) + f64::from(high)) / 2.0
+                    });
+                    let mut faces = vec![self.items.face(one), self.items.face(other)];
+                    faces.sort_unstable();
+                    out.defects.push(Found { kind, at, faces });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The defect between two faces of a cell, if there is one.
+    fn conflict(
+        &self,
+        one: u32,
+        other: u32,
+        list: &[u32],
+        owns: impl Fn([i32; 3]) -> bool,
+    ) -> Option<DefectKind> {
+        for a in self.items.triangles(one) {
+            for b in self.items.triangles(other) {
+                // What crosses at a common corner does so in the cell that has the corner, too.
+                let shared = Shared::of(&a.corners, &b.corners);
+                if !shared.all(&b.corners, &owns) {
+                    continue;
+                }
+                match contact(a, b, shared) {
+                    Contact::Fine => {}
+                    Contact::Wrong(kind) => return Some(kind),
+                    Contact::Edges { through, across } => {
+                        let owner = if has_edge(a, across) { a } else { b };
+                        // The face at the other side of the edge is in the cell in which they meet.
+                        let turned = [across[1], across[0]];
+                        let pieces = list.iter().flat_map(|item| self.items.triangles(*item));
+                        let twins =
+                            pieces.filter(|piece| has_edge(piece, turned)).map(|piece| &piece.corners);
+                        let twin = twin(&owner.corners, across, twins);
+                        if twin.is_some_and(|twin| passes(through, &owner.corners, twin)) {
+                            return Some(DefectKind::Crossing);
+                        }
+                    }
+                }
+            }
+        }
+        None
+    }
+
+    /// Looks at both sides of each face that has its sample in the cell: outside should be in front, and inside
+    /// behind; or, where faces of bodies that touch lie on each other, the one or the other on both sides.
+    fn check_windings(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) {
+        let (min, width) = cell.bounds(self.bits);
+        for &item in list {
+            let Some(sample) = self.items.sample(item) else { continue };
+            let shift = sample.bits - 1;
+            if (0..3).any(|axis| !(0..width).contains(&((sample.at[axis] >> shift) - min[axis]))) {
+                continue;
+            }
+            let corner = FinePoint { at: min.map(|at| at << shift), bits: sample.bits };
+            // The points of the grid around each coordinate.
+            let around = |at: i64| [(at >> sample.bits) as i32, -(-at >> sample.bits) as i32];
+            let (start, end) = (corner.at.map(around), sample.at.map(around));
+            let normal = self.items.plane(item).normal.map(i128::from);
+            let mut winding = cell.winding;
+            let mut beyond = 0;
+            let mut is_alone = true;
+            // The way leads along x, then y, then z: few faces reach it.
+            let reached = |[low, high]: &Bounds| {
+                let spans = |axis: usize, at: &[[i32; 2]; 3]| {
+                    (low[axis] <= at[axis][0]) & (at[axis][1] <= high[axis])
+                };
+                let (from_z, to_x, to_y) = (spans(2, &start), spans(0, &end), spans(1, &end));
+                [from_z & spans(1, &start), from_z & to_x, to_x & to_y, to_x & to_y & spans(2, &end)]
+            };
+            near.each(0, &|bounds| reached(bounds) != [false; 4], |other| {
+                let is_reached = reached(&near.boxes[other]);
+                let outline = self.items.outline(list[other]);
+                let mut at = corner;
+                for (axis, is_reached) in is_reached.into_iter().take(3).enumerate() {
+                    if is_reached {
+                        winding += outline.change_along(axis, &at, sample.at[axis]);
+                    }
+                    at.at[axis] = sample.at[axis];
+                }
+                if !is_reached[3] || outline.side(&sample) != 0 {
+                    return;
+                }
+                let n = outline.normal.map(i128::from);
+                let is_in_plane =
+                    (0..3).all(|axis| n[axis] * normal[(axis + 1) % 3] == n[(axis + 1) % 3] * normal[axis]);
+                if !is_in_plane {
+                    is_alone &= !outline.has(&sample);
+                } else if outline.has_moved(&sample) {
+                    beyond += outline.side_of_moved(&sample);
+                }
+            });
+            // Where another body's edge touches the face, what is on which side depends on how far one goes.
+            if !is_alone {
+                continue;
+            }
+            let other_side = winding + beyond;
+            if let Some(wrong) = [winding, other_side].into_iter().find(|winding| !(0..=1).contains(winding))
+            {
+                out.defects.push(Found {
+                    kind: DefectKind::Winding(wrong),
+                    at: sample.at.map(|at| at as f64 / (1 << sample.bits) as f64),
+                    faces: vec![self.items.face(item)],
+                });
+            }
+        }
+    }
+
+    /// How the planes of a few faces tell what is inside. Where all faces lie behind or in all planes, the body's
+    /// boundary in the cell is that of what is behind all, and the body is; the same of its complement where they
+    /// lie in front.
+    fn rule(&self, list: &[u32]) -> LeafRule {
+        /// Looking at more faces would take longer than it saves.
+        const FEW: usize = 4;
+        if list.len() > FEW {
+            return LeafRule::Crossings;
+        }
+        let (mut all, mut any) = (true, true);
+        for &plane in list {
+            let outline = self.items.outline(plane);
+            for &other in list.iter().filter(|other| **other != plane) {
+                let mut in_plane = true;
+                for point in self.items.points(other) {
+                    let side = outline.side(&FinePoint { at: point.map(i64::from), bits: 0 });
+                    all &= side <= 0;
+                    any &= side >= 0;
+                    in_plane &= side == 0;
+                }
+                let turned = || {
+                    let (a, b) = (self.items.plane(plane).normal, self.items.plane(other).normal);
+                    (0..3).any(|axis| a[axis].signum() * b[axis].signum() < 0)
+                };
+                if !(all || any) || (in_plane && turned()) {
+                    return LeafRule::Crossings;
+                }
+            }
+        }
+        if all { LeafRule::All } else { LeafRule::Any }
+    }
+}
+
+/// Whether a triangle has an edge in this direction.
+fn has_edge(piece: &Piece, edge: [[i32; 3]; 2]) -> bool {
+    let [a, b, c] = piece.corners;
+    [[a, b], [b, c], [c, a]].contains(&edge)
+}
+
+/// The word of a cell that no face cuts.
+pub(super) fn uniform(cell: &Cell, bits: u8, out: &mut Arena) -> u32 {
+    if !(0..=1).contains(&cell.winding) {
+        let (min, width) = cell.bounds(bits);
+        let at = min.map(|min| (min + width / 2) as f64 / 2.0);
+        out.defects.push(Found { kind: DefectKind::Winding(cell.winding), at, faces: Vec::new() });
+    }
+    if cell.winding > 0 {
+        out.counts.full += 1;
+        return FULL;
+    }
+    out.counts.void += 1;
+    VOID
+}
+
+const _: () = assert!(VOID == 0 && FULL == 1 && INNER == 2 && CUT == 3);

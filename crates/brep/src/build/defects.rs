@@ -1,0 +1,112 @@
+//! Defects of surfaces that bound no body: where, and of which faces.
+
+use std::fmt;
+use std::path::Path;
+
+use super::BuildReport;
+use spinney_base::Error;
+
+/// Places that are kept.
+pub(super) const MOST: usize = 100;
+
+/// A place where a surface is no boundary of a body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Defect {
+    /// Kind of the defect.
+    pub kind: DefectKind,
+    /// A point of the place, in the world.
+    pub place: [f64; 3],
+    /// Numbers of the faces of the model that are part of it, from 0 in the order of reading.
+    pub faces: Vec<u64>,
+}
+
+/// Kinds of defects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DefectKind {
+    /// Two faces pass through each other.
+    Crossing,
+    /// Two faces lie on each other, turned the same way.
+    Overlap,
+    /// The surface goes around this place so many times, where 0 or 1 is right: bodies overlap, or are inside out.
+    Winding(i32),
+    /// A chain of edges, of so many corners, that have a face on one side only.
+    Boundary(usize),
+}
+
+impl BuildReport {
+    /// The error of a surface with these defects, of a model in a file.
+    pub fn error(&self, path: &Path, what: &str, advice: &str) -> Error {
+        Error::NoBody {
+            path: path.to_path_buf(),
+            what: what.into(),
+            places: self.defects.iter().map(Defect::to_string).collect(),
+            count: self.defect_count,
+            advice: advice.into(),
+        }
+    }
+}
+
+impl fmt::Display for Defect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.kind {
+            DefectKind::Crossing => write!(f, "faces that pass through each other")?,
+            DefectKind::Overlap => write!(f, "faces that lie on each other")?,
+            DefectKind::Winding(times) => {
+                write!(f, "a place that the surface goes around {times} times, where 0 or 1 is right,")?;
+            }
+            DefectKind::Boundary(edges) => write!(f, "a boundary of {edges} edges")?,
+        }
+        write!(f, " at {}", show_place(self.place))?;
+        if self.faces.is_empty() {
+            return Ok(());
+        }
+        let faces: Vec<String> = self.faces.iter().map(u64::to_string).collect();
+        write!(f, " (face {})", faces.join(", "))
+    }
+}
+
+/// Coordinates for people.
+pub fn show_place(point: [f64; 3]) -> String {
+    let [x, y, z] = point.map(|at| (at as f32).to_string());
+    format!("{x}, {y}, {z}")
+}
+
+/// The first defects of a part of space.
+#[derive(Default)]
+pub(super) struct Defects {
+    /// Place in half units of the grid, and source numbers of faces to come.
+    pub(super) list: Vec<Found>,
+    pub(super) count: u64,
+}
+
+/// A defect on the grid.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Found {
+    pub(super) kind: DefectKind,
+    /// A point, in grid units.
+    pub(super) at: [f64; 3],
+    pub(super) faces: Vec<u32>,
+}
+
+impl Defects {
+    pub(super) fn push(&mut self, found: Found) {
+        // (A pair of faces is looked at in every cell that both cut.)
+        if self
+            .list
+            .iter()
+            .any(|known| known.kind == found.kind && known.faces == found.faces && !found.faces.is_empty())
+        {
+            return;
+        }
+        self.count += 1;
+        if self.list.len() < MOST {
+            self.list.push(found);
+        }
+    }
+
+    pub(super) fn append(&mut self, other: Defects) {
+        let beyond = other.count - other.list.len() as u64;
+        other.list.into_iter().for_each(|found| self.push(found));
+        self.count += beyond;
+    }
+}

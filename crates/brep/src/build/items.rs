@@ -1,0 +1,228 @@
+//! Faces of a part of space, in memory, with what the tests against octants and each other need.
+
+use super::division::{Division, Reach};
+use super::run::{FaceWords, Run, TRIANGLE_WORDS};
+use crate::MOST_BITS;
+use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
+use crate::geometry::rank::PlaneAt;
+use crate::geometry::{Flaw, GridPolygon, Stages, Triangulator};
+use crate::piece::Piece;
+use spinney_base::Result;
+use spinney_base::space::{Dimension, morton_encode};
+
+/// Faces, in the order of the cells in which their middles lie: neighbours in space are neighbours in memory.
+#[derive(Default)]
+pub(super) struct Items {
+    /// Least and greatest coordinates, which are looked at most.
+    bounds: Vec<[[i32; 3]; 2]>,
+    list: Vec<Item>,
+    polygons: Vec<PolygonItem>,
+}
+
+/// A face.
+struct Item {
+    normal: [i64; 3],
+    /// A triangle; of other faces the first triangle that is cut from it.
+    piece: Piece,
+    face: u32,
+    /// Place among the polygons; [`TRIANGLE`] for triangles.
+    polygon: u32,
+}
+
+const TRIANGLE: u32 = u32::MAX;
+
+/// A face that is no triangle.
+struct PolygonItem {
+    points: Vec<[i32; 3]>,
+    ring_ends: Vec<usize>,
+    /// In half units of the grid.
+    polygon: GridPolygon,
+    triangles: Vec<Piece>,
+}
+
+/// Bytes of a triangle that is brought to memory: its words, its place in the order, itself, and in lists of cells.
+pub(super) const ITEM: usize =
+    4 * TRIANGLE_WORDS + size_of::<(u64, u32)>() + size_of::<Item>() + size_of::<[[i32; 3]; 2]>() + 16;
+
+/// End of the only ring of triangles.
+const ONE_RING: [usize; 1] = [3];
+
+impl Items {
+    /// Takes faces to memory. They are planar and have an area.
+    pub(super) fn of(run: Run) -> Result<Items> {
+        let words = run.into_words()?;
+        // Spreading has room for 21 bits of each coordinate; the lowest ones do not matter for being near.
+        let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
+        let code = |[low, high]: [[i32; 3]; 2]| {
+            let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
+            x | y << 1 | z << 2
+        };
+        let mut order = Vec::with_capacity(words.len() / TRIANGLE_WORDS);
+        let mut place = 0;
+        for face in FaceWords::all(&words) {
+            let bounds = match face.triangle() {
+                Some(corners) => bounds_of(&corners),
+                None => bounds_of(&face.rings().0),
+            };
+            order.push((code(bounds), place as u32));
+            place += face.0.len();
+        }
+        // (They come in the order of their numbers.)
+        order.sort_unstable();
+        let mut items = Items {
+            bounds: Vec::with_capacity(order.len()),
+            list: Vec::with_capacity(order.len()),
+            polygons: Vec::new(),
+        };
+        let mut triangulator = Triangulator::new();
+        for (_, place) in order {
+            let face = FaceWords::all(&words[place as usize..]).next();
+            face.into_iter().for_each(|face| items.push(face, &mut triangulator));
+        }
+        Ok(items)
+    }
+
+    fn push(&mut self, face: FaceWords<'_>, triangulator: &mut Triangulator) {
+        let (corners, normal, bounds, polygon) = match face.triangle() {
+            Some(corners) => (corners, ring_normal(&corners), bounds_of(&corners), TRIANGLE),
+            None => {
+                let item = PolygonItem::of(face, triangulator);
+                let normal = ring_normal(&item.points[..item.ring_ends[0]]);
+                let corners = item.triangles.first().map_or([item.points[0]; 3], |piece| piece.corners);
+                let bounds = bounds_of(&item.points);
+                self.polygons.push(item);
+                (corners, normal, bounds, self.polygons.len() as u32 - 1)
+            }
+        };
+        let piece = Piece::of_triangle(corners);
+        self.bounds.push(bounds);
+        self.list.push(Item { normal, piece, face: face.number(), polygon });
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// The number of a face.
+    #[inline]
+    pub(super) fn face(&self, item: u32) -> u32 {
+        self.list[item as usize].face
+    }
+
+    #[inline]
+    pub(super) fn plane(&self, item: u32) -> PlaneAt {
+        let Item { normal, piece, .. } = &self.list[item as usize];
+        PlaneAt { normal: *normal, point: piece.corners[0] }
+    }
+
+    /// Least and greatest coordinates of a face.
+    #[inline]
+    pub(super) fn bounds(&self, item: u32) -> &[[i32; 3]; 2] {
+        &self.bounds[item as usize]
+    }
+
+    #[inline]
+    fn polygon(&self, item: &Item) -> Option<&PolygonItem> {
+        if item.polygon == TRIANGLE { None } else { self.polygons.get(item.polygon as usize) }
+    }
+
+    /// Which children of a cell a face cuts that cuts the cell, as bits.
+    #[inline]
+    pub(super) fn children(&self, item: u32, reach: Reach, division: &Division, stages: &mut Stages) -> u8 {
+        if let Some(child) = reach.only_child(stages) {
+            return child;
+        }
+        let item = &self.list[item as usize];
+        match self.polygon(item) {
+            None => division.children_of_triangle(reach, &item.piece.corners, item.normal, stages),
+            Some(polygon) => division.children_of_polygon(reach, &polygon.polygon, stages),
+        }
+    }
+
+    #[inline]
+    pub(super) fn outline(&self, item: u32) -> Outline<'_> {
+        let item = &self.list[item as usize];
+        let normal = item.normal;
+        match self.polygon(item) {
+            None => Outline { points: &item.piece.corners, ring_ends: &ONE_RING, normal },
+            Some(polygon) => Outline { points: &polygon.points, ring_ends: &polygon.ring_ends, normal },
+        }
+    }
+
+    /// The face as triangles.
+    #[inline]
+    pub(super) fn triangles(&self, item: u32) -> &[Piece] {
+        let item = &self.list[item as usize];
+        match self.polygon(item) {
+            None => std::slice::from_ref(&item.piece),
+            Some(polygon) => &polygon.triangles,
+        }
+    }
+
+    /// Corners of a face.
+    pub(super) fn points(&self, item: u32) -> &[[i32; 3]] {
+        let item = &self.list[item as usize];
+        match self.polygon(item) {
+            None => &item.piece.corners,
+            Some(polygon) => &polygon.points,
+        }
+    }
+
+    /// A point inside a face that lies on no wall between cells, if there is one among some.
+    #[inline]
+    pub(super) fn sample(&self, item: u32) -> Option<FinePoint> {
+        let sample = sample(&self.list[item as usize].piece.corners);
+        sample.map(|at| FinePoint { at, bits: SAMPLE_BITS })
+    }
+}
+
+/// Bits behind the point of samples.
+const SAMPLE_BITS: u32 = 5;
+
+/// A point inside a triangle that lies on no wall between cells, in units of 2^-[`SAMPLE_BITS`] of the grid's.
+fn sample([a, b, c]: &[[i32; 3]; 3]) -> Option<[i64; 3]> {
+    /// Odd enough for coordinates that have many factors of 2.
+    const WEIGHTS: [[i64; 3]; 12] = [
+        [11, 13, 8],
+        [7, 12, 13],
+        [9, 17, 6],
+        [13, 14, 5],
+        [5, 11, 16],
+        [10, 15, 7],
+        [3, 22, 7],
+        [15, 8, 9],
+        [19, 2, 11],
+        [1, 6, 25],
+        [14, 1, 17],
+        [23, 5, 4],
+    ];
+    let mut points = WEIGHTS.iter().map(|[u, v, w]| {
+        [0, 1, 2].map(|axis| u * i64::from(a[axis]) + v * i64::from(b[axis]) + w * i64::from(c[axis]))
+    });
+    // Walls lie in the middle between points of the grid.
+    let half = (1i64 << SAMPLE_BITS) / 2;
+    let is_off = |at: &[i64; 3]| at.iter().all(|at| at & ((1 << SAMPLE_BITS) - 1) != half);
+    points.find(is_off)
+}
+
+/// Least and greatest coordinates of points, of which there is one at least.
+pub(super) fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
+    points.iter().fold([points[0]; 2], |[min, max], point| {
+        [[0, 1, 2].map(|axis| min[axis].min(point[axis])), [0, 1, 2].map(|axis| max[axis].max(point[axis]))]
+    })
+}
+
+impl PolygonItem {
+    fn of(face: FaceWords<'_>, triangulator: &mut Triangulator) -> PolygonItem {
+        let (points, ring_ends) = face.rings();
+        let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
+        let triangles = Piece::of_face(&points, &ring_ends, triangulator);
+        let polygon = match GridPolygon::new(&wide, &ring_ends, triangulator) {
+            Ok(polygon) => polygon,
+            Err(Flaw::NoArea | Flaw::NotSimple) => {
+                unreachable!("faces that are no polygons are refused before: {points:?}")
+            }
+        };
+        PolygonItem { points, ring_ends, polygon, triangles }
+    }
+}

@@ -1,0 +1,384 @@
+//! Building of files: faces come one by one, become blocks of the file, and are divided among the cells of an octree,
+//! in bounded memory.
+
+mod arena;
+mod cells;
+mod defects;
+mod division;
+mod items;
+mod pairs;
+mod run;
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use self::arena::Arena;
+use self::cells::{Cell, Walk, uniform};
+use self::division::Division;
+use self::items::{ITEM, Items, bounds_of};
+use self::run::{FaceWords, Place, Run, RunBuilder, TRIANGLE_WORDS};
+use super::store::exact::ExactPart;
+use super::store::segment::CUT;
+use super::store::summary::{NodeCounts, Summary};
+use super::store::writer::ModelWriter;
+use super::{Face, Grid};
+use crate::geometry::crossing::{Outline, ring_normal};
+use crate::geometry::{GridPolygon, Stages, Triangulator};
+use spinney_base::io::{Output, folder};
+use spinney_base::space::{Code, Dimension};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
+
+pub use self::defects::show_place;
+pub use self::defects::{Defect, DefectKind};
+
+/// Faces that a cell may have and end, if nothing else is said: with more, files get little smaller and questions
+/// take longer; with fewer, cells are divided for nothing. (Bunny of 60,000 triangles: 277,000 nodes without, 68,000 with
+/// 12, 55,000 with 16.)
+pub const BOOLEAN_FACES: usize = 12;
+
+/// Counts of a model that was built, and its defects: with any, no file was made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BuildReport {
+    /// Nodes of the octree.
+    pub nodes: NodeCounts,
+    /// By which tests faces were found to cut octants, or not.
+    pub stages: Stages,
+    /// Places where the surface bounds no body: at most 100.
+    pub defects: Vec<Defect>,
+    /// Number of all of these.
+    pub defect_count: u64,
+}
+
+/// A file of an exact model that is being built.
+pub struct ModelBuilder {
+    writer: ModelWriter,
+    grid: Grid,
+    memory: u64,
+    run: RunBuilder,
+    words: Vec<u32>,
+    faces: u64,
+    boolean_faces: usize,
+    is_unbounded: bool,
+    takes_defects: bool,
+    exact: ExactPart,
+    triangulator: Triangulator,
+    wide: Vec<[i64; 3]>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl ModelBuilder {
+    /// Starts a file; about `memory` bytes are used.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn new(output: Output, grid: Grid, memory: u64) -> Result<ModelBuilder> {
+        let place: PathBuf = folder(output.path()).to_path_buf();
+        let writer = ModelWriter::new(output, &grid, memory / 16)?;
+        let run = RunBuilder::new((memory / 4 / 4) as usize, Place::Folder(place));
+        Ok(ModelBuilder {
+            writer,
+            grid,
+            memory,
+            run,
+            words: Vec::new(),
+            faces: 0,
+            boolean_faces: BOOLEAN_FACES,
+            is_unbounded: false,
+            takes_defects: false,
+            exact: ExactPart::default(),
+            triangulator: Triangulator::new(),
+            wide: Vec::new(),
+            triangles: Vec::new(),
+        })
+    }
+
+    /// Chooses how many faces a cell may have and end, whatever their planes have in common. With 0 there are BOOLEAN
+    /// cells at the deepest level only, as in the extended octrees of the literature: several times as many cells.
+    #[must_use]
+    pub fn boolean_faces(self, boolean_faces: usize) -> ModelBuilder {
+        ModelBuilder { boolean_faces, ..self }
+    }
+
+    /// Chooses whether what is far away belongs to the body, and the faces bound what does not.
+    #[must_use]
+    pub fn unbounded(self, is_unbounded: bool) -> ModelBuilder {
+        ModelBuilder { is_unbounded, ..self }
+    }
+
+    /// Adds faces with corners beside the grid, for which others stand: a file is then made even if those have defects.
+    pub(super) fn exact(self, exact: ExactPart) -> ModelBuilder {
+        ModelBuilder { takes_defects: !exact.faces.is_empty(), exact, ..self }
+    }
+
+    /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
+    /// without an area it is kept, but bounds nothing.
+    ///
+    /// # Errors
+    /// If it is no such face, if the file cannot be written, or if there are 2^32 faces.
+    pub fn push(&mut self, face: &Face<'_>) -> Result<()> {
+        let Ok(number) = u32::try_from(self.faces) else {
+            return Err(Error::TooLarge {
+                path: self.writer.path().to_path_buf(),
+                what: "numbers of 2^32 faces or more".into(),
+                needed: self.faces,
+                limit: u64::from(u32::MAX),
+                advice: "divide the model".into(),
+            });
+        };
+        self.check(face)?;
+        self.faces += 1;
+        self.writer.face(&Face { number: number.into(), ..*face })?;
+        let outer = face.ring_ends.first().map_or(face.points, |end| &face.points[..*end]);
+        if ring_normal(outer) == [0; 3] {
+            return Ok(());
+        }
+        self.words.clear();
+        FaceWords::write(number, face.points, face.ring_ends, &mut self.words);
+        self.run.push(FaceWords(&self.words))
+    }
+
+    /// Whether a face is one.
+    fn check(&mut self, face: &Face<'_>) -> Result<()> {
+        let wrong = |found: String, expected: &str| {
+            Err(Error::invalid(format!("face {}", face.number), found, expected))
+        };
+        let outside = |at: &[i32; 3]| at.iter().any(|at| (*at as u32) >> self.grid.bits != 0);
+        if let Some(at) = face.points.iter().find(|at| outside(at)) {
+            return wrong(format!("a corner at {at:?}"), "corners on the grid");
+        }
+        let mut start = 0;
+        for &end in face.ring_ends {
+            if end < start + 3 || end > face.points.len() {
+                return wrong(
+                    format!("rings that end at {:?}", face.ring_ends),
+                    "rings of three corners or more",
+                );
+            }
+            start = end;
+        }
+        if start != face.points.len() || start == 0 {
+            return wrong(format!("rings up to corner {start}"), "rings of all corners");
+        }
+        if face.points.len() == 3 {
+            return Ok(());
+        }
+        let normal = ring_normal(&face.points[..face.ring_ends[0]]);
+        if normal == [0; 3] {
+            return Ok(());
+        }
+        let first = face.points[0];
+        let is_off = |at: &[i32; 3]| {
+            (0..3).map(|axis| i128::from(normal[axis]) * i128::from(at[axis] - first[axis])).sum::<i128>()
+                != 0
+        };
+        if let Some(at) = face.points.iter().find(|at| is_off(at)) {
+            return wrong(format!("a corner at {at:?}"), "all corners in one plane");
+        }
+        self.wide.clear();
+        self.wide.extend(face.points.iter().map(|point| point.map(i64::from)));
+        self.triangles.clear();
+        match self.triangulator.triangulate(&self.wide, face.ring_ends, &mut self.triangles) {
+            true => Ok(()),
+            false => wrong("rings that cross".into(), "an outer ring, and holes inside of it"),
+        }
+    }
+
+    /// Builds the octree and puts the file in its place, on the threads of the current rayon pool; with defects
+    /// there is no file. `complete` adds to the metadata what is known only now.
+    ///
+    /// # Errors
+    /// If the file cannot be written, or on interruption.
+    pub fn finish(
+        self,
+        metadata: &mut Metadata,
+        progress: &dyn Progress,
+        complete: &mut dyn FnMut(&mut Metadata, &BuildReport),
+    ) -> Result<BuildReport> {
+        let ModelBuilder {
+            mut writer,
+            grid,
+            memory,
+            run,
+            faces,
+            boolean_faces,
+            is_unbounded,
+            takes_defects,
+            exact,
+            ..
+        } = self;
+        let (run, place) = run.finish()?;
+        let stages = Mutex::new(Stages::default());
+        let total = run.len() as u64;
+        let mut upper = Upper {
+            bits: grid.bits,
+            depth: grid.depth(),
+            boolean_faces,
+            memory,
+            place,
+            stages: &stages,
+            progress,
+            writer: &mut writer,
+            done: 0,
+            total,
+        };
+        let mut arena = Arena::default();
+        let mark = arena.mark();
+        let root = Cell { level: 0, position: [0; 3], winding: is_unbounded.into() };
+        let word = upper.cell(&root, run, &mut arena)?;
+        // The root owns a segment in any case.
+        if word != CUT {
+            arena.cut(Code::root(Dimension::Oct), mark, word);
+        }
+        upper.store(&mut arena)?;
+        let mut report = BuildReport {
+            nodes: arena.counts,
+            stages: *stages.lock().expect("nobody panics with this lock"),
+            defects: Vec::new(),
+            defect_count: arena.defects.count,
+        };
+        let defects = std::mem::take(&mut arena.defects);
+        report.defects = defects
+            .list
+            .into_iter()
+            .map(|found| Defect {
+                kind: found.kind,
+                place: grid.to_world_between(found.at),
+                faces: found.faces.into_iter().map(u64::from).collect(),
+            })
+            .collect();
+        if report.defect_count > 0 && !takes_defects {
+            return Ok(report);
+        }
+        complete(metadata, &report);
+        writer.finish(&Summary { grid, faces, is_unbounded, nodes: report.nodes }, &exact, metadata)?;
+        Ok(report)
+    }
+}
+
+/// The upper cells, whose faces are too many for memory: they are divided face by face.
+struct Upper<'a> {
+    bits: u8,
+    depth: u8,
+    boolean_faces: usize,
+    memory: u64,
+    place: Place,
+    stages: &'a Mutex<Stages>,
+    progress: &'a dyn Progress,
+    writer: &'a mut ModelWriter,
+    done: u64,
+    total: u64,
+}
+
+impl Upper<'_> {
+    /// Writes the segments that are complete.
+    fn store(&mut self, arena: &mut Arena) -> Result<()> {
+        arena.segments.drain(..).try_for_each(|(code, bytes)| self.writer.segment(code, &bytes))
+    }
+
+    /// Builds a cell; returns the word of its node.
+    fn cell(&mut self, cell: &Cell, run: Run, out: &mut Arena) -> Result<u32> {
+        if run.len() == 0 {
+            return Ok(uniform(cell, self.bits, out));
+        }
+        // (A face of a polygon is several times as large as its words.)
+        let needed = run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64;
+        let fits = needed <= self.memory / 2;
+        if !fits && cell.level == self.depth {
+            return Err(Error::TooLarge {
+                path: self.writer.path().to_path_buf(),
+                what: "the faces of one of the smallest cells".into(),
+                needed,
+                limit: self.memory / 2,
+                advice: "allow more with --memory".into(),
+            });
+        }
+        if fits {
+            let length = run.len() as u64;
+            let items = Items::of(run)?;
+            let Upper { bits, depth, boolean_faces, stages, progress, .. } = *self;
+            let walk = Walk { items: &items, bits, depth, boolean_faces, stages, progress };
+            let word = walk.cell(cell, (0..items.len() as u32).collect(), out)?;
+            self.store(out)?;
+            // (Faces that several cells have count once.)
+            let more = length.min(self.total - self.done);
+            self.done += more;
+            self.progress.advance(more, self.total);
+            return Ok(word);
+        }
+        let mark = out.mark();
+        let record = out.record();
+        let (runs, cells) = self.divide(cell, run)?;
+        for (child, run) in runs.into_iter().enumerate() {
+            let word = self.cell(&cells[child], run, out)?;
+            out.set(record, child, word);
+        }
+        let word = out.complete(cell.code(), mark, record);
+        self.store(out)?;
+        Ok(word)
+    }
+
+    /// The faces of a cell's children, and the children.
+    fn divide(&mut self, cell: &Cell, run: Run) -> Result<(Vec<Run>, [Cell; 8])> {
+        let division = Division::of(cell, self.bits);
+        let limit = (self.memory / 4 / 4 / 16) as usize;
+        let mut builders: Vec<RunBuilder> =
+            (0..8).map(|_| RunBuilder::new(limit, self.place.clone())).collect();
+        let mut stages = Stages::default();
+        let mut triangulator = Triangulator::new();
+        let mut changes = [0; 7];
+        let mut count = 0u64;
+        run.each(|face| {
+            count += 1;
+            if count.is_multiple_of(1 << 12) {
+                self.progress.check()?;
+            }
+            let (points, ring_ends);
+            let corners;
+            let (outline, reach, children);
+            match face.triangle() {
+                Some(triangle) => {
+                    corners = triangle;
+                    reach = division.reach(&bounds_of(&corners));
+                    let normal = ring_normal(&corners);
+                    children = reach.only_child(&mut stages).unwrap_or_else(|| {
+                        division.children_of_triangle(reach, &corners, normal, &mut stages)
+                    });
+                    outline = Outline { points: &corners, ring_ends: &[3], normal };
+                }
+                None => {
+                    (points, ring_ends) = face.rings();
+                    reach = division.reach(&bounds_of(&points));
+                    let wide: Vec<[i64; 3]> =
+                        points.iter().map(|point| point.map(|at| 2 * i64::from(at))).collect();
+                    let Ok(polygon) = GridPolygon::new(&wide, &ring_ends, &mut triangulator) else {
+                        unreachable!("faces that are no polygons are refused before: {points:?}")
+                    };
+                    children = reach
+                        .only_child(&mut stages)
+                        .unwrap_or_else(|| division.children_of_polygon(reach, &polygon, &mut stages));
+                    let normal = ring_normal(&points[..ring_ends[0]]);
+                    outline = Outline { points: &points, ring_ends: &ring_ends, normal };
+                }
+            }
+            for (child, builder) in builders.iter_mut().enumerate() {
+                if children >> child & 1 == 1 {
+                    builder.push(face)?;
+                }
+            }
+            division.count_changes(reach, || outline, &mut changes);
+            Ok(())
+        })?;
+        self.stages.lock().expect("nobody panics with this lock").add(&stages);
+        let mut runs = Vec::with_capacity(8);
+        for builder in builders {
+            let (run, place) = builder.finish()?;
+            // One temporary file serves all.
+            if matches!(place, Place::Spool(_)) {
+                self.place = place;
+            }
+            runs.push(run);
+        }
+        Ok((runs, Division::cells(cell, changes)))
+    }
+}

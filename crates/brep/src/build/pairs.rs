@@ -1,0 +1,372 @@
+//! Whether two triangles are in each other's way: exact, in integers.
+//!
+//! Faces of a body may touch: along edges, in corners, and where two bodies have a wall in common, turned to
+//! opposite sides. They may not pass through each other, nor lie on each other turned to the same side.
+
+use std::cmp::Ordering;
+
+use super::defects::DefectKind;
+use crate::geometry::crossing::ring_normal;
+use crate::piece::Piece;
+
+pub(super) type Triangle = [[i32; 3]; 3];
+
+/// Contact of two triangles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Contact {
+    /// Nothing that is wrong.
+    Fine,
+    Wrong(DefectKind),
+    /// An edge, `through`, meets another, `across`, in a point between the ends of both. Whether that is wrong depends on the
+    /// faces at that other edge: see [`passes`].
+    Edges {
+        through: [[i32; 3]; 2],
+        across: [[i32; 3]; 2],
+    },
+}
+
+/// The plane of a triangle.
+struct Plane {
+    through: [i32; 3],
+    normal: [i64; 3],
+}
+
+impl Plane {
+    #[inline]
+    fn of(triangle: &Triangle) -> Plane {
+        Plane { through: triangle[0], normal: ring_normal(triangle) }
+    }
+
+    /// The side on which a point lies: 1 where the triangle is counterclockwise, 0 on the plane.
+    #[inline]
+    fn side(&self, point: [i32; 3]) -> i32 {
+        let Plane { through, normal } = self;
+        let from = [0, 1, 2].map(|axis| i64::from(point[axis]) - i64::from(through[axis]));
+        // The normal, of products of two differences of 27 bits, is exact; its products with a third one are rounded.
+        let parts = [0, 1, 2].map(|axis| normal[axis] as f64 * from[axis] as f64);
+        let sum = parts[0] + parts[1] + parts[2];
+        if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * 1e-15 {
+            return if sum > 0.0 { 1 } else { -1 };
+        }
+        let exact: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(from[axis])).sum();
+        exact.signum() as i32
+    }
+}
+
+/// The sign of the volume of the tetrahedron of four points: 1 where the last one is on the side from which the
+/// first three are counterclockwise.
+#[inline]
+fn orientation(a: [i32; 3], b: [i32; 3], c: [i32; 3], d: [i32; 3]) -> i32 {
+    Plane::of(&[a, b, c]).side(d)
+}
+
+/// Which corners of two triangles are the same: a bit for each pair of them, the first triangle's counting by three.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Shared(u16);
+
+impl Shared {
+    #[inline]
+    pub(super) fn of(a: &Triangle, b: &Triangle) -> Shared {
+        // (Without branches, which would be as often wrong as right.)
+        let same = |pair: usize| u16::from(a[pair / 3] == b[pair % 3]) << pair;
+        Shared((0..9).map(same).sum())
+    }
+
+    #[inline]
+    fn has(self, corner_of_b: usize) -> bool {
+        self.0 >> corner_of_b & 0b001_001_001 != 0
+    }
+
+    /// The corner of each that is the same, if there is just one.
+    #[inline]
+    fn only(self) -> Option<(usize, usize)> {
+        let pair = self.0.trailing_zeros() as usize;
+        self.0.is_power_of_two().then_some((pair / 3, pair % 3))
+    }
+
+    /// Whether all of them are such as are asked for.
+    #[inline]
+    pub(super) fn all(self, b: &Triangle, is_such: impl Fn([i32; 3]) -> bool) -> bool {
+        self.0 == 0 || (0..3).all(|corner| !self.has(corner) || is_such(b[corner]))
+    }
+}
+
+/// Finds the contact of two triangles that have an area, and these corners in common.
+pub(super) fn contact(first: &Piece, second: &Piece, shared: Shared) -> Contact {
+    let (a, b) = (&first.corners, &second.corners);
+    let plane_of_a = Plane::of(a);
+    // The sides of shared corners are known.
+    let side_of_b = |corner: usize| if shared.has(corner) { 0 } else { plane_of_a.side(b[corner]) };
+    let of_b = [0, 1, 2].map(side_of_b);
+    if of_b == [0; 3] {
+        return if overlap(a, b) { Contact::Wrong(DefectKind::Overlap) } else { Contact::Fine };
+    }
+    if let Some(pair) = shared.only() {
+        let crosses = wedges_cross(a, b, of_b, pair);
+        return if crosses { Contact::Wrong(DefectKind::Crossing) } else { Contact::Fine };
+    }
+    // Planes that are not the same meet in the line of a common edge, and nowhere else.
+    if shared != Shared(0) || all_on_one_side(of_b) {
+        return Contact::Fine;
+    }
+    let plane_of_b = Plane::of(b);
+    let of_a = a.map(|point| plane_of_b.side(point));
+    if all_on_one_side(of_a) {
+        return Contact::Fine;
+    }
+    match edges_cross(first, second, of_b) {
+        Contact::Fine => edges_cross(second, first, of_a),
+        found => found,
+    }
+}
+
+fn all_on_one_side(sides: [i32; 3]) -> bool {
+    let [x, y, z] = sides;
+    x == y && y == z && x != 0
+}
+
+/// Finds the contact of the edges of `b` with `a`; `sides` are those of `b`'s corners.
+fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
+    let mut found = Contact::Fine;
+    for i in 0..3 {
+        let j = (i + 1) % 3;
+        if b.internal[i] || sides[i] * sides[j] >= 0 {
+            continue;
+        }
+        let (from, to) = (b.corners[i], b.corners[j]);
+        let around = [0, 1, 2].map(|k| orientation(from, to, a.corners[k], a.corners[(k + 1) % 3]));
+        if all_on_one_side(around) {
+            return Contact::Wrong(DefectKind::Crossing);
+        }
+        // Through one edge of it, between the ends.
+        let Some(edge) = (0..3).find(|k| around[*k] == 0) else { continue };
+        let (next, last) = (around[(edge + 1) % 3], around[(edge + 2) % 3]);
+        if next != last || next == 0 {
+            continue;
+        }
+        if a.internal[edge] {
+            return Contact::Wrong(DefectKind::Crossing);
+        }
+        let across = [a.corners[edge], a.corners[(edge + 1) % 3]];
+        found = Contact::Edges { through: [from, to], across };
+    }
+    found
+}
+
+/// The triangle that is at the other end of what is behind a triangle at one of its edges: of those that have the edge the other way
+/// round, the first that is met by who turns around it there. (Bodies that touch have more than two faces at an edge.)
+pub(super) fn twin<'a>(
+    one: &Triangle,
+    edge: [[i32; 3]; 2],
+    others: impl Iterator<Item = &'a Triangle>,
+) -> Option<&'a Triangle> {
+    let apex = |t: &Triangle| t.iter().copied().find(|point| !edge.contains(point)).unwrap_or(edge[0]);
+    let own = apex(one);
+    let normal = |c: [i32; 3]| ring_normal(&[edge[0], edge[1], c]);
+    let is_opposite =
+        |point: [i32; 3]| (0..3).any(|k| normal(own)[k].signum() * normal(point)[k].signum() < 0);
+    // Less than half a turn, half of one, more. What lies on the triangle belongs to another body.
+    let turn = |point: [i32; 3]| match orientation(one[0], one[1], one[2], point) {
+        side if side < 0 => Some(0),
+        0 => is_opposite(point).then_some(1),
+        _ => Some(2),
+    };
+    others.filter(|other| turn(apex(other)).is_some()).reduce(|best, other| {
+        let (b, o) = (apex(best), apex(other));
+        let is_first = match turn(o).cmp(&turn(b)) {
+            Ordering::Equal => orientation(edge[0], edge[1], b, o) > 0,
+            order => order == Ordering::Less,
+        };
+        if is_first { other } else { best }
+    })
+}
+
+/// Whether an edge that meets the common edge of two triangles, in a point between the ends of both, passes there from
+/// one side of their surface to the other.
+pub(super) fn passes([from, to]: [[i32; 3]; 2], one: &Triangle, other: &Triangle) -> bool {
+    // The surface is bent along the edge to the inside, to the outside, or not at all.
+    let bend = other.iter().map(|point| orientation(one[0], one[1], one[2], *point)).find(|side| *side != 0);
+    let is_inside = |point: [i32; 3]| {
+        let behind = |t: &Triangle| orientation(t[0], t[1], t[2], point) < 0;
+        match bend {
+            Some(-1) => behind(one) && behind(other),
+            Some(_) => behind(one) || behind(other),
+            None => behind(one),
+        }
+    };
+    // (Who goes along one of the triangles leaves the decision to other edges.)
+    let is_along = |point: [i32; 3]| [one, other].iter().any(|t| orientation(t[0], t[1], t[2], point) == 0);
+    !is_along(from) && !is_along(to) && is_inside(from) != is_inside(to)
+}
+
+/// Whether two triangles that share corner `i` of the one and `j` of the other, and nothing else, pass through each
+/// other from there; `of_b` are the sides of the other's corners.
+fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usize)) -> bool {
+    // Each has to have corners on both sides of the other.
+    let (i1, i2, j1, j2) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
+    if of_b[j1] * of_b[j2] >= 0 {
+        return false;
+    }
+    let plane_of_b = Plane::of(b);
+    if plane_of_b.side(a[i1]) * plane_of_b.side(a[i2]) >= 0 {
+        return false;
+    }
+    // The planes' common line leaves the corner into each of them, in one direction or in opposite ones. Where it
+    // meets the opposite edge is a mean of the edge's ends, weighted with the distances of the other one from the
+    // other triangle's plane.
+    let direction = |t: &Triangle, at: usize, first: usize, second: usize, other: &Triangle| {
+        let height = |point: [i32; 3]| -> i128 {
+            let normal = ring_normal(other);
+            (0..3).map(|k| i128::from(normal[k]) * (i128::from(point[k]) - i128::from(other[0][k]))).sum()
+        };
+        let (one, two) = (height(t[first]).abs(), height(t[second]).abs());
+        [0, 1, 2].map(|k| {
+            let along = |corner: usize| i128::from(t[corner][k]) - i128::from(t[at][k]);
+            two * along(first) + one * along(second)
+        })
+    };
+    let (along_a, along_b) = (direction(a, i, i1, i2, b), direction(b, j, j1, j2, a));
+    (0..3).any(|k| along_a[k].signum() * along_b[k].signum() > 0)
+}
+
+/// Whether two triangles of one plane that are turned the same way have an area in common.
+fn overlap(a: &Triangle, b: &Triangle) -> bool {
+    let (normal_a, normal_b) = (ring_normal(a), ring_normal(b));
+    let axis = (0..3).max_by_key(|axis| normal_a[*axis].unsigned_abs()).unwrap_or(2);
+    if (normal_a[axis] > 0) != (normal_b[axis] > 0) {
+        return false;
+    }
+    let (mut u, mut v) = ((axis + 1) % 3, (axis + 2) % 3);
+    if normal_a[axis] < 0 {
+        (u, v) = (v, u);
+    }
+    // Convex and counterclockwise now: they have no area in common if one lies beyond an edge of the other.
+    let beyond_an_edge = |a: &Triangle, b: &Triangle| {
+        (0..3).any(|i| {
+            let (p, q) = (a[i], a[(i + 1) % 3]);
+            let along = [u, v].map(|axis| i64::from(q[axis]) - i64::from(p[axis]));
+            b.iter().all(|point| {
+                let to = [u, v].map(|axis| i64::from(point[axis]) - i64::from(p[axis]));
+                along[0] * to[1] <= along[1] * to[0]
+            })
+        })
+    };
+    !beyond_an_edge(a, b) && !beyond_an_edge(b, a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: Triangle = [[0, 0, 0], [8, 0, 0], [0, 8, 0]];
+
+    fn both(a: &Triangle, b: &Triangle) -> Option<DefectKind> {
+        let conflict = |a: &Triangle, b: &Triangle| {
+            let piece = |corners: &Triangle| Piece { corners: *corners, internal: [false; 3] };
+            match contact(&piece(a), &piece(b), Shared::of(a, b)) {
+                Contact::Wrong(kind) => Some(kind),
+                _ => None,
+            }
+        };
+        let found = conflict(a, b);
+        // The order, and where a triangle begins, do not matter.
+        assert_eq!(conflict(b, a), found);
+        assert_eq!(conflict(&[a[1], a[2], a[0]], &[b[2], b[0], b[1]]), found);
+        assert_eq!(conflict(&[a[1], a[0], a[2]], &[b[1], b[0], b[2]]), found);
+        found
+    }
+
+    /// Two boxes side by side have four faces at an edge of their wall.
+    #[test]
+    fn twins_are_those_of_the_same_body() {
+        let edge = [[0, 0, 0], [0, 8, 0]];
+        let wall = [edge[0], edge[1], [0, 4, -8]];
+        let [top, front, coincident, its_top, below] = [
+            [edge[1], edge[0], [8, 4, 0]],
+            [edge[1], edge[0], [-8, 4, 3]],
+            [edge[1], edge[0], [0, 3, -5]],
+            [edge[1], edge[0], [-8, 4, 0]],
+            [edge[1], edge[0], [8, 4, -8]],
+        ];
+        // (Behind the wall is where x is more.)
+        assert!(orientation(wall[0], wall[1], wall[2], [1, 0, 0]) < 0);
+        let of = |others: &[Triangle]| twin(&wall, edge, others.iter()).copied();
+        assert_eq!(of(&[coincident, front, top, its_top]), Some(top));
+        assert_eq!(of(&[top, below, coincident]), Some(below));
+        assert_eq!(of(&[its_top, front]), Some(front));
+        assert_eq!(of(&[front, [edge[1], edge[0], [0, 4, 8]]]), Some([edge[1], edge[0], [0, 4, 8]]));
+        assert_eq!(of(&[coincident]), None);
+    }
+
+    #[test]
+    fn touching_is_fine() {
+        let neighbour = [[8, 0, 0], [0, 0, 0], [0, -8, 3]];
+        let in_one_plane = [[8, 0, 0], [0, 0, 0], [0, -8, 0]];
+        let turned_round = [[0, 0, 0], [0, 8, 0], [8, 0, 0]];
+        let at_a_corner = [[0, 0, 0], [-8, 0, 1], [0, -8, 1]];
+        let standing_on_it = [[1, 1, 0], [3, 1, 0], [1, 1, 5]];
+        let point_on_it = [[2, 2, 0], [3, 1, 5], [1, 1, 5]];
+        let beside_a_corner = [[0, 0, 0], [-8, -1, 2], [-1, -8, -2]];
+        let apart = [[20, 0, 1], [28, 0, -1], [20, 8, 1]];
+        let cases = [
+            neighbour,
+            in_one_plane,
+            turned_round,
+            at_a_corner,
+            standing_on_it,
+            point_on_it,
+            beside_a_corner,
+            apart,
+        ];
+        for b in cases {
+            assert_eq!(both(&A, &b), None, "{b:?}");
+        }
+    }
+
+    #[test]
+    fn passing_through_and_lying_on_is_not() {
+        let through = [[1, 1, -3], [3, 1, -3], [2, 2, 5]];
+        let across_an_edge = [[4, -2, -2], [4, 2, -2], [4, 0, 9]];
+        let from_a_corner = [[0, 0, 0], [5, 4, 3], [4, 5, -3]];
+        for b in [through, across_an_edge, from_a_corner] {
+            assert_eq!(both(&A, &b), Some(DefectKind::Crossing), "{b:?}");
+        }
+        let shifted = [[1, 1, 0], [9, 1, 0], [1, 9, 0]];
+        let folded = [[0, 0, 0], [8, 0, 0], [8, 8, 0]];
+        let inside = [[1, 1, 0], [2, 1, 0], [1, 2, 0]];
+        for b in [A, shifted, folded, inside] {
+            assert_eq!(both(&A, &b), Some(DefectKind::Overlap), "{b:?}");
+        }
+    }
+
+    /// An edge through an edge is wrong if it comes from the inside.
+    #[test]
+    fn edges_that_meet_edges() {
+        // A ridge along y, and what leads over it, into it, and through the middle of a flat one.
+        let [one, other] = [[[0, -9, 0], [9, 0, -9], [0, 9, 0]], [[0, 9, 0], [-9, 0, -9], [0, -9, 0]]];
+        let flat = [[0, 9, 0], [-9, 0, 9], [0, -9, 0]];
+        let over = [[-5, 0, 0], [5, 0, 0]];
+        let into = [[-1, 0, 5], [1, 0, -5]];
+        assert!(!passes(over, &one, &other) && passes(into, &one, &other));
+        assert!(passes(into, &one, &flat));
+        let piece = |corners: Triangle| Piece { corners, internal: [false; 3] };
+        let b = piece([into[0], into[1], [-9, 0, -20]]);
+        let shared = Shared::of(&one, &b.corners);
+        let found = contact(&piece(one), &b, shared);
+        assert!(matches!(found, Contact::Edges { .. }), "{found:?}");
+        let internal = Piece { internal: [false, false, true], ..piece(one) };
+        assert_eq!(contact(&internal, &b, shared), Contact::Wrong(DefectKind::Crossing));
+    }
+
+    /// Large coordinates, and one unit that decides.
+    #[test]
+    fn one_unit_decides() {
+        let far = (1 << 26) - 1;
+        let a = [[0, 0, 0], [far, 0, far], [0, far, far]];
+        // A point of its plane x + y = z, and those one unit above and below.
+        let through = |low: i32| [[7, 9, 16 + low], [7, 10, 17 + low], [8, 10, 40]];
+        assert_eq!(both(&a, &through(0)), None);
+        assert_eq!(both(&a, &through(-1)), Some(DefectKind::Crossing));
+        assert_eq!(both(&a, &through(1)), None);
+    }
+}

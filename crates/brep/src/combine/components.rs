@@ -1,0 +1,215 @@
+//! Faces in cells near other bodies whose boxes touch none of theirs: with all that hangs together with them, they lie on one
+//! side of these bodies, and one winding number of one of them tells on which.
+
+use std::cell::Cell;
+use std::collections::HashMap;
+
+use super::bodies::Bodies;
+use super::overlap::Fate;
+use super::winding::winding;
+use crate::arrangement::{ExactPlane, Sample, root};
+use crate::boxes::{BoxTree, bounds_of, touch};
+use crate::geometry::Triangulator;
+use crate::geometry::crossing::ring_normal;
+use crate::piece::Piece;
+use crate::{Face, FaceBuffer};
+use spinney_base::{Progress, Result, parallel};
+
+/// Faces that one task looks at.
+const TASK: usize = 1 << 10;
+
+/// Faces of one body that touch no other.
+#[derive(Default)]
+struct Components {
+    /// Number of a component that a vertex belongs to.
+    of_vertex: HashMap<[i32; 3], u32>,
+    parents: Vec<u32>,
+    /// The first face of each component.
+    firsts: Vec<u32>,
+    /// Faces, with a component that each belongs to.
+    faces: Vec<(u32, u32)>,
+}
+
+impl Components {
+    fn add(&mut self, face: u32, points: &[[i32; 3]]) {
+        let mut own: Option<u32> = None;
+        for point in points {
+            let new = own.unwrap_or(self.parents.len() as u32);
+            let found = *self.of_vertex.entry(*point).or_insert(new);
+            if found as usize == self.parents.len() {
+                self.parents.push(found);
+                self.firsts.push(face);
+            }
+            let found = root(&mut self.parents, found);
+            let joined = own.map_or(found, |own| own.min(found));
+            self.parents[own.unwrap_or(found).max(found) as usize] = joined;
+            own = Some(joined);
+        }
+        self.faces.extend(own.map(|own| (face, own)));
+    }
+
+    /// Bytes of memory that they take.
+    fn bytes(&self) -> u64 {
+        // (A table is half empty after it has grown.)
+        const VERTEX: usize = 2 * (size_of::<([i32; 3], u32)>() + 1);
+        (self.of_vertex.len() * VERTEX + 8 * self.parents.len() + size_of_val(&self.faces[..])) as u64
+    }
+}
+
+impl Bodies<'_> {
+    /// Settles those of the faces in cells near other bodies whose boxes touch none of theirs. Takes about 100 bytes for each of the
+    /// faces in these cells.
+    ///
+    /// # Errors
+    /// If `memory` bytes are not enough, if files are damaged or cannot be read, or on interruption.
+    pub(super) fn settle_components(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let (tree, ends) = self.near_boxes(memory, progress)?;
+        let room = memory.saturating_sub(ends.last().map_or(0, |count| u64::from(*count) * BOX));
+        for body in 0..self.models.len() {
+            let components = self.components(body, &tree, &ends, room, progress)?;
+            let Components { mut parents, firsts, faces, .. } = components;
+            let roots: Vec<u32> = (0..parents.len() as u32)
+                .filter(|component| parents[*component as usize] == *component)
+                .collect();
+            let fates = parallel::map(&roots, |root| match progress.interrupted() {
+                true => Ok(Fate::Dropped),
+                false => self.fate_of(body, firsts[*root as usize]),
+            });
+            progress.check()?;
+            let mut fate_of = HashMap::new();
+            for (root, fate) in roots.into_iter().zip(fates) {
+                fate_of.insert(root, fate?);
+            }
+            for (face, component) in faces {
+                let fate = fate_of[&root(&mut parents, component)];
+                self.overlaps[body].settle(face.into(), fate);
+            }
+        }
+        Ok(())
+    }
+
+    /// Drops those of the faces in cells near other bodies whose boxes touch none of theirs. Takes about 100 bytes for each of the faces in
+    /// these cells.
+    ///
+    /// # Errors
+    /// Those of [`Bodies::settle_components`].
+    pub(super) fn drop_apart(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
+        let (tree, ends) = self.near_boxes(memory, progress)?;
+        for body in 0..self.models.len() {
+            let numbers: Vec<u32> = self.overlaps[body].near.numbers().collect();
+            let chunks: Vec<&[u32]> = numbers.chunks(TASK).collect();
+            for chunks in chunks.chunks(64) {
+                progress.check()?;
+                for apart in parallel::map(chunks, |chunk| self.apart(body, chunk, &tree, &ends)) {
+                    apart?
+                        .into_iter()
+                        .for_each(|face| self.overlaps[body].settle(face.into(), Fate::Dropped));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A tree over the boxes of all faces in cells near other bodies, and where those of each body end.
+    fn near_boxes(&self, memory: u64, progress: &dyn Progress) -> Result<(BoxTree, Vec<u32>)> {
+        let (mut boxes, mut ends) = (Vec::new(), Vec::new());
+        for body in 0..self.models.len() {
+            let numbers: Vec<u32> = self.overlaps[body].near.numbers().collect();
+            self.check_room(body, (boxes.len() + numbers.len()) as u64 * BOX, memory)?;
+            for (index, chunk) in numbers.chunks(TASK).enumerate() {
+                if index % 4 == 0 {
+                    progress.check()?;
+                }
+                self.each_of(body, chunk, &mut |face| {
+                    boxes.push((boxes.len() as u32, bounds_of(face.points, 0)));
+                    Ok(())
+                })?;
+            }
+            ends.push(boxes.len() as u32);
+        }
+        Ok((BoxTree::of(boxes), ends))
+    }
+
+    /// Those of some faces of a body whose boxes touch none of other bodies' faces.
+    fn apart(&self, body: usize, faces: &[u32], tree: &BoxTree, ends: &[u32]) -> Result<Vec<u32>> {
+        let mut apart: Vec<u32> = Vec::new();
+        self.each_of(body, faces, &mut |face| {
+            // (A step more, since new vertices move.)
+            let own = bounds_of(face.points, 1);
+            let is_touched = Cell::new(false);
+            tree.each(&|bounds| !is_touched.get() && touch(bounds, &own), |other| {
+                let is_other = ends.partition_point(|end| *end <= other) != body;
+                is_touched.set(is_touched.get() || is_other);
+            });
+            if !is_touched.get() {
+                apart.push(face.number as u32);
+            }
+            Ok(())
+        })?;
+        Ok(apart)
+    }
+
+    /// The faces of a body in cells near others that touch no box of these.
+    fn components(
+        &self,
+        body: usize,
+        tree: &BoxTree,
+        ends: &[u32],
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<Components> {
+        let numbers: Vec<u32> = self.overlaps[body].near.numbers().collect();
+        let mut found = Components::default();
+        let chunks: Vec<&[u32]> = numbers.chunks(TASK).collect();
+        for chunks in chunks.chunks(64) {
+            progress.check()?;
+            let apart = parallel::map(chunks, |chunk| self.apart(body, chunk, tree, ends));
+            for apart in apart {
+                self.each_of(body, &apart?, &mut |face| {
+                    found.add(face.number as u32, face.points);
+                    Ok(())
+                })?;
+            }
+            self.check_room(body, found.bytes(), memory)?;
+        }
+        Ok(found)
+    }
+
+    /// The fate of a face that touches no other body, by a point of it.
+    fn fate_of(&self, body: usize, number: u32) -> Result<Fate> {
+        let mut fate = Fate::Dropped;
+        self.each_of(body, &[number], &mut |&Face { points, ring_ends, .. }| {
+            let pieces = Piece::of_face(points, ring_ends, &mut Triangulator::new());
+            let corners = pieces.first().map_or([points[0]; 3], |piece| piece.corners);
+            let plane = ExactPlane::through(points[0], ring_normal(&points[..ring_ends[0]]));
+            let sample = Sample::of_triangle(&plane, &corners);
+            let mut places = Vec::with_capacity(self.models.len());
+            for (other, model) in self.models.iter().enumerate() {
+                let is_own = other == body;
+                places.push(if is_own { 0 } else { winding(model, other, self.placed, &sample)? });
+            }
+            fate = self.table.fate(body, &places);
+            Ok(())
+        })?;
+        Ok(fate)
+    }
+
+    /// Hands out some faces of a body, on the common grid.
+    fn each_of(
+        &self,
+        body: usize,
+        numbers: &[u32],
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
+        for &number in numbers {
+            self.models[body].face(number.into(), &mut buffer)?;
+            self.put(body, number.into(), &buffer.points, &mut points)?;
+            each(&Face { points: &points, ..buffer.face() })?;
+        }
+        Ok(())
+    }
+}
+
+/// Bytes that a box takes while the tree is made of all.
+const BOX: u64 = 96;

@@ -1,0 +1,223 @@
+//! Set operations on bodies: the sixteen of N. A. Tyukachev (2010), on surfaces, exactly.
+//!
+//! A body is an oriented surface and a bit that says whether what is far away belongs to it. With that bit all sixteen
+//! operations make bodies: nothing and everything have no faces and differ in the bit, and a complement has the same
+//! faces turned round. The number of an operation is its truth table, and a face stays where the table has different
+//! values in front of it and behind it (the index theorem; where faces of two bodies lie on each other, the windings of both
+//! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
+
+mod bodies;
+mod components;
+mod overlap;
+mod placed;
+mod seams;
+mod table;
+#[cfg(test)]
+mod tests;
+mod winding;
+
+use self::bodies::Bodies;
+pub(super) use self::bodies::NearFaces;
+use self::placed::Placed;
+use self::seams::Seams;
+use self::table::OperationTable;
+use self::winding::winding;
+use super::arrangement::{Operands, Rounded, Rounds, divide, round};
+use super::attributes::DOMAIN;
+use super::store::exact::ExactPart;
+use super::{Attributes, BOOLEAN_FACES, BuildReport, ExactModel, Faces, Grid, ModelBuilder};
+use spinney_base::io::Output;
+use spinney_base::{Progress, Result};
+use spinney_container::{Metadata, TagScope};
+
+/// Counts of a set operation on bodies.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct CombineReport {
+    /// Faces of each body.
+    pub before: Vec<u64>,
+    /// Faces of the result.
+    pub after: u64,
+    /// Pairs of faces that touch or pass through each other.
+    pub pairs: u64,
+    /// Faces that were divided, or of which a part was taken away.
+    pub divided: u64,
+    /// The furthest that a new vertex was moved to the grid, in the models' unit.
+    pub displacement: f64,
+    /// The grid.
+    pub grid: Grid,
+    /// Whether what is far away belongs to the result.
+    pub is_unbounded: bool,
+    /// Counts of the octree; and where the surface has defects when its new vertices are moved to the grid, which happens
+    /// where it is thinner than the grid's step. What is made of the file by further operations is right there, too.
+    pub built: BuildReport,
+}
+
+/// Makes the body of a set operation on others, and writes it into a file; `operation` is a number from 0 to 15: bit 0 says that
+/// what is in both bodies belongs to the result, bit 1 what is in the first alone, bit 2 what is in the second alone, bit 3
+/// what is in neither. So 1 is the intersection, 2 and 4 are the differences, 6 the symmetric difference, 7 the union, 12
+/// the complement of the first. Of more than two bodies there are 0, 1 (what is in all), 2 (in the first alone), 6 (in an odd
+/// number of them), 7 (in any), and 8, 9, 13, 14, 15, the complements of these; of one 0, 3, 12 and 15.
+///
+/// Grids must have the same step, or steps that are multiples of the least; coordinates stay as they are but for new vertices,
+/// which stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
+/// are those of the bodies on which the operation depends, one after the other. Memory: about 100 bytes for each face in cells near
+/// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; of models with corners beside the grid the latter are all.
+///
+/// ```
+/// use spinney::brep::{ExactModel, combine};
+/// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+/// use spinney::io::Output;
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = |name: &str| folder.path().join(name);
+/// # let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// # std::fs::write(path("a.off"), text).unwrap();
+/// # import_exact(open_all(&[path("a.off")], 64 << 20)?, &ExactOptions::new(), Output::create(&path("a.goblin"))?, &())?;
+/// let a = ExactModel::open(&path("a.goblin"), &Default::default())?;
+/// let report = combine(2, &[&a, &a], Output::create(&path("nothing.goblin"))?, 64 << 20, &())?;
+/// assert_eq!((report.after, report.is_unbounded), (0, false));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If there is no such operation of so many bodies, if grids, coordinate systems or units do not fit together, if the memory is not
+/// enough, if a model is no body, if files cannot be read or written, or on interruption. There is no file then.
+pub fn combine(
+    operation: u8,
+    models: &[&ExactModel],
+    output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<CombineReport> {
+    // (Of more, numbers of faces in memory would have more than 32 bits.)
+    let memory = memory.min(1 << 38);
+    let table = OperationTable::new(operation, models.len())?;
+    let before = models.iter().map(|model| model.len()).collect();
+    let placed = Placed::of(models)?;
+    let grid = placed.grid.clone();
+    let path = models[0].path();
+    let (those, table) = table.on_those_that_matter();
+    let (placed, models) =
+        (placed.of_those(&those), those.iter().map(|number| models[*number]).collect::<Vec<_>>());
+    let mut bodies = Bodies::new(&models, &placed, table, progress)?;
+    if !bodies.are_all_near {
+        bodies.settle_components(memory / 2, progress)?;
+    }
+    let (faces, ends) = bodies.near(memory / 2, progress)?;
+    let far: Vec<i32> = models.iter().map(|model| model.far_winding()).collect();
+    let operands = Operands {
+        ends: &ends,
+        far: &far,
+        are_bodies: true,
+        changed: &[],
+        winding: &|number, sample| {
+            (!bodies.are_all_near).then(|| winding(models[number], number, &placed, sample))
+        },
+        is_inside: &|windings| table.is_inside(windings),
+    };
+    let is_unbounded = table.is_inside(&far);
+    let (exact, done) = divide(&faces, &operands, path, memory / 2, progress)?;
+    let mut is_whole = bodies.are_all_near;
+    let mut seams = if is_whole { Seams::default() } else { Seams::between(&faces.list, &ends) };
+    drop(faces);
+    let Rounds { pairs, divided, .. } = done;
+    let mut rounded = round(exact)?;
+    let is_thin = rounded.crossings(path, memory / 2, progress)? > 0;
+    if let (true, false, Some(rest)) = (is_thin, is_whole, bodies.all_settled(memory / 4, progress)?) {
+        rounded.append(&rest);
+        seams = Seams::default();
+        is_whole = true;
+    }
+    seams.add_all(&rounded.faces);
+    if is_whole {
+        let is_coloured = rounded.faces.is_coloured();
+        std::mem::take(&mut seams).close(is_coloured, &mut |face| {
+            rounded.push(face);
+            Ok(())
+        })?;
+    }
+    if is_thin && is_whole {
+        let mut rounds = 0;
+        let whole = rounded.clone();
+        let (mended, is_done) =
+            whole.mended(is_unbounded, MOST_ROUNDS, path, memory / 2, progress, &mut rounds)?;
+        // (Otherwise the surface stays as it is, and it is told where it passes through itself.)
+        if is_done {
+            rounded = mended;
+        }
+    }
+    let Rounded { faces, stands_in, exact, displacement, .. } = rounded;
+    let displacement = displacement * grid.width();
+    let is_on_grid = exact.is_empty();
+    let mut builder = ModelBuilder::new(output, grid.clone(), memory / 2)?
+        .boolean_faces(BOOLEAN_FACES)
+        .unbounded(is_unbounded);
+    let mut settled = 0u64;
+    if !is_whole {
+        bodies.settled(progress, &mut |face| {
+            settled += 1;
+            seams.add_watched(face);
+            builder.push(face)
+        })?;
+    }
+    faces.each(&mut |face| builder.push(face))?;
+    // (The builder has refused numbers of more bits.)
+    let numbers = (settled..).map(|number| number as u32);
+    let mut stand_ins: Vec<u32> =
+        numbers.zip(stands_in).filter_map(|(number, stands_in)| stands_in.then_some(number)).collect();
+    let mut after = settled + faces.len();
+    seams.close(faces.is_coloured(), &mut |face| {
+        stand_ins.push(after as u32);
+        after += 1;
+        builder.push(face)
+    })?;
+    drop(faces);
+    let builder = builder.exact(ExactPart { faces: exact, stand_ins });
+    let mut metadata = metadata(operation, &models, &grid);
+    metadata.tags.insert("model.displacement".into(), displacement.to_string());
+    let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
+        if built.defect_count > 0 {
+            metadata.tags.insert(THIN.into(), built.defect_count.to_string());
+        }
+    })?;
+    if built.defect_count > 0 && is_on_grid {
+        return Err(built.error(
+            path,
+            "the result passes through itself, and so at least one of the models does",
+            "check them with verify, and build them again",
+        ));
+    }
+    Ok(CombineReport { before, after, pairs, divided, displacement, grid, is_unbounded, built })
+}
+
+/// The tag that counts the places where a surface passes through itself when its vertices are moved to the grid.
+const THIN: &str = "model.thin_places";
+
+/// Times that faces are divided anew to mend what moving vertices to the grid did.
+const MOST_ROUNDS: u32 = 4;
+
+/// Names, attributes, unit and place of the result.
+fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
+    let crs = models.iter().find_map(|model| model.crs().cloned());
+    let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
+    let names = models.iter().flat_map(|model| model.parts());
+    metadata.class_names = (0..).zip(names.clone().cloned()).collect();
+    metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();
+    let paths: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
+    metadata.provenance.push(format!("operation {operation} of {}", paths.join(" ")));
+    let unit = models.iter().find_map(|model| model.metadata().tags.get("unit"));
+    metadata.tags.extend(unit.map(|unit| ("unit".to_string(), unit.clone())));
+    let mut attributes = Attributes::beside(names.map(|name| name.len() + 10).sum());
+    let mut parts = 0;
+    for model in models {
+        attributes.append(&model.attributes(), parts, model.parts().len() as u32);
+        parts += model.parts().len() as u32;
+    }
+    if attributes.lost() > 0 {
+        metadata.tags.insert("model.lost_attributes".into(), attributes.lost().to_string());
+    }
+    if !attributes.is_empty() {
+        metadata.scoped_tags.insert(TagScope { channel: None, domain: DOMAIN.into() }, attributes.to_tags());
+    }
+    metadata
+}

@@ -1,0 +1,166 @@
+//! Models on one grid.
+
+use crate::arrangement::{Corner, ExactFace};
+use crate::{ExactModel, Faces, Grid, MOST_BITS, ModelNode};
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// Models on one grid.
+pub(super) struct Placed {
+    pub(super) grid: Grid,
+    grids: Vec<Grid>,
+    /// Of each model: steps of the grid in one of its own, and what is added then.
+    shifts: Vec<(i64, [i64; 3])>,
+}
+
+impl Placed {
+    /// Finds the grid that holds all models: that of the first, if it does.
+    pub(super) fn of(models: &[&ExactModel]) -> Result<Placed> {
+        check_systems(models)?;
+        let grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
+        let finest =
+            grids.iter().copied().reduce(|best, grid| if grid.width() < best.width() { grid } else { best });
+        let finest = finest.expect("operations have one body or more");
+        let mut least = [i64::MAX; 3];
+        let mut most = [i64::MIN; 3];
+        let mut shifts = Vec::new();
+        for model in models {
+            let grid = model.grid();
+            let times = grid.steps_of(finest).ok_or_else(|| {
+                let found = format!("{}: steps of {}", model.path().display(), grid.width());
+                let expected = format!(
+                    "multiples of {}, as the others have: build the models on one grid, for example with --grid {}",
+                    finest.width(),
+                    grids.iter().map(|grid| grid.width()).fold(0.0, f64::max)
+                );
+                Error::invalid("grid", found, expected)
+            })?;
+            let origin = grid.origin.map(|at| i128::from(at) * i128::from(times));
+            if origin.iter().any(|at| at.unsigned_abs() > 1 << 62) {
+                return Err(too_far(&grids));
+            }
+            let origin = origin.map(|at| at as i64);
+            shifts.push((times, origin));
+            for corner in bounds(model)?.into_iter().flatten() {
+                for axis in 0..3 {
+                    let at = origin[axis] + times * i64::from(corner[axis]);
+                    least[axis] = least[axis].min(at);
+                    most[axis] = most[axis].max(at);
+                }
+            }
+        }
+        if least[0] > most[0] {
+            // No model has a face.
+            (least, most) = (shifts[0].1, shifts[0].1);
+        }
+        // The first model's own grid, if there is room for all.
+        let first = shifts[0].1;
+        let side = 1i64 << models[0].grid().bits;
+        let is_own = shifts[0].0 == 1
+            && (0..3).all(|axis| least[axis] >= first[axis] && most[axis] - first[axis] < side);
+        let (origin, bits) = match is_own {
+            true => (first, models[0].grid().bits),
+            false => {
+                let extent = (0..3).map(|axis| most[axis].abs_diff(least[axis])).max().unwrap_or(0);
+                (least, (64 - extent.leading_zeros() as u8).max(1))
+            }
+        };
+        if bits > MOST_BITS || origin.iter().any(|at| at.unsigned_abs() > 1 << 53) {
+            return Err(too_far(&grids));
+        }
+        let grid = Grid { bits, origin, step: finest.step, divisor: finest.divisor };
+        for (_, shift) in &mut shifts {
+            (0..3).for_each(|axis| shift[axis] -= origin[axis]);
+        }
+        Ok(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts })
+    }
+
+    /// Some of the models, on the same grid.
+    pub(super) fn of_those(&self, those: &[usize]) -> Placed {
+        Placed {
+            grid: self.grid.clone(),
+            grids: those.iter().map(|number| self.grids[*number].clone()).collect(),
+            shifts: those.iter().map(|number| self.shifts[*number]).collect(),
+        }
+    }
+
+    /// A point of a model on the common grid.
+    pub(super) fn point(&self, model: usize, point: [i32; 3]) -> [i32; 3] {
+        let (times, shift) = self.shifts[model];
+        [0, 1, 2].map(|axis| (times * i64::from(point[axis]) + shift[axis]) as i32)
+    }
+
+    /// The cell of a model's node in half steps of the common grid.
+    pub(super) fn half_units(&self, model: usize, node: &ModelNode<'_>) -> [[i64; 3]; 2] {
+        let (times, shift) = self.shifts[model];
+        let bounds = node.bounds(&self.grids[model]);
+        bounds.map(|corner| [0, 1, 2].map(|axis| times * corner[axis] + 2 * shift[axis]))
+    }
+
+    /// A face with corners beside a model's grid on the common one.
+    pub(super) fn exact(&self, model: usize, face: ExactFace) -> ExactFace {
+        let (times, shift) = self.shifts[model];
+        let corner = |corner: Corner| Corner {
+            point: corner.point.placed(times, shift),
+            line: corner.line.placed(times, shift),
+        };
+        ExactFace {
+            plane: face.plane.placed(times, shift),
+            corners: face.corners.into_iter().map(corner).collect(),
+            ..face
+        }
+    }
+}
+
+/// Least and greatest coordinates of a model on its grid: what is thinner than a step may be nowhere in the octree.
+fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
+    let mut found = model.grid_bounds()?;
+    if model.exact_bytes() > 0 {
+        for corner in model.exact_part()?.faces.iter().flat_map(|face| &face.corners) {
+            let at = corner.point.rounded();
+            let [low, high] = found.get_or_insert([at; 2]);
+            for axis in 0..3 {
+                low[axis] = low[axis].min(at[axis]);
+                high[axis] = high[axis].max(at[axis]);
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// Fails if models tell different coordinate systems or units of length.
+fn check_systems(models: &[&ExactModel]) -> Result<()> {
+    let names: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
+    let mut known: Option<(&str, &Crs)> = None;
+    let mut unit: Option<(&str, &str)> = None;
+    for (model, name) in models.iter().zip(&names) {
+        if let (Some((first, crs)), Some(other)) = (known, model.crs()) {
+            Crs::check_same((first, Some(crs)), (name, Some(other)))?;
+        }
+        known = known.or(model.crs().map(|crs| (name.as_str(), crs)));
+        let own = model.metadata().tags.get("unit");
+        if let (Some((first, unit)), Some(own)) =
+            (unit, own.filter(|own| unit.is_some_and(|(_, unit)| unit != *own)))
+        {
+            let found = format!("{name}: {own}");
+            return Err(Error::invalid("unit", found, format!("{unit}, as {first} has")));
+        }
+        unit = unit.or(own.map(|unit| (name.as_str(), unit.as_str())));
+    }
+    Ok(())
+}
+
+/// The error of models that no grid of so many points holds.
+fn too_far(grids: &[&Grid]) -> Error {
+    let widths: Vec<String> = grids.iter().map(|grid| grid.width().to_string()).collect();
+    let side = grids.iter().map(|grid| (1u64 << grid.bits) as f64 * grid.width()).fold(0.0, f64::max);
+    // Room for several of the largest side by side.
+    let wider = (side / (1u64 << 24) as f64).log2().ceil().exp2();
+    Error::invalid(
+        "grid",
+        format!("steps of {} over models that are far apart", widths.join(", ")),
+        format!(
+            "at most 2^26 steps from end to end: build the models on a coarser grid, for example with --grid {wider}"
+        ),
+    )
+}

@@ -1,0 +1,227 @@
+//! Seams: edges of a surface that have no counterpart, closed by faces that have no area, or next to none.
+//!
+//! Where a vertex of one face lies on an edge of another, a surface is closed as a set of points, but not edge by edge: models
+//! have faces without an area there. Such faces are on no side of anything, so that no operation can tell what becomes of them;
+//! they are left out, and put wherever the result needs them.
+
+use std::collections::{BTreeMap, HashMap};
+
+use crate::planar::PlanarFaces;
+use crate::{Face, FaceList, Faces};
+use spinney_base::Result;
+
+/// An edge; of an undirected one the lesser end comes first.
+type Edge = [[i32; 3]; 2];
+
+/// Count of an undirected edge, and a face that has it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seam {
+    /// How many times more it is there in its direction than the other way.
+    surplus: i32,
+    /// Of a face that has it.
+    part: u32,
+    source: u64,
+    /// Whether it is looked at where all its faces cancel, too.
+    is_watched: bool,
+}
+
+/// Edges of a surface that have no counterpart so far, and others that are looked at.
+#[derive(Debug, Default)]
+pub(super) struct Seams(HashMap<Edge, Seam>);
+
+impl Seams {
+    /// Watches the edges at which these faces of several closed surfaces, each up to its end in the list, meet others of these
+    /// surfaces.
+    pub(super) fn between(faces: &FaceList, ends: &[u32]) -> Seams {
+        let mut watched = HashMap::new();
+        let mut start = 0;
+        for &end in ends {
+            let mut open = Seams::default();
+            (start..end).for_each(|number| open.add(&faces.get(number as usize)));
+            let open = open.0.into_iter();
+            watched.extend(open.map(|(edge, seam)| (edge, Seam { surplus: 0, is_watched: true, ..seam })));
+            start = end;
+        }
+        Seams(watched)
+    }
+
+    /// Counts the edges of all faces of a list.
+    pub(super) fn add_all(&mut self, faces: &FaceList) {
+        (0..faces.len() as usize).for_each(|number| self.add(&faces.get(number)));
+    }
+
+    /// Counts the edges of a face.
+    pub(super) fn add(&mut self, face: &Face<'_>) {
+        for [from, to] in edges(face) {
+            let (edge, way) = undirected([from, to]);
+            let new = Seam { part: face.part, source: face.source, ..Seam::default() };
+            let seam = self.0.entry(edge).or_insert(new);
+            seam.surplus += way;
+            if seam.surplus == 0 && !seam.is_watched {
+                self.0.remove(&edge);
+            }
+        }
+    }
+
+    /// Counts those edges of a face that are open or watched.
+    pub(super) fn add_watched(&mut self, face: &Face<'_>) {
+        if self.0.is_empty() {
+            return;
+        }
+        for ends in edges(face) {
+            let (edge, way) = undirected(ends);
+            if let Some(seam) = self.0.get_mut(&edge) {
+                seam.surplus += way;
+            }
+        }
+    }
+
+    /// Hands out faces that have what all edges lack. Faces wider than a step of the grid are none of them: what lacks these is
+    /// no closed surface.
+    pub(super) fn close(
+        self,
+        is_coloured: bool,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        // The ways that are to be gone, by their beginnings.
+        let mut ways: BTreeMap<[i32; 3], Vec<([i32; 3], Seam)>> = BTreeMap::new();
+        for (edge, seam) in self.0 {
+            let [from, to] = if seam.surplus > 0 { [edge[1], edge[0]] } else { edge };
+            let copies = seam.surplus.unsigned_abs() as usize;
+            ways.entry(from).or_default().extend(std::iter::repeat_n((to, seam), copies));
+        }
+        ways.values_mut().for_each(|ways| ways.sort_unstable_by_key(|(to, _)| std::cmp::Reverse(*to)));
+        let mut planar = PlanarFaces::new();
+        planar.is_coloured = is_coloured;
+        let mut path: Vec<([i32; 3], Seam)> = Vec::new();
+        let mut places: HashMap<[i32; 3], usize> = HashMap::new();
+        while let Some(first) = ways.first_entry() {
+            let mut at = *first.key();
+            if first.get().is_empty() {
+                first.remove();
+                continue;
+            }
+            path.clear();
+            places.clear();
+            // As many ways lead to a point as from it; where one is reached again, a ring is complete.
+            while let Some((to, seam)) = ways.get_mut(&at).and_then(Vec::pop) {
+                places.insert(at, path.len());
+                path.push((at, seam));
+                at = to;
+                if let Some(start) = places.get(&to).copied() {
+                    let ring: Vec<[i32; 3]> = path[start..].iter().map(|(from, _)| *from).collect();
+                    let Seam { part, source, .. } = path[start].1;
+                    path.truncate(start);
+                    ring.iter().for_each(|from| {
+                        places.remove(from);
+                    });
+                    if is_thin(&ring) {
+                        let colours = vec![[255; 3]; if is_coloured { ring.len() } else { 0 }];
+                        let ring_ends = [ring.len()];
+                        let face = Face {
+                            number: 0,
+                            points: &ring,
+                            ring_ends: &ring_ends,
+                            colours: &colours,
+                            part,
+                            source,
+                        };
+                        planar.face(&face, each)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn edges<'a>(face: &Face<'a>) -> impl Iterator<Item = Edge> + use<'a> {
+    let of_ring = |ring: &'a [[i32; 3]]| (0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]);
+    face.rings().flat_map(of_ring).filter(|[from, to]| from != to)
+}
+
+/// An edge's lesser end and the other, and whether that is its direction: 1 or -1.
+fn undirected([from, to]: Edge) -> (Edge, i32) {
+    if from < to { ([from, to], 1) } else { ([to, from], -1) }
+}
+
+/// Whether all corners of a ring lie within a step of the line through its two ends, which are as far apart as any.
+fn is_thin(ring: &[[i32; 3]]) -> bool {
+    let minus = |a: [i32; 3], b: [i32; 3]| [0, 1, 2].map(|axis| i128::from(a[axis]) - i128::from(b[axis]));
+    let dot = |a: [i128; 3], b: [i128; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let furthest = |from: [i32; 3]| {
+        let distance = |at: &&[i32; 3]| {
+            let way = minus(**at, from);
+            dot(way, way)
+        };
+        ring.iter().max_by_key(distance).copied().unwrap_or(from)
+    };
+    // (Of a thin ring, what is furthest from any point is an end.)
+    let from = furthest(ring[0]);
+    let along = minus(furthest(from), from);
+    let length = dot(along, along);
+    ring.iter().all(|at| {
+        let there = minus(*at, from);
+        let place = dot(there, along);
+        // The square of the distance from the line times that of its length.
+        dot(there, there) * length - place * place <= length
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Grid;
+
+    fn face(points: &[[i32; 3]]) -> Face<'_> {
+        Face { number: 0, points, ring_ends: &[3], colours: &[], part: 3, source: 7 }
+    }
+
+    fn closed(seams: Seams) -> Vec<Vec<[i32; 3]>> {
+        let mut found = Vec::new();
+        seams
+            .close(false, &mut |face| {
+                assert_eq!((face.part, face.source), (3, 7));
+                found.push(face.points.to_vec());
+                Ok(())
+            })
+            .unwrap();
+        found
+    }
+
+    /// A tetrahedron, of which one face is cut at a vertex on the edge of another.
+    #[test]
+    fn vertices_on_edges_are_closed() {
+        let [a, b, c, d, on] = [[0, 0, 0], [8, 0, 0], [0, 8, 0], [0, 0, 8], [3, 0, 0]];
+        let whole = [[a, c, b], [a, b, d], [a, d, c], [b, c, d]];
+        let mut seams = Seams::default();
+        whole.iter().for_each(|points| seams.add(&face(points)));
+        assert!(closed(seams).is_empty());
+        let cut = [[a, c, b], [a, on, d], [on, b, d], [a, d, c], [b, c, d]];
+        let mut seams = Seams::default();
+        cut.iter().for_each(|points| seams.add(&face(points)));
+        let found = closed(seams);
+        assert_eq!(found, [[a, b, on]]);
+        // The same where three of the faces are far: what is left out is among those that they were near to.
+        let grid = Grid { bits: 4, origin: [0; 3], step: 1.0, divisor: 1.0 };
+        let mut list = FaceList::new(grid, Vec::new());
+        [cut[1], cut[2], [a, b, on]].iter().for_each(|points| list.push(&face(points)));
+        let mut seams = Seams::between(&list, &[3]);
+        cut[1..3].iter().for_each(|points| seams.add(&face(points)));
+        for points in [cut[0], cut[3], cut[4]] {
+            seams.add_watched(&face(&points));
+        }
+        assert_eq!(closed(seams), [[a, b, on]]);
+    }
+
+    #[test]
+    fn holes_stay_open() {
+        let [a, b, c, d] = [[0, 0, 0], [8, 0, 0], [0, 8, 0], [0, 0, 8]];
+        let mut seams = Seams::default();
+        for points in [[a, c, b], [a, b, d], [a, d, c]] {
+            seams.add(&face(&points));
+        }
+        assert!(closed(seams).is_empty());
+        assert!(is_thin(&[a, b, [4, 1, 0]]) && !is_thin(&[a, b, [4, 1, 1]]));
+    }
+}

@@ -1,0 +1,90 @@
+//! Winding numbers of points with rational coordinates, by the octree: along a line to the first cell that no face cuts.
+
+use std::collections::HashSet;
+use std::ops::ControlFlow;
+
+use super::placed::Placed;
+use crate::arrangement::{ExactPlane, Sample};
+use crate::geometry::crossing::ring_normal;
+use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
+use spinney_base::Result;
+
+/// The winding number of a model's surface around a sample that lies on none of its faces. (The model has no corners beside its
+/// grid, which might lie in cells that no face cuts.)
+pub(super) fn winding(
+    model: &ExactModel,
+    number: usize,
+    placed: &Placed,
+    sample: &Sample<'_>,
+) -> Result<i32> {
+    let mut line = LineWalk { model, number, placed, sample, faces: Vec::new() };
+    let root = model.root()?;
+    // Where a cell begins that is all inside or all outside, and on which side it is.
+    let (end, mut winding) = match line.node(&root)? {
+        ControlFlow::Break((at, side)) => (Some(at), side),
+        ControlFlow::Continue(()) => (None, model.far_winding()),
+    };
+    let mut buffer = FaceBuffer::default();
+    let mut points = Vec::new();
+    let mut known = HashSet::new();
+    for face in line.faces {
+        if !known.insert(face) {
+            continue;
+        }
+        model.face(face, &mut buffer)?;
+        points.clear();
+        points.extend(buffer.points.iter().map(|point| placed.point(number, *point)));
+        let normal = ring_normal(&points[..buffer.ring_ends[0]]);
+        let up = normal[sample.axis].signum() as i32;
+        if up == 0 || !sample.meets(&points, &buffer.ring_ends) {
+            continue;
+        }
+        let plane = ExactPlane::through(points[0], normal);
+        let is_above = sample.side(&plane) * up < 0;
+        // (What is met where the cell begins does not go on into it.)
+        let is_before = end.is_none_or(|end| sample.height_at(&plane, end) * up >= 0);
+        if is_above && is_before {
+            winding += up;
+        }
+    }
+    Ok(winding)
+}
+
+struct LineWalk<'a> {
+    model: &'a ExactModel,
+    number: usize,
+    placed: &'a Placed,
+    sample: &'a Sample<'a>,
+    /// Faces of the cells that the line goes through, some of them several times.
+    faces: Vec<u64>,
+}
+
+impl<'a> LineWalk<'a> {
+    /// Follows the line through a cell, if it gets there: stops at a part that no face cuts, with the place where that begins.
+    fn node(&mut self, node: &ModelNode<'a>) -> Result<ControlFlow<(i64, i32)>> {
+        let [low, high] = self.placed.half_units(self.number, node);
+        let Sample { axis, near, .. } = *self.sample;
+        // (A cell that ends where the point is may be passed over: others follow.)
+        if (high[axis] as f64) / 2.0 < near[axis] + 1e-6 || !self.sample.is_between(&low, &high) {
+            return Ok(ControlFlow::Continue(()));
+        }
+        match node.state() {
+            ModelNodeState::Void => return Ok(ControlFlow::Break((low[axis], 0))),
+            ModelNodeState::Full => return Ok(ControlFlow::Break((low[axis], 1))),
+            ModelNodeState::Leaf { .. } => self.faces.extend(node.faces()),
+            ModelNodeState::Inner => {
+                // Those that lie first along the axis, first.
+                let mut children: Vec<usize> = (0..8).collect();
+                children.sort_by_key(|child| child >> axis & 1);
+                for child in children {
+                    let child = self.model.child(node, child)?;
+                    let found = self.node(&child)?;
+                    if found.is_break() {
+                        return Ok(found);
+                    }
+                }
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+}

@@ -1,0 +1,22 @@
+//! Polygons with holes on an integer grid: against octants, into triangles, and as
+//! single rings. Exact, in integers.
+
+mod box3;
+mod bridges;
+pub mod clipped;
+pub mod crossing;
+mod ears;
+mod intersection;
+mod plane;
+mod polygon;
+pub mod rank;
+mod status;
+mod sweep;
+pub mod triangle;
+mod triangulate;
+
+pub use box3::Box3;
+pub use bridges::{join_rings, split_bridges};
+pub use intersection::{Intersection, Stage, Stages};
+pub use polygon::{Flaw, GridPolygon};
+pub use triangulate::Triangulator;

@@ -1,0 +1,29 @@
+//! Exact models: boundary representations on an integer grid, kept as they are and not as cells.
+
+pub mod arrangement;
+pub mod attributes;
+mod boxes;
+mod build;
+mod combine;
+mod face;
+pub mod geometry;
+mod grid;
+mod hash;
+mod piece;
+pub mod planar;
+pub mod query;
+mod store;
+pub mod surface_intersection;
+pub mod topology;
+mod triangulated;
+
+pub use attributes::Attributes;
+pub use build::show_place;
+pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
+pub use combine::{CombineReport, combine};
+pub use face::{Face, FaceList, Faces};
+pub use grid::{Grid, MOST_BITS};
+pub use store::{
+    ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,
+};
+pub use triangulated::Triangulated;

@@ -1,0 +1,231 @@
+//! Faces whose corners are on the grid, but may not lie in one plane, or fall together: as planar faces.
+
+use super::Face;
+use crate::geometry::crossing::ring_normal;
+use crate::geometry::{Triangulator, split_bridges};
+use spinney_base::Result;
+
+/// Counts of what was done to the faces so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlanarCounts {
+    /// Faces that were handed out.
+    pub faces: u64,
+    /// Faces that were left out: points, or lines whose edges cancel.
+    pub collapsed: u64,
+    /// Faces without an area that keep their neighbours together.
+    pub slivers: u64,
+    /// Faces that were cut into triangles, since their corners do not lie in one plane.
+    pub cut: u64,
+    /// Faces that were cut into fans of triangles, since their rings cross.
+    pub fanned: u64,
+}
+
+/// Makes faces planar; keeps its buffers from face to face.
+pub struct PlanarFaces {
+    pub is_coloured: bool,
+    pub counts: PlanarCounts,
+    points: Vec<[i32; 3]>,
+    colours: Vec<[u8; 3]>,
+    ring_ends: Vec<usize>,
+    wide: Vec<[i64; 3]>,
+    triangulator: Triangulator,
+}
+
+impl PlanarFaces {
+    pub fn new() -> PlanarFaces {
+        PlanarFaces {
+            is_coloured: false,
+            counts: PlanarCounts::default(),
+            points: Vec::new(),
+            colours: Vec::new(),
+            ring_ends: Vec::new(),
+            wide: Vec::new(),
+            triangulator: Triangulator::new(),
+        }
+    }
+
+    /// Begins a face without corners.
+    pub fn begin(&mut self) {
+        self.points.clear();
+        self.colours.clear();
+        self.ring_ends.clear();
+    }
+
+    /// Hands out what becomes of a face: itself, some triangles, or nothing.
+    pub fn face(&mut self, face: &Face<'_>, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        self.begin();
+        let mut start = 0;
+        for &end in face.ring_ends {
+            let ring_start = self.len();
+            for corner in start..end {
+                self.add_corner(ring_start, face.points[corner], face.colours.get(corner));
+            }
+            start = end;
+            if !self.end_ring(ring_start) {
+                break;
+            }
+        }
+        self.finish(face.part, face.source, each)
+    }
+
+    /// Corners so far.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Hands out what becomes of the face that was begun.
+    pub fn finish(
+        &mut self,
+        part: u32,
+        source: u64,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        if self.ring_ends.is_empty() {
+            self.counts.collapsed += 1;
+            return Ok(());
+        }
+        let normal = ring_normal(&self.points[..self.ring_ends[0]]);
+        if normal == [0; 3] {
+            if self.edges_cancel() {
+                self.counts.collapsed += 1;
+                return Ok(());
+            }
+            self.counts.slivers += 1;
+            return self.hand_out(part, source, each);
+        }
+        if self.points.len() == 3 {
+            return self.hand_out(part, source, each);
+        }
+        self.wide.clear();
+        self.wide.extend(self.points.iter().map(|point| point.map(i64::from)));
+        if self.ring_ends.len() == 1 {
+            self.split_bridges();
+        }
+        self.turn_holes(normal);
+        self.wide.clear();
+        self.wide.extend(self.points.iter().map(|point| point.map(i64::from)));
+        let first = self.points[0];
+        let is_planar = self.points.iter().all(|point| {
+            let along = |axis: usize| i128::from(normal[axis]) * i128::from(point[axis] - first[axis]);
+            along(0) + along(1) + along(2) == 0
+        });
+        let mut triangles = Vec::new();
+        if self.triangulator.triangulate(&self.wide, &self.ring_ends, &mut triangles) {
+            if is_planar {
+                return self.hand_out(part, source, each);
+            }
+            self.counts.cut += 1;
+        } else {
+            // Fans have the face's boundary, so that what is closed stays so.
+            self.counts.fanned += 1;
+            let mut start = 0;
+            for end in self.ring_ends.iter().map(|end| *end as u32) {
+                triangles.extend((start + 2..end).map(|corner| [start, corner - 1, corner]));
+                start = end;
+            }
+        }
+        for triangle in triangles {
+            let points = triangle.map(|corner| self.points[corner as usize]);
+            let [a, b, c] = points;
+            if a == b || b == c || c == a {
+                continue;
+            }
+            self.counts.slivers += u64::from(ring_normal(&points) == [0; 3]);
+            let colours = match self.colours.is_empty() {
+                true => Vec::new(),
+                false => triangle.map(|corner| self.colours[corner as usize]).to_vec(),
+            };
+            let number = self.counts.faces;
+            self.counts.faces += 1;
+            each(&Face { number, points: &points, ring_ends: &[3], colours: &colours, part, source })?;
+        }
+        Ok(())
+    }
+
+    fn hand_out(
+        &mut self,
+        part: u32,
+        source: u64,
+        each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+    ) -> Result<()> {
+        let number = self.counts.faces;
+        self.counts.faces += 1;
+        let PlanarFaces { points, ring_ends, colours, .. } = self;
+        each(&Face { number, points, ring_ends, colours, part, source })
+    }
+
+    /// Adds a corner to the ring that began at a place, unless it is where the one before is.
+    pub fn add_corner(&mut self, ring_start: usize, point: [i32; 3], colour: Option<&[u8; 3]>) {
+        if self.points.len() > ring_start && self.points.last() == Some(&point) {
+            return;
+        }
+        self.points.push(point);
+        if self.is_coloured {
+            self.colours.push(colour.copied().unwrap_or([255; 3]));
+        }
+    }
+
+    /// Ends the ring that began at a place, and leaves it out if it has fewer than three corners; says whether there is an
+    /// outer ring now.
+    pub fn end_ring(&mut self, start: usize) -> bool {
+        while self.points.len() > start + 1 && self.points.last() == Some(&self.points[start]) {
+            self.points.pop();
+        }
+        if self.points.len() < start + 3 {
+            self.points.truncate(start);
+        } else {
+            self.ring_ends.push(self.points.len());
+        }
+        self.colours.truncate(self.points.len());
+        !self.ring_ends.is_empty()
+    }
+
+    /// Whether every edge is there in both directions: the face is a line, and nothing is lost without it.
+    fn edges_cancel(&self) -> bool {
+        let mut edges = Vec::with_capacity(self.points.len());
+        let mut start = 0;
+        for &end in &self.ring_ends {
+            let ring = &self.points[start..end];
+            edges.extend((0..ring.len()).map(|i| (ring[i], ring[(i + 1) % ring.len()])));
+            start = end;
+        }
+        let mut turned: Vec<_> = edges.iter().map(|&(from, to)| (to, from)).collect();
+        edges.sort_unstable();
+        turned.sort_unstable();
+        edges == turned
+    }
+
+    /// Takes bridges out of a ring, with which formats that know no holes join them to it.
+    fn split_bridges(&mut self) {
+        let rings = split_bridges(&self.wide);
+        if rings.len() < 2 {
+            return;
+        }
+        let order = rings.concat();
+        self.points = order.iter().map(|corner| self.points[*corner as usize]).collect();
+        if !self.colours.is_empty() {
+            self.colours = order.iter().map(|corner| self.colours[*corner as usize]).collect();
+        }
+        self.ring_ends.clear();
+        let mut end = 0;
+        for ring in &rings {
+            end += ring.len();
+            self.ring_ends.push(end);
+        }
+    }
+
+    /// Makes holes turn the other way than the outer ring.
+    fn turn_holes(&mut self, normal: [i64; 3]) {
+        for ring in 1..self.ring_ends.len() {
+            let (start, end) = (self.ring_ends[ring - 1], self.ring_ends[ring]);
+            let hole = ring_normal(&self.points[start..end]);
+            let along: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(hole[axis])).sum();
+            if along > 0 {
+                self.points[start..end].reverse();
+                if !self.colours.is_empty() {
+                    self.colours[start..end].reverse();
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! The box around a model's surface, found by the octree.
+
+use super::visited::{Recent, half_of};
+use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
+use spinney_base::Result;
+
+impl ExactModel {
+    /// Least and greatest coordinates of the surface in the world, exact. Reads what may lie farther out than what was
+    /// found before, and not all faces.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read.
+    pub fn bounds(&self) -> Result<[[f64; 3]; 2]> {
+        // (A damaged file may have no face in its tree.)
+        Ok(self.grid_bounds()?.unwrap_or([[0; 3]; 2]).map(|corner| self.grid().to_world(corner)))
+    }
+
+    /// Least and greatest coordinates of the surface on the grid; `None` without faces.
+    pub(crate) fn grid_bounds(&self) -> Result<Option<[[i32; 3]; 2]>> {
+        let nothing = [[i32::MAX; 3], [i32::MIN; 3]];
+        let mut walk =
+            Walk { model: self, found: nothing, recent: Recent::new(), buffer: FaceBuffer::default() };
+        walk.node(&self.root()?)?;
+        Ok((walk.found != nothing).then_some(walk.found))
+    }
+}
+
+struct Walk<'a> {
+    model: &'a ExactModel,
+    found: [[i32; 3]; 2],
+    recent: Recent,
+    buffer: FaceBuffer,
+}
+
+impl Walk<'_> {
+    fn node(&mut self, node: &ModelNode<'_>) -> Result<()> {
+        if node.state() == ModelNodeState::Inner {
+            let bounds = node.bounds(self.model.grid());
+            for child in 0..8 {
+                // (Before the child is looked up, which takes longer.)
+                if self.is_wanted(half_of(&bounds, child)) {
+                    self.node(&self.model.child(node, child)?)?;
+                }
+            }
+        }
+        for number in node.faces() {
+            if self.recent.is_known(number) {
+                continue;
+            }
+            self.model.face(number, &mut self.buffer)?;
+            for point in self.buffer.face().points {
+                let [low, high] = &mut self.found;
+                for (axis, at) in point.iter().enumerate() {
+                    low[axis] = low[axis].min(*at);
+                    high[axis] = high[axis].max(*at);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a cell goes beyond what was found.
+    fn is_wanted(&self, [low, high]: [[i64; 3]; 2]) -> bool {
+        let [min, max] = self.found.map(|corner| corner.map(|at| 2 * i64::from(at)));
+        // Walls lie half a unit outside of a cell's points.
+        (0..3).any(|axis| low[axis] + 1 < min[axis] || max[axis] < high[axis] - 1)
+    }
+}

@@ -1,0 +1,351 @@
+//! Lines against faces: whether they meet is decided in whole numbers, and for all faces together.
+//!
+//! A line's ends are rounded to a grid finer than the model's, and taken exactly from there on. Lines may pass through
+//! edges and corners, along faces, and end on them; to have answers that are right for all faces together, each is
+//! thought of as moved by an infinitesimal vector, by far the most along x and by far the least along z (the
+//! simulation of simplicity of Edelsbrunner and Muecke, 1990). A tie is then decided by the first derivative that is not
+//! zero, and every line meets a closed surface as a line in general position does: it never slips through between two
+//! neighbours, and never meets both where it passes from one to the other.
+//!
+//! Seen along the line, a face is met if it winds round the point that the line is. Edges count where they cross the
+//! half-plane from the line along one axis.
+
+use super::plane::{Plane, sign_or_first};
+use crate::{Face, Grid};
+
+/// Bits of a coordinate of a line's end; whatever is calculated of it then fits 126 bits.
+const BITS: u8 = 40;
+
+/// A straight line between two points.
+#[derive(Clone, Copy, Debug)]
+pub struct Line {
+    /// The ends, in grid steps over `2^fraction`.
+    from: [i64; 3],
+    to: [i64; 3],
+    fraction: u8,
+    /// From the first end to the second one.
+    along: [i64; 3],
+    /// The other axes than that along which the half-plane goes.
+    across: [usize; 2],
+    /// Shares of the given line at which this one begins and ends.
+    shares: [f64; 2],
+}
+
+/// A crossing of a line and a face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossing {
+    /// Share of the line that lies before it: from 0 at its first end to 1 at its last one, or in lengths of the
+    /// direction of a ray. Rounded, with a relative error of less than 2^-50.
+    pub share: f64,
+    /// Whether the line comes from outside.
+    pub is_entry: bool,
+}
+
+impl Line {
+    /// The line between two points, in steps of the grid from its point 0, 0, 0; `None` if nothing of it lies near the grid,
+    /// or if it has no length.
+    ///
+    /// Only the part within one step around the grid counts. Its ends are moved by at most `2^(bits - 41)` steps
+    /// along each axis, for a grid of the most bits that is 1 / 32768 of a step, and by what doubles lose on the way from
+    /// a first end that is far away.
+    pub fn between(grid: &Grid, from: [f64; 3], to: [f64; 3]) -> Option<Line> {
+        let along = [0, 1, 2].map(|axis| to[axis] - from[axis]);
+        Line::part(grid, from, along, [0.0, 1.0])
+    }
+
+    /// The line from a point without end; as [`Line::between`].
+    pub fn ray(grid: &Grid, from: [f64; 3], direction: [f64; 3]) -> Option<Line> {
+        Line::part(grid, from, direction, [0.0, f64::INFINITY])
+    }
+
+    /// The line between the least corners of two cells, each given by its least grid point: half a step below these,
+    /// exactly. `None` if they are one.
+    pub fn between_corners(grid: &Grid, from: [i32; 3], to: [i32; 3]) -> Option<Line> {
+        let [from, to] = [from, to].map(|point| point.map(|at| 2 * i64::from(at) - 1));
+        Line::between_fine(grid, 1, from, to)
+    }
+
+    /// The line between two points in `2^-bits` grid steps, exactly.
+    pub(super) fn between_fine(grid: &Grid, bits: u8, from: [i64; 3], to: [i64; 3]) -> Option<Line> {
+        let fraction = BITS - grid.bits;
+        let [from, to] = [from, to].map(|point| point.map(|at| at << (fraction - bits)));
+        Line::new(from, to, fraction, [0.0, 1.0])
+    }
+
+    fn part(grid: &Grid, from: [f64; 3], along: [f64; 3], [mut first, mut last]: [f64; 2]) -> Option<Line> {
+        let (low, high) = (-1.0, (1u64 << grid.bits) as f64);
+        if from.iter().chain(&along).any(|number| !number.is_finite()) {
+            return None;
+        }
+        for axis in 0..3 {
+            if along[axis] == 0.0 {
+                if from[axis] < low || from[axis] > high {
+                    return None;
+                }
+                continue;
+            }
+            let [a, b] = [low, high].map(|wall| (wall - from[axis]) / along[axis]);
+            first = first.max(a.min(b));
+            last = last.min(a.max(b));
+        }
+        if first > last || !last.is_finite() {
+            return None;
+        }
+        let fraction = BITS - grid.bits;
+        let scale = (1u64 << fraction) as f64;
+        let [start, end] = [first, last].map(|share| {
+            [0, 1, 2].map(|axis| {
+                let at = (from[axis] + along[axis] * share).clamp(low, high);
+                (at * scale).round_ties_even() as i64
+            })
+        });
+        Line::new(start, end, fraction, [first, last])
+    }
+
+    fn new(from: [i64; 3], to: [i64; 3], fraction: u8, shares: [f64; 2]) -> Option<Line> {
+        let along = [0, 1, 2].map(|axis| to[axis] - from[axis]);
+        // Along the axis that it is the least along, so that the half-plane is one.
+        let axis = (0..3).min_by_key(|&axis| along[axis].abs())?;
+        let across = [(axis + 1) % 3, (axis + 2) % 3];
+        (along != [0; 3]).then_some(Line { from, to, fraction, along, across, shares })
+    }
+
+    /// The crossing with a face, if there is one.
+    pub fn crossing(&self, face: &Face<'_>) -> Option<Crossing> {
+        let plane = Plane::of(face);
+        let normal = plane.normal.map(i128::from);
+        // (A step of the line against the normal raises the plane.)
+        let raised = normal.map(|n| -n);
+        let height = |end: &[i64; 3]| -> i128 {
+            let through = self.relative(&plane.through, end);
+            (0..3).map(|axis| normal[axis] * i128::from(through[axis])).sum()
+        };
+        let (before, after) = (height(&self.from), height(&self.to));
+        let is_entry = sign_or_first(before, raised) < 0;
+        if is_entry == (sign_or_first(after, raised) < 0) {
+            return None;
+        }
+        let winding: i32 = face.rings().map(|ring| self.winding(ring)).sum();
+        if winding == 0 {
+            return None;
+        }
+        let share = before as f64 / (before - after) as f64;
+        let [first, last] = self.shares;
+        Some(Crossing { share: first + (last - first) * share, is_entry })
+    }
+
+    /// A grid point as seen from an end.
+    #[inline]
+    fn relative(&self, point: &[i32; 3], end: &[i64; 3]) -> [i64; 3] {
+        [0, 1, 2].map(|axis| (i64::from(point[axis]) << self.fraction) - end[axis])
+    }
+
+    /// How often a ring winds round the line.
+    fn winding(&self, ring: &[[i32; 3]]) -> i32 {
+        let Some(last) = ring.last() else { return 0 };
+        let mut winding = 0;
+        let mut a = self.relative(last, &self.from);
+        let mut a_is_beyond = self.is_beyond(&a);
+        for point in ring {
+            let b = self.relative(point, &self.from);
+            let b_is_beyond = self.is_beyond(&b);
+            if a_is_beyond != b_is_beyond {
+                let turn = self.turn(&a, &b);
+                if b_is_beyond && turn > 0 {
+                    winding += 1;
+                } else if a_is_beyond && turn < 0 {
+                    winding -= 1;
+                }
+            }
+            (a, a_is_beyond) = (b, b_is_beyond);
+        }
+        winding
+    }
+
+    /// Whether a point lies on the positive side of the plane of the half-plane.
+    #[inline]
+    fn is_beyond(&self, point: &[i64; 3]) -> bool {
+        let [i, j] = self.across;
+        let (d, p) = (self.along.map(i128::from), point.map(i128::from));
+        let mut step = [0; 3];
+        (step[i], step[j]) = (-d[j], d[i]);
+        sign_or_first(p[i] * d[j] - p[j] * d[i], step) > 0
+    }
+
+    /// To which side the edge between two points passes the line: positive counterclockwise as seen from the line's far
+    /// end.
+    fn turn(&self, a: &[i64; 3], b: &[i64; 3]) -> i32 {
+        let cross = |u: [i128; 3], v: [i128; 3]| {
+            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+        };
+        let (a, b, d) = (a.map(i128::from), b.map(i128::from), self.along.map(i128::from));
+        let across = cross(a, b);
+        let turn = (0..3).map(|axis| d[axis] * across[axis]).sum();
+        if turn != 0 {
+            return i128::signum(turn) as i32;
+        }
+        sign_or_first(0, cross([0, 1, 2].map(|axis| a[axis] - b[axis]), d))
+    }
+
+    /// The share of the line within a box of grid coordinates, walls included, a little more than less; `None` if it
+    /// passes by. Shares are those of a [`Crossing`].
+    pub fn within(&self, min: [f64; 3], max: [f64; 3]) -> Option<[f64; 2]> {
+        let scale = 1.0 / (1u64 << self.fraction) as f64;
+        let (mut first, mut last) = (0.0f64, 1.0f64);
+        for axis in 0..3 {
+            let (from, along) = (self.from[axis] as f64 * scale, self.along[axis] as f64 * scale);
+            if along == 0.0 {
+                if from < min[axis] || from > max[axis] {
+                    return None;
+                }
+                continue;
+            }
+            let [a, b] = [min[axis], max[axis]].map(|wall| (wall - from) / along);
+            first = first.max(a.min(b) - ROUNDING);
+            last = last.min(a.max(b) + ROUNDING);
+        }
+        let [start, end] = self.shares;
+        (first <= last).then(|| [first, last].map(|share| start + (end - start) * share))
+    }
+
+    /// The child of a cell in which a line through all of them begins: a bit for each axis, set where the line goes down.
+    pub(super) fn turned(&self) -> usize {
+        (0..3).map(|axis| usize::from(self.along[axis] < 0) << axis).sum()
+    }
+
+    /// The point at a share, in steps of the grid.
+    pub fn at(&self, share: f64) -> [f64; 3] {
+        let scale = 1.0 / (1u64 << self.fraction) as f64;
+        let [first, last] = self.shares;
+        let part = if last > first { (share - first) / (last - first) } else { 0.0 };
+        [0, 1, 2].map(|axis| (self.from[axis] as f64 + self.along[axis] as f64 * part) * scale)
+    }
+}
+
+/// More than what is rounded of a share within a box.
+const ROUNDING: f64 = 1e-12;
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Body, Random, cuboid, tetrahedron};
+    use super::*;
+    use crate::{FaceList, Faces};
+
+    fn crossings(list: &FaceList, line: &Line) -> Vec<Crossing> {
+        let mut all: Vec<Crossing> =
+            (0..list.len() as usize).filter_map(|number| line.crossing(&list.get(number))).collect();
+        all.sort_by(|a, b| a.share.total_cmp(&b.share));
+        all
+    }
+
+    /// Lines through corners, along edges and in faces of convex bodies: those that begin and end outside cross them
+    /// twice or not at all.
+    #[test]
+    fn lines_through_edges_and_corners_enter_and_leave_once() {
+        let mut random = Random(1);
+        let mut counts = [0; 3];
+        for round in 0..6000 {
+            let (low, high) = (4, 12);
+            let faces = if round % 2 == 0 {
+                Some(cuboid([low; 3], [high; 3], false))
+            } else {
+                tetrahedron([0; 4].map(|_| random.point(9).map(|at| at + low)))
+            };
+            let Some(faces) = faces else { continue };
+            let corners: Vec<[i32; 3]> = faces.concat().concat();
+            let list = Body::new(4).with(faces).list();
+            for _ in 0..10 {
+                // Through two points that are corners, or between them.
+                let mut at = || {
+                    let [a, b] = [0; 2].map(|_| corners[random.below(corners.len() as u64) as usize]);
+                    [0, 1, 2].map(|i| f64::from(a[i] + b[i]) / 2.0)
+                };
+                let (a, b) = (at(), at());
+                let from = [0, 1, 2].map(|i| a[i] - 16.0 * (b[i] - a[i]));
+                let to = [0, 1, 2].map(|i| b[i] + 16.0 * (b[i] - a[i]));
+                let Some(line) = Line::between(list.grid(), from, to) else { continue };
+                let found = crossings(&list, &line);
+                counts[found.len()] += 1;
+                if let [first, second] = found[..] {
+                    assert!(first.share == second.share || (first.is_entry && !second.is_entry));
+                    assert!(first.is_entry != second.is_entry);
+                }
+            }
+        }
+        assert!(counts[1] == 0 && counts[0] > 1000 && counts[2] > 10_000, "{counts:?}");
+    }
+
+    /// From any point to a point outside, as often as the point is inside.
+    #[test]
+    fn lines_from_inside_leave_once_more() {
+        let mut random = Random(2);
+        let list = Body::new(6)
+            .with(cuboid([8; 3], [50, 40, 30], false))
+            .with(cuboid([20; 3], [24; 3], true))
+            .list();
+        let within = |p: [f64; 3], min: f64, max: [f64; 3]| (0..3).all(|i| min < p[i] && p[i] < max[i]);
+        for _ in 0..20_000 {
+            let from = random.point(64).map(|at| f64::from(at) + 0.25);
+            let target = random.point(64).map(f64::from);
+            let direction = [0, 1, 2].map(|i| target[i] - from[i]);
+            let Some(line) = Line::ray(list.grid(), from, direction) else { panic!("{from:?}") };
+            let winding: i32 =
+                crossings(&list, &line).iter().map(|crossing| if crossing.is_entry { -1 } else { 1 }).sum();
+            let expected = within(from, 8.0, [50.0, 40.0, 30.0]) && !within(from, 20.0, [24.0; 3]);
+            assert_eq!(winding, i32::from(expected), "{from:?} {target:?}");
+        }
+    }
+
+    /// Of a crossing, the place is where the line meets the plane, also of lines from far away.
+    #[test]
+    fn places_are_where_they_are_calculated() {
+        let mut random = Random(3);
+        let mut met = 0;
+        for _ in 0..3000 {
+            let corners = [0; 4].map(|_| random.point(1 << 20));
+            let Some(faces) = tetrahedron(corners) else { continue };
+            let list = Body::new(20).with(faces).list();
+            let from = random.point(1 << 22).map(|at| f64::from(at) * 3.0 - 5e6);
+            let middle = [0, 1, 2].map(|i| corners.iter().map(|p| f64::from(p[i])).sum::<f64>() / 4.0);
+            let direction = [0, 1, 2].map(|i| (middle[i] - from[i]) / 1000.0);
+            let Some(line) = Line::ray(list.grid(), from, direction) else { panic!() };
+            let found: Vec<(usize, Crossing)> = (0..4)
+                .filter_map(|number| line.crossing(&list.get(number)).map(|crossing| (number, crossing)))
+                .collect();
+            // It passes through the middle, which may be less than a step from two faces.
+            for (number, crossing) in found {
+                let plane = Plane::of(&list.get(number));
+                let normal = plane.normal.map(|n| n as f64);
+                let height = |p: [f64; 3]| {
+                    (0..3).map(|i| normal[i] * (p[i] - f64::from(plane.through[i]))).sum::<f64>()
+                };
+                let share = height(from) / -(0..3).map(|i| normal[i] * direction[i]).sum::<f64>();
+                let steepness = (0..3).map(|i| normal[i] * direction[i]).sum::<f64>().abs()
+                    / (normal.iter().map(|n| n * n).sum::<f64>()
+                        * direction.iter().map(|d| d * d).sum::<f64>())
+                    .sqrt();
+                let distance =
+                    (share - crossing.share).abs() * direction.iter().map(|d| d * d).sum::<f64>().sqrt();
+                assert!(distance * steepness < 1e-5, "{distance} {steepness}");
+                let at = line.at(crossing.share);
+                assert!((height(at) / normal.iter().map(|n| n * n).sum::<f64>().sqrt()).abs() < 1e-5);
+                met += 1;
+            }
+        }
+        assert!(met > 5000, "{met}");
+    }
+
+    #[test]
+    fn lines_that_are_none_or_miss_the_grid() {
+        let grid = Body::new(4).list().grid().clone();
+        assert!(Line::ray(&grid, [1.0; 3], [0.0; 3]).is_none());
+        assert!(Line::ray(&grid, [f64::NAN; 3], [1.0; 3]).is_none());
+        assert!(Line::ray(&grid, [-5.0, 0.0, 0.0], [-1.0, 0.0, 0.0]).is_none());
+        assert!(Line::ray(&grid, [-5.0, 0.0, 99.0], [1.0, 0.0, 0.0]).is_none());
+        assert!(Line::between(&grid, [-5.0, 0.0, 0.0], [-2.0, 0.0, 0.0]).is_none());
+        let line = Line::between(&grid, [-5.0, 2.0, 2.0], [5.0, 2.0, 2.0]).unwrap();
+        let [first, last] = line.within([0.0; 3], [4.0; 3]).unwrap();
+        assert!((first - 0.5).abs() < 1e-9 && (last - 0.9).abs() < 1e-9);
+        assert!(line.within([0.0, 3.0, 0.0], [4.0; 3]).is_none());
+    }
+}

@@ -1,0 +1,383 @@
+//! Volume, centre of gravity, moments of inertia, area and bounds of a body: exact from its faces, in one pass.
+//!
+//! Every face spans a cone with the grid's first point, and a body is the sum of these cones, those of faces that are
+//! seen from there from outside counted as negative. A cone is a sum of tetrahedra over the fans of the face's rings,
+//! holes again counted as negative, so that nothing has to be triangulated. Volume and moments of a tetrahedron with
+//! whole coordinates are whole numbers over 6, 24 and 120 (see for example P. Lien and J. T. Kajiya, "A symbolic method for
+//! calculating the integral properties of arbitrary nonconvex polyhedra", IEEE CG&A 4(10), 1984), and their sums
+//! do not depend on an order.
+
+use super::ratio::{Whole, WideSum, odd_part, rounded, whole};
+use crate::arrangement::ExactFace;
+use crate::{ExactModel, Face, FaceBuffer, Faces, Grid};
+use spinney_base::{Progress, Result};
+
+/// Measures of a body in the world: of volume one throughout.
+///
+/// Volume, centre and moments are the exact numbers for the model's grid, each rounded once; the grid's step counts
+/// as the quotient that it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MassProperties {
+    /// Number of faces.
+    pub faces: u64,
+    /// Volume; negative if the surface is turned inside out. With corners beside the grid, where the body is (other measures are
+    /// those of the faces on the grid), to about 15 digits.
+    pub volume: f64,
+    /// Centre of gravity; `None` if there is no volume.
+    pub centre: Option<[f64; 3]>,
+    /// Second moments about the centre: the integrals of the products of two coordinates, row by row; zeros without
+    /// a centre.
+    pub second_moments: [[f64; 3]; 3],
+    /// Inertia tensor about the centre for a density of 1; zeros without a centre.
+    pub inertia: [[f64; 3]; 3],
+    /// Area of all faces, with a relative error of some 2^-50 (and never more than a millionth of a grid square per
+    /// million faces).
+    pub area: f64,
+    /// Least and greatest coordinates; `None` without faces.
+    pub bounds: Option<[[f64; 3]; 2]>,
+}
+
+impl MassProperties {
+    /// Measures the body that faces enclose. Memory does not grow with their number.
+    ///
+    /// The surface has to be closed, and what it encloses has winding number one: otherwise volume and moments are
+    /// those of the cones, weighted by their winding number.
+    ///
+    /// # Errors
+    /// If the faces cannot be read, or on interruption.
+    pub fn of(faces: &dyn Faces, progress: &dyn Progress) -> Result<MassProperties> {
+        let mut sums = MassSums::new();
+        faces.each(&mut |face| {
+            sums.add_face(face);
+            if sums.faces.is_multiple_of(1024) {
+                progress.check()?;
+                progress.advance(1024, faces.len());
+            }
+            Ok(())
+        })?;
+        progress.advance(sums.faces % 1024, faces.len());
+        let mut measures = sums.measures(faces.grid());
+        let width = faces.grid().width();
+        measures.volume += faces.volume_beside()? * width * width * width;
+        Ok(measures)
+    }
+}
+
+impl ExactModel {
+    /// See [`Faces::volume_beside`]: in doubles.
+    pub(crate) fn volume_of_exact_part(&self) -> Result<f64> {
+        let part = self.exact_part()?;
+        let cone = |[a, b, c]: [[f64; 3]; 3]| {
+            a[0] * (b[1] * c[2] - b[2] * c[1])
+                + a[1] * (b[2] * c[0] - b[0] * c[2])
+                + a[2] * (b[0] * c[1] - b[1] * c[0])
+        };
+        let cones =
+            |ring: &[[f64; 3]]| (2..ring.len()).map(|i| cone([ring[0], ring[i - 1], ring[i]])).sum::<f64>();
+        let mut ring: Vec<[f64; 3]> = Vec::new();
+        let mut sum = 0.0;
+        for corners in part.faces.iter().flat_map(ExactFace::rings) {
+            ring.clear();
+            ring.extend(corners.iter().map(|corner| corner.point.near));
+            sum += cones(&ring);
+        }
+        let mut buffer = FaceBuffer::default();
+        for number in part.stand_ins {
+            self.face(number.into(), &mut buffer)?;
+            for corners in buffer.face().rings() {
+                ring.clear();
+                ring.extend(corners.iter().map(|corner| corner.map(f64::from)));
+                sum -= cones(&ring);
+            }
+        }
+        Ok(sum / 6.0)
+    }
+}
+
+/// The least number of bits after the point of a sum of areas.
+const AREA_BITS: i32 = 40;
+
+/// Sums over faces, from which measures follow. Sums over parts of the faces add up to the same whatever the parts.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MassSums {
+    faces: u64,
+    /// 6 times the volume.
+    volume: i128,
+    /// 24 times the integral of each coordinate.
+    first: [WideSum; 3],
+    /// 120 times the integrals of xx, yy, zz, xy, yz, zx.
+    second: [WideSum; 6],
+    /// Twice the area, in units of 2^-AREA_BITS.
+    area: u128,
+    bounds: Option<[[i32; 3]; 2]>,
+}
+
+impl MassSums {
+    /// Sums over nothing.
+    pub fn new() -> MassSums {
+        MassSums::default()
+    }
+
+    /// Adds a face.
+    pub fn add_face(&mut self, face: &Face<'_>) {
+        self.faces += 1;
+        let mut normal = [0i64; 3];
+        for ring in face.rings() {
+            let Some((first, others)) = ring.split_first() else { continue };
+            for edge in others.windows(2) {
+                let across = self.add_tetrahedron([*first, edge[0], edge[1]].map(|p| p.map(i64::from)));
+                for axis in 0..3 {
+                    normal[axis] = normal[axis].wrapping_add(across[axis]);
+                }
+            }
+        }
+        let square = normal.map(|n| i128::from(n) * i128::from(n)).iter().sum::<i128>();
+        let area = (square as f64).sqrt() * (1u64 << AREA_BITS) as f64;
+        self.area = self.area.wrapping_add(area as u128);
+        let Some(first) = face.points.first() else { return };
+        let [min, max] = self.bounds.get_or_insert([*first; 2]);
+        for point in face.points {
+            for axis in 0..3 {
+                min[axis] = min[axis].min(point[axis]);
+                max[axis] = max[axis].max(point[axis]);
+            }
+        }
+    }
+
+    /// Adds the tetrahedron of a triangle and the grid's first point; returns twice the triangle's area vector.
+    fn add_tetrahedron(&mut self, [a, b, c]: [[i64; 3]; 3]) -> [i64; 3] {
+        let (u, v) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
+        let across = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        // Six times the volume, below 2^80: coordinates have 26 bits.
+        let volume = (0..3).map(|i| i128::from(a[i]) * i128::from(across[i])).sum::<i128>();
+        self.volume = self.volume.wrapping_add(volume);
+        let sum = [0, 1, 2].map(|i| a[i] + b[i] + c[i]);
+        for (moment, sum) in self.first.iter_mut().zip(sum) {
+            moment.add_product(volume, sum);
+        }
+        let product = |i: usize, j: usize| a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + sum[i] * sum[j];
+        for (moment, [i, j]) in self.second.iter_mut().zip(PAIRS) {
+            moment.add_product(volume, product(i, j));
+        }
+        across
+    }
+
+    /// Adds the sums over other faces.
+    pub fn add(&mut self, other: &MassSums) {
+        self.faces += other.faces;
+        self.volume = self.volume.wrapping_add(other.volume);
+        self.first.iter_mut().zip(&other.first).for_each(|(sum, other)| sum.add(other));
+        self.second.iter_mut().zip(&other.second).for_each(|(sum, other)| sum.add(other));
+        self.area = self.area.wrapping_add(other.area);
+        if let Some([min, max]) = other.bounds {
+            let all = self.bounds.get_or_insert([min, max]);
+            for axis in 0..3 {
+                all[0][axis] = all[0][axis].min(min[axis]);
+                all[1][axis] = all[1][axis].max(max[axis]);
+            }
+        }
+    }
+
+    /// The measures in the world.
+    pub fn measures(&self, grid: &Grid) -> MassProperties {
+        let volume = whole(self.volume);
+        let step = Step::of(grid);
+        let area = self.area as f64 / (1u128 << (AREA_BITS + 1)) as f64;
+        let mut measures = MassProperties {
+            faces: self.faces,
+            volume: step.scaled(volume, whole(6), 3),
+            centre: None,
+            second_moments: [[0.0; 3]; 3],
+            inertia: [[0.0; 3]; 3],
+            area: area * grid.width() * grid.width(),
+            bounds: self.bounds.map(|bounds| bounds.map(|corner| grid.to_world(corner))),
+        };
+        if self.volume == 0 {
+            return measures;
+        }
+        let first: [Whole; 3] = [0, 1, 2].map(|axis| self.first[axis].value());
+        // First moments over the volume: a 24th over a sixth.
+        let of_volume = volume * whole(4);
+        measures.centre = Some([0, 1, 2].map(|axis| {
+            let origin = of_volume * whole(i128::from(grid.origin[axis]));
+            step.scaled(origin + first[axis], of_volume, 1)
+        }));
+        // The product of two first moments over the volume goes off: in 480ths of it.
+        let mut second = [[whole(0); 3]; 3];
+        for (moment, [i, j]) in self.second.iter().zip(PAIRS) {
+            second[i][j] = of_volume * moment.value() - whole(5) * first[i] * first[j];
+            second[j][i] = second[i][j];
+        }
+        let divisor = whole(480) * volume;
+        let trace = second[0][0] + second[1][1] + second[2][2];
+        for (i, row) in second.iter().enumerate() {
+            for (j, moment) in row.iter().enumerate() {
+                let inertia = if i == j { trace - *moment } else { -*moment };
+                measures.second_moments[i][j] = step.scaled(*moment, divisor, 5);
+                measures.inertia[i][j] = step.scaled(inertia, divisor, 5);
+            }
+        }
+        measures
+    }
+}
+
+/// Axes of the second moments.
+const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
+
+/// A grid's step as the exact quotient of two whole numbers, times a power of two.
+struct Step {
+    number: Whole,
+    divisor: Whole,
+    exponent: i32,
+}
+
+impl Step {
+    fn of(grid: &Grid) -> Step {
+        let ((number, up), (divisor, down)) = (odd_part(grid.step), odd_part(grid.divisor));
+        Step { number: whole(number), divisor: whole(divisor), exponent: up - down }
+    }
+
+    /// A quotient times a power of the step, rounded once.
+    fn scaled(&self, mut number: Whole, mut divisor: Whole, power: i32) -> f64 {
+        for _ in 0..power {
+            number *= self.number;
+            divisor *= self.divisor;
+        }
+        rounded(number, divisor, power * self.exponent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Body, Ring, cuboid};
+    use super::*;
+    use crate::FaceList;
+
+    fn grid(step: f64, divisor: f64, origin: [i64; 3]) -> Grid {
+        Grid { bits: 26, origin, step, divisor }
+    }
+
+    fn list(grid: Grid, faces: &[Vec<Ring>]) -> FaceList {
+        Body::new(26).with(faces.to_vec()).list_on(grid)
+    }
+
+    fn measure(list: &FaceList) -> MassProperties {
+        MassProperties::of(list, &()).unwrap()
+    }
+
+    #[test]
+    fn boxes_have_the_measures_of_boxes() {
+        let sides = [3, 10, 7];
+        let faces = cuboid([5, 6, 9], [8, 16, 16], false);
+        let found = measure(&list(grid(1.0, 1.0, [100, -200, 0]), &faces));
+        assert_eq!((found.faces, found.volume, found.area), (6, 210.0, 2.0 * (30.0 + 70.0 + 21.0)));
+        assert_eq!(found.centre, Some([106.5, -189.0, 12.5]));
+        assert_eq!(found.bounds, Some([[105.0, -194.0, 9.0], [108.0, -184.0, 16.0]]));
+        let second = sides.map(|side| 210.0 * f64::from(side * side) / 12.0);
+        for i in 0..3 {
+            for j in 0..3 {
+                let (moment, inertia) =
+                    if i == j { (second[i], second.iter().sum::<f64>() - second[i]) } else { (0.0, 0.0) };
+                assert_eq!((found.second_moments[i][j], found.inertia[i][j]), (moment, inertia), "{i} {j}");
+            }
+        }
+    }
+
+    /// On a grid of thousandths, measures are the doubles nearest to the decimal numbers.
+    #[test]
+    fn a_decimal_grid_is_taken_for_what_it_is() {
+        let faces = cuboid([0; 3], [100, 300, 700], false);
+        let found = measure(&list(grid(1.0, 1000.0, [200, 0, 0]), &faces));
+        assert_eq!((found.volume, found.centre), (0.021, Some([0.25, 0.15, 0.35])));
+        assert_eq!(found.second_moments[2][2], 0.000_857_5);
+        let found = measure(&list(grid(0.3, 1.0, [0; 3]), &cuboid([0; 3], [1; 3], false)));
+        assert_eq!(found.volume, 0.027 - 3e-18, "0.3 is not three tenths");
+    }
+
+    #[test]
+    fn the_largest_box_is_exact() {
+        let most = (1 << 26) - 1;
+        let found = measure(&list(grid(1.0, 1.0, [0; 3]), &cuboid([0; 3], [most; 3], false)));
+        let side = f64::from(most);
+        assert_eq!(found.centre, Some([side / 2.0; 3]));
+        // The cube of 26 bits has 78; the fifth power over 12 is compared as a decimal number.
+        assert_eq!(found.volume, (i128::from(most).pow(3)) as f64);
+        let fifth = whole(i128::from(most).pow(4)) * whole(i128::from(most));
+        assert_eq!(found.second_moments[0][0], (fifth / whole(12)).to_string().parse::<f64>().unwrap());
+        assert_eq!(found.second_moments[0][1], 0.0);
+    }
+
+    #[test]
+    fn tetrahedra_cavities_and_holes() {
+        // The corner of a cube: moments about the corner are side^5 / 60 and / 120.
+        let [o, x, y, z] = [[0; 3], [60, 0, 0], [0, 60, 0], [0, 0, 60]];
+        let faces = [[o, y, x], [o, x, z], [o, z, y], [x, y, z]].map(|ring| vec![ring.to_vec()]);
+        let found = measure(&list(grid(1.0, 1.0, [0; 3]), &faces));
+        assert_eq!((found.volume, found.centre), (36_000.0, Some([15.0; 3])));
+        let fifth = 60f64.powi(5);
+        assert_eq!(found.second_moments[0][0], fifth / 60.0 - 36_000.0 * 225.0);
+        assert_eq!(found.second_moments[0][1], fifth / 120.0 - 36_000.0 * 225.0);
+        assert!((found.area / (1800.0 * (3.0 + 3f64.sqrt())) - 1.0).abs() < 1e-12);
+
+        let mut faces = cuboid([0; 3], [10; 3], false);
+        faces.extend(cuboid([1; 3], [3; 3], true));
+        let found = measure(&list(grid(1.0, 1.0, [0; 3]), &faces));
+        assert_eq!((found.volume, found.area), (992.0, 624.0));
+        assert_eq!(found.centre, Some([(5000.0 - 16.0) / 992.0; 3]));
+
+        // A box with a square tunnel along z: two faces have a hole.
+        let mut faces = cuboid([0; 3], [10; 3], false);
+        let tunnel = cuboid([4, 4, 0], [6, 6, 10], true);
+        faces[0].extend(tunnel[0].iter().cloned());
+        faces[1].extend(tunnel[1].iter().cloned());
+        faces.extend(tunnel[2..].iter().cloned());
+        let found = measure(&list(grid(1.0, 1.0, [0; 3]), &faces));
+        assert_eq!((found.volume, found.area), (960.0, 600.0 - 8.0 + 80.0));
+        assert_eq!(found.centre, Some([5.0; 3]));
+        assert_eq!(found.second_moments[0][0], (1e5 - 4.0 * 4.0 * 10.0) / 12.0);
+    }
+
+    #[test]
+    fn a_cube_that_is_turned_has_the_same_moments_about_all_axes() {
+        // Edges along orthogonal vectors of length 9.
+        let edges = [[8, 1, 4], [-4, 4, 7], [1, 8, -4]].map(|edge: [i32; 3]| edge.map(|x| 1000 * x));
+        let corner = |i: usize| -> [i32; 3] {
+            std::array::from_fn(|axis| {
+                9_000 + (0..3).map(|edge| (i >> edge & 1) as i32 * edges[edge][axis]).sum::<i32>()
+            })
+        };
+        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+        // (These vectors are a left-handed system.)
+        let face = |quad: [usize; 4]| vec![quad.into_iter().rev().map(corner).collect()];
+        let found = measure(&list(grid(1.0, 1.0, [0; 3]), &quads.map(face)));
+        let side = 9000f64;
+        assert_eq!((found.volume, found.area), (side.powi(3), 6.0 * side.powi(2)));
+        for i in 0..3 {
+            for j in 0..3 {
+                let expected = if i == j { side.powi(5) / 6.0 } else { 0.0 };
+                assert_eq!(found.inertia[i][j], expected);
+            }
+        }
+    }
+
+    #[test]
+    fn sums_over_parts_add_up_whatever_the_parts() {
+        let mut faces = cuboid([0; 3], [1000, 20, 30], false);
+        faces.extend(cuboid([10; 3], [17, 18, 19], true));
+        let list = list(grid(1.0, 1.0, [0; 3]), &faces);
+        let sums = |range: std::ops::Range<usize>| {
+            let mut sums = MassSums::new();
+            range.for_each(|number| sums.add_face(&list.get(number)));
+            sums
+        };
+        let all = sums(0..12);
+        for middle in 0..=12 {
+            let mut sum = sums(middle..12);
+            sum.add(&sums(0..middle));
+            assert_eq!(sum, all);
+        }
+        assert_eq!(all.measures(list.grid()), measure(&list));
+        let nothing = MassSums::new().measures(list.grid());
+        assert_eq!((nothing.volume, nothing.centre, nothing.bounds), (0.0, None, None));
+    }
+}

@@ -1,0 +1,55 @@
+//! Questions to exact models: answers are of the surface itself, and not of cells.
+//!
+//! Where something is decided (whether a line meets a face, on which side of it a point lies), it is decided in whole
+//! numbers; lengths and volumes are rounded, and each says how much.
+//!
+//! ```
+//! use spinney::brep::ExactModel;
+//! use spinney::brep::query::{BoxPlace, MassProperties};
+//! # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+//! # use spinney::io::Output;
+//! # let folder = tempfile::tempdir().unwrap();
+//! # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+//! # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+//! # std::fs::write(&mesh, text).unwrap();
+//! # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
+//! // The corner of a cube.
+//! let model = ExactModel::open(&path, &Default::default())?;
+//! let mass = MassProperties::of(&model, &())?;
+//! assert_eq!((mass.volume, mass.centre), (36.0, Some([1.5; 3])));
+//! assert_eq!(model.signed_distance([1.0, 1.0, 0.5])?, -0.5);
+//! let (hit, _) = model.ray([1.0, 1.0, 9.0], [0.0, 0.0, -1.0])?;
+//! assert_eq!(hit.unwrap().point, [1.0, 1.0, 4.0]);
+//! assert_eq!(model.place_of_box([0.5; 3], [1.5; 3])?.0, BoxPlace::Inside);
+//! # Ok::<(), spinney::Error>(())
+//! ```
+
+mod bounds;
+mod cells;
+mod contains;
+mod coverage;
+mod distance;
+mod line;
+mod mass;
+mod nearest;
+mod plane;
+mod ratio;
+mod ray;
+mod region;
+mod section;
+#[cfg(test)]
+mod testing;
+mod visited;
+
+pub use cells::CellCoverage;
+pub use contains::Location;
+pub use coverage::{Coverage, CoverageSums, Cube};
+pub use distance::SurfacePoint;
+pub use line::{Crossing, Line};
+pub use mass::{MassProperties, MassSums};
+pub use nearest::{Nearest, nearest_on_face};
+pub use ray::Hit;
+pub use region::BoxPlace;
+pub use section::{CuttingPlane, SectionPolygon, TakeSection};
+pub use visited::Visited;
+pub(crate) use visited::half_of;

@@ -1,0 +1,175 @@
+//! The nearest point of a face.
+
+use super::plane::Plane;
+use crate::Face;
+
+/// A point of a face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearest {
+    /// The point, in steps of the grid.
+    pub point: [f64; 3],
+    /// Square of its distance from where it was asked for, in steps of the grid.
+    pub distance_squared: f64,
+    /// Number of the face.
+    pub face: u64,
+}
+
+/// The point of a face that is nearest to a point, in steps of the grid. Time goes with the number of corners.
+///
+/// Calculated in doubles: distance and point are off by less than 2^-48 of the distance to the face's farthest corner.
+/// Whether the nearest point is on an edge or between them may be decided wrongly, but only where that makes no
+/// greater difference.
+pub fn nearest_on_face(face: &Face<'_>, to: [f64; 3]) -> Nearest {
+    let foot = foot(face, to);
+    let (mut point, mut best) = ([f64::NAN; 3], f64::INFINITY);
+    for ring in face.rings() {
+        let Some(last) = ring.last() else { continue };
+        let mut a = minus(wide(last), to);
+        for corner in ring {
+            let b = minus(wide(corner), to);
+            let found = nearest_on_edge(a, b);
+            let distance = dot(found, found);
+            if distance < best {
+                (point, best) = (found, distance);
+            }
+            a = b;
+        }
+    }
+    if let Some(foot) = foot.filter(|foot| is_on_face(face, to, *foot)) {
+        let distance = dot(foot, foot);
+        if distance < best {
+            (point, best) = (foot, distance);
+        }
+    }
+    let point = [0, 1, 2].map(|axis| to[axis] + point[axis]);
+    Nearest { point, distance_squared: best, face: face.number }
+}
+
+/// The point of the edge that is nearest to the origin.
+fn nearest_on_edge(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    let along = minus(b, a);
+    let length = dot(along, along);
+    // From the nearer end, so that what is rounded is little.
+    let share = -dot(a, along);
+    if share <= 0.0 || length == 0.0 {
+        a
+    } else if share >= length {
+        b
+    } else if 2.0 * share <= length {
+        let share = share / length;
+        [0, 1, 2].map(|axis| a[axis] + along[axis] * share)
+    } else {
+        let share = dot(b, along) / length;
+        [0, 1, 2].map(|axis| b[axis] - along[axis] * share)
+    }
+}
+
+/// The foot of the perpendicular from a point to a face's plane, as seen from the point; `None` of a face without area.
+fn foot(face: &Face<'_>, to: [f64; 3]) -> Option<[f64; 3]> {
+    let (first, others) = face.rings().next()?.split_first()?;
+    let first = wide(first);
+    let mut normal = [0.0; 3];
+    for edge in others.windows(2) {
+        // (Differences have 27 bits, so that only the sums are rounded.)
+        let [u, v] = [0, 1].map(|end| minus(wide(&edge[end]), first));
+        normal[0] += u[1] * v[2] - u[2] * v[1];
+        normal[1] += u[2] * v[0] - u[0] * v[2];
+        normal[2] += u[0] * v[1] - u[1] * v[0];
+    }
+    let length = dot(normal, normal);
+    let height = dot(normal, minus(first, to));
+    (length > 0.0).then(|| normal.map(|n| n * (height / length)))
+}
+
+/// Whether the foot of a perpendicular lies on the face.
+fn is_on_face(face: &Face<'_>, to: [f64; 3], foot: [f64; 3]) -> bool {
+    // Seen along the axis along which the foot is farthest, or the face is seen largest if that is nothing.
+    let normal = if foot == [0.0; 3] { Plane::of(face).normal.map(|n| n as f64) } else { foot };
+    let Some(axis) = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())) else {
+        return false;
+    };
+    let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
+    let at = [0, 1, 2].map(|axis| to[axis] + foot[axis]);
+    let mut is_inside = false;
+    for ring in face.rings() {
+        let Some(last) = ring.last() else { continue };
+        let mut a = wide(last);
+        for corner in ring {
+            let b = wide(corner);
+            if (a[k] > at[k]) != (b[k] > at[k]) {
+                let turn = (b[j] - a[j]) * (at[k] - a[k]) - (at[j] - a[j]) * (b[k] - a[k]);
+                is_inside ^= (turn > 0.0) == (b[k] > a[k]);
+            }
+            a = b;
+        }
+    }
+    is_inside
+}
+
+#[inline]
+fn wide(point: &[i32; 3]) -> [f64; 3] {
+    point.map(f64::from)
+}
+
+#[inline]
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline]
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Body, Random, face_of};
+    use super::*;
+
+    /// Square of the distance to the nearest of many points of a triangle, and how far these are from each other.
+    fn sampled([a, b, c]: [[f64; 3]; 3], to: [f64; 3]) -> f64 {
+        const STEPS: usize = 60;
+        let mut best = f64::INFINITY;
+        for i in 0..=STEPS {
+            for j in 0..=STEPS - i {
+                let (u, v) = (i as f64 / STEPS as f64, j as f64 / STEPS as f64);
+                let point = [0, 1, 2].map(|k| a[k] + (b[k] - a[k]) * u + (c[k] - a[k]) * v - to[k]);
+                best = best.min(dot(point, point));
+            }
+        }
+        best
+    }
+
+    #[test]
+    fn nearest_points_are_no_farther_than_any_other_and_on_the_face() {
+        let mut random = Random(1);
+        for _ in 0..2000 {
+            let corners = [0; 3].map(|_| random.point(100));
+            let list = Body::new(7).with(vec![vec![corners.to_vec()]]).list();
+            let to = random.point(200).map(|at| f64::from(at) * 0.7 - 20.0);
+            let found = nearest_on_face(&list.get(0), to);
+            let best = sampled(corners.map(|corner| wide(&corner)), to);
+            assert!(found.distance_squared <= best + 1e-9);
+            assert!(best.sqrt() - found.distance_squared.sqrt() < 3.0, "as far as samples are apart");
+            let away = minus(found.point, to);
+            assert!((dot(away, away) - found.distance_squared).abs() < 1e-9);
+            // The point is one of the triangle: its own nearest.
+            assert!(nearest_on_face(&list.get(0), found.point).distance_squared < 1e-20);
+        }
+    }
+
+    #[test]
+    fn holes_are_not_part_of_a_face() {
+        let square =
+            |low: i32, high: i32| vec![[low, low, 5], [high, low, 5], [high, high, 5], [low, high, 5]];
+        let mut hole = square(10, 20);
+        hole.reverse();
+        let list = Body::new(5).with(vec![vec![square(0, 30), hole]]).list();
+        let nearest = |to| nearest_on_face(&face_of(&list), to);
+        assert_eq!(nearest([15.0, 16.0, 5.0]).point, [15.0, 20.0, 5.0]);
+        assert_eq!(nearest([15.0, 16.0, 5.0]).distance_squared, 16.0);
+        assert_eq!(nearest([5.0, 15.0, 8.0]).point, [5.0, 15.0, 5.0]);
+        assert_eq!(nearest([-3.0, 34.0, 5.0]).distance_squared, 25.0);
+        assert_eq!(nearest([15.0, 11.0, 8.0]).distance_squared, 10.0);
+    }
+}

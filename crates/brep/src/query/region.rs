@@ -1,0 +1,176 @@
+//! Boxes and a model: inside, outside, or neither.
+
+use super::line::Line;
+use super::visited::{Recent, Visited, half_of};
+use crate::geometry::{Box3, GridPolygon, Triangulator, triangle};
+use crate::{ExactModel, Face, FaceBuffer, Faces, ModelNode, ModelNodeState};
+use spinney_base::{Error, Result};
+
+/// Place of a box with regard to a body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BoxPlace {
+    /// Nothing of the body is in the box.
+    Outside,
+    /// All of the box is in the body.
+    Inside,
+    /// The surface passes through the box.
+    Cut,
+}
+
+impl ExactModel {
+    /// Whether a box of the world with its sides along the axes lies inside or outside of the body, or is cut by its surface.
+    ///
+    /// The box is rounded outward to a grid that is `2^(31 - bits)` times as fine as the model's, for a grid of the most
+    /// bits to 1 / 32 of a step; all else is exact. Faces that only touch it, or lie in its walls, do not cut it.
+    ///
+    /// # Errors
+    /// If the file is damaged or cannot be read, or if the box is none.
+    pub fn place_of_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<(BoxPlace, Visited)> {
+        let grid = self.grid();
+        let bits = 31 - grid.bits;
+        let scale = (1u64 << bits) as f64;
+        let (low, high) = (grid.to_grid(min), grid.to_grid(max));
+        if !(0..3).all(|axis| low[axis] <= high[axis] && (high[axis] - low[axis]).is_finite()) {
+            let found = format!("{min:?} to {max:?}");
+            return Err(Error::invalid(
+                "box",
+                found,
+                "least coordinates, and greatest ones that are no less",
+            ));
+        }
+        // What is far outside stays just outside: beyond the root's cell.
+        let (least, most) = (-1.0, (1u64 << grid.bits) as f64);
+        let from = low.map(|at| (at.clamp(least, most) * scale).floor() as i64);
+        let to = high.map(|at| (at.clamp(least, most) * scale).ceil() as i64);
+        let to = [0, 1, 2].map(|axis| to[axis].max(from[axis] + 1));
+        let half = 1i64 << (bits - 1);
+        let is_beyond = |axis: usize| from[axis] < -half || to[axis] > (1 << 31) - half;
+        let mut walk = Walk {
+            model: self,
+            bounds: Box3 { min: from, max: to },
+            bits,
+            outside: (0..3).any(is_beyond),
+            inside: false,
+            uncut: None,
+            recent: Recent::new(),
+            buffer: FaceBuffer::default(),
+            triangulator: Triangulator::new(),
+            visited: Visited::default(),
+        };
+        let root = self.root()?;
+        let is_met = walk.bounds.inside_meets(&walk.fine(&root.bounds(grid)));
+        let is_cut = is_met && walk.node(&root)?;
+        let place = match (is_cut, walk.outside) {
+            (true, _) => BoxPlace::Cut,
+            (false, true) => BoxPlace::Outside,
+            (false, false) if walk.inside => BoxPlace::Inside,
+            // Only parts of leaves, and no face in any: they are alike.
+            (false, false) if walk.uncut == Some(true) => BoxPlace::Inside,
+            (false, false) => BoxPlace::Outside,
+        };
+        Ok((place, walk.visited))
+    }
+}
+
+struct Walk<'a> {
+    model: &'a ExactModel,
+    /// In `2^-bits` steps of the grid.
+    bounds: Box3,
+    bits: u8,
+    /// Whether something of the box is known to be outside.
+    outside: bool,
+    /// Whether something of it is known to be inside.
+    inside: bool,
+    /// Whether a part of a leaf that no face cuts is inside.
+    uncut: Option<bool>,
+    recent: Recent,
+    buffer: FaceBuffer,
+    triangulator: Triangulator,
+    visited: Visited,
+}
+
+impl Walk<'_> {
+    /// A box in half steps on the fine grid.
+    fn fine(&self, bounds: &[[i64; 3]; 2]) -> Box3 {
+        let [min, max] = bounds.map(|corner| corner.map(|at| at << (self.bits - 1)));
+        Box3 { min, max }
+    }
+
+    /// Goes through a node that the box meets; says whether the surface is known to pass through the box.
+    fn node(&mut self, node: &ModelNode<'_>) -> Result<bool> {
+        let bounds = node.bounds(self.model.grid());
+        let cell = self.fine(&bounds);
+        self.visited.nodes += 1;
+        match node.state() {
+            ModelNodeState::Void => self.outside = true,
+            ModelNodeState::Full => self.inside = true,
+            ModelNodeState::Inner => {
+                for child in 0..8 {
+                    // (Before the child is looked up, which takes longer.)
+                    let is_met = self.bounds.inside_meets(&self.fine(&half_of(&bounds, child)));
+                    if is_met && self.node(&self.model.child(node, child)?)? {
+                        return Ok(true);
+                    }
+                }
+            }
+            ModelNodeState::Leaf { inside, .. } => {
+                for number in node.faces() {
+                    if self.recent.is_known(number) {
+                        continue;
+                    }
+                    self.visited.faces += 1;
+                    self.model.face(number, &mut self.buffer)?;
+                    if cuts(&self.buffer.face(), &self.bounds, self.bits, &mut self.triangulator) {
+                        return Ok(true);
+                    }
+                }
+                if self.uncut.is_none() && !self.outside && !self.inside {
+                    self.uncut = Some(self.is_inside(node, &cell, inside)?);
+                }
+            }
+        }
+        // What is inside and what is outside have the surface between them.
+        Ok(self.inside && self.outside)
+    }
+
+    /// Whether the part of the box that lies in a leaf is inside, near its least corner.
+    fn is_inside(&mut self, node: &ModelNode<'_>, cell: &Box3, corner: bool) -> Result<bool> {
+        let to = [0, 1, 2].map(|axis| self.bounds.min[axis].max(cell.min[axis]));
+        let Some(line) = Line::between_fine(self.model.grid(), self.bits, cell.min, to) else {
+            return Ok(corner);
+        };
+        line.leads_inside(self.model, node, corner, &mut self.buffer)
+    }
+}
+
+impl Line {
+    /// Whether its end is inside, of a line within a leaf's cell that begins inside or not.
+    pub(super) fn leads_inside(
+        &self,
+        model: &ExactModel,
+        node: &ModelNode<'_>,
+        begins_inside: bool,
+        buffer: &mut FaceBuffer,
+    ) -> Result<bool> {
+        let mut winding = i32::from(begins_inside);
+        for number in node.faces() {
+            model.face(number, buffer)?;
+            winding += match self.crossing(&buffer.face()) {
+                Some(crossing) if crossing.is_entry => 1,
+                Some(_) => -1,
+                None => 0,
+            };
+        }
+        Ok(winding > 0)
+    }
+}
+
+/// Whether a face passes through the inside of a box in `2^-bits` steps.
+fn cuts(face: &Face<'_>, bounds: &Box3, bits: u8, triangulator: &mut Triangulator) -> bool {
+    let wide = |point: &[i32; 3]| point.map(|at| i64::from(at) << bits);
+    if let [a, b, c] = face.points {
+        return triangle::cuts(&[wide(a), wide(b), wide(c)], bounds.min, bounds.max);
+    }
+    let points: Vec<[i64; 3]> = face.points.iter().map(wide).collect();
+    GridPolygon::new(&points, face.ring_ends, triangulator).is_ok_and(|polygon| polygon.cuts(bounds).cuts)
+}

@@ -1,0 +1,491 @@
+//! Sections: where planes cut a body, as polygons with holes.
+//!
+//! Each corner of the surface counts as above or below a plane, and faces are cut where their edges lead from the one to the other. Since
+//! that is said of corners alone, faces beside each other are cut at the same points, and what is cut of a closed surface is
+//! closed, whatever lies in the plane or touches it. A corner in the plane counts as above it: a section is that just below the plane.
+
+use std::collections::{BTreeMap, HashSet};
+
+use super::plane::Plane;
+use super::visited::half_of;
+use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
+use spinney_base::{Error, Progress, Result, parallel};
+
+/// A plane of the world: the points whose product with the normal is `distance`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CuttingPlane {
+    /// A vector on which it is upright, of any length; from where it points to, sections are looked at.
+    pub normal: [f64; 3],
+    /// The product of the normal with each point of the plane.
+    pub distance: f64,
+}
+
+impl CuttingPlane {
+    /// The plane of all points with a coordinate along an axis (0 to 2).
+    ///
+    /// # Panics
+    /// If there is no such axis.
+    pub fn across(axis: usize, at: f64) -> CuttingPlane {
+        let mut normal = [0.0; 3];
+        normal[axis] = 1.0;
+        CuttingPlane { normal, distance: at }
+    }
+
+    /// Two unit vectors in the plane, counterclockwise as seen from where the normal points to: across x these are y and z, across y
+    /// z and x, across z x and y.
+    pub fn axes(&self) -> [[f64; 3]; 2] {
+        let normal = unit(self.normal);
+        // The axis after the one that the normal is nearest to is far enough from it.
+        let main = (0..3).max_by(|a, b| normal[*a].abs().total_cmp(&normal[*b].abs())).unwrap_or(2);
+        let mut first = [0.0; 3];
+        first[(main + 1) % 3] = 1.0;
+        let along = dot(first, normal);
+        let first = unit([0, 1, 2].map(|axis| first[axis] - along * normal[axis]));
+        [first, cross(normal, first)]
+    }
+}
+
+/// A polygon with holes in a plane.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SectionPolygon {
+    /// Rings in the world, the outer one first, that end with the point that they begin with: the outer one counterclockwise as seen
+    /// from where the plane's normal points to, holes clockwise.
+    pub rings: Vec<Vec<[f64; 3]>>,
+    /// Its area, without that of the holes.
+    pub area: f64,
+}
+
+impl ExactModel {
+    /// Cuts the body by a plane. Points are computed in double precision. The section is that just below the plane, which matters where
+    /// faces lie in it: what ends there from below counts, what stands on it does not. Of models with corners beside the grid, faces
+    /// that stand in for the exact ones are cut. Takes time and memory with the length of the outlines; the octree leads to the faces
+    /// there.
+    ///
+    /// ```
+    /// use spinney::brep::ExactModel;
+    /// use spinney::brep::query::CuttingPlane;
+    /// # use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+    /// # use spinney::io::Output;
+    /// # let folder = tempfile::tempdir().unwrap();
+    /// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+    /// # let text = "OFF\n4 4 0\n0 0 0\n6 0 0\n0 6 0\n0 0 6\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+    /// # std::fs::write(&mesh, text).unwrap();
+    /// # import_exact(open_all(&[mesh], 64 << 20)?, &ExactOptions::new(), Output::create(&path)?, &())?;
+    /// // The corner of a cube, cut at half of its height.
+    /// let model = ExactModel::open(&path, &Default::default())?;
+    /// let found = model.section(&CuttingPlane::across(2, 3.0), &())?;
+    /// assert_eq!((found.len(), found[0].area), (1, 4.5));
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the plane is none, the body has no bounds, the file is damaged or cannot be read, or on interruption.
+    pub fn section(&self, plane: &CuttingPlane, progress: &dyn Progress) -> Result<Vec<SectionPolygon>> {
+        self.check_plane(plane)?;
+        let mut found = self.cut(plane.normal, &[plane.distance], progress)?;
+        Ok(found.pop().unwrap_or_default())
+    }
+
+    /// Fails if there is no section by a plane.
+    fn check_plane(&self, plane: &CuttingPlane) -> Result<()> {
+        let length = dot(plane.normal, plane.normal).sqrt();
+        if !(length.is_normal() && plane.distance.is_finite()) {
+            let found = format!("normal {:?}, distance {}", plane.normal, plane.distance);
+            return Err(Error::invalid("plane", found, "finite numbers, and a normal that is not zero"));
+        }
+        if self.is_unbounded() {
+            let advice = "make its complement (`spinney combine not`), whose sections have the same outlines";
+            return Err(Error::unsupported(
+                self.path(),
+                "a section of what is everywhere but in a part of space",
+                advice,
+            ));
+        }
+        Ok(())
+    }
+
+    /// Cuts the body by parallel planes with ascending distances.
+    fn cut(
+        &self,
+        normal: [f64; 3],
+        distances: &[f64],
+        progress: &dyn Progress,
+    ) -> Result<Vec<Vec<SectionPolygon>>> {
+        let mut cut = PlaneCut::new(self.grid(), normal, distances);
+        let known = HashSet::new();
+        let mut walk = Walk { model: self, progress, cut: &mut cut, known, buffer: FaceBuffer::default() };
+        walk.node(&self.root()?)?;
+        drop(walk);
+        let world = |point: &[f64; 3]| self.grid().to_world_between(*point);
+        let mut found = Vec::with_capacity(distances.len());
+        for (plane, distance) in distances.iter().enumerate() {
+            progress.check()?;
+            let rings = cut.rings(plane).into_iter().map(|ring| ring.iter().map(world).collect());
+            found.push(polygons(rings, &CuttingPlane { normal, distance: *distance }));
+        }
+        Ok(found)
+    }
+}
+
+/// Takes the polygons in each of several planes, with the plane's number.
+pub type TakeSection<'a> = dyn FnMut(usize, &[SectionPolygon]) -> Result<()> + 'a;
+
+impl ExactModel {
+    /// Cuts the body by many parallel planes, which have these distances, ascending, and hands out what is in each, in their order: as
+    /// [`ExactModel::section`], on all threads of the current pool, with the sections of 256 planes in memory.
+    ///
+    /// # Errors
+    /// Those of [`ExactModel::section`]; if distances do not ascend, or what `each` returns.
+    pub fn plane_sections(
+        &self,
+        normal: [f64; 3],
+        distances: &mut dyn ExactSizeIterator<Item = f64>,
+        progress: &dyn Progress,
+        each: &mut TakeSection<'_>,
+    ) -> Result<()> {
+        /// Planes that are looked for at once, and those at a time.
+        const TASK: usize = 64;
+        const BATCH: usize = 4 * TASK;
+        let total = distances.len() as u64;
+        let (mut first, mut last) = (0, f64::NEG_INFINITY);
+        loop {
+            let batch: Vec<f64> = distances.take(BATCH).collect();
+            let Some(end) = batch.last().copied() else { return Ok(()) };
+            for distance in &batch {
+                self.check_plane(&CuttingPlane { normal, distance: *distance })?;
+            }
+            if batch[0] < last || !batch.is_sorted() {
+                return Err(Error::invalid("distances of planes", format!("{batch:?}"), "ascending numbers"));
+            }
+            last = end;
+            let tasks: Vec<&[f64]> = batch.chunks(TASK).collect();
+            let found = parallel::map(&tasks, |distances| self.cut(normal, distances, progress));
+            for polygons in found {
+                for polygons in polygons? {
+                    progress.check()?;
+                    each(first, &polygons)?;
+                    first += 1;
+                }
+            }
+            progress.advance(batch.len() as u64, total);
+        }
+    }
+}
+
+struct Walk<'a> {
+    model: &'a ExactModel,
+    progress: &'a dyn Progress,
+    cut: &'a mut PlaneCut,
+    /// Faces that were cut: large ones are in many leaves.
+    known: HashSet<u64>,
+    buffer: FaceBuffer,
+}
+
+impl Walk<'_> {
+    fn node(&mut self, node: &ModelNode<'_>) -> Result<()> {
+        match node.state() {
+            ModelNodeState::Void | ModelNodeState::Full => {}
+            ModelNodeState::Inner => {
+                self.progress.check()?;
+                let bounds = node.bounds(self.model.grid());
+                for child in 0..8 {
+                    if self.cut.may_meet(&half_of(&bounds, child)) {
+                        self.node(&self.model.child(node, child)?)?;
+                    }
+                }
+            }
+            ModelNodeState::Leaf { .. } => {
+                for number in node.faces() {
+                    if self.known.insert(number) {
+                        self.model.face(number, &mut self.buffer)?;
+                        self.cut.face(&self.buffer.face());
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// An edge between two points of the grid, the lesser one first: each as one number, which is compared in one go.
+type Edge = [u128; 2];
+
+fn packed([x, y, z]: [i32; 3]) -> u128 {
+    u128::from(x as u32) << 64 | u128::from(y as u32) << 32 | u128::from(z as u32)
+}
+
+fn unpacked(point: u128) -> [i32; 3] {
+    [(point >> 64) as u32 as i32, (point >> 32) as u32 as i32, point as u32 as i32]
+}
+
+/// The cut of parallel planes through a surface, face by face, on the grid.
+struct PlaneCut {
+    normal: [f64; 3],
+    /// Of each plane, in steps times the normal's length; ascending.
+    distances: Vec<f64>,
+    /// Pieces of each plane: the edges that they lead from and to.
+    pieces: Vec<Vec<[Edge; 2]>>,
+    /// Heights of the corners of a face.
+    heights: Vec<f64>,
+}
+
+impl PlaneCut {
+    fn new(grid: &Grid, normal: [f64; 3], distances: &[f64]) -> PlaneCut {
+        // World coordinates are origin and steps times the step's width.
+        let origin = dot(normal, grid.to_world_between([0.0; 3]));
+        let distances: Vec<f64> =
+            distances.iter().map(|distance| (distance - origin) / grid.width()).collect();
+        let pieces = vec![Vec::new(); distances.len()];
+        PlaneCut { normal, distances, pieces, heights: Vec::new() }
+    }
+
+    fn height(&self, point: [i32; 3]) -> f64 {
+        dot(self.normal, point.map(f64::from))
+    }
+
+    /// The planes that may have points between two heights.
+    fn planes(&self, low: f64, high: f64) -> std::ops::Range<usize> {
+        let first = self.distances.partition_point(|distance| *distance < low);
+        let count = self.distances[first..].partition_point(|distance| *distance <= high);
+        first..first + count
+    }
+
+    /// Whether a box in half steps may have points of a plane.
+    fn may_meet(&self, [low, high]: &[[i64; 3]; 2]) -> bool {
+        let middle = dot(self.normal, [0, 1, 2].map(|axis| (low[axis] + high[axis]) as f64 / 4.0));
+        // (A step more, for what rounding does.)
+        let reach =
+            (0..3).map(|axis| self.normal[axis].abs() * ((high[axis] - low[axis]) as f64 / 4.0 + 1.0));
+        let reach = reach.sum::<f64>();
+        !self.planes(middle - reach, middle + reach).is_empty()
+    }
+
+    fn face(&mut self, face: &Face<'_>) {
+        let mut heights = std::mem::take(&mut self.heights);
+        heights.clear();
+        heights.extend(face.points.iter().map(|point| self.height(*point)));
+        let (low, high) = heights
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(*at), high.max(*at)));
+        for plane in self.planes(low, high) {
+            self.piece(plane, face, &heights);
+        }
+        self.heights = heights;
+    }
+
+    /// Adds what a plane cuts of a face.
+    fn piece(&mut self, plane: usize, face: &Face<'_>, heights: &[f64]) {
+        let is_above = |corner: usize| heights[corner] >= self.distances[plane];
+        // Edges that lead down, and those that lead up: between the one and the next of the other is the face.
+        let mut crossed: [Vec<Edge>; 2] = Default::default();
+        let mut start = 0;
+        for &end in face.ring_ends {
+            for from in start..end {
+                let to = if from + 1 == end { start } else { from + 1 };
+                if is_above(from) != is_above(to) {
+                    let ends = [face.points[from], face.points[to]].map(packed);
+                    crossed[usize::from(is_above(to))].push([ends[0].min(ends[1]), ends[0].max(ends[1])]);
+                }
+            }
+            start = end;
+        }
+        if crossed[0].len() > 1 {
+            let normal = Plane::of(face).normal.map(|part| part as f64);
+            let along = cross(self.normal, normal);
+            for edges in &mut crossed {
+                let place = |edge: &Edge| dot(along, self.point(plane, edge));
+                edges.sort_by(|a, b| place(a).total_cmp(&place(b)));
+            }
+        }
+        let [down, up] = crossed;
+        self.pieces[plane].extend(down.into_iter().zip(up).map(|(from, to)| [from, to]));
+    }
+
+    /// The point of an edge that leads through a plane: the same for all faces with the edge.
+    fn point(&self, plane: usize, edge: &Edge) -> [f64; 3] {
+        let [from, to] = edge.map(unpacked);
+        let [a, b] = [from, to].map(|point| self.height(point) - self.distances[plane]);
+        let share = a / (a - b);
+        [0, 1, 2].map(|axis| f64::from(from[axis]) + f64::from(to[axis] - from[axis]) * share)
+    }
+
+    /// The rings that the pieces of a plane make: each ends with the point that it begins with.
+    fn rings(&mut self, plane: usize) -> Vec<Vec<[f64; 3]>> {
+        let mut pieces = CutPieces::of(std::mem::take(&mut self.pieces[plane]));
+        let mut rings = Vec::new();
+        // Lines that end at edges whose other face has no area, and is in no leaf.
+        let mut open: Vec<Vec<[f64; 3]>> = Vec::new();
+        for start in pieces.starts() {
+            while let Some(mut next) = pieces.take(&start) {
+                let mut line = vec![self.point(plane, &start), self.point(plane, &next)];
+                while next != start
+                    && let Some(after) = pieces.take(&next)
+                {
+                    next = after;
+                    line.push(self.point(plane, &next));
+                }
+                if next == start { &mut rings } else { &mut open }.push(line);
+            }
+        }
+        rings.extend(joined(open));
+        rings.iter_mut().for_each(|ring| ring.dedup());
+        rings.retain(|ring| ring.len() > 3);
+        rings
+    }
+}
+
+/// Pieces in the order of the edges that they lead from, of which some are taken out.
+struct CutPieces {
+    list: Vec<[Edge; 2]>,
+    /// At the first piece from an edge: how many of these are taken.
+    taken: Vec<usize>,
+}
+
+impl CutPieces {
+    fn of(mut list: Vec<[Edge; 2]>) -> CutPieces {
+        list.sort_unstable();
+        CutPieces { taken: vec![0; list.len()], list }
+    }
+
+    /// Edges to begin at: those that no piece leads to, and then all.
+    fn starts(&self) -> Vec<Edge> {
+        let mut ends: Vec<Edge> = self.list.iter().map(|[_, to]| *to).collect();
+        ends.sort_unstable();
+        let (mut first, mut others) = (Vec::new(), Vec::new());
+        for same in self.list.chunk_by(|a, b| a[0] == b[0]) {
+            let edge = same[0][0];
+            let led = ends.partition_point(|end| *end <= edge) - ends.partition_point(|end| *end < edge);
+            if same.len() > led { &mut first } else { &mut others }.push(edge);
+        }
+        first.append(&mut others);
+        first
+    }
+
+    /// Takes a piece out that leads from an edge; returns the one that it leads to.
+    fn take(&mut self, from: &Edge) -> Option<Edge> {
+        let first = self.list.partition_point(|[start, _]| start < from);
+        let taken = self.taken.get_mut(first)?;
+        let [_, to] = self.list.get(first + *taken).filter(|[start, _]| start == from)?;
+        *taken += 1;
+        Some(*to)
+    }
+}
+
+/// Joins lines that begin where others end, which is told with some tolerance, to rings.
+fn joined(lines: Vec<Vec<[f64; 3]>>) -> Vec<Vec<[f64; 3]>> {
+    /// Parts of a step that points may be apart.
+    const FINE: f64 = 1024.0;
+    let place = |point: &[f64; 3]| point.map(|at| (at * FINE).round() as i64);
+    let mut starts: BTreeMap<[i64; 3], Vec<Vec<[f64; 3]>>> = BTreeMap::new();
+    for line in lines {
+        starts.entry(place(&line[0])).or_default().push(line);
+    }
+    let mut rings = Vec::new();
+    while let Some(mut entry) = starts.first_entry() {
+        let Some(mut line) = entry.get_mut().pop() else {
+            entry.remove();
+            continue;
+        };
+        let begin = place(&line[0]);
+        loop {
+            let [x, y, z] = place(&line[line.len() - 1]);
+            if (0..3).all(|axis| ([x, y, z][axis] - begin[axis]).abs() <= 1) {
+                break;
+            }
+            let mut near = (0..27).map(|step| [x + step % 3 - 1, y + step / 3 % 3 - 1, z + step / 9 - 1]);
+            match near.find_map(|at| starts.get_mut(&at)?.pop()) {
+                Some(next) => line.extend(next),
+                None => break,
+            }
+        }
+        line.push(line[0]);
+        rings.push(line);
+    }
+    rings
+}
+
+/// Puts rings of a plane together to polygons.
+fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) -> Vec<SectionPolygon> {
+    let [u, v] = plane.axes();
+    let flat = |point: &[f64; 3]| [dot(u, *point), dot(v, *point)];
+    let (mut outer, mut holes) = (Vec::new(), Vec::new());
+    for ring in rings {
+        let points: Vec<[f64; 2]> = ring.iter().map(flat).collect();
+        let area = area(&points);
+        let ring = FlatRing { bounds: bounds(&points), points, ring, area };
+        if area > 0.0 { outer.push(ring) } else { holes.push(ring) }
+    }
+    // Of several around a hole the smallest one is nearest.
+    outer.sort_by(|a, b| a.area.total_cmp(&b.area));
+    let mut found: Vec<SectionPolygon> = outer
+        .iter()
+        .map(|outer| SectionPolygon { rings: vec![outer.ring.clone()], area: outer.area })
+        .collect();
+    for hole in holes {
+        let point = hole.points[0];
+        let first = outer.partition_point(|outer| outer.area < -hole.area);
+        if let Some(place) = (first..outer.len()).find(|place| outer[*place].has(point)) {
+            found[place].area += hole.area;
+            found[place].rings.push(hole.ring);
+        }
+    }
+    found
+}
+
+/// A ring, in the world and in the plane.
+struct FlatRing {
+    points: Vec<[f64; 2]>,
+    ring: Vec<[f64; 3]>,
+    /// Counterclockwise.
+    area: f64,
+    /// Least and greatest coordinates.
+    bounds: [[f64; 2]; 2],
+}
+
+impl FlatRing {
+    /// Whether a point lies inside, by even and odd.
+    fn has(&self, [x, y]: [f64; 2]) -> bool {
+        let [low, high] = self.bounds;
+        if x < low[0] || x > high[0] || y < low[1] || y > high[1] {
+            return false;
+        }
+        let mut inside = false;
+        for ends in self.points.windows(2) {
+            let [a, b] = [ends[0], ends[1]];
+            if (a[1] > y) != (b[1] > y) {
+                inside ^= a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]) > x;
+            }
+        }
+        inside
+    }
+}
+
+/// The area of a closed ring, counterclockwise. (Near its first point, little is lost by rounding.)
+fn area(points: &[[f64; 2]]) -> f64 {
+    let Some(origin) = points.first() else { return 0.0 };
+    let to = |point: &[f64; 2]| [point[0] - origin[0], point[1] - origin[1]];
+    let twice = points.windows(2).map(|ends| {
+        let (a, b) = (to(&ends[0]), to(&ends[1]));
+        a[0] * b[1] - a[1] * b[0]
+    });
+    twice.sum::<f64>() / 2.0
+}
+
+fn bounds(points: &[[f64; 2]]) -> [[f64; 2]; 2] {
+    points.iter().fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [x, y]| {
+        [[low[0].min(*x), low[1].min(*y)], [high[0].max(*x), high[1].max(*y)]]
+    })
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn unit(vector: [f64; 3]) -> [f64; 3] {
+    let length = dot(vector, vector).sqrt();
+    vector.map(|part| part / length)
+}

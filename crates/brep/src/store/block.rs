@@ -1,0 +1,377 @@
+//! Blocks of faces: some that follow each other in the model's order, with the vertices that they share.
+
+use std::collections::HashMap;
+
+use crate::Face;
+use spinney_base::io::FileBytes;
+
+/// Most faces of a block.
+pub(crate) const MOST_FACES: usize = 1024;
+/// A block with so many corners takes no more faces.
+const MANY_CORNERS: usize = 4096;
+
+/// Bytes of a block before its lists.
+const HEAD: usize = 20;
+const COLOURED: u32 = 1;
+const WIDE: u32 = 2;
+const TRIANGLES: u32 = 4;
+const PARTS: u32 = 8;
+const SOURCES: u32 = 16;
+
+/// Collects the faces of a block.
+#[derive(Default)]
+pub(crate) struct BlockBuilder {
+    first: u64,
+    /// Numbers of the vertices in this block.
+    known: HashMap<([i32; 3], [u8; 3]), u32, crate::hash::Hasher>,
+    vertices: Vec<[i32; 3]>,
+    colours: Vec<[u8; 3]>,
+    corners: Vec<u32>,
+    ring_ends: Vec<u32>,
+    face_ends: Vec<u32>,
+    parts: Vec<u32>,
+    sources: Vec<u64>,
+    is_coloured: bool,
+}
+
+impl BlockBuilder {
+    /// Whether there is no room for more.
+    pub(crate) fn is_full(&self) -> bool {
+        self.parts.len() >= MOST_FACES || self.corners.len() >= MANY_CORNERS
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.parts.is_empty()
+    }
+
+    pub(crate) fn push(&mut self, face: &Face<'_>) {
+        if self.parts.is_empty() {
+            self.first = face.number;
+        }
+        self.is_coloured |= !face.colours.is_empty();
+        let start = self.corners.len();
+        for (index, &point) in face.points.iter().enumerate() {
+            let colour = face.colours.get(index).copied().unwrap_or_default();
+            // Most faces have an edge in common with the one before.
+            let is_it = |number: &u32| {
+                let number = *number as usize;
+                self.vertices[number] == point && self.colours[number] == colour
+            };
+            let recent = &self.corners[start.saturating_sub(3)..start];
+            let number = recent.iter().copied().find(is_it).unwrap_or_else(|| {
+                let next = self.vertices.len() as u32;
+                let number = *self.known.entry((point, colour)).or_insert(next);
+                if number == next {
+                    self.vertices.push(point);
+                    self.colours.push(colour);
+                }
+                number
+            });
+            self.corners.push(number);
+        }
+        let start = start as u32;
+        self.ring_ends.extend(face.ring_ends.iter().map(|end| start + *end as u32));
+        self.face_ends.push(self.ring_ends.len() as u32);
+        self.parts.push(face.part);
+        self.sources.push(face.source);
+    }
+
+    /// The number of the first face, and the block's bytes; the builder is empty after that.
+    pub(crate) fn finish(&mut self) -> (u64, Vec<u8>) {
+        let is_wide = self.vertices.len() > 1 << 16;
+        let are_triangles = self.face_ends.len() == self.ring_ends.len()
+            && (3..).step_by(3).zip(&self.ring_ends).all(|(end, ring)| end == *ring);
+        let one_part = self.parts.iter().all(|part| *part == self.parts[0]);
+        let own_numbers = (self.first..).zip(&self.sources).all(|(number, source)| number == *source);
+        let flag = |is_set: bool, flag: u32| if is_set { flag } else { 0 };
+        let flags = flag(self.is_coloured, COLOURED)
+            | flag(is_wide, WIDE)
+            | flag(are_triangles, TRIANGLES)
+            | flag(!one_part, PARTS)
+            | flag(!own_numbers, SOURCES);
+        let counts = [self.parts.len(), self.vertices.len(), self.ring_ends.len(), self.corners.len()];
+        let mut bytes = Vec::with_capacity(HEAD + 12 * self.vertices.len() + 4 * self.corners.len());
+        let mut word = |word: u32| bytes.extend_from_slice(&word.to_le_bytes());
+        counts.into_iter().for_each(|count| word(count as u32));
+        word(flags);
+        self.vertices.as_flattened().iter().for_each(|at| word(*at as u32));
+        if !are_triangles {
+            self.face_ends.iter().chain(&self.ring_ends).for_each(|end| word(*end));
+        }
+        self.parts[..if one_part { 1 } else { self.parts.len() }].iter().for_each(|part| word(*part));
+        if !own_numbers {
+            self.sources.iter().for_each(|source| bytes.extend_from_slice(&source.to_le_bytes()));
+        }
+        if self.is_coloured {
+            bytes.extend_from_slice(self.colours.as_flattened());
+        }
+        for corner in &self.corners {
+            match is_wide {
+                true => bytes.extend_from_slice(&corner.to_le_bytes()),
+                false => bytes.extend_from_slice(&(*corner as u16).to_le_bytes()),
+            }
+        }
+        let first = self.first;
+        let BlockBuilder { known, vertices, colours, corners, ring_ends, face_ends, parts, sources, .. } =
+            self;
+        known.clear();
+        vertices.clear();
+        colours.clear();
+        corners.clear();
+        ring_ends.clear();
+        face_ends.clear();
+        parts.clear();
+        sources.clear();
+        self.is_coloured = false;
+        (first, bytes)
+    }
+}
+
+/// A block of a file.
+pub(crate) struct Block<'a> {
+    bytes: FileBytes<'a>,
+    first: u64,
+    layout: BlockLayout,
+}
+
+/// Places of a block's lists.
+#[derive(Clone, Copy)]
+struct BlockLayout {
+    faces: usize,
+    vertices: usize,
+    rings: usize,
+    corners: usize,
+    flags: u32,
+    face_ends: usize,
+    ring_ends: usize,
+    parts: usize,
+    sources: usize,
+    colours: usize,
+    corner_list: usize,
+    end: usize,
+}
+
+fn word(bytes: &[u8], at: usize) -> u32 {
+    bytes.get(at..at + 4).map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
+}
+
+impl BlockLayout {
+    fn of(bytes: &[u8]) -> Option<BlockLayout> {
+        if bytes.len() < HEAD {
+            return None;
+        }
+        // (Below 2^32 each, so that no sum overflows.)
+        let [faces, vertices, rings, corners] = [0, 4, 8, 12].map(|at| word(bytes, at) as usize);
+        let flags = word(bytes, 16);
+        let has = |flag: u32| flags & flag != 0;
+        let face_ends = HEAD + 12 * vertices;
+        let ring_ends = face_ends + if has(TRIANGLES) { 0 } else { 4 * faces };
+        let parts = ring_ends + if has(TRIANGLES) { 0 } else { 4 * rings };
+        let sources = parts + if has(PARTS) { 4 * faces } else { 4 };
+        let colours = sources + if has(SOURCES) { 8 * faces } else { 0 };
+        let corner_list = colours + if has(COLOURED) { 3 * vertices } else { 0 };
+        let end = corner_list + corners * if has(WIDE) { 4 } else { 2 };
+        let layout = BlockLayout {
+            faces,
+            vertices,
+            rings,
+            corners,
+            flags,
+            face_ends,
+            ring_ends,
+            parts,
+            sources,
+            colours,
+            corner_list,
+            end,
+        };
+        Some(layout)
+    }
+
+    fn has(&self, flag: u32) -> bool {
+        self.flags & flag != 0
+    }
+}
+
+/// Corners and rings of a face that was read; its memory is used again for the next one.
+#[derive(Clone, Debug, Default)]
+pub struct FaceBuffer {
+    pub points: Vec<[i32; 3]>,
+    pub ring_ends: Vec<usize>,
+    pub colours: Vec<[u8; 3]>,
+    pub number: u64,
+    pub part: u32,
+    pub source: u64,
+}
+
+impl FaceBuffer {
+    /// The face.
+    pub fn face(&self) -> Face<'_> {
+        let FaceBuffer { points, ring_ends, colours, number, part, source } = self;
+        Face { number: *number, points, ring_ends, colours, part: *part, source: *source }
+    }
+}
+
+impl<'a> Block<'a> {
+    /// A block that was checked before; `None` if its bytes have changed since so that it does not fit into them.
+    pub(crate) fn new(bytes: FileBytes<'a>, first: u64) -> Option<Block<'a>> {
+        let layout = BlockLayout::of(&bytes)?;
+        (layout.end <= bytes.len()).then_some(Block { bytes, first, layout })
+    }
+
+    /// Checks everything that a block may not say: counts that do not fit its length, numbers of vertices that
+    /// are not there, rings of fewer than three corners, coordinates of more than so many bits, parts that are
+    /// not there. What is wrong is told in words.
+    pub(crate) fn check(&self, bits: u8, parts: u64) -> Result<(), String> {
+        let BlockLayout { faces, vertices, rings, corners, end, .. } = self.layout;
+        if faces == 0 || end != self.bytes.len() {
+            return Err(format!("{faces} faces in {} bytes", self.bytes.len()));
+        }
+        let is_ascending = |at: usize, count: usize, least: usize, most: usize| {
+            let ends = (0..count).map(|index| word(&self.bytes, at + 4 * index) as usize);
+            let last = ends.clone().next_back();
+            let steps = std::iter::once(0).chain(ends.clone()).zip(ends);
+            last == Some(most) && steps.into_iter().all(|(from, to)| from + least <= to)
+        };
+        let has_rings = if self.layout.has(TRIANGLES) {
+            rings == faces && corners == 3 * faces
+        } else {
+            is_ascending(self.layout.face_ends, faces, 1, rings)
+                && is_ascending(self.layout.ring_ends, rings, 3, corners)
+        };
+        if !has_rings {
+            return Err("ends of faces and rings that do not rise".into());
+        }
+        if let Some(corner) = (0..corners).map(|index| self.corner(index)).find(|corner| *corner >= vertices)
+        {
+            return Err(format!("vertex {corner} of {vertices}"));
+        }
+        let outside = |at: &[i32; 3]| at.iter().any(|at| (*at as u32) >> bits != 0);
+        if let Some(at) = (0..vertices).map(|vertex| self.vertex(vertex)).find(outside) {
+            return Err(format!("a vertex at {at:?} on a grid of {bits} bits"));
+        }
+        let wrong = (0..faces).map(|face| self.part(face)).find(|part| u64::from(*part) >= parts);
+        wrong.map_or(Ok(()), |part| Err(format!("part {part} of {parts}")))
+    }
+
+    /// Number of faces.
+    pub(crate) fn len(&self) -> usize {
+        self.layout.faces
+    }
+
+    #[inline]
+    fn corner(&self, index: usize) -> usize {
+        let bytes: &[u8] = &self.bytes;
+        if self.layout.has(WIDE) {
+            word(bytes, self.layout.corner_list + 4 * index) as usize
+        } else {
+            let at = self.layout.corner_list + 2 * index;
+            bytes.get(at..at + 2).map_or(0, |two| u16::from_le_bytes([two[0], two[1]])) as usize
+        }
+    }
+
+    #[inline]
+    fn vertex(&self, number: usize) -> [i32; 3] {
+        let at = HEAD + 12 * number;
+        [0, 4, 8].map(|axis| word(&self.bytes, at + axis) as i32)
+    }
+
+    fn part(&self, face: usize) -> u32 {
+        word(&self.bytes, self.layout.parts + if self.layout.has(PARTS) { 4 * face } else { 0 })
+    }
+
+    /// Reads a face by its place in the block, which must be below the length.
+    #[inline]
+    pub(crate) fn read(&self, face: usize, buffer: &mut FaceBuffer) {
+        let layout = &self.layout;
+        buffer.points.clear();
+        buffer.ring_ends.clear();
+        buffer.colours.clear();
+        let (start, end) = if layout.has(TRIANGLES) {
+            buffer.ring_ends.push(3);
+            (3 * face, 3 * face + 3)
+        } else {
+            let end = |list: usize, index: usize| match index {
+                0 => 0,
+                _ => word(&self.bytes, list + 4 * (index - 1)) as usize,
+            };
+            let rings = end(layout.face_ends, face)..end(layout.face_ends, face + 1).min(layout.rings);
+            let start = end(layout.ring_ends, rings.start);
+            let ends = rings.map(|ring| end(layout.ring_ends, ring + 1).min(layout.corners));
+            buffer.ring_ends.extend(ends.map(|end| end.saturating_sub(start)));
+            (start, start + buffer.ring_ends.last().copied().unwrap_or(0))
+        };
+        for corner in start..end {
+            let vertex = self.corner(corner);
+            buffer.points.push(self.vertex(vertex));
+            if layout.has(COLOURED) {
+                let at = layout.colours + 3 * vertex;
+                let colour = self.bytes.get(at..at + 3).map_or([0; 3], |c| [c[0], c[1], c[2]]);
+                buffer.colours.push(colour);
+            }
+        }
+        buffer.number = self.first + face as u64;
+        buffer.part = self.part(face);
+        buffer.source = if layout.has(SOURCES) {
+            let at = layout.sources + 8 * face;
+            u64::from(word(&self.bytes, at)) | u64::from(word(&self.bytes, at + 4)) << 32
+        } else {
+            buffer.number
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faces_come_back() {
+        let square = [[0, 0, 7], [9, 0, 7], [9, 9, 7], [0, 9, 7], [3, 3, 7], [3, 6, 7], [6, 6, 7]];
+        let colours: Vec<[u8; 3]> = (0..7).map(|i| [i, 2, 3]).collect();
+        let face = |number, points, ring_ends, colours, part, source| Face {
+            number,
+            points,
+            ring_ends,
+            colours,
+            part,
+            source,
+        };
+        let cases: [Vec<Face<'_>>; 3] = [
+            vec![face(5, &square[..3], &[3], &[], 0, 5), face(6, &square[1..4], &[3], &[], 0, 6)],
+            vec![
+                face(0, &square, &[4, 7], &colours, 2, 0),
+                face(1, &square[..4], &[4], &colours[1..5], 1, 0),
+            ],
+            vec![face(9, &square[..3], &[3], &colours[..3], 3, 11)],
+        ];
+        for faces in cases {
+            let mut builder = BlockBuilder::default();
+            faces.iter().for_each(|face| builder.push(face));
+            let (first, bytes) = builder.finish();
+            assert!(builder.is_empty() && first == faces[0].number);
+            let block = Block::new(FileBytes::Mapped(&bytes), first).unwrap();
+            block.check(4, 4).unwrap();
+            assert!(block.check(3, 4).is_err() && block.check(4, 0).is_err());
+            let mut buffer = FaceBuffer::default();
+            for (index, face) in faces.iter().enumerate() {
+                block.read(index, &mut buffer);
+                assert_eq!(&buffer.face(), face);
+            }
+            // No change of a byte does more harm than to be found, or to give other faces.
+            for at in 0..bytes.len() {
+                for to in [0, 1, 0x7f, 0xff] {
+                    let mut bytes = bytes.clone();
+                    bytes[at] = to;
+                    let Some(block) = Block::new(FileBytes::Mapped(&bytes), first) else { continue };
+                    let checked = block.check(4, 4);
+                    for index in 0..block.len().min(10) {
+                        block.read(index, &mut buffer);
+                        let face = buffer.face();
+                        assert!(checked.is_err() || face.points.iter().flatten().all(|at| *at < 16));
+                    }
+                }
+            }
+        }
+    }
+}

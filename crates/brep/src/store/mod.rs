@@ -1,0 +1,17 @@
+//! Files of exact models: see `formats.md`.
+
+pub(super) mod block;
+pub(super) mod exact;
+mod open;
+mod pieces;
+mod reader;
+pub(crate) mod segment;
+pub(crate) mod summary;
+mod verify;
+pub(crate) mod writer;
+
+pub use block::FaceBuffer;
+pub use open::is_model_file;
+pub use reader::{ExactModel, ModelNode, ModelNodeState};
+pub use segment::{LeafRule, NodeKind};
+pub use summary::NodeCounts;

@@ -1,0 +1,182 @@
+//! Pieces of a file that a list finds: each is checked when it is used first, and comes from wherever the file's
+//! bytes are.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use spinney_base::io::{FileBytes, ReadBackend};
+use spinney_base::{Error, Result};
+use spinney_container::SegmentCache;
+
+/// An entry of the list: what the piece is found by, and where it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Entry {
+    /// A segment's FD code, or the number of a block's first face; ascending.
+    pub key: u64,
+    pub offset: u64,
+    pub length: u32,
+    pub checksum: u32,
+}
+
+/// Bytes of an entry.
+pub(crate) const ENTRY: usize = 24;
+
+impl Entry {
+    pub(crate) fn to_bytes(self) -> [u8; ENTRY] {
+        let mut bytes = [0; ENTRY];
+        bytes[..8].copy_from_slice(&self.key.to_le_bytes());
+        bytes[8..16].copy_from_slice(&self.offset.to_le_bytes());
+        bytes[16..20].copy_from_slice(&self.length.to_le_bytes());
+        bytes[20..].copy_from_slice(&self.checksum.to_le_bytes());
+        bytes
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Entry {
+        let eight = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().expect("eight bytes"));
+        let four = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"));
+        Entry { key: eight(0), offset: eight(8), length: four(16), checksum: four(20) }
+    }
+}
+
+/// The pieces of one list.
+pub(crate) struct Pieces {
+    /// Name of a piece, for messages.
+    name: &'static str,
+    list: ListBytes,
+    len: usize,
+    /// Where pieces must end.
+    end: u64,
+    /// One bit per piece that was found to be good.
+    checked: Vec<AtomicU64>,
+    /// Whether checksums are looked at.
+    check: bool,
+    cache: Mutex<SegmentCache>,
+}
+
+/// Where the bytes of a list are.
+enum ListBytes {
+    /// In the mapped file, from this byte on.
+    Mapped(usize),
+    Held(Vec<u8>),
+}
+
+impl Pieces {
+    /// The pieces of a list that begins at a byte of a mapped file, or whose bytes are given.
+    pub(crate) fn new(
+        name: &'static str,
+        (offset, length): (u64, u64),
+        held: Option<Vec<u8>>,
+        end: u64,
+        (check, cache): (bool, u64),
+    ) -> Pieces {
+        let len = length as usize / ENTRY;
+        let checked = (0..len.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let list = held.map_or(ListBytes::Mapped(offset as usize), ListBytes::Held);
+        Pieces { name, list, len, end, checked, check, cache: Mutex::new(SegmentCache::new(cache)) }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Checks that keys ascend; returns the bytes of all pieces together.
+    pub(crate) fn check(&self, path: &Path, backend: &dyn ReadBackend) -> Result<u64> {
+        let (mut before, mut bytes) = (None, 0u64);
+        for index in 0..self.len {
+            let Entry { key, length, .. } = self.entry(backend, index);
+            if before.is_some_and(|before| before >= key) {
+                let place = format!("{} {index}", self.name);
+                return Err(Error::corrupt(path, place, format!("key {key:x}"), "keys that ascend"));
+            }
+            before = Some(key);
+            // (Fewer than 2^61 entries of less than 2^32 each, of which all are in a file.)
+            bytes = bytes.saturating_add(length.into());
+        }
+        Ok(bytes)
+    }
+
+    fn list<'f>(&'f self, backend: &'f dyn ReadBackend) -> &'f [u8] {
+        match &self.list {
+            ListBytes::Mapped(start) => backend.bytes().and_then(|all| all.get(*start..)).unwrap_or_default(),
+            ListBytes::Held(bytes) => bytes,
+        }
+    }
+
+    /// An entry, of which there must be one with that index.
+    #[inline]
+    pub(crate) fn entry(&self, backend: &dyn ReadBackend, index: usize) -> Entry {
+        // (A mapped file that was cut short since gives zeros.)
+        let bytes = self.list(backend).get(index * ENTRY..(index + 1) * ENTRY);
+        bytes.map_or(Entry { key: 0, offset: 0, length: 0, checksum: 0 }, Entry::from_bytes)
+    }
+
+    /// The index of the last entry whose key is at most `key`.
+    #[inline]
+    pub(crate) fn find(&self, backend: &dyn ReadBackend, key: u64) -> Option<usize> {
+        let (mut low, mut high) = (0, self.len);
+        while low < high {
+            let middle = (low + high) / 2;
+            if self.entry(backend, middle).key <= key { low = middle + 1 } else { high = middle }
+        }
+        low.checked_sub(1)
+    }
+
+    #[inline]
+    pub(crate) fn is_checked(&self, index: usize) -> bool {
+        self.checked[index / 64].load(Ordering::Relaxed) >> (index % 64) & 1 != 0
+    }
+
+    pub(crate) fn set_checked(&self, index: usize) {
+        self.checked[index / 64].fetch_or(1 << (index % 64), Ordering::Relaxed);
+    }
+
+    /// The bytes of a piece; with the right checksum, if it was not used before.
+    #[inline]
+    pub(crate) fn load<'f>(
+        &self,
+        path: &Path,
+        backend: &'f dyn ReadBackend,
+        index: usize,
+    ) -> Result<FileBytes<'f>> {
+        let Entry { offset, length, checksum, .. } = self.entry(backend, index);
+        let corrupt = |found: String, expected: &str| {
+            Error::corrupt(path, format!("{} {index}", self.name), found, expected)
+        };
+        if offset.checked_add(u64::from(length)).is_none_or(|end| end > self.end) {
+            return Err(corrupt(format!("bytes {offset} + {length}"), "bytes before the lists"));
+        }
+        let bytes = match backend.bytes() {
+            Some(all) => {
+                let bytes = all.get(offset as usize..).and_then(|rest| rest.get(..length as usize));
+                let bytes =
+                    bytes.ok_or_else(|| corrupt("no bytes".into(), "a file that nobody cuts short"))?;
+                FileBytes::Mapped(bytes)
+            }
+            None => FileBytes::Held(self.cached(backend, index, offset, length as usize)?),
+        };
+        if self.check && !self.is_checked(index) {
+            let found = crc32c::crc32c(&bytes);
+            if found != checksum {
+                return Err(corrupt(format!("checksum {found:08x}"), &format!("{checksum:08x}")));
+            }
+        }
+        Ok(bytes)
+    }
+
+    fn cached(
+        &self,
+        backend: &dyn ReadBackend,
+        index: usize,
+        offset: u64,
+        length: usize,
+    ) -> Result<Arc<Vec<u8>>> {
+        let cache = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(bytes) = cache().get(index) {
+            return Ok(bytes);
+        }
+        let bytes = Arc::new(backend.read(offset, length)?.into_owned());
+        cache().put(index, bytes.clone());
+        Ok(bytes)
+    }
+}

@@ -1,0 +1,306 @@
+//! Segments of a model's octree: nodes, and which faces cut the leaves.
+
+use spinney_base::io::FileBytes;
+
+/// States of a node, the low three bits of its word.
+pub(crate) const VOID: u32 = 0;
+pub(crate) const FULL: u32 = 1;
+/// The word's upper bits say where the words of the eight children begin.
+pub(crate) const INNER: u32 = 2;
+/// In a segment of its own.
+pub(crate) const CUT: u32 = 3;
+/// The word's upper bits say where the leaf begins among the bytes of leaves.
+pub(crate) const LEAF: u32 = 4;
+
+/// Bytes of a segment before its lists.
+const HEAD: usize = 12;
+
+/// Kind of a cell that faces cut, by what their planes have in common. It need not lie in the cell, and may be
+/// infinitely far away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum NodeKind {
+    /// All faces lie in one plane.
+    Face,
+    /// All planes have a line in common: two planes, or more around an edge.
+    Edge,
+    /// All planes have a point in common: three, or more around a vertex.
+    Vertex,
+    /// They have nothing in common; the cell has few faces, or is of the deepest level.
+    Boolean,
+}
+
+/// Expression by which the planes of a cell tell what is inside the body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LeafRule {
+    /// Inside is what is behind all of the planes: their intersection.
+    All,
+    /// Inside is what is behind any of the planes: their union.
+    Any,
+    /// Each face that is crossed on the way from the cell's least corner changes between inside and outside.
+    Crossings,
+}
+
+/// Head of a leaf.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct LeafHead {
+    pub kind: NodeKind,
+    pub rule: LeafRule,
+    /// Whether the cell's least corner is inside, moved a little along x, much less along y, and still less along
+    /// z.
+    pub inside: bool,
+}
+
+impl LeafHead {
+    pub(crate) fn to_byte(self) -> u8 {
+        self.kind as u8 | (self.rule as u8) << 2 | u8::from(self.inside) << 4
+    }
+
+    pub(crate) fn from_byte(byte: u8) -> Option<LeafHead> {
+        let kind =
+            [NodeKind::Face, NodeKind::Edge, NodeKind::Vertex, NodeKind::Boolean][usize::from(byte & 3)];
+        let rule = *[LeafRule::All, LeafRule::Any, LeafRule::Crossings].get(usize::from(byte >> 2 & 3))?;
+        (byte >> 5 == 0).then_some(LeafHead { kind, rule, inside: byte >> 4 == 1 })
+    }
+}
+
+/// Appends a number in groups of seven bits, the low ones first.
+fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
+    while number >= 0x80 {
+        bytes.push(number as u8 | 0x80);
+        number >>= 7;
+    }
+    bytes.push(number as u8);
+}
+
+/// Reads such a number, and moves on.
+#[inline]
+fn take_number(bytes: &mut &[u8]) -> Option<u32> {
+    let mut number = 0;
+    for shift in (0..32).step_by(7) {
+        let (&byte, rest) = bytes.split_first()?;
+        *bytes = rest;
+        number |= u64::from(byte & 0x7f) << shift;
+        if byte < 0x80 {
+            return u32::try_from(number).ok();
+        }
+    }
+    None
+}
+
+/// Bytes of a segment from its faces, its words and its leaves.
+pub(crate) fn encode(faces: &[u32], words: &[u32], leaves: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(HEAD + 4 * (faces.len() + words.len()) + leaves.len());
+    for count in [faces.len(), words.len(), leaves.len()] {
+        bytes.extend_from_slice(&(count as u32).to_le_bytes());
+    }
+    for word in faces.iter().chain(words) {
+        bytes.extend_from_slice(&word.to_le_bytes());
+    }
+    bytes.extend_from_slice(leaves);
+    bytes
+}
+
+/// Appends a leaf: its head as [`LeafHead::to_byte`] has it, and the numbers of its faces in the segment, ascending.
+pub(crate) fn push_leaf(leaves: &mut Vec<u8>, head: u8, faces: &[u32]) {
+    leaves.push(head);
+    push_number(leaves, faces.len() as u32);
+    let mut next = 0;
+    for &face in faces {
+        push_number(leaves, face - next);
+        next = face + 1;
+    }
+}
+
+/// A segment of a file.
+#[derive(Clone)]
+pub(crate) struct Segment<'a> {
+    bytes: FileBytes<'a>,
+    faces: usize,
+    words: usize,
+}
+
+impl<'a> Segment<'a> {
+    /// A segment; `None` if its lists do not fit into its bytes.
+    pub(crate) fn new(bytes: FileBytes<'a>) -> Option<Segment<'a>> {
+        let count = |at: usize| {
+            bytes
+                .get(at..at + 4)
+                .map(|four| u32::from_le_bytes(four.try_into().expect("four bytes")) as usize)
+        };
+        let (faces, words, leaves) = (count(0)?, count(4)?, count(8)?);
+        (HEAD + 4 * (faces + words) + leaves == bytes.len()).then_some(Segment { bytes, faces, words })
+    }
+
+    #[inline]
+    fn number(&self, at: usize) -> u32 {
+        self.bytes.get(at..at + 4).map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
+    }
+
+    /// The number in the model of a face, of which the segment has so many.
+    #[inline]
+    pub(crate) fn face(&self, local: u32) -> u32 {
+        self.number(HEAD + 4 * local as usize)
+    }
+
+    /// The word of a node.
+    #[inline]
+    pub(crate) fn word(&self, at: u32) -> u32 {
+        self.number(HEAD + 4 * (self.faces + at as usize))
+    }
+
+    /// The word of a child of an INNER node.
+    #[inline]
+    pub(crate) fn child(&self, word: u32, child: usize) -> u32 {
+        self.word((word >> 3) + child as u32)
+    }
+
+    fn leaves(&self) -> &[u8] {
+        self.bytes.get(HEAD + 4 * (self.faces + self.words)..).unwrap_or_default()
+    }
+
+    /// The head of a LEAF, and the numbers in the model of its faces. One that was checked is there.
+    #[inline]
+    pub(crate) fn leaf(&self, word: u32) -> (LeafHead, LeafFaces<'_>) {
+        let none = (LeafHead { kind: NodeKind::Boolean, rule: LeafRule::Crossings, inside: false }, 0);
+        let mut bytes = self.leaves().get((word >> 3) as usize..).unwrap_or_default();
+        let head = bytes.split_first().and_then(|(first, rest)| {
+            bytes = rest;
+            Some((LeafHead::from_byte(*first)?, take_number(&mut bytes)?))
+        });
+        let (head, left) = head.unwrap_or(none);
+        (head, LeafFaces { segment: self, bytes, left, next: 0 })
+    }
+
+    /// Checks all that a segment may not say, for a model with so many faces, and calls `visit` for each node
+    /// with its level below the segment's own and its word. What is wrong is told in words.
+    pub(crate) fn check(&self, faces: u64, visit: &mut dyn FnMut(u8, u32)) -> Result<(), String> {
+        if self.words == 0 {
+            return Err("no nodes".into());
+        }
+        // Each face once, so that no leaf has more to do than there are faces.
+        let mut numbers: Vec<u32> = (0..self.faces as u32).map(|local| self.face(local)).collect();
+        numbers.sort_unstable();
+        if let Some(pair) = numbers.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(format!("face {} twice", pair[0]));
+        }
+        if let Some(face) = numbers.last().filter(|face| u64::from(**face) >= faces) {
+            return Err(format!("face {face} of {faces}"));
+        }
+        // Records stand in preorder, without gaps: each is reached once, and the walk has an end.
+        let mut next_record = 1;
+        let mut next_leaf = 0;
+        let mut path = vec![(self.word(0), 8u32, 0u32)];
+        self.check_node(self.word(0), &mut next_record, &mut next_leaf)?;
+        visit(0, self.word(0));
+        if self.word(0) & 7 != INNER {
+            path.clear();
+        } else {
+            path[0] = (self.word(0) >> 3, 0, 0);
+        }
+        while let Some((record, child, _)) = path.last_mut() {
+            if *child == 8 {
+                path.pop();
+                continue;
+            }
+            let word = self.word(*record + *child);
+            *child += 1;
+            self.check_node(word, &mut next_record, &mut next_leaf)?;
+            visit(path.len() as u8, word);
+            if word & 7 == INNER {
+                if path.len() > 32 {
+                    return Err("nodes below the deepest level".into());
+                }
+                path.push((word >> 3, 0, 0));
+            }
+        }
+        let (words, leaves) = (self.words as u32, self.leaves().len());
+        if (next_record, next_leaf) != (words, leaves) {
+            return Err(format!(
+                "nodes of {next_record} words and {next_leaf} bytes in {words} and {leaves}"
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_node(&self, word: u32, next_record: &mut u32, next_leaf: &mut usize) -> Result<(), String> {
+        let at = word >> 3;
+        match word & 7 {
+            VOID | FULL | CUT if at == 0 => Ok(()),
+            INNER if at == *next_record && (at as usize) + 8 <= self.words => {
+                *next_record += 8;
+                Ok(())
+            }
+            LEAF if at as usize == *next_leaf => {
+                let leaves = self.leaves();
+                let mut bytes = leaves.get(at as usize..).unwrap_or_default();
+                let wrong = || format!("a leaf at {at} that breaks off");
+                bytes.first().copied().and_then(LeafHead::from_byte).ok_or_else(wrong)?;
+                bytes = &bytes[1..];
+                let count = take_number(&mut bytes).ok_or_else(wrong)?;
+                if count == 0 {
+                    return Err(format!("a leaf at {at} without faces"));
+                }
+                let mut next = 0u64;
+                for _ in 0..count {
+                    let face = next + u64::from(take_number(&mut bytes).ok_or_else(wrong)?);
+                    if face >= self.faces as u64 {
+                        return Err(format!("face {face} of the segment's {}", self.faces));
+                    }
+                    next = face + 1;
+                }
+                *next_leaf = leaves.len() - bytes.len();
+                Ok(())
+            }
+            _ => Err(format!("a node {word:08x}")),
+        }
+    }
+}
+
+/// Numbers in the model of the faces of a leaf.
+#[derive(Clone)]
+pub(crate) struct LeafFaces<'s> {
+    segment: &'s Segment<'s>,
+    bytes: &'s [u8],
+    left: u32,
+    next: u32,
+}
+
+impl Iterator for LeafFaces<'_> {
+    type Item = u64;
+
+    #[inline]
+    fn next(&mut self) -> Option<u64> {
+        self.left = self.left.checked_sub(1)?;
+        let local = self.next.checked_add(take_number(&mut self.bytes)?)?;
+        self.next = local.wrapping_add(1);
+        Some(self.segment.face(local).into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn leaves_come_back() {
+        let head = LeafHead { kind: NodeKind::Vertex, rule: LeafRule::Any, inside: true };
+        let mut leaves = Vec::new();
+        push_leaf(&mut leaves, head.to_byte(), &[0, 1, 200]);
+        let second = leaves.len() as u32;
+        push_leaf(&mut leaves, LeafHead { rule: LeafRule::Crossings, ..head }.to_byte(), &[7]);
+        let faces: Vec<u32> = (1000..1201).collect();
+        let mut words = vec![1 << 3 | INNER, LEAF, second << 3 | LEAF, FULL, VOID, CUT, VOID, VOID, VOID];
+        let bytes = encode(&faces, &words, &leaves);
+        let segment = Segment::new(FileBytes::Mapped(&bytes)).unwrap();
+        let mut seen = Vec::new();
+        segment.check(1201, &mut |level, word| seen.push((level, word & 7))).unwrap();
+        assert_eq!(seen[..4], [(0, INNER), (1, LEAF), (1, LEAF), (1, FULL)]);
+        let (found, list) = segment.leaf(segment.child(segment.word(0), 0));
+        assert_eq!((found, list.collect::<Vec<_>>()), (head, vec![1000, 1001, 1200]));
+        assert!(segment.check(1200, &mut |_, _| ()).is_err(), "a face that is not there");
+        words[3] = 1 << 3 | INNER;
+        let bytes = encode(&faces, &words, &leaves);
+        let segment = Segment::new(FileBytes::Mapped(&bytes)).unwrap();
+        assert!(segment.check(1201, &mut |_, _| ()).is_err(), "a node below itself");
+    }
+}

@@ -1,0 +1,138 @@
+//! The section that tells what a model is: its grid, and how many faces and nodes there are.
+
+use std::path::Path;
+
+use super::segment::NodeKind;
+use crate::{Grid, MOST_BITS};
+use spinney_base::{Error, Result};
+
+/// Tag of the section.
+pub(crate) const SUMMARY: [u8; 4] = *b"BREP";
+/// Tag of the section that finds the blocks of faces.
+pub(crate) const FACES: [u8; 4] = *b"FACE";
+
+/// Numbers of nodes of a model's octree by their kinds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct NodeCounts {
+    /// Cells outside of the body.
+    pub void: u64,
+    /// Cells inside.
+    pub full: u64,
+    /// Cells that are divided.
+    pub inner: u64,
+    /// Cells whose faces lie in one plane.
+    pub face: u64,
+    /// Cells whose faces' planes have a line in common.
+    pub edge: u64,
+    /// Cells whose faces' planes have a point in common.
+    pub vertex: u64,
+    /// Cells of few faces, or of the deepest level, whose faces' planes have nothing in common.
+    pub boolean: u64,
+}
+
+impl NodeCounts {
+    /// All nodes.
+    pub fn total(&self) -> u64 {
+        self.named().into_iter().map(|(_, count)| count).sum()
+    }
+
+    /// The counts with the nodes' names.
+    pub fn named(&self) -> [(&'static str, u64); 7] {
+        let NodeCounts { void, full, inner, face, edge, vertex, boolean } = *self;
+        [
+            ("VOID", void),
+            ("FULL", full),
+            ("INNER", inner),
+            ("FACE", face),
+            ("EDGE", edge),
+            ("VERTEX", vertex),
+            ("BOOLEAN", boolean),
+        ]
+    }
+
+    pub fn count(&mut self, kind: NodeKind) {
+        *match kind {
+            NodeKind::Face => &mut self.face,
+            NodeKind::Edge => &mut self.edge,
+            NodeKind::Vertex => &mut self.vertex,
+            NodeKind::Boolean => &mut self.boolean,
+        } += 1;
+    }
+
+    pub fn add(&mut self, other: &NodeCounts) {
+        self.void += other.void;
+        self.full += other.full;
+        self.inner += other.inner;
+        self.face += other.face;
+        self.edge += other.edge;
+        self.vertex += other.vertex;
+        self.boolean += other.boolean;
+    }
+}
+
+/// The section, decoded.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Summary {
+    pub grid: Grid,
+    pub faces: u64,
+    /// Whether what is far away belongs to the body.
+    pub is_unbounded: bool,
+    pub nodes: NodeCounts,
+}
+
+/// Bytes of the section.
+const SIZE: usize = 8 + 24 + 16 + 8 + 56;
+
+impl Summary {
+    pub(crate) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = vec![self.grid.bits, self.is_unbounded.into(), 0, 0, 0, 0, 0, 0];
+        self.grid.origin.iter().for_each(|at| bytes.extend_from_slice(&at.to_le_bytes()));
+        bytes.extend_from_slice(&self.grid.step.to_le_bytes());
+        bytes.extend_from_slice(&self.grid.divisor.to_le_bytes());
+        bytes.extend_from_slice(&self.faces.to_le_bytes());
+        self.nodes.named().iter().for_each(|(_, count)| bytes.extend_from_slice(&count.to_le_bytes()));
+        bytes
+    }
+
+    pub(crate) fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Summary> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "model", found, expected);
+        if bytes.len() < SIZE {
+            return Err(corrupt(format!("{} bytes", bytes.len()), "at least 112"));
+        }
+        let eight = |at: usize| <[u8; 8]>::try_from(&bytes[at..at + 8]).expect("eight bytes");
+        let count = |index: usize| u64::from_le_bytes(eight(56 + 8 * index));
+        let grid = Grid {
+            bits: bytes[0],
+            origin: [8, 16, 24].map(|at| i64::from_le_bytes(eight(at))),
+            step: f64::from_le_bytes(eight(32)),
+            divisor: f64::from_le_bytes(eight(40)),
+        };
+        let is_grid = (1..=MOST_BITS).contains(&grid.bits)
+            && grid.origin.iter().all(|at| at.unsigned_abs() <= 1 << 53)
+            && [grid.step, grid.divisor].iter().all(|number| number.is_normal() && *number > 0.0)
+            && grid.width().is_normal();
+        if !is_grid {
+            return Err(corrupt(format!("{grid:?}"), "1 to 26 bits, origins up to 2^53, steps above zero"));
+        }
+        let nodes = NodeCounts {
+            void: count(0),
+            full: count(1),
+            inner: count(2),
+            face: count(3),
+            edge: count(4),
+            vertex: count(5),
+            boolean: count(6),
+        };
+        if nodes.named().iter().any(|(_, count)| *count > 1 << 58) {
+            return Err(corrupt(format!("{nodes:?}"), "fewer nodes"));
+        }
+        let faces = u64::from_le_bytes(eight(48));
+        if faces >= 1 << 32 {
+            return Err(corrupt(format!("{faces} faces"), "fewer than 2^32"));
+        }
+        if bytes[1] > 1 {
+            return Err(corrupt(format!("{} for whether it is unbounded", bytes[1]), "0 or 1"));
+        }
+        Ok(Summary { grid, faces, is_unbounded: bytes[1] == 1, nodes })
+    }
+}

@@ -1,0 +1,114 @@
+//! Areas in which two surfaces lie on each other.
+
+use std::collections::BTreeMap;
+
+use super::IntersectionArea;
+use crate::Grid;
+use crate::arrangement::{Contact, Corner, Region, Sample, Segment, Surface, regions, root};
+use crate::query::SectionPolygon;
+use spinney_base::{Progress, Result, parallel};
+
+/// Finds the areas of faces that lie on each other, those beside each other as one.
+///
+/// # Errors
+/// If `memory` bytes are not enough, or on interruption.
+pub(super) fn areas(
+    surface: &Surface<'_>,
+    contacts: &[Contact],
+    grid: &Grid,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Vec<IntersectionArea>> {
+    /// Bytes of a vertex with its edges and loops.
+    const VERTEX: u64 = 1 << 10;
+    let groups = groups(contacts);
+    let gives_up = |vertices: usize| vertices as u64 * VERTEX > memory || progress.interrupted();
+    let found = parallel::map(&groups, |faces| match progress.interrupted() {
+        true => None,
+        false => areas_of(surface, faces, grid, &gives_up),
+    });
+    progress.check()?;
+    let mut all = Vec::new();
+    for found in found {
+        let found = found.ok_or_else(|| surface.too_large(memory))?;
+        all.extend(found);
+    }
+    Ok(all)
+}
+
+/// Faces of one plane that lie on each other, with all that hang together by that; by their first faces.
+fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
+    let pairs: Vec<[u32; 2]> =
+        contacts.iter().filter(|contact| contact.in_plane).map(|contact| contact.faces).collect();
+    let mut faces: Vec<u32> = pairs.iter().flatten().copied().collect();
+    faces.sort_unstable();
+    faces.dedup();
+    let place = |face: u32| faces.partition_point(|known| *known < face) as u32;
+    let mut parents: Vec<u32> = (0..faces.len() as u32).collect();
+    for pair in pairs {
+        let [a, b] = pair.map(|face| root(&mut parents, place(face)));
+        parents[a.max(b) as usize] = a.min(b);
+    }
+    let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (place, face) in (0..).zip(&faces) {
+        groups.entry(root(&mut parents, place)).or_default().push(*face);
+    }
+    groups.into_values().collect()
+}
+
+/// The areas of faces of one plane; `None` if they give up.
+fn areas_of(
+    surface: &Surface<'_>,
+    faces: &[u32],
+    grid: &Grid,
+    gives_up: &dyn Fn(usize) -> bool,
+) -> Option<Vec<IntersectionArea>> {
+    let plane = surface.plane(faces[0]);
+    let axis = plane.main_axis();
+    let mut segments: Vec<Segment> = Vec::new();
+    for &face in faces {
+        surface.edges(face, axis, |segment| segments.push(segment));
+    }
+    // To which sides the faces of both bodies are turned that are there.
+    let sides = |sample: &Sample<'_>| -> Option<[bool; 2]> {
+        let mut sides = [None; 2];
+        surface.each_at(sample, |face| {
+            let is_there = faces.binary_search(&face).is_ok() && surface.meets(sample, face);
+            if is_there {
+                sides[surface.operand(face)] = Some(surface.plane(face).normal[axis] > 0);
+            }
+        });
+        Some([sides[0]?, sides[1]?])
+    };
+    let choose = |region: &Region| sides(&Sample::of_region(plane, region));
+    let found = regions(plane, &segments, &[], gives_up, choose)?;
+    let area = |(region, [is_up, other_is_up]): (Region, [bool; 2])| {
+        let ring = |corners: &Vec<Corner>| {
+            // (Rings turn as seen from the axis' positive end.)
+            let mut ring: Vec<[f64; 3]> = corners.iter().map(|corner| corner.point.to_world(grid)).collect();
+            if !is_up {
+                ring.reverse();
+            }
+            ring.extend(ring.first().copied());
+            ring
+        };
+        let rings: Vec<Vec<[f64; 3]>> = region.rings.iter().map(ring).collect();
+        let polygon = SectionPolygon { area: size(&rings), rings };
+        IntersectionArea { polygon, is_same_side: is_up == other_is_up }
+    };
+    Some(found.into_iter().map(area).collect())
+}
+
+/// The area of a polygon with holes in a plane.
+fn size(rings: &[Vec<[f64; 3]>]) -> f64 {
+    let base = rings[0][0];
+    let mut sum = [0.0; 3];
+    for ends in rings.iter().flat_map(|ring| ring.windows(2)) {
+        let [a, b] = [0, 1].map(|end| [0, 1, 2].map(|axis| ends[end][axis] - base[axis]));
+        for (axis, sum) in sum.iter_mut().enumerate() {
+            let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+            *sum += a[u] * b[v] - a[v] * b[u];
+        }
+    }
+    sum.iter().map(|part| part * part).sum::<f64>().sqrt() / 2.0
+}

@@ -1,0 +1,53 @@
+//! Boundaries of open surfaces.
+
+use std::path::Path;
+
+use super::{NONE, Topology};
+use spinney_base::{Error, Result};
+
+impl Topology {
+    /// Whether every half-edge has a twin.
+    pub fn is_closed(&self) -> bool {
+        self.edges.iter().all(|[_, second]| *second != NONE)
+    }
+
+    /// The boundaries of an open surface: chains of half-edges that have no twin, each of which ends where the next one
+    /// starts, and the last one where the first does. Their origins are the chain's points.
+    pub fn boundaries(&self) -> impl Iterator<Item = Vec<u32>> {
+        let mut is_done = Vec::new();
+        let lone = self.edges.iter().filter(|[_, second]| *second == NONE).map(|[first, _]| *first);
+        lone.filter_map(move |first| {
+            if is_done.is_empty() {
+                is_done = vec![false; self.half_edges() as usize];
+            }
+            let mut chain = Vec::new();
+            let mut at = first;
+            while !is_done[at as usize] {
+                is_done[at as usize] = true;
+                chain.push(at);
+                // The one that has no twin is the first of a fan that is open.
+                at = self.vertices[self.target(at) as usize].half_edge;
+            }
+            (!chain.is_empty()).then_some(chain)
+        })
+    }
+
+    /// Checks that the surface is closed.
+    ///
+    /// # Errors
+    /// If it is not; the message tells how many edges lack a face, and where the first of them are, on the model's
+    /// grid.
+    pub fn check_closed(&self, path: &Path) -> Result<()> {
+        const MOST_SHOWN: usize = 8;
+        let Some(chain) = self.boundaries().next() else { return Ok(()) };
+        let lone = self.edges.iter().filter(|[_, second]| *second == NONE).count();
+        let points: Vec<_> = chain.iter().take(MOST_SHOWN).map(|&at| self.point(self.origin(at))).collect();
+        let more = if chain.len() > MOST_SHOWN { " and on" } else { "" };
+        let found = format!(
+            "{lone} edges with a face on one side only, in {} chains; the first has {} edges and goes through {points:?}{more}",
+            self.boundaries().count(),
+            chain.len(),
+        );
+        Err(Error::corrupt(path, "surface", found, "every edge in both directions"))
+    }
+}

@@ -1,0 +1,100 @@
+//! Faces cut into triangles.
+
+use super::arrangement::flip_in_plane;
+use super::{Attributes, Face, Faces, Grid};
+use crate::geometry::Triangulator;
+use crate::geometry::crossing::ring_normal;
+use spinney_base::Result;
+use spinney_crs::Crs;
+
+/// Faces of a model, cut into triangles: constrained Delaunay triangulations without new corners, so that a face of `c` corners
+/// with `h` holes has `c + 2h - 2` of them.
+pub struct Triangulated<'a> {
+    faces: &'a dyn Faces,
+    len: u64,
+}
+
+impl<'a> Triangulated<'a> {
+    /// The triangles of a model's faces. Reads the faces once.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn of(faces: &'a dyn Faces) -> Result<Triangulated<'a>> {
+        let mut found = Triangulated { faces, len: 0 };
+        let mut len = 0;
+        found.each(&mut |_| {
+            len += 1;
+            Ok(())
+        })?;
+        found.len = len;
+        Ok(found)
+    }
+}
+
+impl Faces for Triangulated<'_> {
+    fn grid(&self) -> &Grid {
+        self.faces.grid()
+    }
+
+    fn parts(&self) -> &[String] {
+        self.faces.parts()
+    }
+
+    fn attributes(&self) -> Attributes {
+        self.faces.attributes()
+    }
+
+    fn crs(&self) -> Option<&Crs> {
+        self.faces.crs()
+    }
+
+    fn is_unbounded(&self) -> bool {
+        self.faces.is_unbounded()
+    }
+
+    fn volume_beside(&self) -> Result<f64> {
+        self.faces.volume_beside()
+    }
+
+    fn len(&self) -> u64 {
+        self.len
+    }
+
+    fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        let mut triangulator = Triangulator::new();
+        let (mut wide, mut triangles) = (Vec::new(), Vec::new());
+        let mut number = 0;
+        self.faces.each(&mut |face| {
+            triangles.clear();
+            if face.points.len() == 3 {
+                triangles.push([0, 1, 2]);
+            } else {
+                wide.clear();
+                wide.extend(face.points.iter().map(|point| point.map(i64::from)));
+                if triangulator.triangulate(&wide, face.ring_ends, &mut triangles) {
+                    let normal = ring_normal(&face.points[..face.ring_ends[0]]);
+                    let points: Vec<[f64; 3]> =
+                        face.points.iter().map(|point| point.map(f64::from)).collect();
+                    flip_in_plane(normal.map(|part| part as f64), &points, &mut triangles);
+                } else {
+                    // What has no area, or rings that cross, keeps its edges as fans.
+                    triangles.clear();
+                    let mut start = 0;
+                    for end in face.ring_ends.iter().map(|end| *end as u32) {
+                        triangles.extend((start + 2..end).map(|corner| [start, corner - 1, corner]));
+                        start = end;
+                    }
+                }
+            }
+            for triangle in &triangles {
+                let points = triangle.map(|corner| face.points[corner as usize]);
+                let colours =
+                    triangle.map(|corner| face.colours.get(corner as usize).copied().unwrap_or_default());
+                let colours = if face.colours.is_empty() { &[][..] } else { &colours[..] };
+                each(&Face { number, points: &points, ring_ends: &[3], colours, ..*face })?;
+                number += 1;
+            }
+            Ok(())
+        })
+    }
+}

@@ -1,0 +1,23 @@
+//! The container that all tree files have in common: header, metadata, sections, trailer.
+
+mod cache;
+mod finding;
+mod format;
+mod header;
+mod level_counts;
+mod metadata;
+mod options;
+mod shape;
+mod state;
+mod trailer;
+
+pub use cache::SegmentCache;
+pub use finding::{Finding, MAX_FINDINGS};
+pub use format::{TreeFormat, file_is_tree, split_commit};
+pub use header::{Codec, HEADER_SIZE, Header};
+pub use level_counts::LevelCounts;
+pub use metadata::{Metadata, ScopedTags, TagScope};
+pub use options::OpenOptions;
+pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
+pub use state::{CUT, INNER, LEAF, VOID};
+pub use trailer::{Section, SectionWriter, TAIL, Trailer};

@@ -1,0 +1,120 @@
+//! The metadata section: everything about a file that is not needed to find its way in it.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::level_counts::LevelCounts;
+use spinney_base::value::Palette;
+use spinney_base::{Error, Result};
+use spinney_crs::{ControlPoints, Frame};
+
+/// Georeference, meaning and provenance of the data.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Metadata {
+    /// Georeference of the cells.
+    pub frame: Frame,
+    /// The number that VOID had in the input, and gets in outputs that need one.
+    pub nodata: Option<f64>,
+    /// Colours of the values.
+    pub palette: Option<Palette>,
+    /// Names of the values.
+    pub class_names: BTreeMap<i64, String>,
+    /// A name per channel; empty strings or nothing where unknown.
+    pub band_names: Vec<String>,
+    /// Factor and summand per channel that make physical units of samples; nothing where there is nothing to
+    /// do.
+    pub scale_offset: Vec<(f64, f64)>,
+    /// Unit per channel of what scale and offset make; empty strings or nothing where unknown.
+    pub units: Vec<String>,
+    /// Number of the channel that is opacity.
+    pub alpha: Option<u8>,
+    /// Nodes per level.
+    pub counts: LevelCounts,
+    /// Provenance of the data, in order: one line per input or operation.
+    pub provenance: Vec<String>,
+    /// Anything else.
+    pub tags: BTreeMap<String, String>,
+    /// Anything else that is said of one channel, or in a domain.
+    pub scoped_tags: ScopedTags,
+    /// Ground control points.
+    pub control_points: Option<ControlPoints>,
+}
+
+/// Tags by what they are about.
+pub type ScopedTags = BTreeMap<TagScope, BTreeMap<String, String>>;
+
+/// The subject of some tags: one channel, a domain (a room of its own for names, as in GDAL), or both.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct TagScope {
+    /// The channel, from 0; `None` is the whole picture.
+    pub channel: Option<u16>,
+    /// The domain; empty is the usual one.
+    pub domain: String,
+}
+
+impl Default for Metadata {
+    fn default() -> Self {
+        Metadata {
+            frame: Frame::identity(),
+            nodata: None,
+            palette: None,
+            class_names: BTreeMap::new(),
+            band_names: Vec::new(),
+            scale_offset: Vec::new(),
+            units: Vec::new(),
+            alpha: None,
+            counts: LevelCounts::default(),
+            provenance: Vec::new(),
+            tags: BTreeMap::new(),
+            scoped_tags: BTreeMap::new(),
+            control_points: None,
+        }
+    }
+}
+
+/// Bytes that metadata may have, on disk and decoded: a hostile length must not ask for more.
+const LIMIT: usize = 16 << 20;
+/// First number of the section: the version of the struct that follows.
+const VERSION: u32 = 1;
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard().with_limit::<LIMIT>()
+}
+
+impl Metadata {
+    pub fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
+        bincode::serde::encode_to_vec((VERSION, self), config())
+            .ok()
+            .filter(|bytes| bytes.len() <= LIMIT)
+            .ok_or_else(|| Error::TooLarge {
+                path: path.to_path_buf(),
+                what: "the metadata (coordinate system, palette, names, tags, control points)".into(),
+                needed: LIMIT as u64 + 1,
+                limit: LIMIT as u64,
+                advice: "leave out tags or class names".into(),
+            })
+    }
+
+    /// Checks the section's length, which must be done before anybody makes room for its bytes.
+    pub fn check_length(path: &Path, length: u64) -> Result<()> {
+        let fits = length <= LIMIT as u64;
+        let found = || format!("{length} bytes");
+        fits.then_some(()).ok_or_else(|| Error::corrupt(path, "metadata", found(), "at most 16 MiB"))
+    }
+
+    pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "metadata", found, expected);
+        Metadata::check_length(path, bytes.len() as u64)?;
+        let (version, used): (u32, usize) = bincode::serde::decode_from_slice(bytes, config())
+            .map_err(|error| corrupt(error.to_string(), "a version number"))?;
+        if version != VERSION {
+            let advice = "read it with a program as new as the file";
+            return Err(Error::unsupported(path, format!("metadata version {version}"), advice));
+        }
+        let (metadata, _): (Metadata, usize) = bincode::serde::decode_from_slice(&bytes[used..], config())
+            .map_err(|error| corrupt(error.to_string(), "the metadata of formats.md"))?;
+        Ok(metadata)
+    }
+}

@@ -1,0 +1,215 @@
+//! The trailer at the end of a Goblin file: the root, totals, and where the sections are.
+
+use std::borrow::Cow;
+use std::io::{self, Write};
+use std::path::Path;
+
+use zerocopy::little_endian::{U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use crate::INNER;
+use spinney_base::io::{Output, ReadBackend};
+use spinney_base::{Error, Result};
+
+/// Last bytes of every Goblin file.
+const END_MAGIC: [u8; 8] = *b"\nnilboG\x93";
+
+/// A section at the end of a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Section {
+    pub offset: u64,
+    pub length: u64,
+    pub checksum: u32,
+}
+
+impl Section {
+    /// The section's bytes, which the trailer's checks have found to lie inside the file, with the right
+    /// checksum.
+    pub fn read<'f>(&self, path: &Path, backend: &'f dyn ReadBackend, name: &str) -> Result<Cow<'f, [u8]>> {
+        let bytes = backend.read(self.offset, self.length as usize)?;
+        let checksum = crc32c::crc32c(&bytes);
+        if checksum != self.checksum {
+            let found = format!("checksum {checksum:08x}");
+            return Err(Error::corrupt(path, name, found, format!("{:08x}", self.checksum)));
+        }
+        Ok(bytes)
+    }
+}
+
+/// The decoded trailer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trailer {
+    /// State of the root: VOID, LEAF or INNER.
+    pub root_state: u8,
+    /// Value or representative of the root, as on disk, padded with zeros.
+    pub root_value: [u8; 32],
+    /// Segments, which is the number of directory entries.
+    pub segments: u64,
+    /// Records in all segments, those stored more than once included.
+    pub stored_records: u64,
+    pub directory: Section,
+    pub metadata: Section,
+    /// Sections of one kind of files, by their tags.
+    pub more: Vec<([u8; 4], Section)>,
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned, Clone, Copy)]
+#[repr(C)]
+struct RawSection {
+    tag: [u8; 4],
+    checksum: U32,
+    offset: U64,
+    length: U64,
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawTrailer {
+    root_state: u8,
+    zero: [u8; 7],
+    root_value: [u8; 32],
+    segments: U64,
+    stored_records: U64,
+    file_length: U64,
+    sections: U32,
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawEnd {
+    length: U32,
+    checksum: U32,
+    magic: [u8; 8],
+}
+
+const DIRECTORY: [u8; 4] = *b"DIRE";
+const METADATA: [u8; 4] = *b"META";
+/// Bytes of the longest trailer; a longer one is refused.
+const MAX_TRAILER: usize = 4096;
+/// Bytes from the end of a file that are sure to hold the trailer.
+pub const TAIL: usize = MAX_TRAILER + size_of::<RawEnd>();
+
+impl Trailer {
+    /// The section with a tag; one of no bytes where there is none.
+    pub fn section(&self, tag: [u8; 4]) -> Section {
+        let found = self.more.iter().find(|(name, _)| *name == tag);
+        found.map_or(Section::default(), |(_, section)| *section)
+    }
+
+    /// The trailer of a file that has `before` bytes so far.
+    pub fn to_bytes(&self, before: u64) -> Vec<u8> {
+        let usual = [(DIRECTORY, self.directory), (METADATA, self.metadata)];
+        let sections: Vec<_> = usual.into_iter().chain(self.more.iter().copied()).collect();
+        let length = size_of::<RawTrailer>() + sections.len() * size_of::<RawSection>();
+        let raw = RawTrailer {
+            root_state: self.root_state,
+            zero: [0; 7],
+            root_value: self.root_value,
+            segments: self.segments.into(),
+            stored_records: self.stored_records.into(),
+            file_length: (before + (length + size_of::<RawEnd>()) as u64).into(),
+            sections: (sections.len() as u32).into(),
+        };
+        let mut bytes = raw.as_bytes().to_vec();
+        for (tag, section) in sections {
+            let raw = RawSection {
+                tag,
+                checksum: section.checksum.into(),
+                offset: section.offset.into(),
+                length: section.length.into(),
+            };
+            bytes.extend_from_slice(raw.as_bytes());
+        }
+        let checksum = crc32c::crc32c(&bytes);
+        let end = RawEnd { length: (length as u32).into(), checksum: checksum.into(), magic: END_MAGIC };
+        bytes.extend_from_slice(end.as_bytes());
+        bytes
+    }
+
+    /// Checks and understands the last bytes of a file of `file_length` bytes.
+    pub fn from_bytes(path: &Path, tail: &[u8], file_length: u64) -> Result<Trailer> {
+        let corrupt = |found: String, expected: &str| Error::corrupt(path, "trailer", found, expected);
+        let Ok((rest, end)) = RawEnd::ref_from_suffix(tail) else {
+            return Err(corrupt(format!("{} bytes", tail.len()), "at least 16 bytes"));
+        };
+        if end.magic != END_MAGIC {
+            let found = format!("`{}` at the end", end.magic.escape_ascii());
+            return Err(corrupt(found, "the last bytes of a Goblin file (is the file cut short?)"));
+        }
+        let length = end.length.get() as usize;
+        let Some(body) = rest.len().checked_sub(length).map(|start| &rest[start..]) else {
+            return Err(corrupt(format!("a length of {length}"), "one that fits the file"));
+        };
+        let checksum = crc32c::crc32c(body);
+        if checksum != end.checksum.get() {
+            return Err(corrupt(format!("checksum {checksum:08x}"), &format!("{:08x}", end.checksum)));
+        }
+        let Ok((raw, sections)) = RawTrailer::ref_from_prefix(body) else {
+            return Err(corrupt(format!("a length of {length}"), "a whole trailer"));
+        };
+        if raw.file_length.get() != file_length {
+            let expected = format!("{} bytes", raw.file_length);
+            return Err(corrupt(format!("a file of {file_length} bytes"), &expected));
+        }
+        if raw.root_state > INNER {
+            return Err(corrupt(format!("root state {}", raw.root_state), "0, 1 or 2"));
+        }
+        let mut trailer = Trailer {
+            root_state: raw.root_state,
+            root_value: raw.root_value,
+            segments: raw.segments.get(),
+            stored_records: raw.stored_records.get(),
+            directory: Section::default(),
+            metadata: Section::default(),
+            more: Vec::new(),
+        };
+        let count = raw.sections.get() as usize;
+        let Ok(list) = <[RawSection]>::ref_from_bytes_with_elems(sections, count) else {
+            return Err(corrupt(format!("{count} sections"), "as many as fit the trailer"));
+        };
+        for raw in list {
+            let section =
+                Section { offset: raw.offset.get(), length: raw.length.get(), checksum: raw.checksum.get() };
+            let end = section.offset.checked_add(section.length);
+            if end.is_none_or(|end| end > file_length) {
+                return Err(corrupt(
+                    format!("section {} at {}, {} bytes", raw.tag.escape_ascii(), raw.offset, raw.length),
+                    "sections inside the file",
+                ));
+            }
+            match raw.tag {
+                DIRECTORY => trailer.directory = section,
+                METADATA => trailer.metadata = section,
+                // (Those of later minor versions, too, which nobody asks for.)
+                tag => trailer.more.push((tag, section)),
+            }
+        }
+        Ok(trailer)
+    }
+}
+
+/// Passes the bytes of a section on to the output, counts them and makes their checksum.
+pub struct SectionWriter<'a> {
+    out: &'a mut Output,
+    pub written: Section,
+}
+
+impl SectionWriter<'_> {
+    /// A writer of a section that starts so many bytes behind the file's beginning.
+    pub fn new(out: &mut Output, offset: u64) -> SectionWriter<'_> {
+        SectionWriter { out, written: Section { offset, length: 0, checksum: 0 } }
+    }
+}
+
+impl Write for SectionWriter<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.out.write(bytes)?;
+        self.written.length += count as u64;
+        self.written.checksum = crc32c::crc32c_append(self.written.checksum, &bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+}

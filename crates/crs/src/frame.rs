@@ -1,0 +1,152 @@
+//! Georeference: where the cells of a tree lie in the world.
+
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::definition::Crs;
+use spinney_base::space::Bounds;
+
+/// The affine map from cell coordinates to the world, and the coordinate system it leads to.
+///
+/// Cell (0, 0, 0) spans 0..1 on every axis, so its centre is at one half.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// Rows of the 3x4 matrix: world x, y, z from cell x, y, z, 1.
+    pub matrix: [[f64; 4]; 3],
+    /// The coordinate system, where known.
+    pub crs: Option<Crs>,
+    /// Whether samples were points at pixel centres (GeoTIFF `PixelIsPoint`); the matrix already has the
+    /// half-pixel shift applied, so that it always speaks of areas.
+    pub pixel_is_point: bool,
+}
+
+impl Frame {
+    /// The frame in which cell coordinates are the world coordinates.
+    pub fn identity() -> Frame {
+        Frame {
+            matrix: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]],
+            crs: None,
+            pixel_is_point: false,
+        }
+    }
+
+    /// A frame of a plane from the six numbers `a, b, c, d, e, f`: world x = a col + b row + c,
+    /// world y = d col + e row + f (the order of GeoTIFF world files in rasterio).
+    pub fn planar([a, b, c, d, e, f]: [f64; 6]) -> Frame {
+        Frame { matrix: [[a, b, 0.0, c], [d, e, 0.0, f], [0.0, 0.0, 1.0, 0.0]], ..Frame::identity() }
+    }
+
+    /// The six numbers of [`Frame::planar`].
+    pub fn affine(&self) -> [f64; 6] {
+        let [x, y, _] = self.matrix;
+        [x[0], x[1], x[3], y[0], y[1], y[3]]
+    }
+
+    /// Whether cells and world coincide, so that there is nothing to tell.
+    pub fn is_identity(&self) -> bool {
+        self.matrix == Frame::identity().matrix
+    }
+
+    /// The map without its translation: the columns are the edges of a cell, the determinant is a cell's
+    /// volume, negative if the map mirrors.
+    pub fn linear(&self) -> DMat3 {
+        DMat3::from_cols_array_2d(&self.matrix.map(|[x, y, z, _]| [x, y, z])).transpose()
+    }
+
+    /// Area vectors in the world of a cell's faces across x, y and z, out of the cell at its upper ends; a
+    /// mirrored cell's point inwards.
+    pub fn face_areas(&self) -> [DVec3; 3] {
+        let DMat3 { x_axis: a, y_axis: b, z_axis: c } = self.linear();
+        [b.cross(c), c.cross(a), a.cross(b)]
+    }
+
+    /// World coordinates of a point given in cell coordinates.
+    pub fn to_world(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        self.matrix.map(|m| m[0] * x + m[1] * y + m[2] * z + m[3])
+    }
+
+    /// Cell coordinates of a world point; `None` if the map cannot be inverted.
+    pub fn to_cells(&self, world: [f64; 3]) -> Option<[f64; 3]> {
+        let m = &self.matrix;
+        // (Adjugate by determinant. With indices that go round the minors have the signs of cofactors.)
+        let minor = |r: usize, c: usize| {
+            let (r1, r2) = ((r + 1) % 3, (r + 2) % 3);
+            let (c1, c2) = ((c + 1) % 3, (c + 2) % 3);
+            m[r1][c1] * m[r2][c2] - m[r1][c2] * m[r2][c1]
+        };
+        let det = (0..3).map(|c| m[0][c] * minor(0, c)).sum::<f64>();
+        if !det.is_finite() || det == 0.0 {
+            return None;
+        }
+        let d = [world[0] - m[0][3], world[1] - m[1][3], world[2] - m[2][3]];
+        Some(std::array::from_fn(|c| (0..3).map(|r| minor(r, c) * d[r]).sum::<f64>() / det))
+    }
+
+    /// Least and greatest coordinates in the world of a box of cells.
+    pub fn world_box(&self, cells: &Bounds) -> [[f64; 3]; 2] {
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { cells.min[axis] } else { cells.max[axis] };
+            let point = self.to_world(std::array::from_fn(|axis| pick(axis) as f64));
+            for axis in 0..3 {
+                low[axis] = low[axis].min(point[axis]);
+                high[axis] = high[axis].max(point[axis]);
+            }
+        }
+        [low, high]
+    }
+
+    /// The cells of a picture of this size that a box of the world means, which is given by its least and its
+    /// greatest coordinates: all that it covers, if only in part. `None` if the map cannot be inverted.
+    ///
+    /// A turned box has the smallest box of cells around it. Of what lies outside the picture nothing is
+    /// left: the result may be empty.
+    pub fn cells_in_box(&self, low: [f64; 3], high: [f64; 3], extent: [u64; 3]) -> Option<Bounds> {
+        // Edges that are a rounding error beside a cell's edge mean that edge.
+        const ROUNDING: f64 = 1e-6;
+        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+            let cell = self.to_cells(std::array::from_fn(pick))?;
+            for axis in 0..3 {
+                min[axis] = min[axis].min(cell[axis]);
+                max[axis] = max[axis].max(cell[axis]);
+            }
+        }
+        let inside = |axis: usize, cell: f64| cell.clamp(0.0, extent[axis] as f64) as u64;
+        Some(Bounds {
+            min: std::array::from_fn(|axis| inside(axis, (min[axis] + ROUNDING).floor())),
+            max: std::array::from_fn(|axis| inside(axis, (max[axis] - ROUNDING).ceil())),
+        })
+    }
+
+    /// The cells of a picture of this size that a rectangle of the world (west, south, east, north) means, in
+    /// all slices: see [`Frame::cells_in_box`].
+    pub fn cells_in_rectangle(
+        &self,
+        [west, south, east, north]: [f64; 4],
+        extent: [u64; 3],
+    ) -> Option<Bounds> {
+        let mut bounds = self.cells_in_box([west, south, 0.0], [east, north, 0.0], extent)?;
+        (bounds.min[2], bounds.max[2]) = (0, extent[2]);
+        Some(bounds)
+    }
+
+    /// The frame of the same world seen in cells `2^shift` times as large along every axis: that of level
+    /// `depth - shift`.
+    pub fn coarser(&self, shift: u8) -> Frame {
+        let scale = (1u64 << shift) as f64;
+        let matrix = self.matrix.map(|[x, y, z, o]| [x * scale, y * scale, z * scale, o]);
+        Frame { matrix, ..self.clone() }
+    }
+
+    /// The frame whose cell (0, 0, 0) is this frame's cell `origin`.
+    pub fn shifted(&self, origin: [f64; 3]) -> Frame {
+        let o = self.to_world(origin);
+        let mut frame = self.clone();
+        for (row, o) in frame.matrix.iter_mut().zip(o) {
+            row[3] = o;
+        }
+        frame
+    }
+}

@@ -1,0 +1,197 @@
+//! Projections: coordinates of one system as those of another, by way of longitude and latitude in WGS 84.
+
+mod datum;
+mod datum_names;
+mod definition;
+mod geo_keys;
+mod methods;
+mod proj_string;
+mod projjson;
+mod shift;
+mod system;
+#[cfg(test)]
+mod tests;
+mod verified;
+mod wkt;
+
+use proj4rs::Proj;
+use proj4rs::transform::transform;
+
+use self::datum::Datum;
+use self::definition::Definition;
+use self::verified::is_verified;
+use super::{Crs, WEB_MERCATOR};
+use spinney_base::{Error, Result};
+
+/// A coordinate system whose coordinates can be computed.
+///
+/// The formulas are those of PROJ, in Rust (proj4rs): see [`PROJECTION_METHODS`]. Systems without a shift to WGS 84, or with one that
+/// needs a grid, are refused unless a shift of nothing is said to be good enough.
+pub struct Projection {
+    form: Form,
+    /// A remark on how well the system's datum is known.
+    remark: Option<String>,
+}
+
+/// The way coordinates are computed.
+enum Form {
+    /// Degrees of longitude and latitude in WGS 84, or in a datum that is taken for the same.
+    Degrees,
+    /// Web mercator: spherical formulas over WGS 84.
+    WebMercator,
+    /// Any other: its definition, and the same for degrees in WGS 84.
+    Other(Box<Proj>, Box<Proj>),
+}
+
+/// Radius of the sphere of web mercator in metres.
+const RADIUS: f64 = 6_378_137.0;
+
+/// Projection methods, by PROJ's names, that definitions may have.
+pub const PROJECTION_METHODS: [&str; 27] = [
+    "longlat", "merc", "webmerc", "utm", "tmerc", "etmerc", "lcc", "aea", "laea", "stere", "sterea",
+    "somerc", "omerc", "cass", "cea", "eqc", "eqdc", "eqearth", "krovak", "mill", "moll", "poly", "robin",
+    "sinu", "aeqd", "ortho", "gnom",
+];
+
+impl Projection {
+    /// The projection that a definition asks for: by a number of the EPSG registry, or whole, in any form. Coordinates are within a
+    /// millimetre of PROJ's, those of systems by number with a shifted datum within a centimetre. The datum of a definition without a
+    /// number is taken by its name, if it is one of those that were compared with PROJ's, or by the shift that the definition tells.
+    ///
+    /// `allow_ballpark` takes those, too, that are not: the datum is taken for WGS 84 where the shift to it is unknown or needs a grid,
+    /// which may be off by some hundred metres.
+    ///
+    /// ```
+    /// use spinney::space::{Crs, Projection};
+    /// let lambert = Projection::new(&Crs::epsg(3034), false)?;
+    /// let [x, y] = lambert.forward([10.0, 52.0]).unwrap();
+    /// assert!((x - 4_000_000.0).abs() < 1e-6 && (y - 2_800_000.0).abs() < 1e-6);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the definition is not understood, or asks for a method that is none of [`PROJECTION_METHODS`] or for a shift that is
+    /// not available; the message names it.
+    pub fn new(crs: &Crs, allow_ballpark: bool) -> Result<Projection> {
+        if crs.numbers().is_some_and(|epsg| epsg.in_parts().horizontal == WEB_MERCATOR) {
+            return Ok(Projection { form: Form::WebMercator, remark: None });
+        }
+        let invalid = |found: String, expected: String| {
+            Error::invalid(format!("coordinate system {crs}"), found, expected)
+        };
+        let Definition { words, datum } = definition::read(crs).map_err(|found| {
+            invalid(
+                found,
+                "one whose parts are known; if it is one of the EPSG registry, say so with `spinney build --crs EPSG:NUMBER` or the \
+                 step crs=EPSG:NUMBER of `spinney transform`, otherwise bring the raster into one"
+                    .into(),
+            )
+        })?;
+        let method = definition::parameter(&words, "proj").unwrap_or("none");
+        if !PROJECTION_METHODS.contains(&method) {
+            let methods = PROJECTION_METHODS.join(", ");
+            return Err(invalid(format!("the method {method}"), format!("one of {methods}")));
+        }
+        let number = crs.numbers().map(|epsg| epsg.in_parts().horizontal);
+        let unsure = match &datum {
+            Datum::Unknown => Some("a datum whose shift to WGS 84 is not known".into()),
+            _ if number.is_some_and(is_verified) => None,
+            Datum::Unlisted(name) => Some(format!("the datum {name}, whose shift to WGS 84 is not known")),
+            Datum::Grid(name) => Some(format!("a datum that is shifted to WGS 84 by the grid {name}")),
+            Datum::Named(name) => Some(format!("the datum {name}, whose shift to WGS 84 needs a grid")),
+            Datum::Wgs84 | Datum::Shifted(_) if number.is_some() => {
+                Some("a datum for which PROJ has a newer shift to WGS 84 than its definition".into())
+            }
+            Datum::Wgs84 | Datum::Shifted(_) => None,
+        };
+        let remark = match unsure {
+            Some(found) if !allow_ballpark => {
+                let expected = "a system whose shift is known, which its EPSG number may tell, or --allow-ballpark, which may be off by \
+                                some hundred metres";
+                return Err(invalid(found, expected.into()));
+            }
+            Some(found) => Some(format!("{found}; places may be off by some hundred metres")),
+            None => None,
+        };
+        let shifted = datum.words().map(|shift| format!("{words} {shift}"));
+        // (Some datums that have a name are shifted by numbers that it stands for, others need grids.)
+        let shifted = match datum {
+            Datum::Named(_) => shifted.filter(|text| Proj::from_proj_string(text).is_ok()),
+            _ => shifted,
+        };
+        let open = |text: &str| {
+            Proj::from_proj_string(text).map_err(|error| {
+                invalid(format!("`{text}`: {error}"), "a definition that makes sense".into())
+            })
+        };
+        let (definition, shifts) = (shifted.as_ref().unwrap_or(&words), shifted.is_some());
+        let proj = open(definition)?;
+        let form = match proj.is_latlong() && !shifts && proj.from_greenwich() == 0.0 {
+            true => Form::Degrees,
+            false => Form::Other(Box::new(proj), Box::new(open("+proj=longlat +datum=WGS84 +no_defs")?)),
+        };
+        Ok(Projection { form, remark })
+    }
+
+    /// A remark on how well the system's datum is known, where that is less than well.
+    pub fn remark(&self) -> Option<&str> {
+        self.remark.as_deref()
+    }
+
+    /// Whether coordinates are longitude and latitude, so that they come again after 360 degrees.
+    pub fn is_geographic(&self) -> bool {
+        match &self.form {
+            Form::Degrees => true,
+            Form::WebMercator => false,
+            Form::Other(proj, _) => proj.is_latlong(),
+        }
+    }
+
+    /// Whether the first coordinate depends on the longitude alone, and the second on the latitude alone.
+    pub fn is_cylindrical(&self) -> bool {
+        match &self.form {
+            Form::Degrees | Form::WebMercator => true,
+            // (Shifts of the datum mix both.)
+            Form::Other(..) => false,
+        }
+    }
+
+    /// Longitude and latitude in degrees (WGS 84) of a point; `None` where the system has none.
+    pub fn inverse(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
+        let point = match &self.form {
+            Form::Degrees => [x, y],
+            Form::WebMercator => [(x / RADIUS).to_degrees(), (y / RADIUS).sinh().atan().to_degrees()],
+            Form::Other(proj, degrees) => {
+                let mut point = match proj.is_latlong() {
+                    true => (x.to_radians(), y.to_radians(), 0.0),
+                    false => (x, y, 0.0),
+                };
+                transform(proj, degrees, &mut point).ok()?;
+                [point.0.to_degrees(), point.1.to_degrees()]
+            }
+        };
+        (point[0].is_finite() && point[1].abs() <= 90.0 + 1e-9).then_some(point)
+    }
+
+    /// The point at a longitude and latitude in degrees (WGS 84); `None` where the system has none.
+    pub fn forward(&self, [longitude, latitude]: [f64; 2]) -> Option<[f64; 2]> {
+        if latitude.abs() > 90.0 + 1e-9 {
+            return None;
+        }
+        let point = match &self.form {
+            Form::Degrees => [longitude, latitude],
+            Form::WebMercator => {
+                [RADIUS * longitude.to_radians(), RADIUS * latitude.to_radians().tan().asinh()]
+            }
+            Form::Other(proj, degrees) => {
+                let mut point = (longitude.to_radians(), latitude.to_radians(), 0.0);
+                transform(degrees, proj, &mut point).ok()?;
+                match proj.is_latlong() {
+                    true => [point.0.to_degrees(), point.1.to_degrees()],
+                    false => [point.0, point.1],
+                }
+            }
+        };
+        point.iter().all(|number| number.is_finite()).then_some(point)
+    }
+}

@@ -1,0 +1,234 @@
+//! Definitions in PROJ's own words, held to what those mean there.
+
+use std::fmt::Write as _;
+
+use proj4rs::Proj;
+
+use super::datum::{self, Datum};
+use super::definition::Definition;
+use super::system::{helmert, is_global};
+use crate::definition::{metres_of_unit, parse_proj_string, proj_value};
+
+/// Words that methods take besides those that all take.
+#[rustfmt::skip]
+const METHODS: &[(&str, &[&str])] = &[
+    ("longlat", &[]), ("latlong", &[]), ("lonlat", &[]), ("latlon", &[]),
+    ("merc", &["lon_0", "lat_ts", "k"]), ("webmerc", &["lon_0"]),
+    ("utm", &["zone", "south"]), ("tmerc", &["lat_0", "lon_0", "k"]), ("etmerc", &["lat_0", "lon_0", "k"]),
+    ("lcc", &["lat_0", "lon_0", "lat_1", "lat_2", "k"]), ("aea", &["lat_0", "lon_0", "lat_1", "lat_2"]),
+    ("eqdc", &["lat_0", "lon_0", "lat_1", "lat_2"]), ("laea", &["lat_0", "lon_0"]),
+    ("stere", &["lat_0", "lon_0", "lat_ts", "k"]), ("sterea", &["lat_0", "lon_0", "k"]), ("somerc", &["lat_0", "lon_0", "k"]),
+    ("omerc", &["lat_0", "lonc", "alpha", "gamma", "k", "no_uoff", "no_off"]), ("cass", &["lat_0", "lon_0"]),
+    ("cea", &["lon_0", "lat_ts"]), ("eqc", &["lon_0", "lat_ts"]), ("eqearth", &["lon_0"]),
+    ("mill", &["lon_0"]), ("moll", &["lon_0"]), ("poly", &["lat_0", "lon_0"]), ("robin", &["lon_0"]), ("sinu", &["lon_0"]),
+    ("aeqd", &["lat_0", "lon_0"]), ("ortho", &["lat_0", "lon_0"]), ("gnom", &["lat_0", "lon_0"]),
+    ("krovak", &["lat_0", "lon_0", "k"]),
+];
+
+/// Words of the ellipsoid and of the datum.
+const FIGURES: [&str; 8] = ["ellps", "datum", "R", "a", "b", "rf", "towgs84", "nadgrids"];
+/// Words of numbers, and the largest that they may have.
+const NUMBERS: [(&str, f64); 18] = [
+    ("lat_0", 90.0),
+    ("lat_1", 90.0),
+    ("lat_2", 90.0),
+    ("lat_ts", 90.0),
+    ("lon_0", 360.0),
+    ("lonc", 360.0),
+    ("alpha", 360.0),
+    ("gamma", 360.0),
+    ("zone", 60.0),
+    ("k", 1e3),
+    ("k_0", 1e3),
+    ("x_0", 1e10),
+    ("y_0", 1e10),
+    ("R", 1e9),
+    ("a", 1e9),
+    ("b", 1e9),
+    ("rf", 1e9),
+    ("to_meter", 1e7),
+];
+/// Words that change no coordinates of the plane.
+const TOLD: [&str; 3] = ["no_defs", "wktext", "title"];
+/// Prime meridians by name, whose numbers are those of PROJ.
+const MERIDIANS: [&str; 13] = [
+    "greenwich",
+    "lisbon",
+    "paris",
+    "bogota",
+    "madrid",
+    "rome",
+    "bern",
+    "jakarta",
+    "ferro",
+    "brussels",
+    "stockholm",
+    "athens",
+    "oslo",
+];
+
+/// Whether a text means web mercator, in the way that PROJ 4 had to say it.
+pub(super) fn is_web_mercator(text: &str) -> bool {
+    let Ok(words) = parse_proj_string(text) else { return false };
+    let is =
+        |name: &str, number: f64| proj_value(&words, name).is_none_or(|value| value.parse() == Ok(number));
+    let radius = |name: &str| proj_value(&words, name).is_some_and(|value| value.parse() == Ok(6_378_137.0));
+    let zeros = ["lat_ts", "lon_0", "x_0", "y_0"].iter().all(|name| is(name, 0.0));
+    proj_value(&words, "proj") == Some("merc")
+        && proj_value(&words, "nadgrids") == Some("@null")
+        && proj_value(&words, "units").is_none_or(|unit| unit == "m")
+        && radius("a")
+        && radius("b")
+        && zeros
+        && is("k", 1.0)
+}
+
+/// The definition that a text has. An error says what was found.
+pub(super) fn read(text: &str) -> Result<Definition, String> {
+    let words = parse_proj_string(text)?;
+    let get = |name: &str| proj_value(&words, name);
+    let has = |name: &str| words.iter().any(|(own, _)| *own == name);
+    let method = get("proj").unwrap_or_default();
+    let (_, takes) =
+        METHODS.iter().find(|(own, _)| *own == method).ok_or_else(|| format!("the method {method}"))?;
+    let number = |name: &str| get(name).and_then(|value| value.parse::<f64>().ok());
+    let is_geographic = takes.is_empty();
+    let mut text = format!("+proj={}", if is_geographic { "longlat" } else { method });
+    for (name, value) in &words {
+        let shown = format!("+{name}{}", value.map_or(String::new(), |value| format!("={value}")));
+        let refused = || format!("`{shown}` in the method {method}");
+        if let Some((_, most)) = NUMBERS.iter().find(|(own, _)| own == name) {
+            // (PROJ reads other notations, too.)
+            let found = number(name).filter(|number| number.abs() <= *most);
+            found.ok_or_else(|| format!("`{shown}`, which is no number in its range"))?;
+        }
+        let own = if *name == "k_0" { "k" } else { name };
+        match (*name, *value) {
+            ("proj", _) => {}
+            (name, _) if TOLD.contains(&name) => {}
+            ("type", Some("crs")) => {}
+            // What is so without the word.
+            ("axis", Some("enu")) => {}
+            ("axis", Some("wsu")) if method == "tmerc" => text.push_str(" +axis=wsu"),
+            ("units", Some(unit)) if !is_geographic && !has("to_meter") => {
+                let metres = metres_of_unit(unit).ok_or_else(refused)?;
+                let _ = write!(text, " +to_meter={metres:?}");
+            }
+            ("to_meter", Some(_)) if !is_geographic && !has("units") => {
+                let metres = number("to_meter").filter(|metres| *metres > 1e-6).ok_or_else(refused)?;
+                let _ = write!(text, " +to_meter={metres:?}");
+            }
+            ("units", Some("degrees" | "m")) if is_geographic => {}
+            ("pm", Some(meridian)) => {
+                let is_number = meridian.parse::<f64>().is_ok_and(|degrees| degrees.abs() <= 360.0);
+                if !is_number && !MERIDIANS.contains(&meridian) {
+                    return Err(refused());
+                }
+                let _ = write!(text, " {shown}");
+            }
+            (name, Some(_)) if FIGURES.contains(&name) => {
+                let _ = write!(text, " {shown}");
+            }
+            ("x_0" | "y_0", Some(_)) if !is_geographic => {
+                let _ = write!(text, " {shown}");
+            }
+            ("south" | "no_uoff" | "no_off", None) if takes.contains(name) => {
+                let _ = write!(text, " {shown}");
+            }
+            (_, Some(_)) if takes.contains(&own) => {
+                let _ = write!(text, " {shown}");
+            }
+            // A word that the method has not, and that says nothing else than that.
+            ("lat_0" | "lat_ts" | "lon_0" | "x_0" | "y_0", Some(_)) if number(name) == Some(0.0) => {}
+            ("k" | "k_0", Some(_)) if number(name) == Some(1.0) => {}
+            _ => return Err(refused()),
+        }
+    }
+    check_method(method, &number, &has)?;
+    check_figure(&get, &has)?;
+    let (words, datum) = (datum::without(&text), Datum::of(&text));
+    let proj = Proj::from_proj_string(&words).map_err(|error| format!("`{words}`: {error}"))?;
+    let (a, b) = proj.ellipse_parameters();
+    super::system::check_ellipsoid([a, b])?;
+    let datum = match (get("nadgrids"), get("towgs84"), datum) {
+        (None, Some(numbers), _) => {
+            let parsed: Result<Vec<f64>, _> = numbers.split(',').map(str::parse).collect();
+            let parsed = parsed.ok().filter(|numbers| numbers.iter().all(|number| number.is_finite()));
+            helmert(&parsed.ok_or_else(|| format!("`+towgs84={numbers}`"))?, [a, b])?
+        }
+        // The sizes of WGS 84 or GRS 1980, in numbers.
+        (None, None, Datum::Unknown) if is_global([a, b]) => Datum::Wgs84,
+        (_, _, datum) => datum,
+    };
+    Ok(Definition { words, datum })
+}
+
+/// Fails where PROJ and its port may understand a method's words in different ways.
+fn check_method(
+    method: &str,
+    number: &impl Fn(&str) -> Option<f64>,
+    has: &impl Fn(&str) -> bool,
+) -> Result<(), String> {
+    let scale = number("k_0").or(number("k")).unwrap_or(1.0);
+    let refused = |why: &str| Err(format!("the method {method} {why}"));
+    if scale <= 0.0 || has("k") && has("k_0") {
+        return refused("with a scale that makes no sense");
+    }
+    match method {
+        "utm" => match number("zone") {
+            Some(zone) if zone >= 1.0 && zone.fract() == 0.0 => Ok(()),
+            _ => refused("without a +zone of 1 to 60"),
+        },
+        "merc" if scale != 1.0 && number("lat_ts").is_some_and(|parallel| parallel != 0.0) => {
+            refused("with a scale and a +lat_ts")
+        }
+        "stere" => {
+            let pole = number("lat_0").unwrap_or(0.0);
+            match number("lat_ts") {
+                Some(parallel) if pole.abs() != 90.0 || scale != 1.0 || parallel * pole <= 0.0 => {
+                    refused("with a +lat_ts, but not at its pole, or with a scale")
+                }
+                _ => Ok(()),
+            }
+        }
+        "lcc" => match (number("lat_0"), number("lat_1"), number("lat_2")) {
+            (Some(origin), Some(first), None) if origin == first => Ok(()),
+            (Some(origin), Some(first), Some(second)) if first == second && origin == first => Ok(()),
+            (Some(_), Some(first), Some(second)) if first != second && scale == 1.0 => Ok(()),
+            _ => refused("with parallels that are neither one at +lat_0 nor two without a scale"),
+        },
+        "aea" | "eqdc" if !["lat_0", "lat_1", "lat_2"].iter().all(|name| has(name)) => {
+            refused("without +lat_0, +lat_1 and +lat_2")
+        }
+        "omerc" if !["lat_0", "lonc", "alpha"].iter().all(|name| has(name)) => {
+            refused("without +lat_0, +lonc and +alpha")
+        }
+        "krovak" if !["lat_0", "lon_0", "k"].iter().all(|name| has(name) || *name == "k" && has("k_0")) => {
+            refused("without +lat_0, +lon_0 and +k")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Fails if the ellipsoid is told in more than one way, which may not agree.
+fn check_figure<'a>(
+    get: &impl Fn(&str) -> Option<&'a str>,
+    has: &impl Fn(&str) -> bool,
+) -> Result<(), String> {
+    let agrees = matches!(
+        (get("datum"), get("ellps")),
+        (None, _) | (_, None) | (Some("WGS84"), Some("WGS84")) | (Some("NAD83"), Some("GRS80"))
+    );
+    let sizes = [has("R"), has("a"), has("ellps") || has("datum")].into_iter().filter(|has| *has).count();
+    let shapes = [has("b"), has("rf")].into_iter().filter(|has| *has).count();
+    // (A datum has its own shift.)
+    let shifts = get("datum").is_some_and(|_| {
+        has("nadgrids")
+            || get("towgs84").is_some_and(|numbers| numbers.split(',').any(|one| one.parse() != Ok(0.0)))
+    });
+    let fits = sizes == 1 && shapes == usize::from(has("a"));
+    if agrees && fits && !shifts {
+        return Ok(());
+    }
+    Err("an ellipsoid that is told in no way, or in more than one, which PROJ may choose from".into())
+}

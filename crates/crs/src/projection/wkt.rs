@@ -1,0 +1,231 @@
+//! Well-known text, of version 1 (as OGC, GDAL and Esri write it) and 2 (of 2015 and 2019), as the parts of a system.
+
+use super::datum::Datum;
+use super::definition::Definition;
+use super::shift;
+use super::system::{Axis, Base, Conversion, Name, Parameter, System, Unit, degrees, half_axes, helmert};
+use super::{methods, proj_string};
+use crate::definition::{WktNode, parse_wkt};
+
+/// Keywords of systems of longitude and latitude, of planes, and of those that consist of others.
+const GEOGRAPHIC: [&str; 5] = ["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEODETICCRS"];
+const PROJECTED: [&str; 3] = ["PROJCS", "PROJCRS", "PROJECTEDCRS"];
+const COMPOUND: [&str; 2] = ["COMPD_CS", "COMPOUNDCRS"];
+const BOUND: [&str; 1] = ["BOUNDCRS"];
+
+const BASES: [&str; 3] = ["GEOGCS", "BASEGEOGCRS", "BASEGEODCRS"];
+const DATUMS: [&str; 4] = ["DATUM", "TRF", "GEODETICDATUM", "ENSEMBLE"];
+const ELLIPSOIDS: [&str; 2] = ["SPHEROID", "ELLIPSOID"];
+const MERIDIANS: [&str; 2] = ["PRIMEM", "PRIMEMERIDIAN"];
+const LENGTHS: [&str; 2] = ["LENGTHUNIT", "UNIT"];
+const ANGLES: [&str; 2] = ["ANGLEUNIT", "UNIT"];
+/// Nodes that a system may have besides its parts, and which change no coordinates.
+const TOLD: [&str; 14] = [
+    "USAGE",
+    "SCOPE",
+    "AREA",
+    "BBOX",
+    "VERTICALEXTENT",
+    "TIMEEXTENT",
+    "REMARK",
+    "ID",
+    "AUTHORITY",
+    "DYNAMIC",
+    "FRAMEEPOCH",
+    "ANCHOR",
+    "ANCHOREPOCH",
+    "ENSEMBLEACCURACY",
+];
+
+/// The definition that a text has. An error says what was found.
+pub(super) fn read(text: &str) -> Result<Definition, String> {
+    let node = parse_wkt(text)?;
+    // (Some programs write the definition in PROJ's words behind the other one, where that says something else.)
+    match part(&node).and_then(|node| node.child(&["EXTENSION"])) {
+        Some(extension) => match extension.texts().collect::<Vec<_>>()[..] {
+            ["PROJ4", words] if proj_string::is_web_mercator(words) => proj_string::read(words),
+            _ => Err("an EXTENSION that is not known".into()),
+        },
+        None => system(&node)?.definition(),
+    }
+}
+
+/// The part of a compound system that tells the plane.
+fn part(node: &WktNode) -> Option<&WktNode> {
+    if node.is(&COMPOUND) { part(node.nodes().find(|node| node.is_crs())?) } else { Some(node) }
+}
+
+fn system(node: &WktNode) -> Result<System, String> {
+    let node = part(node).ok_or("a compound system of nothing")?;
+    if node.is(&BOUND) {
+        return bound(node);
+    }
+    let is_geographic = node.is(&GEOGRAPHIC);
+    if !is_geographic && !node.is(&PROJECTED) {
+        return Err(format!("a system of the kind {}", node.keyword()));
+    }
+    if is_geographic {
+        let known = [&DATUMS[..], &MERIDIANS, &ANGLES, &["CS", "AXIS"]].concat();
+        check_children(node, &known)?;
+        let (base, shift) = base(node)?;
+        let axes = axes(node)?;
+        if node.child(&["CS"]).is_some_and(|cs| cs.words().next() != Some("ELLIPSOIDAL")) {
+            return Err("longitude and latitude in a system of axes that is not ellipsoidal".into());
+        }
+        let unit = unit_of_axes(node, &ANGLES)?.unwrap_or(base.angle);
+        return Ok(System { base, conversion: None, axes, unit, shift });
+    }
+    let known = [&BASES[..], &LENGTHS, &["PROJECTION", "PARAMETER", "CONVERSION", "CS", "AXIS"]].concat();
+    check_children(node, &known)?;
+    if node.child(&["CS"]).is_some_and(|cs| cs.words().next() != Some("CARTESIAN")) {
+        return Err("a plane in a system of axes that is not Cartesian".into());
+    }
+    let (base, shift) = base(node.child(&BASES).ok_or("a plane of no geographic system")?)?;
+    let axes = axes(node)?;
+    let unit = unit_of_axes(node, &LENGTHS)?.ok_or("a plane without a unit")?;
+    let conversion = conversion(node.child(&["CONVERSION"]).unwrap_or(node))?;
+    Ok(System { base, conversion: Some(conversion), axes, unit, shift })
+}
+
+/// Fails if a node has children that may mean something else.
+fn check_children(node: &WktNode, known: &[&str]) -> Result<(), String> {
+    match node.nodes().find(|child| !child.is(known) && !child.is(&TOLD)) {
+        Some(other) => Err(format!("{} in {}", other.keyword(), node.keyword())),
+        None => Ok(()),
+    }
+}
+
+/// Datum, ellipsoid and prime meridian, and the shift that the datum tells.
+fn base(node: &WktNode) -> Result<(Base, Option<Datum>), String> {
+    let known = [&DATUMS[..], &MERIDIANS, &ANGLES, &["CS", "AXIS"]].concat();
+    check_children(node, &known)?;
+    let datum = node.child(&DATUMS).ok_or_else(|| format!("{} without a datum", node.keyword()))?;
+    check_children(datum, &[&ELLIPSOIDS[..], &["MEMBER", "TOWGS84", "EXTENSION"]].concat())?;
+    let name = datum.texts().next().ok_or("a datum without a name")?;
+    let ellipsoid =
+        datum.child(&ELLIPSOIDS).ok_or_else(|| format!("the datum {name} without an ellipsoid"))?;
+    let [size, inverse_flattening] = ellipsoid.numbers().collect::<Vec<_>>()[..] else {
+        return Err(format!("the datum {name} without the size of its ellipsoid"));
+    };
+    let ellipsoid = half_axes(size * unit(ellipsoid, &LENGTHS)?.unwrap_or(1.0), inverse_flattening)?;
+    let angle = unit_of_axes(node, &ANGLES)?.unwrap_or(1f64.to_radians());
+    let meridian = node.child(&MERIDIANS).map(|node| prime_meridian(node, angle)).transpose()?.unwrap_or(0.0);
+    let grid = datum.child(&["EXTENSION"]).map(|extension| match extension.texts().collect::<Vec<_>>()[..] {
+        ["PROJ4_GRIDS", grid] => Ok(Datum::Grid(grid.into())),
+        _ => Err(format!("the datum {name} with an EXTENSION that is not known")),
+    });
+    let shift = datum.child(&["TOWGS84"]).map(|node| helmert(&node.numbers().collect::<Vec<_>>(), ellipsoid));
+    let base = Base { datum: Name::Text(name.into()), ellipsoid, prime_meridian: meridian, angle };
+    Ok((base, grid.or(shift).transpose()?))
+}
+
+/// Degrees of a prime meridian.
+fn prime_meridian(node: &WktNode, angle: f64) -> Result<f64, String> {
+    let longitude = node.numbers().next().ok_or("a prime meridian without a longitude")?;
+    let unit = unit(node, &ANGLES)?.unwrap_or(angle);
+    // GDAL writes that of Paris in degrees even where the unit is grads.
+    let in_degrees = (longitude - 2.337_229_17).abs() < 1e-8 && node.texts().next() == Some("Paris");
+    Ok(if in_degrees { longitude } else { degrees(longitude, unit) })
+}
+
+/// Size of a node's unit in metres or radians.
+fn unit(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String> {
+    let Some(unit) = node.child(keywords) else { return Ok(None) };
+    match unit.numbers().next() {
+        Some(factor) if factor > 0.0 => Ok(Some(factor)),
+        _ => Err(format!("a {} without its size", unit.keyword())),
+    }
+}
+
+/// The unit of all axes of the plane, told for all or for each.
+fn unit_of_axes(node: &WktNode, keywords: &[&str]) -> Result<Option<f64>, String> {
+    let of_all = unit(node, keywords)?;
+    // (Heights have a unit of their own.)
+    let axes = node.nodes().filter(|node| node.is(&["AXIS"])).take(2);
+    let each = axes.map(|axis| unit(axis, keywords)).collect::<Result<Vec<_>, _>>()?;
+    match each[..] {
+        [a, b] if a != b => Err("axes with different units".into()),
+        [Some(a), ..] if of_all.is_some_and(|all| all != a) => Err("axes with different units".into()),
+        [a, ..] => Ok(a.or(of_all)),
+        [] => Ok(of_all),
+    }
+}
+
+fn axes(node: &WktNode) -> Result<Vec<Axis>, String> {
+    let mut axes = Vec::new();
+    for (place, axis) in node.nodes().filter(|node| node.is(&["AXIS"])).enumerate() {
+        let (Some(name), Some(direction)) = (axis.texts().next(), axis.words().next()) else {
+            return Err("an axis without a direction".into());
+        };
+        let order = axis.child(&["ORDER"]).and_then(|order| order.numbers().next());
+        if order.is_some_and(|order| order != (place + 1) as f64) {
+            return Err("axes out of their order".into());
+        }
+        let meridian = axis.child(&["MERIDIAN"]).map(|node| {
+            let longitude = node.numbers().next().ok_or("an axis along no meridian")?;
+            Ok::<_, String>(degrees(longitude, unit(node, &ANGLES)?.unwrap_or(1f64.to_radians())))
+        });
+        let direction = direction.to_ascii_lowercase();
+        axes.push(Axis { name: name.into(), direction, meridian: meridian.transpose()? });
+    }
+    if axes.is_empty() && node.child(&["CS"]).is_some() {
+        return Err("a system of axes without axes".into());
+    }
+    Ok(axes)
+}
+
+/// The method and the parameters among a node's children.
+fn conversion(node: &WktNode) -> Result<Conversion, String> {
+    let method = node.child(&["METHOD", "PROJECTION"]).and_then(|method| method.texts().next());
+    let parameters = node.nodes().filter(|node| node.is(&["PARAMETER"])).map(parameter);
+    Ok(Conversion {
+        method: method.ok_or("a plane without a method")?.into(),
+        parameters: parameters.collect::<Result<_, _>>()?,
+    })
+}
+
+fn parameter(node: &WktNode) -> Result<Parameter, String> {
+    let (Some(name), Some(value)) = (node.texts().next(), node.numbers().next()) else {
+        return Err("a parameter without a value".into());
+    };
+    let unit = match unit(node, &["ANGLEUNIT"])?.map(Unit::Angle) {
+        Some(unit) => Some(unit),
+        None => match unit(node, &["LENGTHUNIT"])?.map(Unit::Length) {
+            Some(unit) => Some(unit),
+            None => unit(node, &["SCALEUNIT"])?.map(Unit::Scale),
+        },
+    };
+    Ok(Parameter { name: name.into(), value, unit })
+}
+
+/// A system with the transformation to WGS 84 that it is bound to.
+fn bound(node: &WktNode) -> Result<System, String> {
+    check_children(node, &["SOURCECRS", "TARGETCRS", "ABRIDGEDTRANSFORMATION"])?;
+    let inner = |keyword: &str| {
+        let found = node.child(&[keyword]).and_then(|node| node.nodes().next());
+        found.ok_or_else(|| format!("a BOUNDCRS without {keyword}"))
+    };
+    let source = inner("SOURCECRS")?;
+    if source.is(&BOUND) {
+        return Err("a BOUNDCRS in a BOUNDCRS".into());
+    }
+    let mut source = system(source)?;
+    let target = inner("TARGETCRS")?;
+    let target_name = target.child(&DATUMS).and_then(|datum| datum.texts().next()).unwrap_or_default();
+    shift::check_target(target.is(&GEOGRAPHIC), target_name)?;
+    let transformation =
+        node.child(&["ABRIDGEDTRANSFORMATION"]).ok_or("a BOUNDCRS without a transformation")?;
+    if let Some(grid) = transformation.child(&["PARAMETERFILE"]) {
+        source.shift = Some(Datum::Grid(grid.texts().nth(1).unwrap_or("without a name").into()));
+        return Ok(source);
+    }
+    let mut conversion = conversion(transformation)?;
+    for parameter in &mut conversion.parameters {
+        // (An abridged scale is a factor, not the part by which it differs from one.)
+        if methods::key(&parameter.name) == "scaledifference" && parameter.unit.is_none() {
+            (parameter.value, parameter.unit) = (parameter.value - 1.0, Some(Unit::Scale(1.0)));
+        }
+    }
+    source.shift = Some(shift::read(&conversion, source.base.ellipsoid)?);
+    Ok(source)
+}

@@ -1,0 +1,260 @@
+//! Datasets: tree files of either format, as they are or through views, behind one interface, for the command
+//! line and for bindings.
+
+mod contours;
+mod questions;
+mod solids;
+mod texts;
+mod viewed;
+
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+
+use self::viewed::Viewed;
+use crate::ops::{Chain, Sampling, Step, TreeFile, View};
+use crate::store::autumnal::{Autumnal, Commit};
+use crate::store::goblin::Goblin;
+use crate::tree::Source;
+use spinney_base::space::Bounds;
+use spinney_base::{Progress, Result};
+use spinney_container::{Finding, Header, Metadata, OpenOptions, TreeFormat};
+
+/// A tree file of any form and either format, or a view of one, open for questions; may be shared by any
+/// number of threads.
+///
+/// Values come as f64 (which holds every sample type exactly) or as little-endian bytes; levels count from
+/// the root (0) to the cells ([`Dataset::depth`]); coordinates are cells of the level that is asked for, x,
+/// y, z, the last 0 in quadtrees.
+///
+/// ```no_run
+/// use spinney::dataset;
+/// use spinney::space::Bounds;
+/// use spinney::store::OpenOptions;
+///
+/// let map = dataset::open("world.goblin".as_ref(), &OpenOptions::default())?;
+/// let tile = Bounds { min: [0; 3], max: [256, 256, 1] };
+/// let mut bytes = vec![0; 256 * 256 * map.header().form.width()];
+/// map.window(8, &tile, 0.0, &mut bytes, None)?;
+/// // A view of the file, without opening it again.
+/// let turned = map.view(&["rotate=30".parse()?, "crop".parse()?])?;
+/// println!("{:?}", turned.header().extent);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+pub struct Dataset {
+    tree: Tree,
+}
+
+/// Base of a dataset.
+enum Tree {
+    /// A file of one of the two formats, no other base of views.
+    File(Arc<TreeFile>),
+    View(Box<Viewed>),
+}
+
+/// Implementation that answers questions: fast paths for the two formats, and views.
+enum Reader<'a> {
+    Goblin(&'a Goblin),
+    Autumnal(&'a Autumnal),
+    View(&'a Viewed),
+}
+
+/// Opens a tree file of either format and any form; `map.autumn@12` is commit 12 of `map.autumn`.
+///
+/// # Errors
+/// If it cannot be read, is no tree file, is damaged, or of a newer version.
+pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
+    Dataset::of(TreeFile::open(path, options)?)
+}
+
+/// Opens a view of a file through a chain of steps: nothing is computed beforehand. For a file that is open
+/// already, there is [`Dataset::view`].
+///
+/// # Errors
+/// If the file cannot be read, or a step cannot be done.
+pub fn open_view(chain: &Chain) -> Result<Dataset> {
+    Ok(Dataset::of_view(Viewed::new(chain.open()?, chain.moves)))
+}
+
+impl Dataset {
+    /// An open file, or anything else that a view can stand on.
+    ///
+    /// # Errors
+    /// If the file's header says what no file can have.
+    pub fn of(file: TreeFile) -> Result<Dataset> {
+        if matches!(file, TreeFile::Goblin(_) | TreeFile::Autumnal(_)) {
+            return Ok(Dataset { tree: Tree::File(Arc::new(file)) });
+        }
+        let extent = file.header().extent;
+        Ok(Dataset::of_view(Viewed::new(View::new(Arc::new(file), extent)?, false)))
+    }
+
+    fn of_view(viewed: Viewed) -> Dataset {
+        Dataset { tree: Tree::View(Box::new(viewed)) }
+    }
+
+    /// The dataset through more steps, without opening the file again. New cells get their values by the
+    /// file's rule, and cells keep their world coordinates.
+    ///
+    /// # Errors
+    /// If a step cannot be done.
+    pub fn view(self, steps: &[Step]) -> Result<Dataset> {
+        let viewed = match self.tree {
+            Tree::File(file) => {
+                let (extent, rule) = (file.header().extent, file.header().rule);
+                let view = View::new(file, extent)?.through(steps)?;
+                Viewed::new(view.sampled(Sampling::Area(rule))?, false)
+            }
+            Tree::View(viewed) => viewed.through(steps)?,
+        };
+        Ok(Dataset::of_view(viewed))
+    }
+
+    fn reader(&self) -> Reader<'_> {
+        match &self.tree {
+            Tree::File(file) => match &**file {
+                TreeFile::Goblin(file) => Reader::Goblin(file),
+                TreeFile::Autumnal(file) => Reader::Autumnal(file),
+                _ => unreachable!("what is no file is seen through a view"),
+            },
+            Tree::View(viewed) => Reader::View(viewed),
+        }
+    }
+
+    /// The file, if this is no view of one: for what stands on files, such as [`Warped`](crate::ops::Warped).
+    pub fn as_file(&self) -> Option<&Arc<TreeFile>> {
+        match &self.tree {
+            Tree::File(file) => Some(file),
+            Tree::View(_) => None,
+        }
+    }
+
+    /// The file, also that behind a view.
+    fn file(&self) -> &TreeFile {
+        match &self.tree {
+            Tree::File(file) => file,
+            Tree::View(viewed) => viewed.file(),
+        }
+    }
+
+    /// The file's format.
+    pub fn format(&self) -> TreeFormat {
+        self.file().format()
+    }
+
+    /// The commit that is read; only Autumnal files have commits.
+    pub fn commit(&self) -> Option<&Commit> {
+        self.file().commit()
+    }
+
+    /// Moves on to the newest commit, if the file has got a newer one; returns whether it has. Datasets
+    /// opened at a certain commit, and views, stay as they are.
+    ///
+    /// # Errors
+    /// If the file cannot be read any more; the dataset stays as it was then.
+    pub fn refresh(&mut self) -> Result<bool> {
+        match &mut self.tree {
+            // A reader that others have, too, is not pulled away from under them.
+            Tree::File(file) => match Arc::get_mut(file) {
+                Some(TreeFile::Autumnal(file)) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
+                _ => Ok(false),
+            },
+            Tree::View(_) => Ok(false),
+        }
+    }
+
+    /// The header: form, rule, depth, extent. Depth and extent of views are their own.
+    pub fn header(&self) -> &Header {
+        match &self.tree {
+            Tree::File(file) => file.header(),
+            Tree::View(viewed) => viewed.header(),
+        }
+    }
+
+    /// The metadata: frame, nodata, palette, names, provenance. The frame of views is their own.
+    pub fn metadata(&self) -> &Metadata {
+        match &self.tree {
+            Tree::File(file) => file.metadata(),
+            Tree::View(viewed) => viewed.metadata(),
+        }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        self.file().path()
+    }
+
+    /// Bytes of the whole file.
+    pub fn file_size(&self) -> u64 {
+        self.file().file_size()
+    }
+
+    /// Number of segments; 0 in Autumnal files, which have none.
+    pub fn segments(&self) -> usize {
+        self.file().segments()
+    }
+
+    /// Places of records in all segments, of which dense blocks need fewer, and records that are stored more than once more; in
+    /// Autumnal files the records of the commit's tree, the shared ones as often as they occur.
+    pub fn stored_records(&self) -> u64 {
+        self.file().stored_records()
+    }
+
+    /// Name and bytes of each part of the file.
+    pub fn sections(&self) -> Vec<(&'static str, u64)> {
+        self.file().sections()
+    }
+
+    /// Levels below the root.
+    pub fn depth(&self) -> u8 {
+        self.header().depth()
+    }
+
+    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID. Below
+    /// the cells there is nothing finer: such a level counts as [`Dataset::depth`].
+    pub fn extent_at(&self, level: u8) -> Bounds {
+        let shift = self.depth().saturating_sub(level);
+        Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
+    }
+
+    /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
+    pub fn remark(&self) -> Option<&'static str> {
+        self.file().remark()
+    }
+
+    /// Makes sure that the file still is what it was when it was opened (an Autumnal file may have got more
+    /// commits), so that all answers since are of one state. One look at the file's length and time: to be
+    /// asked once after a batch of questions, not for each.
+    ///
+    /// # Errors
+    /// If somebody has overwritten the file or cut it short; files that were renamed or removed stay as they
+    /// are for those who have them open.
+    pub fn check_unchanged(&self) -> Result<()> {
+        self.file().check_unchanged()
+    }
+
+    /// Checks all of the file: see [`Goblin::verify`] and [`Autumnal::verify`].
+    ///
+    /// # Errors
+    /// If the file cannot be read, or on interruption.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        self.file().verify(memory, progress)
+    }
+
+    /// Checks all of the file but the trees of older commits.
+    ///
+    /// # Errors
+    /// Those of [`Dataset::verify`].
+    pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        match self.file() {
+            TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),
+            file => file.verify(memory, progress),
+        }
+    }
+}
+
+impl fmt::Debug for Dataset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Dataset").field("path", &self.path()).field("header", self.header()).finish()
+    }
+}

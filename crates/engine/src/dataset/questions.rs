@@ -1,0 +1,288 @@
+//! Questions about any dataset: cells, windows, statistics, searches.
+
+use super::viewed::value_at;
+use super::{Dataset, Reader};
+use crate::ops::TreeFile;
+use crate::query::{
+    Canvas, Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneRule, ZoneStatistics,
+    autumnal_histogram, check_level, source_find, source_histogram, source_statistics, source_zonal, zonal,
+};
+use crate::query::{PixelGrid, PixelSums};
+use crate::tree::{Child, Source, no_children};
+use spinney_base::space::{Bounds, Cell, Code, Polygon};
+use spinney_base::value::Value;
+use spinney_base::{Progress, Result};
+use spinney_container::LevelCounts;
+
+impl Dataset {
+    /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the
+    /// tree).
+    ///
+    /// # Errors
+    /// If the file is damaged there; of a view also if it has no such level.
+    pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [f64; 4]) -> Result<bool> {
+        let found = match self.reader() {
+            Reader::View(viewed) => value_at(&viewed.at(level)?, cell)?,
+            _ if level > self.depth() => None,
+            Reader::Goblin(file) => {
+                self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
+            }
+            Reader::Autumnal(file) => {
+                self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
+            }
+        };
+        if let Some(found) = found {
+            let samples = self.header().form.value.samples(found);
+            value[..samples.len()].copy_from_slice(&samples);
+        }
+        Ok(found.is_some())
+    }
+
+    /// The values of many cells of a level, in the order of the cells, to `samples`, whose former contents
+    /// go. Much faster than asking for them one by one where there are very many.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or the level is too deep.
+    pub fn points(&self, cells: &[[u64; 3]], level: u8, samples: &mut PointSamples) -> Result<()> {
+        let value_type = self.header().form.value;
+        samples.start(value_type.channels.into());
+        let mut values = vec![None; cells.len()];
+        match self.reader() {
+            Reader::Goblin(file) => {
+                let cells: Vec<Cell> = cells.iter().map(|cell| saturated(*cell)).collect();
+                file.values_at(level, &cells, &mut values)?;
+            }
+            Reader::Autumnal(file) => {
+                for (cell, value) in cells.iter().zip(&mut values) {
+                    let code = self.code(level, saturated(*cell));
+                    *value = code.map_or(Ok(None), |code| file.value_at(code))?;
+                }
+            }
+            Reader::View(viewed) => {
+                let view = viewed.at(level)?;
+                for (cell, value) in cells.iter().zip(&mut values) {
+                    *value = value_at(&view, *cell)?;
+                }
+            }
+        }
+        samples.push_values(value_type, &values);
+        Ok(())
+    }
+
+    /// The state of a node: VOID or LEAF if all of its cells are that, with the value; else INNER, with a representative that
+    /// may be left out (zero). Takes a look-up, whatever is below. INNER is no promise: of a view, and within dense blocks, it may
+    /// turn out to be uniform.
+    ///
+    /// ```
+    /// use spinney::space::{Code, Dimension};
+    /// use spinney::tree::NodeState;
+    ///
+    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
+    /// assert_eq!(map.node(Code::root(Dimension::Quad))?.state(), NodeState::Inner);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the file is damaged there, or the node is deeper than the tree.
+    pub fn node(&self, code: Code) -> Result<Child<()>> {
+        check_level(code.level(), self.depth())?;
+        match self.reader() {
+            Reader::Goblin(file) => Ok(file.locate(code)?.map_node(drop)),
+            Reader::Autumnal(file) => source_node(file, code),
+            Reader::View(viewed) => source_node(viewed.view(), code),
+        }
+    }
+
+    /// The code of a cell of a level; `None` outside of the space.
+    fn code(&self, level: u8, cell: Cell) -> Option<Code> {
+        Code::from_cell(self.header().form.dimension, level, cell)
+    }
+
+    /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together,
+    /// little-endian; VOID cells have the sample `fill` in every channel, and `false` in `valid` if that is
+    /// given.
+    ///
+    /// `bytes` must have `bounds.volume() * header().form.width()` bytes, `valid` one flag per cell.
+    ///
+    /// # Errors
+    /// If the file is damaged there, the level is too deep, or a buffer has the wrong size.
+    pub fn window(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        fill: f64,
+        bytes: &mut [u8],
+        valid: Option<&mut [bool]>,
+    ) -> Result<()> {
+        let fill: Value = self.header().form.value.nearest(|_| fill);
+        match self.reader() {
+            Reader::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
+            Reader::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
+            Reader::View(viewed) => {
+                let view = viewed.at(level)?;
+                let mut canvas = Canvas::new(view.form(), bounds, fill, bytes, valid)?;
+                canvas.draw(&view, view.root()?, view.depth())
+            }
+        }
+    }
+
+    /// The values of a box of cells of a level where they stand in the file, without a copy: `None` where that cannot be, and
+    /// [`Dataset::window`] reads them. See [`StoredRows`] and [`Goblin::stored_rows`](crate::store::goblin::Goblin::stored_rows).
+    ///
+    /// # Errors
+    /// If the file is damaged there, or the level is too deep.
+    pub fn stored_rows(&self, level: u8, bounds: &Bounds) -> Result<Option<StoredRows<'_>>> {
+        match self.reader() {
+            Reader::Goblin(file) => file.stored_rows(level, bounds),
+            Reader::Autumnal(_) | Reader::View(_) => Ok(None),
+        }
+    }
+
+    /// Exact statistics of a box of cells (of the deepest level); the whole picture if there is none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        match self.reader() {
+            Reader::View(viewed) => {
+                let counts_classes = self.header().counts_classes();
+                source_statistics(viewed.view(), &self.header().within_picture(bounds), counts_classes)
+            }
+            _ => self.file().statistics(bounds),
+        }
+    }
+
+    /// Zonal statistics: exact statistics of the cells in each of some polygons, whose corners are in cells of the deepest level
+    /// ([`Frame::to_cells`](spinney_crs::Frame::to_cells)). The tree is read only where borders cut it; all threads of the
+    /// current pool work. A polygon goes through all of an octree along z.
+    ///
+    /// ```
+    /// use spinney::query::ZoneRule;
+    /// use spinney::space::Polygon;
+    ///
+    /// let map = spinney::open("fixtures/v1/classes.goblin")?;
+    /// let triangle = Polygon::new(&[vec![[40.0, 40.0], [180.0, 60.0], [90.0, 170.0]]])?;
+    /// let zones = map.zonal(&[triangle], ZoneRule::Area, &())?;
+    /// let cells: f64 = zones[0].classes.iter().map(|(_, cells)| cells).sum();
+    /// assert!((cells - zones[0].cells).abs() < 1e-6);
+    /// # Ok::<(), spinney::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// If the file is damaged there, or on interruption.
+    pub fn zonal(
+        &self,
+        polygons: &[Polygon],
+        rule: ZoneRule,
+        progress: &dyn Progress,
+    ) -> Result<Vec<ZoneStatistics>> {
+        let header = self.header();
+        let cells = (header.picture(), header.counts_classes());
+        match self.reader() {
+            Reader::Goblin(file) => zonal(file, polygons, rule, progress),
+            Reader::Autumnal(file) => source_zonal(file, cells, polygons, rule, progress),
+            Reader::View(viewed) => source_zonal(viewed.view(), cells, polygons, rule, progress),
+        }
+    }
+
+    /// Sums over the cells that pixels cover: see [`PixelSums`].
+    ///
+    /// # Errors
+    /// If the file is damaged there, or on interruption.
+    pub fn pixel_sums<'a>(
+        &self,
+        bounds: &Bounds,
+        grid: PixelGrid,
+        progress: &'a dyn Progress,
+    ) -> Result<PixelSums<'a>> {
+        match self.reader() {
+            Reader::Goblin(file) => PixelSums::of_file(file, bounds, grid, progress),
+            Reader::Autumnal(file) => PixelSums::of_source(file, bounds, grid, progress),
+            Reader::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, progress),
+        }
+    }
+
+    /// Nodes of the file's tree by level and state. Goblin files know them, those of Autumnal files are counted: `None` if
+    /// they have more than `most` records.
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn level_counts(&self, most: u64) -> Result<Option<LevelCounts>> {
+        match self.file() {
+            TreeFile::Autumnal(file) => file.level_counts(most),
+            file => Ok(Some(file.metadata().counts.clone())),
+        }
+    }
+
+    /// Whether some cells of a box may be VOID; `false` is sure. Of views it is cheaper than statistics.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
+        match self.reader() {
+            Reader::View(viewed) => viewed.may_have_void(&bounds),
+            _ => Ok(self.file().totals(Some(bounds))?.cells < bounds.volume()),
+        }
+    }
+
+    /// Bounds of all values, per channel: the least and the largest; nothing if there are none.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
+        // No view has values beyond its file's.
+        let statistics = self.file().totals(None)?;
+        Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
+    }
+
+    /// Cells of a box (of the deepest level) whose first channel lies in each of `bins` equal parts of
+    /// `low ..= high`.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
+        match self.reader() {
+            Reader::Goblin(file) => file.histogram(bounds, low, high, bins),
+            Reader::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins),
+            Reader::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins),
+        }
+    }
+
+    /// Hands out the largest blocks in a box (of cells of the deepest level; the whole picture if there is
+    /// none) all of whose cells meet a condition, in FD order, until `found` says `false`. VOID meets none.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or `found` fails.
+    pub fn find(
+        &self,
+        condition: Condition,
+        bounds: Option<Bounds>,
+        found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Result<()> {
+        match self.reader() {
+            Reader::Goblin(file) => file.find(condition, bounds, found),
+            Reader::Autumnal(file) => {
+                source_find(file, condition, &self.header().within_picture(bounds), found)
+            }
+            Reader::View(viewed) => {
+                source_find(viewed.view(), condition, &self.header().within_picture(bounds), found)
+            }
+        }
+    }
+}
+
+/// State of a node of a source: a step down for each level.
+fn source_node<S: Source>(source: &S, code: Code) -> Result<Child<()>> {
+    let (mut child, mut children) = (source.root()?, no_children());
+    for level in 0..code.level() {
+        let Child::Inner { node, .. } = &child else { break };
+        source.children(node, &mut children)?;
+        child = std::mem::take(&mut children[code.step(level)]);
+    }
+    Ok(child.map_node(drop))
+}
+
+/// Coordinates that are too large for any tree stay so.
+fn saturated(cell: [u64; 3]) -> Cell {
+    cell.map(|cell| u32::try_from(cell).unwrap_or(u32::MAX))
+}

@@ -1,0 +1,75 @@
+//! Small trees in full, as text.
+
+use super::{Dataset, Reader};
+use crate::query::dump;
+use crate::tree::{MemTree, df};
+use spinney_base::space::Dimension;
+use spinney_base::value::Kind;
+use spinney_base::{Error, Result};
+
+impl Dataset {
+    /// The tree in memory, condensed.
+    ///
+    /// # Errors
+    /// If the file is damaged, or the tree has more than `most` INNER nodes.
+    fn in_memory(&self, most: u64) -> Result<MemTree> {
+        let too_many = |records: String| {
+            let expected = format!("at most {most} to be shown in full");
+            Err(Error::invalid("tree", format!("{records} records"), expected))
+        };
+        let rule = self.header().rule;
+        match self.reader() {
+            Reader::Goblin(file) => {
+                // (The total in the trailer may be wrong.)
+                let records = (0..file.segments()).map(|index| Ok(u64::from(file.entry(index)?.records)));
+                let records = records.sum::<Result<u64>>()?;
+                if records > most { too_many(records.to_string()) } else { MemTree::from_source(file, rule) }
+            }
+            Reader::Autumnal(file) => {
+                let records = file.walkable_records()?;
+                if records > most { too_many(records.to_string()) } else { MemTree::from_source(file, rule) }
+            }
+            Reader::View(viewed) => {
+                if viewed.has_more_nodes(most)? {
+                    return too_many(format!("more than {most}"));
+                }
+                MemTree::from_source(viewed.view(), rule)
+            }
+        }
+    }
+
+    /// The tree as a DF-expression ([`crate::tree::df`]).
+    ///
+    /// # Errors
+    /// If the file is damaged, or the tree has more than `most` nodes.
+    pub fn df_text(&self, most: u64) -> Result<String> {
+        let header = self.header();
+        let is_solid = header.kind == Kind::Continuous && header.form.dimension == Dimension::Oct;
+        let full = if is_solid { header.form.value.splat(255.0) } else { None };
+        df::to_text(&self.in_memory(most)?, full)
+    }
+
+    /// The classic table: a line per record with its number, the children's values (an INNER child's
+    /// representative with a minus sign, or in parentheses where values may be 0 or negative; `.` is VOID)
+    /// and the number of the record to go on with when the node's detail is skipped. Of Autumnal files: the
+    /// children's values with a minus sign (or in parentheses), or the numbers of their records, and the
+    /// node's representative.
+    ///
+    /// # Errors
+    /// As [`Dataset::df_text`].
+    pub fn classic_table(&self, most: u64) -> Result<String> {
+        let tree = self.in_memory(most)?;
+        match self.reader() {
+            Reader::Autumnal(_) => dump::classic_pointer_table(&tree),
+            Reader::Goblin(_) | Reader::View(_) => dump::classic_table(&tree),
+        }
+    }
+
+    /// FD code and value of every leaf, a line each.
+    ///
+    /// # Errors
+    /// As [`Dataset::df_text`].
+    pub fn leaf_codes(&self, most: u64) -> Result<String> {
+        dump::leaf_codes(&self.in_memory(most)?)
+    }
+}

@@ -1,0 +1,7 @@
+//! Trees of cells: sources, the two formats, building, questions, operations.
+
+pub mod dataset;
+pub mod ops;
+pub mod query;
+pub mod store;
+pub mod tree;

@@ -1,0 +1,153 @@
+//! The value of a cell that covers several cells of a source, each as far as it is covered.
+
+use glam::DVec3;
+
+use super::view::TINY;
+use crate::ops::tree_file::{TreeFile, TreeFileNode};
+use crate::tree::{Child, Source, no_children};
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::value::{Rule, Value, ValueType};
+
+/// Adds up what lies in a box of the source.
+pub(super) struct Area<'a> {
+    source: &'a TreeFile,
+    form: Form,
+    rule: Rule,
+    /// The box, in cells of the source.
+    min: DVec3,
+    max: DVec3,
+    /// Area (or volume) of what is not VOID.
+    area: f64,
+    /// Cells of each channel, whose sample may be missing.
+    areas: [f64; 4],
+    /// Sums of the samples of each channel, weighted by area.
+    sums: [f64; 4],
+    /// Area of each value.
+    shares: Vec<(Value, f64)>,
+    /// The least or largest sample of each channel.
+    extreme: Option<Value>,
+    /// The value of the one node that is the whole box.
+    exact: Option<Value>,
+}
+
+impl<'a> Area<'a> {
+    pub(super) fn new(source: &'a TreeFile, form: Form, rule: Rule, (min, max): (DVec3, DVec3)) -> Area<'a> {
+        Area {
+            source,
+            form,
+            rule,
+            min,
+            max,
+            area: 0.0,
+            areas: [0.0; 4],
+            sums: [0.0; 4],
+            shares: Vec::new(),
+            extreme: None,
+            exact: None,
+        }
+    }
+
+    /// Adds what a source node with its first cell at `at` and `2^size` cells along each axis has in the box.
+    pub(super) fn add(&mut self, child: &Child<TreeFileNode>, at: [i64; 3], size: u8) -> Result<()> {
+        if matches!(child, Child::Void) {
+            return Ok(());
+        }
+        let axes = self.form.axes();
+        let side = (1i64 << size) as f64;
+        // The part of the node that is in the box, whether that is all of it, and whether it is all of the
+        // box.
+        let mut share = 1.0;
+        let (mut inside, mut all) = (true, true);
+        for (axis, at) in at.iter().enumerate().take(axes) {
+            let (start, end) = (*at as f64, *at as f64 + side);
+            let part = self.max[axis].min(end) - self.min[axis].max(start);
+            if part <= TINY {
+                return Ok(());
+            }
+            inside &= part >= side - TINY;
+            all &= self.max[axis] - self.min[axis] <= side + TINY;
+            share *= part;
+        }
+        match child {
+            Child::Void => {}
+            Child::Leaf(value) => self.count(*value, share),
+            // What the source has for the whole node was made by the same rule.
+            Child::Inner { representative, .. } if inside && all => self.exact = Some(*representative),
+            Child::Inner { node, .. } => {
+                let mut children = no_children();
+                self.source.children(node, &mut children)?;
+                let half = 1i64 << (size - 1);
+                for (step, child) in children[..self.form.children()].iter().enumerate() {
+                    let at = std::array::from_fn(|axis| at[axis] + (step as i64 >> axis & 1) * half);
+                    self.add(child, at, size - 1)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, value: Value, share: f64) {
+        let value_type = self.form.value;
+        self.area += share;
+        match self.rule {
+            Rule::Mean | Rule::Occupancy => {
+                let (samples, present) = (value_type.samples(value), value_type.present(value));
+                for (channel, sample) in samples.iter().enumerate().filter(|(channel, _)| present[*channel]) {
+                    self.sums[channel] += share * sample;
+                    self.areas[channel] += share;
+                }
+            }
+            Rule::Min => {
+                self.extreme = Some(
+                    self.extreme.map_or(value, |least| value_type.join_present(least, value, ValueType::min)),
+                );
+            }
+            Rule::Max => {
+                self.extreme = Some(
+                    self.extreme.map_or(value, |most| value_type.join_present(most, value, ValueType::max)),
+                );
+            }
+            Rule::Majority | Rule::Dominant | Rule::Nearest => {
+                match self.shares.iter_mut().find(|(other, _)| *other == value) {
+                    Some((_, sum)) => *sum += share,
+                    None => self.shares.push((value, share)),
+                }
+            }
+        }
+    }
+
+    /// The box's value; `None` is VOID.
+    pub(super) fn value(self) -> Option<Value> {
+        if self.exact.is_some() {
+            return self.exact;
+        }
+        if self.area == 0.0 {
+            return None;
+        }
+        let value_type = self.form.value;
+        match self.rule {
+            Rule::Mean | Rule::Occupancy => {
+                // How full a cell is counts what is VOID, too.
+                let whole: f64 = (0..self.form.axes()).map(|axis| self.max[axis] - self.min[axis]).product();
+                let missing = value_type.all_missing().map(|value| value_type.first_sample(value));
+                Some(value_type.nearest(|channel| {
+                    let area = if self.rule == Rule::Occupancy { whole } else { self.areas[channel] };
+                    if let (true, Some(missing)) = (area == 0.0, missing) {
+                        return missing;
+                    }
+                    let mean = self.sums[channel] / area;
+                    // Means of integers are rounded as those of whole cells are: a half upwards.
+                    if value_type.sample.is_float() { mean } else { (mean + 0.5).floor() }
+                }))
+            }
+            Rule::Min | Rule::Max => self.extreme,
+            Rule::Majority | Rule::Dominant | Rule::Nearest => {
+                // Areas that differ by rounding alone are equal; the least value wins, as in counting.
+                let most = self.shares.iter().map(|(_, area)| *area).fold(0.0, f64::max);
+                let best = self.shares.iter().filter(|(_, area)| *area >= most - TINY);
+                best.map(|(value, _)| *value).min_by(|a, b| value_type.order(*a, *b))
+            }
+        }
+    }
+}

@@ -1,0 +1,418 @@
+//! Walking a view: which source nodes a node of it shows, and whether they make it VOID, a LEAF or INNER.
+
+use glam::DVec3;
+
+use super::area::Area;
+use super::view::{Lookup, Sampling, TINY, View};
+use crate::ops::tree_file::TreeFileNode;
+use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
+use crate::tree::{CellBlock, Child, Children, Source, no_children};
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::space::{Code, Dimension};
+use spinney_base::value::{Rule, Tally, Value};
+
+/// An INNER node of a view.
+#[derive(Clone, Debug)]
+pub enum ViewNode {
+    /// A node of the source as it is.
+    Same(TreeFileNode),
+    /// Anything else: the source nodes around the node's image.
+    Around(Box<Around>),
+}
+
+/// Source nodes of one size around the image of a node of a view: at most two along each axis.
+#[derive(Clone, Debug)]
+pub struct Around {
+    /// The view's node.
+    code: Code,
+    /// Source nodes have `2^size` cells along each axis.
+    size: u8,
+    /// Coordinates of the first source node, in nodes of this size.
+    corner: [i64; 3],
+    /// Source nodes: bit 0 of the index says whether it is the second along x, and so on.
+    nodes: Children<TreeFileNode>,
+}
+
+impl Around {
+    /// An empty set of source nodes around the image of a node, each with `2^most` cells along each axis or
+    /// less.
+    #[inline]
+    fn new(code: Code, image: &Image, most: u8) -> Around {
+        // Nodes as large as the image: wherever it lies, it meets no more than two along each axis.
+        let size = (image.longest as u64).next_power_of_two().trailing_zeros() as u8;
+        let size = size.min(most);
+        Around { code, size, corner: image.low.map(|cell| cell >> size), nodes: no_children() }
+    }
+
+    /// The view's node.
+    pub(super) fn code(&self) -> Code {
+        self.code
+    }
+
+    /// Coordinates of a source node, in nodes of their size.
+    #[inline]
+    fn coordinates(&self, index: usize) -> [i64; 3] {
+        std::array::from_fn(|axis| self.corner[axis] + (index as i64 >> axis & 1))
+    }
+}
+
+/// Common state of source nodes.
+enum Common {
+    /// All are VOID.
+    Void,
+    /// All are LEAFs of this value.
+    Leaf(Value),
+    Nothing,
+}
+
+/// A node of a view and its cells.
+struct Block {
+    /// Levels below the node.
+    height: u8,
+    /// Cells along each axis.
+    side: i64,
+    /// The first cell.
+    first: [i64; 3],
+    /// All cells.
+    start: DVec3,
+    end: DVec3,
+}
+
+/// The cells of a block that can be other than VOID.
+struct Shown {
+    from: DVec3,
+    to: DVec3,
+    /// Whether windows hide something of what the source has in the block.
+    is_cut: bool,
+}
+
+impl Shown {
+    /// Whether all cells of a block are shown, and nothing of them is hidden.
+    fn is_all_of(&self, block: &Block) -> bool {
+        !self.is_cut && self.from == block.start && self.to == block.end
+    }
+}
+
+/// The visible source cells that a block is made of: first and last along each axis.
+struct Image {
+    low: [i64; 3],
+    high: [i64; 3],
+    /// Cells along the longest axis.
+    longest: i64,
+    /// Whether some of the cells that the block would be made of are not visible.
+    sticks_out: bool,
+}
+
+/// Classifies the children of a node of a view, for which it reads the children of each source node around at
+/// most once.
+///
+/// Compiled for both numbers of axes: this is what views spend their time with.
+struct Classifier<'a, const AXES: usize> {
+    view: &'a View,
+    around: &'a Around,
+    /// The children of the source nodes around, as far as they were asked for.
+    children: [Option<Children<TreeFileNode>>; 8],
+}
+
+/// Half a cell along each axis: from a cell's corner to its centre.
+const HALF: DVec3 = DVec3::splat(0.5);
+
+impl<'a, const AXES: usize> Classifier<'a, AXES> {
+    fn new(view: &'a View, around: &'a Around) -> Self {
+        Classifier { view, around, children: [const { None }; 8] }
+    }
+
+    /// All children of the node that the source nodes are around.
+    fn children<N>(&mut self, children: &mut Children<N>, node_of: impl Fn(ViewNode) -> N) -> Result<()> {
+        for (step, child) in children[..1 << AXES].iter_mut().enumerate() {
+            *child = self.classify(self.around.code.child(step))?.map_node(&node_of);
+        }
+        Ok(())
+    }
+
+    /// The view's node at a code below the node that the source nodes are around.
+    fn classify(&mut self, code: Code) -> Result<Child<ViewNode>> {
+        let block = self.block(code);
+        let Some(shown) = self.shown(&block) else { return Ok(Child::Void) };
+        if let Some(at) = self.aligned(&block) {
+            return Ok(self.source_node(at, block.height)?.map_node(ViewNode::Same));
+        }
+        let Some(image) = self.image(&block, &shown) else { return Ok(Child::Void) };
+        let mut around = Around::new(code, &image, self.around.size);
+        // A block of one value all over need not be split, provided that nothing of it is cut off by a window
+        // or lies beyond the source: else some of its cells are VOID. If all source nodes are VOID, neither
+        // can matter.
+        match self.find_nodes(&mut around, &image)? {
+            Common::Void => return Ok(Child::Void),
+            Common::Leaf(value) if shown.is_all_of(&block) && !image.sticks_out => {
+                return Ok(Child::Leaf(value));
+            }
+            _ => {}
+        }
+        let in_middle = self.in_middle(&around, &image, &shown);
+        if block.height == 0 {
+            let value = match self.view.sampling {
+                Sampling::Area(rule) if self.lookup().by_area => self.area_value(rule, &around, &shown)?,
+                _ => in_middle,
+            };
+            return Ok(Child::uniform(value));
+        }
+        // Any value will do: what stores a view averages it anew. The middle is the best guess where nobody
+        // does.
+        let representative = in_middle.or_else(|| around.nodes.iter().find_map(Child::value));
+        let node = ViewNode::Around(Box::new(around));
+        Ok(Child::Inner { representative: representative.unwrap_or_default(), node })
+    }
+
+    fn lookup(&self) -> &'a Lookup {
+        &self.view.lookup
+    }
+
+    /// A node's cells.
+    fn block(&self, code: Code) -> Block {
+        let height = self.view.depth() - code.level();
+        let side = 1i64 << height;
+        let cell = code.cell();
+        let first = std::array::from_fn(|axis| if axis < AXES { i64::from(cell[axis]) << height } else { 0 });
+        let start = DVec3::from(first.map(|cell| cell as f64));
+        // Quadtrees are one cell thick along z, so that boxes have a volume in either dimension.
+        let size = std::array::from_fn(|axis| if axis < AXES { side as f64 } else { 1.0 });
+        Block { height, side, first, start, end: start + DVec3::from_array(size) }
+    }
+
+    /// The part of a block that can be other than VOID; `None` if all of it is VOID.
+    fn shown(&self, block: &Block) -> Option<Shown> {
+        let lookup = self.lookup();
+        // What the source has there, and what windows along the axes leave of it.
+        let (low, high) = (block.start.max(lookup.content.0), block.end.min(lookup.content.1));
+        let (from, to) = (low.max(lookup.shown.0), high.min(lookup.shown.1));
+        if from.cmpge(to).any() {
+            return None;
+        }
+        let mut is_cut = from != low || to != high;
+        for (map, size) in &lookup.askew {
+            // A cell is in a window if its centre is: those of the corner cells are the outermost.
+            let (low, high) = map.bounding_box(from + HALF, to - HALF);
+            if high.cmplt(DVec3::ZERO).any() || low.cmpge(*size).any() {
+                return None;
+            }
+            is_cut |= low.cmplt(DVec3::ZERO).any() || high.cmpge(*size).any();
+        }
+        Some(Shown { from, to, is_cut })
+    }
+
+    /// The coordinates of the one source node that a block is, if it is one with all that the source has
+    /// there.
+    fn aligned(&self, block: &Block) -> Option<[i64; 3]> {
+        let lookup = self.lookup();
+        let moved = lookup.moved.as_ref().filter(|_| lookup.askew.is_empty())?;
+        let image: [i64; 3] = std::array::from_fn(|axis| block.first[axis] + moved.by[axis]);
+        let aligned = image[..AXES].iter().all(|cell| *cell >= 0 && cell & (block.side - 1) == 0);
+        // (Larger nodes than those around cannot be had from here.)
+        let is_node = aligned && block.height <= self.around.size && moved.shows_all(image, block.side, AXES);
+        is_node.then(|| image.map(|cell| cell >> block.height))
+    }
+
+    /// The source cells that the shown part of a block is made of; `None` if none of them is visible.
+    fn image(&self, block: &Block, shown: &Shown) -> Option<Image> {
+        let lookup = self.lookup();
+        let (low, high) = if lookup.by_area {
+            // All that is touched, but for what is touched by rounding alone.
+            let (low, high) = lookup.to_source.bounding_box(shown.from, shown.to);
+            (low + TINY, high - TINY)
+        } else {
+            // All that centres can fall into. A single cell's centre is decided as it is.
+            let (low, high) = lookup.to_source.bounding_box(shown.from + HALF, shown.to - HALF);
+            let tiny = if block.height == 0 { 0.0 } else { TINY };
+            (low - tiny, high + tiny)
+        };
+        let low = low.floor().to_array().map(|cell| cell as i64);
+        let high = high.floor().to_array().map(|cell| cell as i64);
+        let (visible_start, visible_end) = lookup.visible;
+        let mut image = Image { low: [0; 3], high: [0; 3], longest: 1, sticks_out: false };
+        for axis in 0..AXES {
+            image.low[axis] = low[axis].max(visible_start[axis]);
+            image.high[axis] = high[axis].min(visible_end[axis] - 1);
+            if image.low[axis] > image.high[axis] {
+                return None;
+            }
+            image.sticks_out |= low[axis] < image.low[axis] || high[axis] > image.high[axis];
+            image.longest = image.longest.max(image.high[axis] - image.low[axis] + 1);
+        }
+        Some(image)
+    }
+
+    /// Finds the source nodes around an image, and what they have in common.
+    fn find_nodes(&mut self, around: &mut Around, image: &Image) -> Result<Common> {
+        let size = around.size;
+        let last = image.high.map(|cell| cell >> size);
+        let mut uniform = None;
+        let (mut same, mut void) = (true, true);
+        for index in 0..1 << AXES {
+            let at = around.coordinates(index);
+            if (0..AXES).any(|axis| at[axis] > last[axis]) {
+                continue;
+            }
+            let child = self.source_node(at, size)?;
+            void &= matches!(child, Child::Void);
+            match (child, uniform) {
+                (Child::Leaf(value), None) => uniform = Some(value),
+                (Child::Leaf(value), Some(first)) if value == first => {}
+                _ => same = false,
+            }
+            around.nodes[index] = child;
+        }
+        Ok(match uniform {
+            _ if void => Common::Void,
+            Some(value) if same => Common::Leaf(value),
+            _ => Common::Nothing,
+        })
+    }
+
+    /// The source's node of `2^size` cells along each axis, no more than those around have; `at` counts nodes
+    /// of that size.
+    fn source_node(&mut self, at: [i64; 3], size: u8) -> Result<Child<TreeFileNode>> {
+        // The bits of the coordinates above the lowest `up` say which of the nodes around it is, those below
+        // the way down.
+        let mut up = self.around.size - size;
+        let step = |up: u8, corner: [i64; 3]| {
+            (0..AXES).map(|axis| (((at[axis] >> up) - corner[axis]) as usize & 1) << axis).sum::<usize>()
+        };
+        let first = step(up, self.around.corner);
+        let node = match &self.around.nodes[first] {
+            Child::Inner { node, .. } if up > 0 => node,
+            // A uniform node is so all over.
+            child => return Ok(*child),
+        };
+        up -= 1;
+        let source = &self.view.source;
+        // Siblings of one parent are asked for one after the other: their parent's children are read once.
+        let children = match &mut self.children[first] {
+            Some(children) => children,
+            unread => {
+                let children = unread.insert(no_children());
+                source.children(node, children)?;
+                children
+            }
+        };
+        let mut child = children[step(up, [0; 3])];
+        while let (Child::Inner { node, .. }, true) = (&child, up > 0) {
+            up -= 1;
+            let mut children = no_children();
+            source.children(node, &mut children)?;
+            child = children[step(up, [0; 3])];
+        }
+        Ok(child)
+    }
+
+    /// The value at the centre of what is shown, as far as the nodes around know it.
+    fn in_middle(&self, around: &Around, image: &Image, shown: &Shown) -> Option<Value> {
+        let centre = self.lookup().to_source.apply(((shown.from + shown.to) * 0.5).to_array());
+        let index = (0..AXES)
+            .map(|axis| {
+                let cell = (centre[axis].floor().max(0.0) as i64).clamp(image.low[axis], image.high[axis]);
+                (((cell >> around.size) - around.corner[axis]) as usize & 1) << axis
+            })
+            .sum::<usize>();
+        around.nodes[index].value()
+    }
+
+    /// The value of a single cell from all source cells that it covers.
+    fn area_value(&self, rule: Rule, around: &Around, shown: &Shown) -> Result<Option<Value>> {
+        let lookup = self.lookup();
+        let (low, high) = lookup.to_source.bounding_box(shown.from, shown.to);
+        let (visible_start, visible_end) = lookup.visible;
+        let visible = [visible_start, visible_end].map(|cell| DVec3::from(cell.map(|cell| cell as f64)));
+        let covered = (low.max(visible[0]), high.min(visible[1]));
+        let mut area = Area::new(&self.view.source, self.view.form, rule, covered);
+        for (index, child) in around.nodes.iter().enumerate() {
+            area.add(child, around.coordinates(index).map(|at| at << around.size), around.size)?;
+        }
+        Ok(area.value())
+    }
+}
+
+impl View {
+    /// Writes the children of an inner node as nodes of something that stands on this view: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    pub(in crate::ops) fn children_as<N>(
+        &self,
+        node: &ViewNode,
+        children: &mut Children<N>,
+        node_of: impl Fn(ViewNode) -> N,
+    ) -> Result<()> {
+        match (node, self.form.dimension) {
+            (ViewNode::Same(node), _) => {
+                self.source.children_as(node, children, |node| node_of(ViewNode::Same(node)))
+            }
+            (ViewNode::Around(around), Dimension::Quad) => {
+                Classifier::<2>::new(self, around).children(children, node_of)
+            }
+            (ViewNode::Around(around), Dimension::Oct) => {
+                Classifier::<3>::new(self, around).children(children, node_of)
+            }
+        }
+    }
+}
+
+impl Source for View {
+    type Node = ViewNode;
+
+    fn form(&self) -> Form {
+        self.form
+    }
+
+    fn depth(&self) -> u8 {
+        View::depth(self)
+    }
+
+    fn root(&self) -> Result<Child<ViewNode>> {
+        let mut nodes = no_children();
+        nodes[0] = self.source.root()?;
+        let code = Code::root(self.form.dimension);
+        let around = Around { code, size: self.source.depth(), corner: [0; 3], nodes };
+        match self.form.dimension {
+            Dimension::Quad => Classifier::<2>::new(self, &around).classify(code),
+            Dimension::Oct => Classifier::<3>::new(self, &around).classify(code),
+        }
+    }
+
+    fn children(&self, node: &ViewNode, children: &mut Children<ViewNode>) -> Result<()> {
+        self.children_as(node, children, |node| node)
+    }
+
+    fn cells(&self, node: &ViewNode, levels: u8) -> Result<Option<CellBlock>> {
+        match node {
+            ViewNode::Same(node) => self.source.cells(node, levels),
+            ViewNode::Around(around) => self.draw_block(around.code(), levels),
+        }
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        self.source.check_unchanged()
+    }
+
+    fn tally(&self, node: &ViewNode) -> Result<Option<Tally>> {
+        match node {
+            ViewNode::Same(node) => self.source.tally(node),
+            ViewNode::Around(_) => Ok(None),
+        }
+    }
+}
+
+impl ReusableSource for View {
+    fn stored(&self, node: &ViewNode) -> Option<StoredNode<'_>> {
+        match node {
+            ViewNode::Same(node) => self.source.stored(node),
+            ViewNode::Around(_) => None,
+        }
+    }
+
+    fn kept(&self, node: &ViewNode) -> Option<RecordRef> {
+        match node {
+            ViewNode::Same(node) => self.source.kept(node),
+            ViewNode::Around(_) => None,
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! Affine maps of cell coordinates: windows, scalings, rotations and their chains.
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use spinney_base::{Error, Result};
+
+/// An affine map of the space that cells lie in; cell (0, 0, 0) spans 0..1 on every axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AffineMap(pub(super) DAffine3);
+
+/// An axis of a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)] // the names say it
+pub enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+impl AffineMap {
+    /// The map that changes nothing.
+    pub const IDENTITY: AffineMap = AffineMap(DAffine3::IDENTITY);
+
+    /// Moves by so many cells along each axis.
+    pub fn translation(by: [f64; 3]) -> AffineMap {
+        AffineMap(DAffine3::from_translation(DVec3::from(by)))
+    }
+
+    /// Enlarges by a factor per axis, away from the origin; a negative one mirrors.
+    pub fn scaling(by: [f64; 3]) -> AffineMap {
+        AffineMap(DAffine3::from_scale(DVec3::from(by)))
+    }
+
+    /// Turns about an axis through `centre`, from x to y, y to z or z to x for positive angles: in pictures,
+    /// whose rows go down, clockwise about [`Axis::Z`]. Multiples of 90 degrees are exact.
+    pub fn rotation(axis: Axis, degrees: f64, centre: [f64; 3]) -> AffineMap {
+        let (sin, cos) = exact_sin_cos(degrees);
+        // The axes that are turned, the first towards the second.
+        let (from, to) = match axis {
+            Axis::X => (1, 2),
+            Axis::Y => (2, 0),
+            Axis::Z => (0, 1),
+        };
+        let mut columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        (columns[from][from], columns[from][to]) = (cos, sin);
+        (columns[to][from], columns[to][to]) = (-sin, cos);
+        let turn = AffineMap(DAffine3::from_mat3(DMat3::from_cols_array_2d(&columns)));
+        AffineMap::translation(centre.map(|number| -number)).then(&turn).then(&AffineMap::translation(centre))
+    }
+
+    /// Turns about any line through `centre` in the direction `axis`, by the right-hand rule. Those that take
+    /// axes to axes are exact.
+    ///
+    /// # Errors
+    /// If the direction has no length.
+    pub fn rotation_about(axis: [f64; 3], degrees: f64, centre: [f64; 3]) -> Result<AffineMap> {
+        let direction = DVec3::from(axis).try_normalize();
+        let direction = direction.ok_or_else(|| {
+            Error::invalid("axis of rotation", format!("{axis:?}"), "a direction, as in 0,0,1")
+        })?;
+        let turn = DAffine3::from_axis_angle(direction, degrees.rem_euclid(360.0).to_radians());
+        let columns = turn.matrix3.to_cols_array_2d().map(|column| column.map(without_noise));
+        let turn = AffineMap(DAffine3::from_mat3(DMat3::from_cols_array_2d(&columns)));
+        Ok(AffineMap::translation(centre.map(|number| -number))
+            .then(&turn)
+            .then(&AffineMap::translation(centre)))
+    }
+
+    /// The map that takes axis `from[0]` of the input to x, `from[1]` to y and `from[2]` to z, mirrored where
+    /// `mirror` says: with all orders of the axes and all mirrorings the 48 symmetries of the cube (of which
+    /// 8 leave z alone).
+    ///
+    /// # Errors
+    /// If an axis is missing.
+    pub fn symmetry(from: [Axis; 3], mirror: [bool; 3]) -> Result<AffineMap> {
+        let mut columns = [[0.0; 3]; 3];
+        for (to, axis) in from.into_iter().enumerate() {
+            columns[axis as usize][to] = if mirror[to] { -1.0 } else { 1.0 };
+        }
+        if columns.iter().any(|column| column.iter().all(|number| *number == 0.0)) {
+            return Err(Error::invalid("axes", format!("{from:?}"), "each of X, Y and Z once"));
+        }
+        Ok(AffineMap(DAffine3::from_mat3(DMat3::from_cols_array_2d(&columns))))
+    }
+
+    /// The map with these rows of a 3x4 matrix: new x, y, z from old x, y, z, 1.
+    pub fn from_rows(rows: [[f64; 4]; 3]) -> AffineMap {
+        let column = |column: usize| DVec3::from(rows.map(|row| row[column]));
+        let matrix = DMat3::from_cols(column(0), column(1), column(2));
+        AffineMap(DAffine3::from_mat3_translation(matrix, column(3)))
+    }
+
+    /// The rows of the 3x4 matrix.
+    pub fn to_rows(&self) -> [[f64; 4]; 3] {
+        let columns = self.0.to_cols_array_2d();
+        std::array::from_fn(|row| columns.map(|column| column[row]))
+    }
+
+    /// This map, then another.
+    pub fn then(&self, next: &AffineMap) -> AffineMap {
+        AffineMap(next.0 * self.0)
+    }
+
+    /// The inverse map.
+    ///
+    /// # Errors
+    /// If the map flattens space or has no finite numbers.
+    pub fn inverse(&self) -> Result<AffineMap> {
+        let inverse = self.0.inverse();
+        let det = self.0.matrix3.determinant();
+        if det == 0.0 || !det.is_finite() || !inverse.is_finite() {
+            let found = format!("{:?}", self.to_rows());
+            return Err(Error::invalid("affine map", found, "one that can be inverted"));
+        }
+        Ok(AffineMap(inverse))
+    }
+
+    /// Moved on by less than a cell so that a box of whole cells, which begins at the origin, goes to whole
+    /// cells; as it is where axes do not stay axes. There and back, the moves are opposite.
+    pub(in crate::ops) fn on_whole_cells(&self, extent: [u64; 3]) -> AffineMap {
+        if !self.keeps_axes() {
+            return *self;
+        }
+        let (min, _) = self.bounding_box(DVec3::ZERO, DVec3::from(extent.map(|cells| cells as f64)));
+        self.then(&AffineMap::translation((min.round() - min).to_array()))
+    }
+
+    /// The image of a point.
+    pub fn apply(&self, point: [f64; 3]) -> [f64; 3] {
+        self.0.transform_point3(DVec3::from(point)).to_array()
+    }
+
+    /// The smallest box around the image of a box, which is given by its ends.
+    #[inline]
+    pub(in crate::ops) fn bounding_box(&self, min: DVec3, max: DVec3) -> (DVec3, DVec3) {
+        // Centre and half size go their own ways: the map of the one, absolute values for the other. That
+        // takes far less than all corners.
+        let centre = self.0.transform_point3((min + max) * 0.5);
+        let half = (max - min) * 0.5;
+        let matrix = &self.0.matrix3;
+        let half = matrix.x_axis.abs() * half.x + matrix.y_axis.abs() * half.y + matrix.z_axis.abs() * half.z;
+        (centre - half, centre + half)
+    }
+
+    /// Determinant: factor of volumes (or areas), negative if the map mirrors.
+    pub(in crate::ops) fn determinant(&self) -> f64 {
+        self.0.matrix3.determinant()
+    }
+
+    /// Whether it only moves.
+    pub(super) fn is_translation(&self) -> bool {
+        self.0.matrix3 == DMat3::IDENTITY
+    }
+
+    /// Whether boxes along the axes stay such boxes.
+    pub(super) fn keeps_axes(&self) -> bool {
+        let columns = self.0.matrix3.to_cols_array_2d();
+        let single = |numbers: [f64; 3]| numbers.iter().filter(|number| **number != 0.0).count() == 1;
+        columns.into_iter().all(single) && (0..3).all(|row| single(columns.map(|column| column[row])))
+    }
+
+    /// Whether it takes whole cells to whole cells: a symmetry and a move by whole cells.
+    pub(in crate::ops) fn keeps_cells(&self) -> bool {
+        let columns = self.0.matrix3.to_cols_array_2d();
+        self.keeps_axes()
+            && columns.iter().flatten().all(|number| number.abs() == 1.0 || *number == 0.0)
+            && self.0.translation == self.0.translation.round()
+    }
+}
+
+/// A number, or the whole one that it is but for rounding: too little for even the farthest cell to notice.
+fn without_noise(number: f64) -> f64 {
+    if (number - number.round()).abs() < 1e-14 { number.round() } else { number }
+}
+
+/// Sine and cosine, exact for multiples of 90 degrees.
+fn exact_sin_cos(degrees: f64) -> (f64, f64) {
+    match degrees.rem_euclid(360.0) {
+        0.0 => (0.0, 1.0),
+        90.0 => (1.0, 0.0),
+        180.0 => (0.0, -1.0),
+        270.0 => (-1.0, 0.0),
+        other => other.to_radians().sin_cos(),
+    }
+}

@@ -1,0 +1,454 @@
+//! Views: one affine map between the cells of a result and those of a source, however many steps led to it.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::map::AffineMap;
+use crate::ops::tree_file::TreeFile;
+use crate::ops::warp::{WarpGrid, WarpOptions, Warped};
+use crate::store::depth_for;
+use crate::tree::Source;
+use spinney_base::Form;
+use spinney_base::value::Rule;
+use spinney_base::{Error, Result};
+use spinney_container::Metadata;
+use spinney_crs::{Crs, Frame};
+
+/// Rule by which cells that are no source cells get their value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sampling {
+    /// The source cell at the cell's centre.
+    Centre,
+    /// From all source cells that the cell covers, each as far as it is covered, by the source's rule: the
+    /// mean, or the value with the largest area (the least of several). Only where axes stay axes; elsewhere
+    /// as [`Sampling::Centre`].
+    Area(Rule),
+}
+
+/// An affine view of a file: a window, a translated, scaled, mirrored or rotated tree, or any chain of these.
+///
+/// A chain is one map, so that cells are looked up once and nothing is lost between the steps. Nothing is
+/// read before somebody walks the view, and memory is proportional to depth: an INNER node of the view knows
+/// the source nodes around its image (at most 2 along each axis), as in the algorithms of Samet for
+/// translation and rotation; it is uniform if they are, else split until that is decided, at last at single
+/// cells. Where a node of the view is a node of the source, it is handed through, with all that is stored
+/// below it.
+///
+/// ```
+/// use std::sync::Arc;
+/// use spinney::ops::{Axis, AffineMap, View};
+/// use spinney::space::Dimension;
+/// use spinney::tree::{Form, MemTree, Source};
+/// use spinney::value::{Rule, SampleType, Value, ValueType};
+///
+/// let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+/// let columns = MemTree::from_cells(form, 2, Rule::Mean, &|[x, _, _]| Some(Value::from([x as u8])));
+/// let view = View::new(Arc::new(columns.into()), [4, 3, 1])?;
+/// let turned = view.window([1, 0, 0], [3, 3, 1])?.transform(&AffineMap::rotation(Axis::Z, 90.0, [0.0; 3]))?;
+/// assert_eq!((turned.extent(), turned.depth()), ([3, 3, 1], 2));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct View {
+    pub(super) source: Arc<TreeFile>,
+    /// The source's, at hand: every node asks for it.
+    pub(super) form: Form,
+    /// Cells of the source along each axis; the rest is VOID.
+    source_extent: [u64; 3],
+    /// AffineMap from source cells to the grid in which the view has its first cell at `origin`.
+    to_grid: AffineMap,
+    /// The view's first cell in that grid: whole numbers. Windows move it, and leave the grid as it is.
+    origin: DVec3,
+    extent: [u64; 3],
+    depth: u8,
+    /// Windows taken on the way: from source cells to the window's, and its size.
+    windows: Vec<(AffineMap, DVec3)>,
+    pub(super) sampling: Sampling,
+    pub(super) lookup: Lookup,
+    /// The coordinate system, where it is not the source's.
+    crs: Option<Arc<Crs>>,
+    /// Options for steps to grids in other coordinate systems.
+    warp: WarpOptions,
+}
+
+/// Maps and boxes for finding a view's cells, derived from the steps.
+#[derive(Clone, Debug)]
+pub(super) struct Lookup {
+    /// AffineMap from the view's cells to the source's.
+    pub(super) to_source: AffineMap,
+    /// Whether cells are averaged over areas of the source.
+    pub(super) by_area: bool,
+    /// Source cells that are visible: from the first up to, not including, the last.
+    pub(super) visible: ([i64; 3], [i64; 3]),
+    /// If the view only moves the source, by whole cells.
+    pub(super) moved: Option<Moved>,
+    /// Box around the image of the visible source cells, in whole cells of the view.
+    pub(super) content: (DVec3, DVec3),
+    /// Box of cells that can be other than VOID.
+    pub(super) shown: (DVec3, DVec3),
+    /// Windows that lie askew: from the view's cells to the window's, and its size.
+    pub(super) askew: Vec<(AffineMap, DVec3)>,
+}
+
+/// A move by whole cells.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moved {
+    /// Cells to add to the view's to get the source's.
+    pub(super) by: [i64; 3],
+    /// Source cells that are visible, also through windows taken later.
+    visible: ([i64; 3], [i64; 3]),
+    /// Source cells that are not VOID.
+    extent: [u64; 3],
+}
+
+impl Moved {
+    /// Whether all that a box of source cells, given by its first cell and side, has is visible.
+    pub(super) fn shows_all(&self, first: [i64; 3], side: i64, axes: usize) -> bool {
+        (0..axes).all(|axis| {
+            let (start, end) = (first[axis].max(0), (first[axis] + side).min(self.extent[axis] as i64));
+            self.visible.0[axis] <= start && end <= self.visible.1[axis]
+        })
+    }
+}
+
+/// Tolerance of coordinates, in cells: more than their rounding errors, less than any overlap that counts.
+pub(super) const TINY: f64 = 1e-6;
+
+impl View {
+    /// All of a file whose picture has `extent` cells.
+    ///
+    /// # Errors
+    /// If the extent does not fit the source.
+    pub fn new(source: Arc<TreeFile>, extent: [u64; 3]) -> Result<View> {
+        let (form, depth) = (source.form(), source.depth());
+        let side = 1u64 << depth;
+        for (axis, cells) in extent.into_iter().enumerate() {
+            let most = if axis < form.axes() { side } else { 1 };
+            if cells == 0 || cells > most {
+                let found = format!("{cells} cells along axis {axis}");
+                return Err(Error::invalid("extent", found, format!("1 to {most}, the source's")));
+            }
+        }
+        let view = View {
+            source,
+            form,
+            source_extent: extent,
+            to_grid: AffineMap::IDENTITY,
+            origin: DVec3::ZERO,
+            extent,
+            depth,
+            windows: Vec::new(),
+            crs: None,
+            warp: WarpOptions::default(),
+            sampling: Sampling::Centre,
+            lookup: Lookup {
+                to_source: AffineMap::IDENTITY,
+                by_area: false,
+                visible: ([0; 3], [0; 3]),
+                moved: None,
+                content: (DVec3::ZERO, DVec3::ZERO),
+                shown: (DVec3::ZERO, DVec3::ZERO),
+                askew: Vec::new(),
+            },
+        };
+        view.renewed()
+    }
+
+    /// Cells along each axis; all that is outside is VOID.
+    pub fn extent(&self) -> [u64; 3] {
+        self.extent
+    }
+
+    /// Levels below the root.
+    pub fn depth(&self) -> u8 {
+        self.depth
+    }
+
+    /// The file that is viewed.
+    pub fn source(&self) -> &Arc<TreeFile> {
+        &self.source
+    }
+
+    /// The map from the view's cells to the source's.
+    pub fn to_source(&self) -> AffineMap {
+        self.lookup.to_source
+    }
+
+    /// A box of cells, which may stick out on any side; its first cell becomes the view's first.
+    ///
+    /// # Errors
+    /// If it has no cells, more than the deepest tree, or none of the view's.
+    pub fn window(mut self, min: [i64; 3], size: [u64; 3]) -> Result<View> {
+        let axes = self.form.axes();
+        let outside = (0..axes).any(|axis| {
+            min[axis] >= self.extent[axis] as i64 || min[axis].saturating_add_unsigned(size[axis]) <= 0
+        });
+        if size.contains(&0) || outside {
+            let found = format!("{} cells from {}", show(&size, axes), show(&min, axes));
+            let expected = format!("some of the {} cells", show(&self.extent, axes));
+            return Err(Error::invalid("window", found, expected));
+        }
+        self.origin += DVec3::from(min.map(|min| min as f64));
+        self.extent = size;
+        self.add_window();
+        self.fitted()
+    }
+
+    /// Clips to the extent: from here on nothing outside is visible, whatever steps follow.
+    fn add_window(&mut self) {
+        let to_window = self.to_grid.then(&AffineMap::translation((-self.origin).to_array()));
+        self.windows.push((to_window, DVec3::from(self.extent.map(|cells| cells as f64))));
+    }
+
+    /// Moves by so many cells, or parts of cells, along each axis. The view begins where it began: what moves
+    /// before the first cell is not visible, and there is room for what moves on.
+    ///
+    /// # Errors
+    /// If nothing is left, or more than the deepest tree holds.
+    pub fn translate(mut self, by: [f64; 3]) -> Result<View> {
+        self.check_axes(&AffineMap::translation(by))?;
+        let mut extent = [1; 3];
+        for axis in 0..self.form.axes() {
+            let end = (self.extent[axis] as f64 + by[axis] - TINY).ceil();
+            if end.is_nan() || end < 1.0 {
+                let found = format!("{} cells along axis {axis}", by[axis]);
+                return Err(Error::invalid("translation", found, "one that leaves some cells in place"));
+            }
+            extent[axis] = end as u64;
+        }
+        self.to_grid = self.to_grid.then(&AffineMap::translation(by));
+        self.extent = extent;
+        self.fitted()
+    }
+
+    /// Maps the view's cells anywhere; the result has room for all of them, its first cell is the corner of
+    /// the box around them.
+    ///
+    /// # Errors
+    /// If the map cannot be inverted, leaves a quadtree's plane, or the result needs a deeper tree than there
+    /// can be.
+    pub fn transform(self, map: &AffineMap) -> Result<View> {
+        let end = DVec3::from(self.extent.map(|cells| cells as f64));
+        let (min, max) = map.bounding_box(DVec3::ZERO, end);
+        let (min, max) = ((min + TINY).floor(), (max - TINY).ceil());
+        let extent = (max - min).max(DVec3::ONE).to_array().map(|cells| cells as u64);
+        self.mapped(map, min, extent)
+    }
+
+    /// Maps the view's cells onto a given grid of so many cells; what falls outside is not visible.
+    ///
+    /// # Errors
+    /// As [`View::transform`].
+    pub fn onto(self, map: &AffineMap, extent: [u64; 3]) -> Result<View> {
+        if extent.contains(&0) {
+            let found = show(&extent, self.form.axes());
+            return Err(Error::invalid("size of the result", found, "at least one cell"));
+        }
+        let mut view = self.mapped(map, DVec3::ZERO, extent)?;
+        view.add_window();
+        view.renewed()
+    }
+
+    fn mapped(mut self, map: &AffineMap, min: DVec3, extent: [u64; 3]) -> Result<View> {
+        self.check_axes(map)?;
+        map.inverse()?;
+        let there = AffineMap::translation((-self.origin).to_array()).then(map);
+        let and_back = AffineMap::translation(self.origin.to_array());
+        self.to_grid = self.to_grid.then(&there).then(&and_back);
+        self.origin += min;
+        self.extent = extent;
+        self.fitted()
+    }
+
+    /// Scales by a factor along each axis: so many times as many cells.
+    ///
+    /// # Errors
+    /// As [`View::transform`]; factors must be positive.
+    pub fn scale(self, by: [f64; 3]) -> Result<View> {
+        if !by.iter().all(|factor| *factor > 0.0 && factor.is_finite()) {
+            return Err(Error::invalid("scale", format!("{by:?}"), "factors greater than 0"));
+        }
+        self.transform(&AffineMap::scaling(by))
+    }
+
+    /// A tree of this depth over the same space: coarser or finer cells, and as many of them as it takes.
+    ///
+    /// # Errors
+    /// As [`View::transform`].
+    pub fn resample(self, depth: u8) -> Result<View> {
+        let factor = 2f64.powi(i32::from(depth) - i32::from(self.depth));
+        let axes = self.form.axes();
+        let mut view = self.scale(std::array::from_fn(|axis| if axis < axes { factor } else { 1.0 }))?;
+        view.depth = view.depth.max(depth);
+        view.renewed()
+    }
+
+    /// A deeper tree over the same cells: there is room for more on the far sides.
+    ///
+    /// # Errors
+    /// If the view does not fit, or there are no such trees.
+    pub fn deepened(mut self, depth: u8) -> Result<View> {
+        let (least, most) = (depth_for(self.extent), self.form.dimension.max_depth());
+        if depth < least || depth > most {
+            let expected = format!("{least} to {most}");
+            return Err(Error::invalid("depth", depth.to_string(), expected));
+        }
+        self.depth = depth;
+        self.renewed()
+    }
+
+    /// Chooses how new cells get their values.
+    ///
+    /// # Errors
+    /// None in practice: a view that is there can be sampled in any way.
+    pub fn sampled(mut self, sampling: Sampling) -> Result<View> {
+        self.sampling = sampling;
+        self.renewed()
+    }
+
+    /// Whether a window was taken: there may be less to see than the source has.
+    pub(crate) fn has_windows(&self) -> bool {
+        !self.windows.is_empty()
+    }
+
+    /// The view's frame. By default cells stay where the file has them in the world, however they are
+    /// arranged; with `moves`, they are moved in the world the way they were moved in the tree.
+    pub fn frame(&self, moves: bool) -> Frame {
+        let source = &self.source.metadata().frame;
+        let world = AffineMap::from_rows(source.matrix);
+        let mut frame = Frame { matrix: self.placed_cells(moves).then(&world).to_rows(), ..source.clone() };
+        if let Some(crs) = &self.crs {
+            frame.crs = Some((**crs).clone());
+        }
+        frame
+    }
+
+    /// A view of the cells as lying in this coordinate system, whatever the source says.
+    pub(crate) fn in_system(self, crs: Crs) -> View {
+        View { crs: Some(Arc::new(crs)), ..self }
+    }
+
+    /// Chooses how grids in other coordinate systems get their values.
+    #[must_use]
+    pub(crate) fn warping(self, warp: WarpOptions) -> View {
+        View { warp, ..self }
+    }
+
+    /// Whether datums may be taken for WGS 84: see [`WarpOptions::allow_ballpark`].
+    pub(in crate::ops) fn allows_ballpark(&self) -> bool {
+        self.warp.allow_ballpark
+    }
+
+    /// The view on a grid in another coordinate system, as a file of its own would be. Only what has its file's cells can go there.
+    ///
+    /// # Errors
+    /// If steps were taken that move cells or leave some out; else as [`Warped::new`].
+    pub fn warped(self, grid: &WarpGrid) -> Result<View> {
+        let has_its_cells = self.to_grid == AffineMap::IDENTITY
+            && self.origin == DVec3::ZERO
+            && self.windows.is_empty()
+            && self.extent == self.source.header().extent;
+        if !has_its_cells {
+            let expected = "it as the first step (but for crs=); what others do is done to its result";
+            return Err(Error::invalid(
+                "step to a grid in another coordinate system",
+                "steps before it",
+                expected,
+            ));
+        }
+        let warped = Warped::new(self.source.clone(), &self.frame(false), grid, &self.warp)?;
+        let view = View::new(Arc::new(warped.into()), grid.extent)?;
+        Ok(View { warp: self.warp, ..view })
+    }
+
+    /// The source's metadata with the view's frame, and its control points at the view's cells.
+    pub fn metadata(&self, moves: bool) -> Metadata {
+        let source = self.source.metadata();
+        let cells = Frame { matrix: self.placed_cells(moves).to_rows(), ..Frame::identity() };
+        let points = source.control_points.as_ref();
+        Metadata {
+            frame: self.frame(moves),
+            control_points: points.and_then(|points| points.seen_through(&cells)),
+            ..source.clone()
+        }
+    }
+
+    /// The map from the view's cells to the source's cells at the same places of the world.
+    fn placed_cells(&self, moves: bool) -> AffineMap {
+        if moves { AffineMap::translation(self.origin.to_array()) } else { self.lookup.to_source }
+    }
+
+    fn check_axes(&self, map: &AffineMap) -> Result<()> {
+        let rows = map.to_rows();
+        let stays = self.form.axes() > 2
+            || (rows[2] == [0.0, 0.0, 1.0, 0.0] && rows[0][2] == 0.0 && rows[1][2] == 0.0);
+        let finite = rows.iter().flatten().all(|number| number.is_finite());
+        if stays && finite {
+            return Ok(());
+        }
+        let expected = if finite { "one that leaves z alone, for a quadtree" } else { "finite numbers" };
+        Err(Error::invalid("affine map", format!("{rows:?}"), expected))
+    }
+
+    /// Sets the depth that the extent needs.
+    fn fitted(mut self) -> Result<View> {
+        let depth = depth_for(self.extent);
+        let most = self.form.dimension.max_depth();
+        if depth > most {
+            let found = format!("{} cells", show(&self.extent, self.form.axes()));
+            let expected = format!("at most {} along each axis", 1u64 << most);
+            return Err(Error::invalid("size of the result", found, expected));
+        }
+        self.depth = depth;
+        self.renewed()
+    }
+
+    /// Recomputes the lookup from the steps.
+    fn renewed(mut self) -> Result<View> {
+        // Windows say which source cells are visible, wherever that can be said in whole source cells; else
+        // which cells of the view can show something. What is neither (the window lies askew to both) is
+        // asked cell by cell.
+        let to_source = self.to_grid.then(&AffineMap::translation((-self.origin).to_array())).inverse()?;
+        let source_end = DVec3::from(self.source_extent.map(|cells| cells as f64));
+        let mut visible = (DVec3::ZERO, source_end);
+        let mut shown = (DVec3::ZERO, DVec3::from(self.extent.map(|cells| cells as f64)));
+        let mut askew = Vec::new();
+        for (map, size) in &self.windows {
+            let here = to_source.then(map);
+            if map.keeps_cells() {
+                let (start, end) = map.inverse()?.bounding_box(DVec3::ZERO, *size);
+                visible = (visible.0.max(start.round()), visible.1.min(end.round()).max(visible.0));
+            } else if here.is_translation() {
+                let start = (-here.0.translation).round();
+                shown = (shown.0.max(start), shown.1.min(start + size));
+            } else {
+                askew.push((here, *size));
+            }
+        }
+        let image = to_source.inverse()?.bounding_box(visible.0, visible.1);
+        let whole = |point: DVec3| point.to_array().map(|number| number as i64);
+        let moves = to_source.is_translation() && to_source.keeps_cells();
+        let moved = moves.then(|| {
+            let by = to_source.0.translation;
+            let visible = (whole(visible.0.max(shown.0 + by)), whole(visible.1.min(shown.1 + by)));
+            Moved { by: whole(by), visible, extent: self.source_extent }
+        });
+        let is_area = matches!(self.sampling, Sampling::Area(rule) if rule != Rule::Nearest);
+        self.lookup = Lookup {
+            to_source,
+            by_area: is_area && to_source.keeps_axes() && !to_source.keeps_cells(),
+            visible: (whole(visible.0), whole(visible.1)),
+            moved,
+            content: ((image.0 + TINY).floor(), (image.1 - TINY).ceil()),
+            shown,
+            askew,
+        };
+        Ok(self)
+    }
+}
+
+/// Numbers of cells along each axis, as people write them.
+fn show<T: ToString>(numbers: &[T; 3], axes: usize) -> String {
+    numbers[..axes].iter().map(T::to_string).collect::<Vec<_>>().join(" x ")
+}

@@ -1,0 +1,459 @@
+//! Set operations and their kin: several trees over the same space merged into one.
+
+use smallvec::SmallVec;
+
+use super::affine::{View, ViewNode};
+use super::coverage;
+use super::operation::{Operation, UNION};
+use super::tree_file::check_form;
+use crate::store::BuildOptions;
+use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, StoredNode};
+use crate::tree::{CellBlock, Child, Children, Source, no_children};
+use spinney_base::Form;
+use spinney_base::io::Output;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::{SampleType, Tally, Value};
+use spinney_base::{Error, Progress, Result};
+
+/// A node of the result, as far as the trees' nodes there determine it.
+enum Resolution {
+    Void,
+    Leaf(Value),
+    /// The node of the tree at this index, with its whole subtree.
+    Take(usize),
+    /// Undetermined: its children are to be resolved.
+    Split,
+}
+
+/// Several views of one form merged into one tree by an [`Operation`].
+///
+/// Views are walked side by side; where one side decides, the others' detail is not read, and what is stored
+/// below is handed through. Time is proportional to the nodes that are visited, at most the sum over all
+/// views.
+#[derive(Clone, Debug)]
+pub struct Combined {
+    views: Vec<View>,
+    form: Form,
+    operation: Operation,
+    /// The ways to merge two trees: see [`Operation::mergings`].
+    mergings: [Merging; 3],
+    /// The value of cells that are present in neither tree.
+    fill: Value,
+    /// Cells along each axis.
+    extent: [u64; 3],
+    /// Cells of none of the trees are present only in here.
+    universe: Bounds,
+}
+
+/// The trees' nodes at a node of the result, each with the number of its tree.
+type Nodes = SmallVec<[(usize, Child<ViewNode>); 2]>;
+
+/// An INNER node of combined trees.
+#[derive(Clone, Debug)]
+pub enum CombinedNode {
+    /// A node of one of the trees as it is.
+    Same(usize, ViewNode),
+    /// Nodes of several trees that are still to be merged. (In a box, so that other nodes stay small: they
+    /// are moved a lot.)
+    Open(Box<OpenNode>),
+}
+
+/// Nodes of several trees that are still to be merged.
+#[derive(Clone, Debug)]
+pub struct OpenNode {
+    /// The node of the result.
+    code: Code,
+    nodes: Nodes,
+}
+
+/// A tree's node and its children; those of a uniform node are all as it is.
+struct Below<'a> {
+    tree: usize,
+    node: &'a Child<ViewNode>,
+    children: Option<&'a Children<ViewNode>>,
+}
+
+impl<'a> Below<'a> {
+    /// One of the children, with the number of the tree.
+    #[inline]
+    fn child(&self, step: usize) -> (usize, &'a Child<ViewNode>) {
+        (self.tree, self.children.map_or(self.node, |children| &children[step]))
+    }
+}
+
+impl Combined {
+    /// Combines views of one form and depth, whose pictures lie within `extent`.
+    ///
+    /// # Errors
+    /// If forms or depths differ, or the operation takes another number of trees.
+    pub fn new(views: Vec<View>, operation: Operation, extent: [u64; 3]) -> Result<Combined> {
+        if let Operation::Set { number, .. } = operation
+            && number > 15
+        {
+            return Err(Error::invalid("set operation", number.to_string(), "0 to 15"));
+        }
+        let takes = operation.takes();
+        if !takes.contains(&views.len()) {
+            let expected = if *takes.end() == 2 { "two" } else { "at least one" };
+            return Err(Error::invalid("trees to combine", views.len().to_string(), expected));
+        }
+        let (form, depth) = (views[0].form(), views[0].depth());
+        for view in &views[1..] {
+            check_form((view.source().path(), view.form()), (views[0].source().path(), form))?;
+        }
+        if let Some(other) = views.iter().find(|view| view.depth() != depth) {
+            let expected = format!("{depth}, as the first tree has; deepen the view of the shallower one");
+            return Err(Error::invalid("depth of a tree", other.depth().to_string(), expected));
+        }
+        let fill = if form.value.sample == SampleType::U8 { 255.0 } else { 1.0 };
+        let fill = form.value.nearest(|_| fill);
+        // Trees of coverage and of anything else are combined by presence.
+        let full = views.iter().map(|view| coverage::full(form, view.source().header().rule));
+        let full = full.reduce(Option::and).flatten();
+        let (mergings, universe) = (operation.mergings(full), Bounds::picture(extent));
+        Ok(Combined { views, form, operation, mergings, fill, extent, universe })
+    }
+
+    /// Chooses the cells of which those that neither tree has are present, if the operation makes such cells
+    /// present; all of the extent unless chosen.
+    #[must_use]
+    pub fn within(self, universe: Bounds) -> Combined {
+        Combined { universe, ..self }
+    }
+
+    /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for
+    /// bytes, which says full in solids, and 1 for other types unless chosen.
+    ///
+    /// # Errors
+    /// If cells tell coverage, which no other value than 255 says is full.
+    pub fn filled_with(self, fill: Value) -> Result<Combined> {
+        if self.coverage().is_some_and(|full| full != fill) {
+            let found = format!("{:?}", &self.form.value.samples(fill)[..]);
+            return Err(Error::invalid("fill value", found, "255, full, as these trees tell coverage"));
+        }
+        Ok(Combined { fill, ..self })
+    }
+
+    /// The value of full cells, if this is a set operation on coverage.
+    fn coverage(&self) -> Option<Value> {
+        self.mergings[0].full
+    }
+
+    /// Whether the result is what any of the trees has, so that those without anything do not matter.
+    fn is_union(&self) -> bool {
+        self.operation == Operation::Over
+            || self.views.len() > 2 && matches!(self.operation, Operation::Set { number: UNION, .. })
+    }
+
+    /// The views.
+    pub fn views(&self) -> &[View] {
+        &self.views
+    }
+
+    /// Cells along each axis.
+    pub fn extent(&self) -> [u64; 3] {
+        self.extent
+    }
+
+    /// Whether both of two trees have one node of one file.
+    fn is_one_node(&self, nodes: &[(usize, &Child<ViewNode>)]) -> bool {
+        let kept = |(tree, child): &(usize, &Child<ViewNode>)| match child {
+            Child::Inner { node, .. } => self.views[*tree].kept(node),
+            _ => None,
+        };
+        let [first, second] = nodes else { return false };
+        kept(first).is_some_and(|record| kept(second) == Some(record))
+    }
+
+    /// Resolves a node whose subtree is the same in both trees, if the operation allows it.
+    fn resolve_same(&self) -> Option<Resolution> {
+        match self.operation {
+            // Cells are in both trees or in neither: bit 0 of the number says whether the former belong to
+            // the result, bit 3 whether the latter do; those cannot be taken over, because they have to be
+            // filled.
+            Operation::Set { number, .. } if number & 9 == 1 => Some(Resolution::Take(0)),
+            Operation::Set { number, .. } if number & 9 == 0 => Some(Resolution::Void),
+            Operation::Over | Operation::Min | Operation::Max | Operation::Equal => Some(Resolution::Take(0)),
+            Operation::Changed => Some(Resolution::Void),
+            _ => None,
+        }
+    }
+
+    /// Resolves a node from the trees' nodes there.
+    fn resolve(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Resolution {
+        // Two commits of a file share the records of all that has not changed between them: no need to read
+        // those.
+        if self.is_one_node(nodes)
+            && let Some(resolution) = self.resolve_same()
+        {
+            return resolution;
+        }
+        match (self.operation, nodes) {
+            _ if self.is_union() && self.coverage().is_none() => match nodes {
+                [] => Resolution::Void,
+                [(_, Child::Leaf(value)), ..] => Resolution::Leaf(*value),
+                [_] => Resolution::Take(0),
+                _ => Resolution::Split,
+            },
+            (Operation::Set { .. }, []) => Resolution::Void,
+            // A complement may have no second tree.
+            (Operation::Set { .. }, [first]) => self.resolve_two(code, first.1, &Child::Void),
+            (_, [first, second]) => self.resolve_two(code, first.1, second.1),
+            (Operation::Set { .. }, nodes) => self.resolve_many(self.mergings[0].join, nodes),
+            (operation, nodes) => {
+                operation.join().map_or(Resolution::Split, |join| self.resolve_many(join, nodes))
+            }
+        }
+    }
+
+    /// Resolves a node of two trees.
+    fn resolve_two(&self, code: Code, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
+        // Only complements reach beyond what the trees have.
+        let part = match self.operation {
+            Operation::Set { number, .. } if number & 8 != 0 => match self.inside_and_outside(code) {
+                (true, false) => 0,
+                (false, _) => 1,
+                (true, true) => 2,
+            },
+            _ => 0,
+        };
+        let merging = &self.mergings[part];
+        match merging.action([first, second]) {
+            MergeAction::Void => Resolution::Void,
+            MergeAction::Take(tree) => Resolution::Take(tree),
+            MergeAction::Fill => Resolution::Leaf(self.fill),
+            MergeAction::Join => {
+                let [a, b] = [first, second].map(|node| node.value().unwrap_or(Value::ZERO));
+                let joined = merging.join.values(self.form.value, a, b);
+                joined.map_or(Resolution::Void, Resolution::Leaf)
+            }
+            MergeAction::Split => Resolution::Split,
+        }
+    }
+
+    /// Resolves a node of one tree, or of more than two, where values are joined: VOID where one of them is.
+    fn resolve_many(&self, join: Join, nodes: &[(usize, &Child<ViewNode>)]) -> Resolution {
+        let mut result: Option<Value> = None;
+        let mut inner = false;
+        for (_, child) in nodes {
+            match child {
+                Child::Void => return Resolution::Void,
+                Child::Inner { .. } => inner = true,
+                Child::Leaf(value) => {
+                    result = match result {
+                        None => Some(*value),
+                        Some(before) => join.values(self.form.value, before, *value),
+                    };
+                }
+            }
+        }
+        match result {
+            _ if inner && nodes.len() == 1 => Resolution::Take(0),
+            _ if inner => Resolution::Split,
+            // (Coverages that are all 0 are nothing.)
+            result => result.map_or(Resolution::Void, Resolution::Leaf),
+        }
+    }
+
+    /// Whether some of a node's cells lie inside the universe, and outside.
+    fn inside_and_outside(&self, code: Code) -> (bool, bool) {
+        let size = self.depth() - code.level();
+        let (mut inside, mut outside) = (true, false);
+        let Bounds { min, max } = self.universe;
+        for (axis, cell) in code.cell().into_iter().enumerate().take(self.form.axes()) {
+            let (first, end) = (u64::from(cell) << size, (u64::from(cell) + 1) << size);
+            inside &= first < max[axis] && end > min[axis];
+            outside |= first < min[axis] || end > max[axis];
+        }
+        (inside, outside)
+    }
+
+    /// The children of a tree's node, read into `children` if there are any.
+    #[inline]
+    fn below<'a>(
+        &self,
+        (tree, node): &'a (usize, Child<ViewNode>),
+        children: &'a mut Children<ViewNode>,
+    ) -> Result<Below<'a>> {
+        let children = match node {
+            Child::Inner { node, .. } => {
+                self.views[*tree].children(node, children)?;
+                Some(&*children)
+            }
+            _ => None,
+        };
+        Ok(Below { tree: *tree, node, children })
+    }
+
+    /// A node of the result, from the trees' nodes there.
+    fn merge(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
+        if !self.is_union() {
+            return self.resolved(code, nodes);
+        }
+        let present = nodes.iter().filter(|(_, child)| !matches!(child, Child::Void));
+        let mut seen: SmallVec<[(usize, &Child<ViewNode>); 2]> = present.copied().collect();
+        let leaf = |(_, child): &(usize, &Child<ViewNode>)| match child {
+            Child::Leaf(value) => Some(*value),
+            _ => None,
+        };
+        match self.coverage() {
+            // The first LEAF hides all trees below it; INNER nodes above it may still have VOID cells.
+            None => {
+                let first = seen.iter().position(|node| leaf(node).is_some());
+                first.into_iter().for_each(|first| seen.truncate(first + 1));
+            }
+            // What is full hides all others.
+            Some(full) => {
+                let full = seen.iter().find(|node| leaf(node) == Some(full)).copied();
+                full.into_iter().for_each(|full| seen = SmallVec::from_elem(full, 1));
+            }
+        }
+        self.resolved(code, &seen)
+    }
+
+    /// A node of the result, from those of the trees' nodes that matter to it.
+    #[inline]
+    fn resolved(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
+        match self.resolve(code, nodes) {
+            Resolution::Void => Child::Void,
+            Resolution::Leaf(value) => Child::Leaf(value),
+            Resolution::Take(index) => {
+                let (tree, child) = nodes[index];
+                child.clone().map_node(|node| CombinedNode::Same(tree, node))
+            }
+            Resolution::Split => {
+                let representative = nodes.iter().find_map(|(_, child)| child.value()).unwrap_or_default();
+                let nodes = nodes.iter().map(|(tree, child)| (*tree, (*child).clone())).collect();
+                Child::Inner { representative, node: CombinedNode::Open(Box::new(OpenNode { code, nodes })) }
+            }
+        }
+    }
+}
+
+impl Source for Combined {
+    type Node = CombinedNode;
+
+    fn form(&self) -> Form {
+        self.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.views[0].depth()
+    }
+
+    fn root(&self) -> Result<Child<CombinedNode>> {
+        let roots = self.views.iter().map(View::root).collect::<Result<Vec<_>>>()?;
+        let nodes: Vec<_> = roots.iter().enumerate().collect();
+        Ok(self.merge(Code::root(self.form.dimension), &nodes))
+    }
+
+    fn children(&self, node: &CombinedNode, children: &mut Children<CombinedNode>) -> Result<()> {
+        let (code, nodes) = match node {
+            CombinedNode::Same(tree, node) => {
+                let node_of = |node| CombinedNode::Same(*tree, node);
+                return self.views[*tree].children_as(node, children, node_of);
+            }
+            CombinedNode::Open(open) => (open.code, &open.nodes),
+        };
+        let results = || (0..self.form.children()).map(|step| (step, code.child(step)));
+        // One or two, as nearly always, take no lists.
+        match &nodes[..] {
+            [node] => {
+                let mut below = no_children();
+                let below = self.below(node, &mut below)?;
+                for (step, code) in results() {
+                    children[step] = self.merge(code, &[below.child(step)]);
+                }
+            }
+            [first, second] => {
+                let (mut below_first, mut below_second) = (no_children(), no_children());
+                let below_first = self.below(first, &mut below_first)?;
+                let below_second = self.below(second, &mut below_second)?;
+                for (step, code) in results() {
+                    children[step] = self.merge(code, &[below_first.child(step), below_second.child(step)]);
+                }
+            }
+            _ => {
+                let mut below = vec![no_children(); nodes.len()];
+                let below = nodes.iter().zip(&mut below).map(|(node, children)| self.below(node, children));
+                let below = below.collect::<Result<Vec<_>>>()?;
+                for (step, code) in results() {
+                    let nodes: Vec<_> = below.iter().map(|below| below.child(step)).collect();
+                    children[step] = self.merge(code, &nodes);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        self.views.iter().try_for_each(View::check_unchanged)
+    }
+
+    fn cells(&self, node: &CombinedNode, levels: u8) -> Result<Option<CellBlock>> {
+        match node {
+            CombinedNode::Same(tree, node) => self.views[*tree].cells(node, levels),
+            CombinedNode::Open(..) => Ok(None),
+        }
+    }
+
+    fn tally(&self, node: &CombinedNode) -> Result<Option<Tally>> {
+        match node {
+            CombinedNode::Same(tree, node) => self.views[*tree].tally(node),
+            CombinedNode::Open(..) => Ok(None),
+        }
+    }
+}
+
+impl ReusableSource for Combined {
+    fn stored(&self, node: &CombinedNode) -> Option<StoredNode<'_>> {
+        match node {
+            CombinedNode::Same(tree, node) => self.views[*tree].stored(node),
+            CombinedNode::Open(..) => None,
+        }
+    }
+
+    fn kept(&self, node: &CombinedNode) -> Option<RecordRef> {
+        match node {
+            CombinedNode::Same(tree, node) => self.views[*tree].kept(node),
+            CombinedNode::Open(..) => None,
+        }
+    }
+
+    fn overlay(&self, node: &CombinedNode) -> Option<Overlay<'_>> {
+        // Complements depend on the extent, too, not on the two nodes' states alone.
+        let has_table = !matches!(self.operation, Operation::Set { number: 8.., .. });
+        // Nor do those of samples that may be missing.
+        let is_masked = self.form.value.missing.is_some()
+            && self.operation.join().is_some_and(|join| join.computes_samples());
+        let CombinedNode::Open(open) = node else { return None };
+        let [first, second] = &open.nodes[..] else { return None };
+        let stored = |(tree, child): &(usize, Child<ViewNode>)| {
+            Some(match child {
+                Child::Void => Child::Void,
+                Child::Leaf(value) => Child::Leaf(*value),
+                Child::Inner { representative, node } => {
+                    let node = self.views[*tree].stored(node)?;
+                    Child::Inner { representative: *representative, node }
+                }
+            })
+        };
+        let nodes = (has_table && !is_masked).then(|| Some([stored(first)?, stored(second)?]))??;
+        Some(Overlay { nodes, merging: self.mergings[0] })
+    }
+}
+
+/// Builds a file from combined views, in the format that the output's name asks for; returns the tally of all
+/// cells. Subtrees that the views' files have stored with the same rule are copied as they are.
+///
+/// # Errors
+/// If a file is damaged, the output cannot be written, the depth is another one than the source's, or on
+/// interruption; nothing is left behind then.
+pub fn build(
+    source: &Combined,
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<Tally> {
+    crate::store::build(source, source.extent, options, output, progress)
+}

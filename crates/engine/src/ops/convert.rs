@@ -1,0 +1,34 @@
+//! Conversion of tree files to the other format.
+
+use std::path::Path;
+
+use super::tree_file::TreeFile;
+use crate::store::{BuildOptions, build, check_room};
+use spinney_base::io::Output;
+use spinney_base::{Progress, Result};
+use spinney_container::OpenOptions;
+
+/// Writes a tree as it is, in the format that the output's name asks for: an Autumnal tree (or one of its
+/// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
+/// the same.
+///
+/// ```
+/// use spinney::{io::Output, ops};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("published.goblin");
+/// let history = "fixtures/v1/history.autumn@1";
+/// ops::convert(history.as_ref(), false, Output::create(&path)?, 64 << 20, &())?;
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the file cannot be read, the output not be written, there is no room for all of its nodes, or on interruption.
+pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
+    let file = TreeFile::open(path, &OpenOptions::default())?;
+    file.tell_remark(progress);
+    let (header, metadata) = (file.header().clone(), file.metadata().clone());
+    check_room(&output, header.form, share, file.shared_records()?)?;
+    let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };
+    build(&file, header.extent, &options, output, progress).map(|_| ())
+}

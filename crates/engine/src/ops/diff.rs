@@ -1,0 +1,315 @@
+//! Differences between two trees.
+
+use std::path::Path;
+
+use super::tree_file::{TreeFile, TreeFileNode, check_form};
+use crate::store::autumnal::{self, Remembered};
+use crate::store::builder::ReusableSource;
+use crate::tree::{Child, Children, Source, no_children};
+use spinney_base::space::{Code, Dimension};
+use spinney_base::value::Value;
+use spinney_base::{Error, Result};
+use spinney_container::OpenOptions;
+use spinney_crs::Crs;
+
+/// A block in which two trees differ, uniform in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// The node.
+    pub code: Code,
+    /// The first tree's value; `None` is VOID.
+    pub before: Option<Value>,
+    /// The second tree's.
+    pub after: Option<Value>,
+}
+
+/// Hands out all blocks in which two trees differ, in FD order. Records that two commits of one file
+/// share are not read: time is proportional to the nodes that differ, plus depth for each of them.
+///
+/// # Errors
+/// If forms or depths differ, a file is damaged, or `found` fails.
+pub fn diff(
+    first: &TreeFile,
+    second: &TreeFile,
+    found: &mut dyn FnMut(Difference) -> Result<()>,
+) -> Result<()> {
+    check_alike(first, second)?;
+    let children = first.form().children();
+    let root = Code::root(first.form().dimension);
+    Comparison { first, second, children, found }.node(root, &first.root()?, &second.root()?)
+}
+
+/// Fails if forms or depths of two trees differ.
+fn check_alike(first: &TreeFile, second: &TreeFile) -> Result<()> {
+    check_form((second.path(), second.form()), (first.path(), first.form()))?;
+    if first.depth() == second.depth() {
+        return Ok(());
+    }
+    let expected = format!("{}, as the first tree has", first.depth());
+    Err(Error::invalid("depth of a tree", second.depth().to_string(), expected))
+}
+
+/// Two trees that are walked side by side.
+struct Comparison<'a> {
+    first: &'a TreeFile,
+    second: &'a TreeFile,
+    /// Children of a node.
+    children: usize,
+    found: &'a mut dyn FnMut(Difference) -> Result<()>,
+}
+
+impl Comparison<'_> {
+    fn node(&mut self, code: Code, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<()> {
+        match (a, b) {
+            (Child::Void, Child::Void) => return Ok(()),
+            (Child::Leaf(a), Child::Leaf(b)) if a == b => return Ok(()),
+            (Child::Inner { .. }, _) | (_, Child::Inner { .. }) => {
+                if is_same_record(self.first, a, self.second, b) {
+                    return Ok(());
+                }
+            }
+            (a, b) => return (self.found)(Difference { code, before: a.value(), after: b.value() }),
+        }
+        let (mut below_a, mut below_b) = (no_children(), no_children());
+        let from_a = children_of(self.first, a, &mut below_a)?;
+        let from_b = children_of(self.second, b, &mut below_b)?;
+        for step in 0..self.children {
+            let a = from_a.map_or(a, |below| &below[step]);
+            let b = from_b.map_or(b, |below| &below[step]);
+            self.node(code.child(step), a, b)?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether two nodes are one record of one file.
+fn is_same_record(
+    first: &TreeFile,
+    a: &Child<TreeFileNode>,
+    second: &TreeFile,
+    b: &Child<TreeFileNode>,
+) -> bool {
+    let record = |file: &TreeFile, node: &Child<TreeFileNode>| match node {
+        Child::Inner { node, .. } => file.kept(node),
+        _ => None,
+    };
+    record(first, a).is_some_and(|a| record(second, b) == Some(a))
+}
+
+/// The children of a node; `None` if it is uniform, and they are all like it.
+fn children_of<'c>(
+    file: &TreeFile,
+    child: &Child<TreeFileNode>,
+    children: &'c mut Children<TreeFileNode>,
+) -> Result<Option<&'c Children<TreeFileNode>>> {
+    let Child::Inner { node, .. } = child else { return Ok(None) };
+    file.children(node, children)?;
+    Ok(Some(children))
+}
+
+/// Totals of the differences between two trees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Differences {
+    /// Cells that were VOID and are not any more.
+    pub added: u64,
+    /// Cells that have become VOID.
+    pub removed: u64,
+    /// Cells whose value is another one.
+    pub changed: u64,
+    /// Blocks in which they differ, uniform in both.
+    pub blocks: u64,
+    /// Runs of cells in FD order in which they differ.
+    pub runs: u64,
+}
+
+impl Differences {
+    /// Counts a block of so many cells.
+    fn add(&mut self, before: Option<Value>, after: Option<Value>, cells: u64) {
+        match (before, after) {
+            (None, _) => self.added += cells,
+            (_, None) => self.removed += cells,
+            _ => self.changed += cells,
+        }
+        self.blocks += 1;
+    }
+}
+
+/// A run of cells in FD order in which two trees differ, from one path to another: see
+/// [`Code::path`](spinney_base::space::Code::path).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FdRange {
+    /// The first cell's path.
+    pub first: u64,
+    /// The last cell's.
+    pub last: u64,
+}
+
+/// Compares two trees, or two commits of one; hands out the runs of cells that differ.
+///
+/// ```
+/// let [first, second] = ["fixtures/v1/history.autumn@1", "fixtures/v1/history.autumn@2"];
+/// let differences = spinney::ops::diff_files(first.as_ref(), second.as_ref(), &mut |_| Ok(()))?;
+/// assert_eq!(differences.blocks, 9);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If they cannot be read, are of different forms or in different coordinate systems, or `range` fails.
+pub fn diff_files(
+    first: &Path,
+    second: &Path,
+    range: &mut dyn FnMut(FdRange) -> Result<()>,
+) -> Result<Differences> {
+    let (first, second) = open_both(first, second)?;
+    let (axes, depth) = (first.form().axes(), first.depth());
+    let mut sum = Differences::default();
+    let mut run: Option<FdRange> = None;
+    diff(&first, &second, &mut |found| {
+        let bits = axes * usize::from(depth - found.code.level());
+        let cells = 1u64 << bits;
+        sum.add(found.before, found.after, cells);
+        let path = found.code.path() << bits;
+        let block = FdRange { first: path, last: path + (cells - 1) };
+        match &mut run {
+            Some(run) if run.last + 1 == block.first => run.last = block.last,
+            _ => {
+                sum.runs += 1;
+                run.replace(block).into_iter().try_for_each(&mut *range)?;
+            }
+        }
+        Ok(())
+    })?;
+    run.into_iter().try_for_each(range)?;
+    first.check_unchanged()?;
+    second.check_unchanged()?;
+    Ok(sum)
+}
+
+/// Opens two trees of one coordinate system.
+fn open_both(first: &Path, second: &Path) -> Result<(TreeFile, TreeFile)> {
+    let options = OpenOptions::default();
+    let (first, second) = (TreeFile::open(first, &options)?, TreeFile::open(second, &options)?);
+    let [here, there] = [&first, &second].map(|file| file.path().display().to_string());
+    let [a, b] = [&first, &second].map(|file| file.metadata().frame.crs.as_ref());
+    Crs::check_same((&here, a), (&there, b))?;
+    Ok((first, second))
+}
+
+/// Compares two trees as [`diff_files`] does, for the totals alone: what is stored once for many nodes of both trees is
+/// compared once.
+///
+/// # Errors
+/// If they cannot be read, or are of different forms or in different coordinate systems.
+pub fn differences(first: &Path, second: &Path) -> Result<Differences> {
+    let (first, second) = open_both(first, second)?;
+    check_alike(&first, &second)?;
+    let dimension = first.form().dimension;
+    let known = Remembered::new(KNOWN_PAIRS);
+    let mut totals = Totals { first: &first, second: &second, dimension, known };
+    let sum = totals.node(first.depth(), &first.any_root()?, &second.any_root()?)?.sum;
+    first.check_unchanged()?;
+    second.check_unchanged()?;
+    Ok(sum)
+}
+
+/// Bytes for the totals of pairs of nodes that were compared already.
+const KNOWN_PAIRS: u64 = 32 << 20;
+
+/// Levels below the smallest nodes whose totals are remembered.
+const KNOWN_HEIGHT: u8 = 4;
+
+/// A pair of nodes of two trees, where it may be compared again.
+type Pair = [Side; 2];
+
+/// A node of a tree.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Side {
+    Uniform(Option<Value>),
+    /// Of an Autumnal file.
+    Inner(autumnal::AutumnalNode),
+}
+
+/// Totals of a run of cells in FD order.
+#[derive(Clone, Copy, Default)]
+struct Part {
+    sum: Differences,
+    /// Whether the trees differ in the first cell, and in the last.
+    ends: [bool; 2],
+}
+
+impl Part {
+    /// This, and what comes behind it.
+    fn then(self, next: Part) -> Part {
+        let (a, b) = (self.sum, next.sum);
+        let joined = u64::from(self.ends[1] && next.ends[0]);
+        let sum = Differences {
+            added: a.added + b.added,
+            removed: a.removed + b.removed,
+            changed: a.changed + b.changed,
+            blocks: a.blocks + b.blocks,
+            runs: a.runs + b.runs - joined,
+        };
+        Part { sum, ends: [self.ends[0], next.ends[1]] }
+    }
+}
+
+/// Two trees of which the differences are counted.
+struct Totals<'a> {
+    first: &'a TreeFile,
+    second: &'a TreeFile,
+    dimension: Dimension,
+    known: Remembered<Pair, Part>,
+}
+
+impl Totals<'_> {
+    /// Counts the differences at a node with so many levels below it.
+    fn node(&mut self, height: u8, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<Part> {
+        if !a.is_inner() && !b.is_inner() {
+            let (a, b) = (a.value(), b.value());
+            let mut sum = Differences::default();
+            if a != b {
+                sum.add(a, b, self.dimension.cells(height));
+                sum.runs = 1;
+            }
+            return Ok(Part { sum, ends: [a != b; 2] });
+        }
+        let pair = Side::new(a).zip(Side::new(b)).map(<[Side; 2]>::from);
+        // (Records of the two files may be those of nodes of different heights.)
+        let pair = pair.filter(|pair| height >= KNOWN_HEIGHT && pair.iter().any(Side::has_record));
+        if let Some(known) = pair.and_then(|pair| self.known.get(height, &pair)) {
+            return Ok(*known);
+        }
+        let mut total: Option<Part> = None;
+        if !is_same_record(self.first, a, self.second, b) {
+            let (mut below_a, mut below_b) = (no_children(), no_children());
+            let from_a = children_of(self.first, a, &mut below_a)?;
+            let from_b = children_of(self.second, b, &mut below_b)?;
+            for step in 0..self.dimension.children() {
+                let a = from_a.map_or(a, |below| &below[step]);
+                let b = from_b.map_or(b, |below| &below[step]);
+                let part = self.node(height - 1, a, b)?;
+                total = Some(total.map_or(part, |total| total.then(part)));
+            }
+        }
+        let total = total.unwrap_or_default();
+        if let Some(pair) = pair {
+            self.known.insert(height, pair, total, 0);
+        }
+        Ok(total)
+    }
+}
+
+impl Side {
+    /// A node of a tree, unless that is in a file that does not store equal subtrees once.
+    fn new(node: &Child<TreeFileNode>) -> Option<Side> {
+        match node {
+            Child::Inner { node: TreeFileNode::Autumnal(node), .. } => Some(Side::Inner(*node)),
+            Child::Inner { .. } => None,
+            uniform => Some(Side::Uniform(uniform.value())),
+        }
+    }
+
+    fn has_record(&self) -> bool {
+        matches!(self, Side::Inner(node) if node.has_record())
+    }
+}

@@ -1,0 +1,282 @@
+//! Operations on files: from files to files.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::affine::{Sampling, View, align};
+use super::combine::{Combined, build};
+use super::crosstab::crosstab;
+use super::operation::Operation;
+use super::step::Step;
+use super::tree_file::{TreeFile, check_form};
+use super::universe::Universe;
+use super::warp::{Resampling, WarpOptions};
+use crate::store::{BuildOptions, check_room};
+use crate::tree::Source;
+use spinney_base::io::Output;
+use spinney_base::space::Bounds;
+use spinney_base::value::Value;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::OpenOptions;
+
+/// A file and the steps to apply to it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Chain {
+    /// The file.
+    pub path: PathBuf,
+    /// Steps, first to last.
+    pub steps: Vec<Step>,
+    /// Takes the value at the centre of each new cell, also where the file's rule would average.
+    pub nearest: bool,
+    /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
+    pub moves: bool,
+    /// Options for steps to grids in other coordinate systems.
+    pub warp: WarpOptions,
+}
+
+/// Measures of a tree made from others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Cells along each axis.
+    pub extent: [u64; 3],
+    /// Levels below the root.
+    pub depth: u8,
+    /// Cells of each input that are not VOID.
+    pub before: Vec<u64>,
+    /// Cells of the result that are not VOID.
+    pub after: u64,
+    /// Cells that the first input's would be after scaling, if none were cut off or decided at cells'
+    /// centres.
+    pub expected: Option<f64>,
+    /// The cells of the result of which those that no input has were filled, if the operation did that.
+    pub universe: Option<Bounds>,
+}
+
+/// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by
+/// channel.
+pub type PairOfSamples = (Option<Vec<f64>>, Option<Vec<f64>>, u64);
+
+impl Chain {
+    /// A file with nothing done to it yet.
+    pub fn of(path: &Path) -> Chain {
+        Chain { path: path.into(), ..Chain::default() }
+    }
+
+    /// Opens the file, and does the steps to all of it.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or a step cannot be done.
+    pub fn open(&self) -> Result<View> {
+        let file = Arc::new(TreeFile::open(&self.path, &OpenOptions::default())?);
+        let (extent, rule) = (file.header().extent, file.header().rule);
+        let nearest = Some(Resampling::Nearest).filter(|_| self.nearest);
+        let warp = WarpOptions { resampling: self.warp.resampling.or(nearest), ..self.warp };
+        let view = View::new(file, extent)?.warping(warp).through(&self.steps)?;
+        if self.nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
+    }
+
+    /// A line for the result's provenance.
+    fn provenance(&self) -> String {
+        let steps: Vec<String> = self.steps.iter().map(Step::to_string).collect();
+        let colon = if steps.is_empty() { "" } else { ": " };
+        format!("view of {}{colon}{}", self.path.display(), steps.join(", "))
+    }
+}
+
+/// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy. `memory` is as
+/// in [`BuildOptions`].
+///
+/// ```
+/// use spinney::{io::Output, ops};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("turned.goblin");
+/// let mut chain = ops::Chain::of("fixtures/v1/classes.goblin".as_ref());
+/// chain.steps = vec!["rotate=90".parse()?, "crop".parse()?];
+/// let outcome = ops::transform(&chain, Output::create(&path)?, 64 << 20, &())?;
+/// assert_eq!(outcome.before, [outcome.after]);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
+pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+    let view = chain.open()?;
+    // How many cells there are to be, unless some were left out.
+    let shrinks = (!view.has_windows()).then(|| view.to_source().determinant().abs());
+    // (Of a part of a file nobody knows how many nodes it has.)
+    let least = if view.has_windows() { 0 } else { expected_records(&view)? };
+    let derivation = Derivation {
+        least,
+        views: vec![view],
+        operation: Operation::Over,
+        fill: None,
+        universe: Universe::Usual,
+        moves: chain.moves,
+        provenance: chain.provenance(),
+    };
+    let outcome = derivation.store(output, memory, progress)?;
+    let expected = shrinks.map(|volume| outcome.before[0] as f64 / volume);
+    Ok(Outcome { expected, ..outcome })
+}
+
+/// Merges files into one; those over other areas or with coarser cells are aligned with the finest. `fill` is
+/// the number for [`Combined::filled_with`], and `universe` where it is used: see
+/// [`Operation::needs_universe`].
+///
+/// ```
+/// use spinney::{io::Output, ops};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("nothing.goblin");
+/// let map = "fixtures/v1/classes.goblin".into();
+/// let trees = [map, "fixtures/v1/classes.goblin".into()];
+/// let output = Output::create(&path)?;
+/// let usual = ops::Universe::Usual;
+/// let changes = ops::combine(ops::Operation::Changed, None, usual, &trees, output, 64 << 20, &())?;
+/// assert_eq!(changes.after, 0);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// As [`transform`]; also if types differ or grids cannot be matched.
+pub fn combine(
+    operation: Operation,
+    fill: Option<f64>,
+    universe: Universe,
+    paths: &[PathBuf],
+    output: Output,
+    memory: u64,
+    progress: &dyn Progress,
+) -> Result<Outcome> {
+    let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+    let views = aligned(open_alike(paths)?)?;
+    let keeps_first = operation.keeps_first(views[0].source().header().rule);
+    let least = if keeps_first { expected_records(&views[0])? } else { 0 };
+    let derivation = Derivation {
+        least,
+        views,
+        operation,
+        fill,
+        universe,
+        moves: false,
+        provenance: format!("{operation} of {}", names.join(" ")),
+    };
+    derivation.store(output, memory, progress)
+}
+
+/// Counts which values of one file meet which of another: see [`crosstab`].
+///
+/// # Errors
+/// As [`combine`]; also if there are too many pairs.
+pub fn crosstab_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>> {
+    let views = aligned(open_alike(&[first.into(), second.into()])?)?;
+    let value_type = views[0].form().value;
+    let samples = |value: Option<Value>| value.map(|value| value_type.samples(value).to_vec());
+    let pairs = crosstab(&views[0], &views[1])?;
+    Ok(pairs.into_iter().map(|pair| (samples(pair.first), samples(pair.second), pair.cells)).collect())
+}
+
+/// Opens files, all of which must be of one form.
+fn open_alike(paths: &[PathBuf]) -> Result<Vec<Arc<TreeFile>>> {
+    let mut files: Vec<Arc<TreeFile>> = Vec::new();
+    for path in paths {
+        let file = TreeFile::open(path, &OpenOptions::default())?;
+        if let Some(first) = files.first() {
+            check_form((path, file.form()), (&paths[0], first.form()))?;
+        }
+        files.push(Arc::new(file));
+    }
+    if files.is_empty() { Err(Error::invalid("files", "none", "at least one")) } else { Ok(files) }
+}
+
+/// Views of files on one grid of cells, all of one depth.
+fn aligned(files: Vec<Arc<TreeFile>>) -> Result<Vec<View>> {
+    let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
+    let trees: Vec<_> = files
+        .iter()
+        .zip(&names)
+        .map(|(file, name)| (name.as_str(), &file.metadata().frame, file.header().extent))
+        .collect();
+    let alignments = align(&trees)?;
+    // Deeper than needed if one of the files is: what it has stored fits as it is.
+    let deepest = files.iter().map(|file| file.depth()).max().unwrap_or(0);
+    files
+        .into_iter()
+        .zip(alignments)
+        .map(|(file, alignment)| {
+            let extent = file.header().extent;
+            let view = View::new(file, extent)?.onto(&alignment.map, alignment.extent)?;
+            let depth = view.depth().max(deepest);
+            view.deepened(depth)
+        })
+        .collect()
+}
+
+/// INNER nodes that a view of all of a file has, about: those of the file, or as many fewer as its cells are larger.
+fn expected_records(view: &View) -> Result<u64> {
+    let cells = view.to_source().determinant().abs().max(1.0);
+    Ok((view.source().shared_records()? as f64 / cells) as u64)
+}
+
+/// Numbers with commas between them.
+fn list(numbers: &[u64]) -> String {
+    numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(",")
+}
+
+/// A tree to derive from views, with the header and metadata of the first one's file.
+struct Derivation {
+    views: Vec<View>,
+    operation: Operation,
+    /// Value of cells that the operation makes of nothing.
+    fill: Option<f64>,
+    /// Where it does.
+    universe: Universe,
+    /// See [`Chain::moves`].
+    moves: bool,
+    /// INNER nodes that the result has at least, about, as far as is known.
+    least: u64,
+    /// A line to add to the first file's provenance.
+    provenance: String,
+}
+
+impl Derivation {
+    fn store(self, output: Output, memory: u64, progress: &dyn Progress) -> Result<Outcome> {
+        let (views, universe) = match self.operation.needs_universe() {
+            true => self.universe.around(self.views).map(|(views, universe)| (views, Some(universe)))?,
+            false => (self.views, None),
+        };
+        views.iter().for_each(|view| view.source().tell_remark(progress));
+        let first = &views[0];
+        let (header, extent) = (first.source().header().clone(), first.extent());
+        let depth = views.iter().map(View::depth).max().unwrap_or(0);
+        let mut metadata = first.metadata(self.moves);
+        metadata.provenance.push(match &universe {
+            Some(universe) => {
+                let [first, size] =
+                    [universe.min, universe.size()].map(|cells| list(&cells[..header.form.axes()]));
+                format!("{}, in a universe of {size} cells from {first}", self.provenance)
+            }
+            None => self.provenance,
+        });
+        // (What a tree on another grid is made of tells what was there before.)
+        let before: Result<Vec<u64>> =
+            views.iter().map(|view| Ok(view.source().totals(None)?.cells)).collect();
+        let before = before?;
+        let mut source = Combined::new(views, self.operation, extent)?;
+        if let Some(universe) = universe {
+            source = source.within(universe);
+        }
+        if let Some(fill) = self.fill {
+            let value_type = header.form.value;
+            source = source.filled_with(value_type.splat(fill).ok_or_else(|| {
+                let expected = format!("a number that {value_type} can hold");
+                Error::invalid("fill value", fill.to_string(), expected)
+            })?)?;
+        }
+        let options = BuildOptions { depth, metadata, ..BuildOptions::like(&header, memory) };
+        check_room(&output, header.form, options.share, self.least)?;
+        let tally = build(&source, &options, output, progress)?;
+        Ok(Outcome { extent, depth, before, after: tally.cells, expected: None, universe })
+    }
+}

@@ -1,0 +1,40 @@
+//! Operations on trees: sources made of sources.
+//!
+//! A [`View`] shows a file through any chain of windows, translations, scalings, mirrorings and rotations; a
+//! [`Combined`] merges several views into one tree, by presence or by value. Both read only what somebody
+//! asks for, and can be asked, walked and stored like any other source. Edits of Autumnal files are such
+//! sources, too, stored where they came from ([`edit()`]).
+
+mod affine;
+mod combine;
+mod convert;
+mod coverage;
+mod crosstab;
+mod data_box;
+mod diff;
+mod edit;
+mod files;
+mod operation;
+mod patch;
+mod patched;
+mod step;
+mod step_text;
+mod tree_file;
+mod universe;
+mod warp;
+
+pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, align};
+pub use combine::{Combined, CombinedNode, build};
+pub use convert::convert;
+pub use crosstab::{Pair, crosstab};
+pub use data_box::data_box;
+pub use diff::{Difference, Differences, FdRange, diff, diff_files, differences};
+pub use edit::{CellValue, Edit, apply_edits, edit};
+pub use files::{Chain, Outcome, PairOfSamples, combine, crosstab_files, transform};
+pub use operation::{Operation, Prefer};
+pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
+pub use patched::{Patched, PatchedNode};
+pub use step::{Step, Turn};
+pub use tree_file::{MemoryTree, TreeFile, TreeFileNode};
+pub use universe::Universe;
+pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, Warped, warp};

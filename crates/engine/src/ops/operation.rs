@@ -1,0 +1,285 @@
+//! Operations that merge trees into one, cell by cell, and the actions on nodes that follow from them.
+
+use std::fmt;
+
+use super::coverage;
+use crate::store::builder::{Join, MergeAction, MergeState, MergeTable, Merging};
+use spinney_base::value::{Rule, Value};
+
+/// Choice of the value where both trees have one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Prefer {
+    /// The first tree's.
+    First,
+    /// The second tree's.
+    Second,
+}
+
+/// An operation that merges trees into one, cell by cell; a cell is present if it is not VOID.
+///
+/// ```
+/// use spinney::ops::{Operation, Prefer};
+/// let union = Operation::named("or", Prefer::First);
+/// assert_eq!(union, Some(Operation::Set { number: 7, prefer: Prefer::First }));
+/// assert_eq!(union.unwrap().to_string(), "union");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
+    /// One of the sixteen set operations on presence (Tyukachev): bit 0 of the number says that cells of both
+    /// belong to the result, bit 1 those of the first alone, bit 2 those of the second alone, bit 3 those of
+    /// neither. So 1 is the intersection, 2 and 4 the differences, 6 the symmetric difference, 7 the union
+    /// (of any number of trees), 12 the complement of the first, which needs no second.
+    ///
+    /// Trees of bytes with [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) tell how far bodies cover cells, 255
+    /// being full; there the operations are on the bodies, which are taken to overlap as far as they can: see
+    /// [`joined_coverage`](crate::store::builder::joined_coverage). Where both bodies' surfaces go through a cell,
+    /// the intersection is at most half a cell too large and the union as much too small; everywhere else they are
+    /// exact.
+    Set {
+        /// The number, 0 to 15.
+        number: u8,
+        /// Choice of the value where both are present.
+        prefer: Prefer,
+    },
+    /// The first of any number of trees that is present.
+    Over,
+    /// The least value per channel, where all are present.
+    Min,
+    /// The largest value per channel, where all are present.
+    Max,
+    /// The sum per channel, where all are present; kept within what the type can hold.
+    Add,
+    /// The first minus all others, where all are present; kept within what the type can hold.
+    Subtract,
+    /// The cells in which two trees have the same value.
+    Equal,
+    /// The cells in which two trees differ, with the second's value, or the first's where the second is VOID.
+    Changed,
+}
+
+/// The number of the union among set operations.
+pub(super) const UNION: u8 = 7;
+
+impl Operation {
+    /// Whether all cells of the first tree belong to the result with their values, so that it has about as many nodes at
+    /// least.
+    pub(super) fn keeps_first(self, rule: Rule) -> bool {
+        match self {
+            // (Bodies that are joined may hide each other.)
+            Operation::Set { number, prefer } => {
+                number & 3 == 3 && prefer == Prefer::First && rule != Rule::Occupancy
+            }
+            Operation::Over => true,
+            _ => false,
+        }
+    }
+
+    /// Whether cells that are in none of the trees belong to the result: there must then be a universe.
+    pub fn needs_universe(self) -> bool {
+        matches!(self, Operation::Set { number, .. } if number & 8 != 0)
+    }
+}
+
+/// The sixteen set operations by number: their names, the usual one first.
+const SETS: [&[&str]; 16] = [
+    &["none"],
+    &["intersection", "and"],
+    &["a-b", "difference"],
+    &["a"],
+    &["b-a"],
+    &["b"],
+    &["xor"],
+    &["union", "or"],
+    &["nor"],
+    &["xnor"],
+    &["not-b"],
+    &["a|!b"],
+    &["not", "not-a", "complement"],
+    &["b|!a"],
+    &["nand"],
+    &["all"],
+];
+
+/// The other operations with their names.
+const OTHERS: [(&str, Operation); 7] = [
+    ("over", Operation::Over),
+    ("min", Operation::Min),
+    ("max", Operation::Max),
+    ("add", Operation::Add),
+    ("subtract", Operation::Subtract),
+    ("equal", Operation::Equal),
+    ("changed", Operation::Changed),
+];
+
+impl Operation {
+    /// The operation with a name (or with a number, 0 to 15), as people write it: `union`, `a-b`, `min`;
+    /// `prefer` is for set operations. `mask` is the intersection with the first tree's values. `None` if
+    /// there is none of that name.
+    pub fn named(name: &str, prefer: Prefer) -> Option<Operation> {
+        if name == "mask" {
+            return Some(Operation::Set { number: 1, prefer: Prefer::First });
+        }
+        let by_number = name.parse().ok().filter(|number| *number < SETS.len());
+        let number = by_number.or_else(|| SETS.iter().position(|names| names.contains(&name)));
+        match number {
+            Some(number) => Some(Operation::Set { number: number as u8, prefer }),
+            None => OTHERS.iter().find(|(other, _)| *other == name).map(|(_, operation)| *operation),
+        }
+    }
+
+    /// The join of values where both trees have one, if the operation computes with values.
+    pub(super) fn join(self) -> Option<Join> {
+        match self {
+            Operation::Min => Some(Join::Min),
+            Operation::Max => Some(Join::Max),
+            Operation::Add => Some(Join::Add),
+            Operation::Subtract => Some(Join::Subtract),
+            Operation::Equal => Some(Join::Equal),
+            Operation::Changed => Some(Join::Changed),
+            Operation::Set { .. } | Operation::Over => None,
+        }
+    }
+
+    /// The ways to merge two trees inside the universe, outside, and across its border. `full` is the value of
+    /// full cells, if cells tell coverage.
+    pub(super) fn mergings(self, full: Option<Value>) -> [Merging; 3] {
+        let of = |actions, join| Merging { actions, join, full: None };
+        match (self, full) {
+            (Operation::Set { number, .. }, Some(_)) => {
+                coverage::mergings(number).map(|merging| Merging { full, ..merging })
+            }
+            // (Without values to be joined, nobody asks how.)
+            (Operation::Set { number, prefer }, None) => {
+                merge_tables(number, prefer).map(|actions| of(actions, Join::Equal))
+            }
+            // Of two trees the first that is present is the union.
+            (Operation::Over, _) => {
+                merge_tables(UNION, Prefer::First).map(|actions| of(actions, Join::Equal))
+            }
+            _ => {
+                let actions = MergeTable::new(|states| join_action(self == Operation::Changed, states));
+                [of(actions, self.join().unwrap_or(Join::Equal)); 3]
+            }
+        }
+    }
+
+    /// Numbers of trees that it takes.
+    pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
+        match self {
+            Operation::Set { number: 12, .. } => 1..=2,
+            Operation::Set { number: UNION, prefer: Prefer::First } => 1..=usize::MAX,
+            Operation::Set { .. } | Operation::Equal | Operation::Changed => 2..=2,
+            _ => 1..=usize::MAX,
+        }
+    }
+}
+
+/// The name that people write, as [`Operation::named`] takes it, and whose values are taken if not the first
+/// tree's.
+impl fmt::Display for Operation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Operation::Set { number, prefer } = *self else {
+            let name = OTHERS.iter().find(|(_, operation)| operation == self).map_or("", |(name, _)| name);
+            return f.write_str(name);
+        };
+        match SETS.get(usize::from(number)) {
+            Some(names) => f.write_str(names[0])?,
+            None => write!(f, "{number}")?,
+        }
+        // Where both have a value and none of them stays, nobody asks whose.
+        if prefer == Prefer::Second && number & 1 != 0 { f.write_str(" --values b") } else { Ok(()) }
+    }
+}
+
+/// The action for a node where values are joined: VOID where one of the trees is; with `or_one`, the other
+/// tree's node.
+fn join_action(or_one: bool, states: [MergeState; 2]) -> MergeAction {
+    match states {
+        [MergeState::Void, MergeState::Void] => MergeAction::Void,
+        [MergeState::Void, _] if or_one => MergeAction::Take(1),
+        [_, MergeState::Void] if or_one => MergeAction::Take(0),
+        [MergeState::Void, _] | [_, MergeState::Void] => MergeAction::Void,
+        [MergeState::Inner, _] | [_, MergeState::Inner] => MergeAction::Split,
+        _ => MergeAction::Join,
+    }
+}
+
+/// States that cells below a node can have, as far as the node's own state says.
+#[derive(Clone, Copy)]
+struct Possible {
+    present: bool,
+    void: bool,
+}
+
+impl Possible {
+    fn of(state: MergeState) -> Possible {
+        Possible {
+            present: state != MergeState::Void,
+            void: matches!(state, MergeState::Void | MergeState::Inner),
+        }
+    }
+}
+
+/// A set operation's actions for nodes inside the extent, outside, and across its border.
+fn merge_tables(number: u8, prefer: Prefer) -> [MergeTable; 3] {
+    let parts = [(true, false), (false, true), (true, true)];
+    parts.map(|part| MergeTable::new(|states| merge_action(number, prefer, states, part)))
+}
+
+/// The action for a node, some of whose cells are inside the extent, or outside: tries all combinations of
+/// presence that are possible below it.
+fn merge_action(
+    number: u8,
+    prefer: Prefer,
+    states: [MergeState; 2],
+    (inside, outside): (bool, bool),
+) -> MergeAction {
+    // Below an INNER node cells may be present or VOID. Each combination that can occur adds an outcome; if
+    // there is only one outcome for all cells, the node needs no split.
+    let [first, second] = states.map(Possible::of);
+    // Whether a cell of the result may be VOID, or of the first, the second, or of neither.
+    let (mut void, mut of) = (false, [false; 3]);
+    // Whether the result is just one of the trees as it is: then its whole subtree can be taken over.
+    let mut is = [true; 2];
+    for (a, b) in [(true, true), (true, false), (false, true), (false, false)] {
+        let possible =
+            if a { first.present } else { first.void } && if b { second.present } else { second.void };
+        if !possible {
+            continue;
+        }
+        let (bit, whose) = match (a, b) {
+            (true, true) => (0, Some(if prefer == Prefer::First { 0 } else { 1 })),
+            (true, false) => (1, Some(0)),
+            (false, true) => (2, Some(1)),
+            (false, false) => (3, None),
+        };
+        let belongs = number >> bit & 1 != 0;
+        match whose {
+            Some(whose) if belongs => of[whose] = true,
+            None if belongs => {
+                // Outside the extent there is nothing to fill.
+                of[2] |= inside;
+                void |= outside;
+            }
+            _ => void = true,
+        }
+        let filled = belongs && whose.is_none() && inside;
+        for (tree, present) in [a, b].into_iter().enumerate() {
+            let as_is = if present {
+                belongs && whose == Some(tree)
+            } else {
+                !belongs || !(filled || whose.is_some())
+            };
+            is[tree] &= as_is;
+        }
+    }
+    match (void, of) {
+        (true, [false, false, false]) => MergeAction::Void,
+        (false, [true, false, false]) if states[0] == MergeState::Leaf => MergeAction::Take(0),
+        (false, [false, true, false]) if states[1] == MergeState::Leaf => MergeAction::Take(1),
+        (false, [false, false, true]) => MergeAction::Fill,
+        _ if is[0] => MergeAction::Take(0),
+        _ if is[1] => MergeAction::Take(1),
+        _ => MergeAction::Split,
+    }
+}

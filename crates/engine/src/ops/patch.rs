@@ -1,0 +1,156 @@
+//! Changes to parts of a tree: boxes, polygons, nodes, single cells.
+
+use spinney_base::Form;
+use spinney_base::space::{Bounds, Code, Cover, Polygon};
+use spinney_base::value::Value;
+use spinney_base::{Error, Result};
+
+/// Effect of a patch on a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Change {
+    /// Nothing.
+    Keep,
+    /// All of it becomes one value, or VOID.
+    Uniform(Option<Value>),
+    /// Different things to different children. Never said of a single cell.
+    Split,
+}
+
+/// Changes to a tree.
+pub trait Patch: Send + Sync {
+    /// The effect on a node, whose cells are `bounds`.
+    fn change(&self, code: Code, bounds: &Bounds) -> Change;
+}
+
+/// A cell's coordinates and its value; `None` is VOID.
+type NewCell = ([u64; 3], Option<Value>);
+
+/// Single cells with new values.
+#[derive(Clone, Debug)]
+pub struct CellPatch {
+    depth: u8,
+    /// In FD order, each once.
+    cells: Vec<(Code, Option<Value>)>,
+}
+
+impl CellPatch {
+    /// Cells of a tree of some form, depth and extent and their new values (`None` is VOID), in any order; of
+    /// several values for one cell the last counts.
+    ///
+    /// # Errors
+    /// If a cell is outside the extent.
+    pub fn new(form: Form, depth: u8, extent: [u64; 3], cells: Vec<NewCell>) -> Result<CellPatch> {
+        let code = |cell: [u64; 3]| {
+            let inside = (0..3).all(|axis| cell[axis] < extent[axis]);
+            let code = inside
+                .then(|| Code::from_cell(form.dimension, depth, cell.map(|coordinate| coordinate as u32)))
+                .flatten();
+            code.ok_or_else(|| {
+                let (cell, extent) = (&cell[..form.axes()], &extent[..form.axes()]);
+                let expected = format!("one of {extent:?} cells, counted from 0");
+                Error::invalid("cell", format!("{cell:?}"), expected)
+            })
+        };
+        let present = |value: Option<Value>| value.filter(|value| !form.value.is_nan(*value));
+        let cells = cells.into_iter().map(|(cell, value)| Ok((code(cell)?, present(value))));
+        let mut cells = cells.collect::<Result<Vec<_>>>()?;
+        // (The sort is stable: the last of several stays behind the others.)
+        cells.sort_by_key(|(code, _)| *code);
+        let mut last = 0;
+        for next in 0..cells.len() {
+            if cells[next].0 != cells[last].0 {
+                last += 1;
+            }
+            cells[last] = cells[next];
+        }
+        cells.truncate(last + 1);
+        Ok(CellPatch { depth, cells })
+    }
+}
+
+impl Patch for CellPatch {
+    fn change(&self, code: Code, _: &Bounds) -> Change {
+        // Preorder: a node's code sorts before those of all cells below it and after those of all cells
+        // before it. So the first cell that does not come before a node is in it, or none is.
+        let first = self.cells.partition_point(|(cell, _)| cell.bits() < code.bits());
+        match self.cells.get(first) {
+            Some((cell, value)) if code.contains(*cell) => {
+                if code.level() == self.depth {
+                    Change::Uniform(*value)
+                } else {
+                    Change::Split
+                }
+            }
+            _ => Change::Keep,
+        }
+    }
+}
+
+/// A region that becomes one value, or VOID.
+#[derive(Clone, Debug)]
+pub struct FillPatch {
+    region: FillRegion,
+    /// Nothing changes outside.
+    within: Bounds,
+    value: Option<Value>,
+}
+
+/// Region of cells to fill.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FillRegion {
+    /// A box of cells.
+    Box(Bounds),
+    /// All cells whose centre, projected along z, is inside a polygon.
+    Polygon(Polygon),
+}
+
+impl FillRegion {
+    /// Whether some of it lies in a tree's extent.
+    fn reaches(&self, extent: [u64; 3]) -> bool {
+        match self {
+            FillRegion::Box(region) => !region.intersect(&Bounds::picture(extent)).is_empty(),
+            FillRegion::Polygon(polygon) => {
+                let [low, high] = polygon.corners();
+                (0..2).all(|axis| low[axis] < extent[axis] as f64 && high[axis] > 0.0)
+            }
+        }
+    }
+}
+
+impl FillPatch {
+    /// Fills what of a region lies in a tree's extent.
+    ///
+    /// # Errors
+    /// If nothing of it does.
+    pub fn new(region: FillRegion, extent: [u64; 3], value: Option<Value>) -> Result<FillPatch> {
+        if !region.reaches(extent) {
+            let [x, y, z] = extent;
+            let expected = format!("one that is at least partly in its {x} x {y} x {z} cells");
+            return Err(Error::invalid("region to fill", "one that is outside of the tree", expected));
+        }
+        Ok(FillPatch { region, within: Bounds::picture(extent), value })
+    }
+}
+
+impl Patch for FillPatch {
+    fn change(&self, _: Code, bounds: &Bounds) -> Change {
+        if bounds.intersect(&self.within).is_empty() {
+            return Change::Keep;
+        }
+        let inside = match &self.region {
+            FillRegion::Box(region) if region.contains(bounds) => Some(true),
+            FillRegion::Box(region) if region.intersect(bounds).is_empty() => Some(false),
+            FillRegion::Box(_) => None,
+            FillRegion::Polygon(polygon) => match polygon.cover_centres(bounds) {
+                Cover::Whole => Some(true),
+                Cover::Nothing => Some(false),
+                Cover::Part => None,
+            },
+        };
+        match inside {
+            Some(false) => Change::Keep,
+            Some(true) if self.within.contains(bounds) => Change::Uniform(self.value),
+            _ => Change::Split,
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! Steps of a chain: windows, affine maps and resamplings of a tree before it is read or stored.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+use super::affine::{AffineMap, Axis, View};
+use super::data_box::data_box;
+use super::tree_file::TreeFile;
+use super::warp::WarpGrid;
+use crate::tree::Source;
+use spinney_base::space::Code;
+use spinney_base::{Error, Result};
+use spinney_container::OpenOptions;
+use spinney_crs::Crs;
+
+/// One step of a chain. Its text is that of the command line: `window=0,0,512,512`, `rotate=30`.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// `window=COL,ROW,W,H` or `window=X,Y,Z,W,H,D`: a box of cells, which may stick out.
+    Window([i64; 3], [u64; 3]),
+    /// `bbox=W,S,E,N`: the cells in a box of world coordinates.
+    WorldBox([f64; 4]),
+    /// `crop`: the smallest box around all that is not VOID.
+    Crop,
+    /// `translate=DX,DY[,DZ]`: moves by cells, whole or not.
+    Translate([f64; 3]),
+    /// `scale=F`, `scale=FX,FY[,FZ]`: so many times as many cells; one number is for all axes.
+    Scale(Vec<f64>),
+    /// `rotate=DEGREES`, `rotate=DEGREES@COL,ROW`, `rotate=DEGREES,AXIS@X,Y,Z`, where AXIS is `x`, `y`, `z`
+    /// or a direction `VX,VY,VZ`: turns about a centre; if there is none, about the middle, where quarter
+    /// turns take whole cells to whole cells.
+    Rotate(f64, Turn, Option<[f64; 3]>),
+    /// `mirror=x|y|z`, `transpose`, `axes=+y,-x,+z`, `affine=a,b,c,d,e,f` or the 12 numbers of a 3x4 matrix.
+    AffineMap(AffineMap),
+    /// `depth=N`: coarser or finer cells, so that the tree has N levels below its root.
+    Depth(u8),
+    /// `tree-depth=N`: N levels below the root over the same cells, with room for more on the far sides.
+    TreeDepth(u8),
+    /// `subtree=/031`: a node becomes the root.
+    Subtree(String),
+    /// `embed=/2`: the root becomes that node of a larger tree.
+    Embed(String),
+    /// `crs=DEF`: says in which coordinate system the cells lie, in place of what the file says; see [`Crs::parse`].
+    Crs(Crs),
+    /// `like=FILE`: onto the cells of another tree, by the frames of both, also in another coordinate system.
+    Like(PathBuf),
+    /// `grid=xyz`, `grid=xyz,ZOOM`: onto the cells of web maps, with the world as the root; see [`WarpGrid::web_mercator`].
+    WebMercator(Option<u8>),
+}
+
+/// Axis of a rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Turn {
+    /// An axis of the tree.
+    About(Axis),
+    /// Any direction.
+    AboutLine([f64; 3]),
+}
+
+impl View {
+    /// The view with some steps done to it, one after the other.
+    ///
+    /// # Errors
+    /// If a step cannot be done.
+    pub fn through(self, steps: &[Step]) -> Result<View> {
+        steps.iter().try_fold(self, |view, step| step.apply(view))
+    }
+}
+
+impl Step {
+    /// Applies the step to a view.
+    ///
+    /// # Errors
+    /// If it cannot be done: see the methods of [`View`]; if the file that the view is to be like cannot be
+    /// read.
+    pub fn apply(&self, view: View) -> Result<View> {
+        match self {
+            Step::Window(min, size) => window(view, *min, *size),
+            Step::WorldBox(rectangle) => world_box(view, *rectangle),
+            Step::Crop => crop(view),
+            Step::Translate(by) => view.translate(*by),
+            Step::Scale(factors) => scale(view, factors),
+            Step::Rotate(degrees, turn, centre) => rotate(view, *degrees, *turn, *centre),
+            Step::AffineMap(map) => view.transform(map),
+            Step::Depth(depth) => view.resample(*depth),
+            Step::TreeDepth(depth) => view.deepened(*depth),
+            Step::Subtree(code) => subtree(view, code),
+            Step::Embed(code) => embed(view, code),
+            Step::Crs(crs) => Ok(view.in_system(crs.clone())),
+            Step::Like(path) => like(view, path),
+            Step::WebMercator(zoom) => {
+                let grid =
+                    WarpGrid::web_mercator(*zoom, &view.frame(false), view.extent(), view.allows_ballpark())?;
+                view.warped(&grid)
+            }
+        }
+    }
+}
+
+fn window(view: View, min: [i64; 3], mut size: [u64; 3]) -> Result<View> {
+    if view.form().axes() > 2 && min[2] == 0 && size[2] == 1 && view.extent()[2] > 1 {
+        // Four numbers mean columns of any height.
+        size[2] = view.extent()[2];
+    }
+    let extent = view.extent();
+    let reaches =
+        |axis: usize| min[axis] < extent[axis] as i64 && min[axis].saturating_add_unsigned(size[axis]) > 0;
+    if !(0..3).all(reaches) {
+        let [x, y, z] = extent;
+        let expected = format!("one that is at least partly in the {x} x {y} x {z} cells");
+        return Err(Error::invalid("window", "one that is outside of the tree", expected));
+    }
+    view.window(min, size)
+}
+
+fn world_box(view: View, rectangle: [f64; 4]) -> Result<View> {
+    let frame = view.frame(false);
+    let bounds = frame
+        .cells_in_rectangle(rectangle, view.extent())
+        .ok_or_else(|| Error::invalid("frame", format!("{:?}", frame.matrix), "one that has an inverse"))?;
+    view.window(bounds.min.map(|cell| cell as i64), bounds.size())
+}
+
+fn crop(view: View) -> Result<View> {
+    match data_box(&view)? {
+        Some(bounds) => view.window(bounds.min.map(|cell| cell as i64), bounds.size()),
+        None => Err(Error::invalid("crop", "a tree that is VOID", "some data")),
+    }
+}
+
+fn scale(view: View, factors: &[f64]) -> Result<View> {
+    let axes = view.form().axes();
+    let each = |axis: usize| match *factors {
+        [factor] if axis < axes => factor,
+        _ => factors.get(axis).copied().unwrap_or(1.0),
+    };
+    view.scale(std::array::from_fn(each))
+}
+
+fn rotate(view: View, degrees: f64, turn: Turn, centre: Option<[f64; 3]>) -> Result<View> {
+    let about = centre.unwrap_or(view.extent().map(|cells| cells as f64 / 2.0));
+    let map = match turn {
+        Turn::About(axis) => AffineMap::rotation(axis, degrees, about),
+        Turn::AboutLine(direction) => AffineMap::rotation_about(direction, degrees, about)?,
+    };
+    // A quarter turn about the middle of an odd by an even number of cells would cut all of them in half.
+    let map = if centre.is_none() { map.on_whole_cells(view.extent()) } else { map };
+    view.transform(&map)
+}
+
+fn subtree(view: View, code: &str) -> Result<View> {
+    let code = Code::parse(view.form().dimension, code)?;
+    let depth = view.depth();
+    if code.level() > depth {
+        let expected = format!("at most {depth} digits");
+        return Err(Error::invalid("subtree", code.to_string(), expected));
+    }
+    let node = code.bounds(depth);
+    // As much of the picture as lies in the node: it need not begin there.
+    let extent: [u64; 3] =
+        std::array::from_fn(|axis| view.extent()[axis].saturating_sub(node.min[axis]).min(node.size()[axis]));
+    view.window(node.min.map(|cell| cell as i64), extent)?.deepened(depth - code.level())
+}
+
+fn embed(view: View, code: &str) -> Result<View> {
+    let dimension = view.form().dimension;
+    let (code, depth) = (Code::parse(dimension, code)?, view.depth());
+    let most = dimension.max_depth();
+    if u32::from(depth) + u32::from(code.level()) > u32::from(most) {
+        let found = format!("{code} over {depth} levels");
+        return Err(Error::invalid("embed", found, format!("at most {most} levels in all")));
+    }
+    let node = code.bounds(depth + code.level());
+    view.translate(node.min.map(|cell| cell as f64))?.deepened(depth + code.level())
+}
+
+fn like(view: View, path: &Path) -> Result<View> {
+    let other = TreeFile::open(path, &OpenOptions::default())?;
+    let (there, extent) = (&other.metadata().frame, other.header().extent);
+    let here = view.frame(false);
+    let name = format!("the tree to be like, {}", path.display());
+    if let (Some(a), Some(b)) = (&here.crs, &there.crs)
+        && !a.is_same(b)
+        && view.form().axes() == 2
+    {
+        return view.warped(&WarpGrid { frame: there.clone(), extent });
+    }
+    Crs::check_same(("this tree", here.crs.as_ref()), (&name, there.crs.as_ref()))?;
+    let back = AffineMap::from_rows(there.matrix).inverse()?;
+    let map = AffineMap::from_rows(here.matrix).then(&back);
+    // Trees that lie apart would make one without a cell: most often their coordinate systems are two.
+    let cells = |extent: [u64; 3]| DVec3::from(extent.map(|cells| cells as f64));
+    let (low, high) = map.bounding_box(DVec3::ZERO, cells(view.extent()));
+    let axes = view.form().axes();
+    if (0..axes).any(|axis| high[axis] <= 0.0 || low[axis] >= extent[axis] as f64) {
+        let what = format!("place of the tree to be like, {}", path.display());
+        let expected = "one that they share (are both in one coordinate system?)";
+        return Err(Error::invalid(what, "another part of the world than this tree's", expected));
+    }
+    view.onto(&map, extent)
+}

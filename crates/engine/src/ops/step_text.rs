@@ -1,0 +1,378 @@
+//! Text form of steps: parsing and printing.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::affine::{AffineMap, Axis};
+use super::step::{Step, Turn};
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// All steps, for the message about an unknown one.
+const STEPS: &str = "window=, bbox=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
+                     tree-depth=, subtree=, embed=, crs=, like= or grid=";
+
+impl FromStr for Step {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Step> {
+        if let Some(definition) = text.strip_prefix("crs=") {
+            return Crs::parse(definition).map(Step::Crs);
+        }
+        let step = StepText::new(text)?;
+        match step.name {
+            "window" => step.window(),
+            "bbox" => step.world_box(),
+            "crop" if step.arguments.is_empty() => Ok(Step::Crop),
+            "translate" => step.translate(),
+            "scale" => step.scale(),
+            "rotate" => step.rotate(),
+            "mirror" => step.mirror(),
+            "transpose" if step.arguments.is_empty() => symmetry([Axis::Y, Axis::X, Axis::Z], [false; 3]),
+            "axes" => step.axes(),
+            "affine" => step.affine(),
+            "depth" => step.level(Step::Depth, "depth=N, a number of levels"),
+            "tree-depth" => step.level(Step::TreeDepth, "tree-depth=N, a number of levels"),
+            "subtree" => step.node(Step::Subtree),
+            "embed" => step.node(Step::Embed),
+            "like" if !step.arguments.is_empty() => Ok(Step::Like(step.arguments.into())),
+            "grid" => step.grid(),
+            _ => Err(step.wrong(STEPS)),
+        }
+    }
+}
+
+/// The text of a step, split into name and arguments.
+struct StepText<'a> {
+    whole: &'a str,
+    name: &'a str,
+    /// All behind the `=`.
+    arguments: &'a str,
+    /// The arguments before the `@`, and behind.
+    list: &'a str,
+    centre: Option<&'a str>,
+    /// The list, if it is one of finite numbers.
+    numbers: Option<Vec<f64>>,
+}
+
+impl<'a> StepText<'a> {
+    fn new(whole: &'a str) -> Result<StepText<'a>> {
+        let (name, arguments) = whole.split_once('=').unwrap_or((whole, ""));
+        let (list, centre) = match arguments.split_once('@') {
+            Some((list, centre)) => (list, Some(centre)),
+            None => (arguments, None),
+        };
+        let finite = |number: &f64| number.is_finite();
+        let numbers = numbers(list).filter(|numbers| numbers.iter().all(finite));
+        let step = StepText { whole, name, arguments, list, centre, numbers };
+        if step.centre.is_some() && name != "rotate" {
+            return Err(step.wrong("no `@` but in rotate=DEGREES@COL,ROW"));
+        }
+        Ok(step)
+    }
+
+    fn wrong(&self, expected: &str) -> Error {
+        Error::invalid("step", format!("`{}`", self.whole), expected)
+    }
+
+    fn window(&self) -> Result<Step> {
+        let whole = |number: &f64| (number.fract() == 0.0 && number.abs() < 1e15).then_some(*number as i64);
+        let Some(numbers) = &self.numbers else { return Err(self.wrong(STEPS)) };
+        let numbers: Option<Vec<i64>> = numbers.iter().map(whole).collect();
+        let (min, size) = match numbers.as_deref() {
+            Some(&[x, y, w, h]) => ([x, y, 0], [w, h, 1]),
+            Some(&[x, y, z, w, h, d]) => ([x, y, z], [w, h, d]),
+            _ => return Err(self.wrong("window=COL,ROW,W,H or window=X,Y,Z,W,H,D in whole cells")),
+        };
+        if size.iter().any(|cells| *cells < 1) {
+            return Err(self.wrong("a window of at least one cell"));
+        }
+        Ok(Step::Window(min, size.map(|cells| cells as u64)))
+    }
+
+    fn world_box(&self) -> Result<Step> {
+        match self.numbers.as_deref() {
+            Some(&[west, south, east, north]) if west < east && south < north => {
+                Ok(Step::WorldBox([west, south, east, north]))
+            }
+            _ => Err(self.wrong("bbox=W,S,E,N with west below east and south below north")),
+        }
+    }
+
+    fn translate(&self) -> Result<Step> {
+        match self.numbers.as_deref() {
+            Some(&[x, y]) => Ok(Step::Translate([x, y, 0.0])),
+            Some(&[x, y, z]) => Ok(Step::Translate([x, y, z])),
+            _ => Err(self.wrong("translate=DX,DY or translate=DX,DY,DZ")),
+        }
+    }
+
+    fn scale(&self) -> Result<Step> {
+        match &self.numbers {
+            Some(factors) if factors.len() <= 3 && factors.iter().all(|factor| *factor > 0.0) => {
+                Ok(Step::Scale(factors.clone()))
+            }
+            _ => Err(self.wrong("scale=F or a factor for each axis, as in scale=2,0.5; all above 0")),
+        }
+    }
+
+    fn rotate(&self) -> Result<Step> {
+        let wrong = || self.wrong("rotate=DEGREES, rotate=DEGREES@COL,ROW or rotate=DEGREES,AXIS@X,Y,Z");
+        let centre = match self.centre.map(numbers) {
+            None => None,
+            Some(numbers) => match numbers.as_deref() {
+                Some(&[x, y]) => Some([x, y, 0.0]),
+                Some(&[x, y, z]) => Some([x, y, z]),
+                _ => return Err(wrong()),
+            },
+        };
+        let (degrees, about) = self.list.split_once(',').unwrap_or((self.list, "z"));
+        let turn = match (axis(about.trim()), numbers(about).as_deref()) {
+            (Some(axis), _) => Turn::About(axis),
+            (None, Some(&[x, y, z])) => Turn::AboutLine([x, y, z]),
+            _ => return Err(wrong()),
+        };
+        let degrees = degrees.trim().parse().ok().filter(|degrees: &f64| degrees.is_finite());
+        Ok(Step::Rotate(degrees.ok_or_else(wrong)?, turn, centre))
+    }
+
+    fn mirror(&self) -> Result<Step> {
+        let axes = [Axis::X, Axis::Y, Axis::Z];
+        match axis(self.arguments) {
+            Some(axis) => symmetry(axes, axes.map(|other| other == axis)),
+            None => Err(self.wrong("mirror=x, mirror=y or mirror=z")),
+        }
+    }
+
+    fn axes(&self) -> Result<Step> {
+        let wrong = || self.wrong("axes=+y,-x,+z: where the new x, y and z come from, - is mirrored");
+        let signed = |part: &str| {
+            let part = part.trim();
+            let (name, mirrored) = match part.strip_prefix('-') {
+                Some(name) => (name, true),
+                None => (part.strip_prefix('+').unwrap_or(part), false),
+            };
+            axis(name).map(|axis| (axis, mirrored))
+        };
+        let parts: Option<Vec<(Axis, bool)>> = self.arguments.split(',').map(signed).collect();
+        let mut parts = parts.ok_or_else(wrong)?;
+        if parts.len() == 2 {
+            parts.push((Axis::Z, false));
+        }
+        let parts: [(Axis, bool); 3] = parts.try_into().map_err(|_| wrong())?;
+        symmetry(parts.map(|(axis, _)| axis), parts.map(|(_, mirrored)| mirrored))
+    }
+
+    fn affine(&self) -> Result<Step> {
+        let map = match self.numbers.as_deref() {
+            Some(&[a, b, c, d, e, f]) => {
+                AffineMap::from_rows([[a, b, 0.0, c], [d, e, 0.0, f], [0.0, 0.0, 1.0, 0.0]])
+            }
+            Some(numbers) if numbers.len() == 12 => {
+                let row = |row: usize| std::array::from_fn(|column| numbers[4 * row + column]);
+                AffineMap::from_rows(std::array::from_fn(row))
+            }
+            _ => return Err(self.wrong("affine=a,b,c,d,e,f or 12 numbers, row by row")),
+        };
+        Ok(Step::AffineMap(map))
+    }
+
+    fn grid(&self) -> Result<Step> {
+        let zoom = match self.arguments.split_once(',') {
+            None if self.arguments == "xyz" => return Ok(Step::WebMercator(None)),
+            Some(("xyz", zoom)) => zoom.trim().parse().ok(),
+            _ => None,
+        };
+        zoom.map(|zoom| Step::WebMercator(Some(zoom))).ok_or_else(|| self.wrong("grid=xyz or grid=xyz,ZOOM"))
+    }
+    fn level(&self, step: fn(u8) -> Step, expected: &str) -> Result<Step> {
+        self.arguments.parse().map(step).map_err(|_| self.wrong(expected))
+    }
+
+    fn node(&self, step: fn(String) -> Step) -> Result<Step> {
+        let digits = self.arguments.strip_prefix('/');
+        if digits.is_some_and(|digits| digits.bytes().all(|digit| (b'0'..b'8').contains(&digit))) {
+            Ok(step(self.arguments.to_string()))
+        } else {
+            let name = self.name;
+            Err(self
+                .wrong(&format!("an FD code, such as {name}=/031: / and a child's number for each level")))
+        }
+    }
+}
+
+/// Numbers with commas between them.
+fn numbers(list: &str) -> Option<Vec<f64>> {
+    list.split(',').map(|number| number.trim().parse().ok()).collect()
+}
+
+fn axis(name: &str) -> Option<Axis> {
+    match name {
+        "x" => Some(Axis::X),
+        "y" => Some(Axis::Y),
+        "z" => Some(Axis::Z),
+        _ => None,
+    }
+}
+
+fn symmetry(from: [Axis; 3], mirror: [bool; 3]) -> Result<Step> {
+    AffineMap::symmetry(from, mirror).map(Step::AffineMap)
+}
+
+/// The notation that [`FromStr`] reads; reading it gives the same step.
+impl fmt::Display for Step {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Step::Window([x, y, 0], [w, h, 1]) => write!(f, "window={x},{y},{w},{h}"),
+            Step::Window(min, size) => write!(f, "window={},{}", List(min), List(size)),
+            Step::WorldBox(rectangle) => write!(f, "bbox={}", List(rectangle)),
+            Step::Crop => f.write_str("crop"),
+            Step::Translate(by) => write!(f, "translate={}", List(planar(by))),
+            Step::Scale(factors) => write!(f, "scale={}", List(factors)),
+            Step::Rotate(degrees, turn, centre) => {
+                write!(f, "rotate={degrees}")?;
+                match turn {
+                    Turn::About(Axis::Z) => {}
+                    Turn::About(axis) => write!(f, ",{}", name(*axis))?,
+                    Turn::AboutLine(direction) => write!(f, ",{}", List(direction))?,
+                }
+                centre.map_or(Ok(()), |centre| write!(f, "@{}", List(planar(&centre))))
+            }
+            Step::AffineMap(map) => write_map(f, map),
+            Step::Depth(depth) => write!(f, "depth={depth}"),
+            Step::TreeDepth(depth) => write!(f, "tree-depth={depth}"),
+            Step::Subtree(code) => write!(f, "subtree={code}"),
+            Step::Embed(code) => write!(f, "embed={code}"),
+            // (In one line, as a part of the provenance; a break means no more than a space.)
+            Step::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
+            Step::Like(path) => write!(f, "like={}", path.display()),
+            Step::WebMercator(None) => write!(f, "grid=xyz"),
+            Step::WebMercator(Some(zoom)) => write!(f, "grid=xyz,{zoom}"),
+        }
+    }
+}
+
+/// Numbers with commas between them.
+struct List<'a, T>(&'a [T]);
+
+impl<T: fmt::Display> fmt::Display for List<'_, T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, number) in self.0.iter().enumerate() {
+            write!(f, "{}{number}", if i > 0 { "," } else { "" })?;
+        }
+        Ok(())
+    }
+}
+
+/// Without z, if that is 0.
+fn planar(numbers: &[f64; 3]) -> &[f64] {
+    if numbers[2] == 0.0 { &numbers[..2] } else { numbers }
+}
+
+fn name(axis: Axis) -> &'static str {
+    ["x", "y", "z"][axis as usize]
+}
+
+/// A map by the shortest name that it has.
+fn write_map(f: &mut fmt::Formatter<'_>, map: &AffineMap) -> fmt::Result {
+    let rows = map.to_rows();
+    if map.keeps_cells() && rows.iter().all(|row| row[3] == 0.0) {
+        // Where each of the new axes comes from, and whether it is mirrored.
+        let from = rows.map(|row| {
+            let column = (0..3).find(|column| row[*column] != 0.0).unwrap_or(0);
+            ([Axis::X, Axis::Y, Axis::Z][column], row[column] < 0.0)
+        });
+        return write_symmetry(f, from);
+    }
+    let [x, y, z] = rows;
+    if z == [0.0, 0.0, 1.0, 0.0] && x[2] == 0.0 && y[2] == 0.0 {
+        write!(f, "affine={}", List(&[x[0], x[1], x[3], y[0], y[1], y[3]]))
+    } else {
+        write!(f, "affine={}", List(rows.as_flattened()))
+    }
+}
+
+fn write_symmetry(f: &mut fmt::Formatter<'_>, from: [(Axis, bool); 3]) -> fmt::Result {
+    let order = from.map(|(axis, _)| axis);
+    let mirrored = from.iter().filter(|(_, mirrored)| *mirrored);
+    match (order, mirrored.clone().count()) {
+        ([Axis::X, Axis::Y, Axis::Z], 1) => {
+            mirrored.map(|(axis, _)| name(*axis)).try_for_each(|axis| write!(f, "mirror={axis}"))
+        }
+        ([Axis::Y, Axis::X, Axis::Z], 0) => f.write_str("transpose"),
+        _ => {
+            let axes =
+                from.map(|(axis, mirrored)| format!("{}{}", if mirrored { "-" } else { "+" }, name(axis)));
+            // (Two are enough where z stays.)
+            let axes = if from[2] == (Axis::Z, false) { &axes[..2] } else { &axes };
+            write!(f, "axes={}", List(axes))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_written_as_they_are_read() {
+        for text in [
+            "window=0,0,512,512",
+            "window=-3,4,5,6,7,8",
+            "crs=EPSG:4326+5773",
+            "crs=LOCAL_CS[\"a, b@c=d\",UNIT[\"m\",1]]",
+            "bbox=5.5,44,17,48",
+            "crop",
+            "translate=3,-0.25",
+            "translate=0,0,1",
+            "scale=2",
+            "scale=2,0.5",
+            "rotate=30",
+            "rotate=-90,x",
+            "rotate=30,1,1,0@2,3",
+            "rotate=30@0.5,3,7",
+            "mirror=y",
+            "transpose",
+            "axes=+y,-x",
+            "axes=-z,+x,-y",
+            "affine=1,0.1,0,0,1,7",
+            "affine=1,0,0,0,0,1,0,0,0,0.5,1,0",
+            "depth=7",
+            "tree-depth=9",
+            "subtree=/031",
+            "embed=/",
+            "like=other map.goblin",
+            "grid=xyz",
+            "grid=xyz,7",
+        ] {
+            let step: Step = text.parse().unwrap();
+            assert_eq!(step.to_string(), text);
+        }
+    }
+
+    #[test]
+    fn other_spellings_mean_the_same() {
+        for (text, usual) in [
+            ("axes=-x,+y,+z", "mirror=x"),
+            ("affine=-1,0,0,0,1,0", "mirror=x"),
+            ("axes=y,x", "transpose"),
+            ("rotate= 30,z@1,2,0", "rotate=30@1,2"),
+            ("window=1,2,0,3,4,1", "window=1,2,3,4"),
+        ] {
+            let step: Step = text.parse().unwrap();
+            assert_eq!(step.to_string(), usual);
+            assert_eq!(usual.parse::<Step>().unwrap(), step);
+        }
+    }
+
+    #[test]
+    fn old_names_are_refused_with_the_new_ones() {
+        for text in ["room=7", "root=/0", "nest=/0", "spin=3"] {
+            let error = text.parse::<Step>().unwrap_err().to_string();
+            assert!(
+                error.contains(text) && error.contains("tree-depth=, subtree=, embed=, crs=, like= or grid="),
+                "{error}"
+            );
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! The universe of complements: where a set operation may make cells present that none of its trees has.
+
+use glam::DVec3;
+
+use super::affine::{AffineMap, View};
+use crate::store::depth_for;
+use crate::tree::Source;
+use spinney_base::space::Bounds;
+use spinney_base::{Error, Result};
+use spinney_crs::Frame;
+
+/// The universe of operations that fill what is in none of their trees.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Universe {
+    /// A raster's picture, an octree's root: the smallest cube of a power of two of cells that holds all trees.
+    #[default]
+    Usual,
+    /// The trees' pictures, and so many cells more on every side.
+    Margin(u32),
+    /// A box of the world: its least and largest coordinates. (z does not matter to rasters.)
+    Within([f64; 3], [f64; 3]),
+}
+
+/// How far cells may be taken from where they are: beyond, no tree is deep enough.
+const MOST: f64 = (1u64 << 40) as f64;
+
+impl Universe {
+    /// The views over a grid that holds all of the universe, and the universe's cells there.
+    ///
+    /// # Errors
+    /// If it is empty or so large that no tree holds it, or the world does not determine cells.
+    pub(super) fn around(self, views: Vec<View>) -> Result<(Vec<View>, Bounds)> {
+        let (extent, form) = (views[0].extent(), views[0].form());
+        let depth = views.iter().map(View::depth).max().unwrap_or(0);
+        let all = extent.map(|cells| cells as f64);
+        let (low, high) = match self {
+            Universe::Usual if form.axes() == 3 => ([0.0; 3], [(1u64 << depth) as f64; 3]),
+            Universe::Usual => ([0.0; 3], all),
+            Universe::Margin(cells) => {
+                let margin = f64::from(cells);
+                (all.map(|_| -margin), all.map(|cells| cells + margin))
+            }
+            Universe::Within(low, high) => box_of_cells(&views[0].frame(false), low, high)?,
+        };
+        let mut universe = Bounds { min: [0; 3], max: [1; 3] };
+        let (mut total, mut shift) = ([1; 3], [0.0; 3]);
+        for axis in 0..form.axes() {
+            if low[axis] >= high[axis] || !(low[axis] > -MOST && high[axis] < MOST) {
+                let found = format!("cells {} to {} along an axis", low[axis], high[axis]);
+                return Err(Error::invalid(
+                    "universe",
+                    found,
+                    "at least one cell, and no more than a tree can have",
+                ));
+            }
+            shift[axis] = (-low[axis]).max(0.0);
+            universe.min[axis] = (low[axis] + shift[axis]) as u64;
+            universe.max[axis] = (high[axis] + shift[axis]) as u64;
+            total[axis] = ((all[axis] + shift[axis]) as u64).max(universe.max[axis]);
+        }
+        if shift == [0.0; 3] && total[..form.axes()] == extent[..form.axes()] {
+            return Ok((views, universe));
+        }
+        let depth = depth_for(total).max(depth);
+        let map = AffineMap::translation(shift);
+        let views = views.into_iter().map(|view| view.onto(&map, total)?.deepened(depth));
+        Ok((views.collect::<Result<_>>()?, universe))
+    }
+}
+
+/// The whole cells of a frame that a box of the world touches; what it touches by rounding alone does not count.
+fn box_of_cells(frame: &Frame, low: [f64; 3], high: [f64; 3]) -> Result<([f64; 3], [f64; 3])> {
+    const CLOSE: f64 = 1e-6;
+    let to_cells = AffineMap::from_rows(frame.matrix).inverse()?;
+    let (low, high) = to_cells.bounding_box(DVec3::from(low), DVec3::from(high));
+    Ok(((low + CLOSE).floor().to_array(), (high - CLOSE).ceil().to_array()))
+}

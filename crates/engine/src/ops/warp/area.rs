@@ -1,0 +1,218 @@
+//! Values of areas: source cells by the exact area that a target cell covers of each.
+
+use super::lattice::Lattice;
+use super::window::{Window, floor};
+use crate::tree::CellBlock;
+use spinney_base::value::{Rule, Value};
+
+/// A source cell by its index in the window, and the area of it that is covered.
+type Share = (usize, f64);
+
+/// Areas that differ by less are the same.
+const TINY: f64 = 1e-9;
+
+/// Gives each cell the mean of the source cells that it covers, or the value that covers most of it. `lattice` has the cells' corners.
+pub(super) fn cover(
+    window: &Window,
+    lattice: &Lattice,
+    [width, height]: [usize; 2],
+    rule: Rule,
+    block: &mut CellBlock,
+) {
+    let bytes_each = window.value.size();
+    let mut shares = Vec::new();
+    let mut outline = Outline::default();
+    let mut sums = Sums::default();
+    let spans = match lattice {
+        Lattice::Separable { columns, rows } => Some((spans(columns), spans(rows))),
+        Lattice::Points { .. } => None,
+    };
+    for y in 0..height {
+        for x in 0..width {
+            shares.clear();
+            let whole = match &spans {
+                Some((columns, rows)) => rectangle(window, &columns[x], &rows[y], &mut shares),
+                None => {
+                    let corners =
+                        [(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)].map(|(x, y)| lattice.at(x, y));
+                    outline.cover(window, corners, &mut shares)
+                }
+            };
+            if shares.is_empty() {
+                continue;
+            }
+            let value = sums.value(window, &shares, whole, rule);
+            let index = y * width + x;
+            value.write(&mut block.values[index * bytes_each..(index + 1) * bytes_each]);
+            block.present[index] = true;
+        }
+    }
+}
+
+/// The cells along one axis that each interval between two places covers: the first, and how much of each.
+type Span = (i64, Vec<f64>);
+
+fn spans(places: &[f64]) -> Vec<Span> {
+    let span = |pair: &[f64]| -> Span {
+        let (from, to) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+        if !(from.is_finite() && to.is_finite()) {
+            return (0, Vec::new());
+        }
+        let (first, last) = (floor(from), floor(to - TINY).max(floor(from)));
+        let part = |cell: i64| (to.min(cell as f64 + 1.0) - from.max(cell as f64)).max(0.0);
+        (first, (first..=last).map(part).collect())
+    };
+    places.windows(2).map(span).collect()
+}
+
+/// Adds the cells that a rectangle covers; returns its area.
+fn rectangle(window: &Window, (left, columns): &Span, (top, rows): &Span, shares: &mut Vec<Share>) -> f64 {
+    for (y, down) in (*top..).zip(rows) {
+        for (x, along) in (*left..).zip(columns) {
+            shares.extend(
+                window.present(x, y).map(|index| (index, down * along)).filter(|(_, area)| *area > TINY),
+            );
+        }
+    }
+    columns.iter().sum::<f64>() * rows.iter().sum::<f64>()
+}
+
+/// Areas of cells inside a polygon, by what its edges leave to their right in each row, as renderers of fonts do.
+#[derive(Default)]
+struct Outline {
+    areas: Vec<f64>,
+}
+
+impl Outline {
+    /// Adds the cells that a quadrangle covers; returns its area.
+    fn cover(&mut self, window: &Window, corners: [[f64; 2]; 4], shares: &mut Vec<Share>) -> f64 {
+        if corners.iter().flatten().any(|number| !number.is_finite()) {
+            return 0.0;
+        }
+        let range = |axis: usize| {
+            let numbers = corners.map(|corner| corner[axis]);
+            (
+                numbers.into_iter().fold(f64::INFINITY, f64::min),
+                numbers.into_iter().fold(f64::NEG_INFINITY, f64::max),
+            )
+        };
+        let ((left, right), (top, bottom)) = (range(0), range(1));
+        // (The window has all of it, but for what lies beyond the source.)
+        let first = [floor(left).max(window.origin[0]), floor(top).max(window.origin[1])];
+        let end = [0, 1].map(|axis| {
+            let last = floor([right, bottom][axis]) + 1;
+            last.min(window.origin[axis] + window.size[axis] as i64)
+        });
+        if first[0] >= end[0] || first[1] >= end[1] {
+            return 0.0;
+        }
+        let (columns, rows) = ((end[0] - first[0]) as usize, (end[1] - first[1]) as usize);
+        // One column more for what edges in the last one leave behind it.
+        let stride = columns + 2;
+        self.areas.clear();
+        self.areas.resize(stride * rows, 0.0);
+        let inside = corners.map(|[x, y]| {
+            let x = (x - first[0] as f64).clamp(0.0, columns as f64);
+            [x, (y - first[1] as f64).clamp(0.0, rows as f64)]
+        });
+        for (i, from) in inside.iter().enumerate() {
+            self.edge(stride, *from, inside[(i + 1) % 4]);
+        }
+        let mut whole = 0.0;
+        for (row, areas) in self.areas.chunks_exact(stride).enumerate() {
+            let mut sum = 0.0;
+            for (column, change) in areas[..columns].iter().enumerate() {
+                sum += change;
+                let area = f64::abs(sum);
+                whole += area;
+                let index = window.present(first[0] + column as i64, first[1] + row as i64);
+                shares.extend(index.map(|index| (index, area)).filter(|_| area > TINY));
+            }
+        }
+        whole
+    }
+
+    /// Adds what an edge changes from each cell to the next: the height that it has in the cell's row, less the part of
+    /// the cell to the left of it.
+    fn edge(&mut self, stride: usize, from: [f64; 2], to: [f64; 2]) {
+        if from[1] == to[1] {
+            return;
+        }
+        let (sign, [mut x, start], end) = if from[1] < to[1] { (1.0, from, to) } else { (-1.0, to, from) };
+        let slope = (end[0] - x) / (end[1] - start);
+        let rows = self.areas.len() / stride;
+        for row in start as usize..(end[1].ceil() as usize).min(rows) {
+            let height = end[1].min(row as f64 + 1.0) - start.max(row as f64);
+            let next = if end[1] <= row as f64 + 1.0 { end[0] } else { x + slope * height };
+            let (low, high) = (x.min(next), x.max(next));
+            let areas = &mut self.areas[row * stride..(row + 1) * stride];
+            let (first, last) = (low as usize, ((high - TINY).max(low)) as usize);
+            if first == last {
+                let left = ((low + high) / 2.0 - first as f64) * sign * height;
+                areas[first] += sign * height - left;
+                areas[first + 1] += left;
+            } else {
+                // The edge's height in each cell that it crosses, and how much of that cell lies to the left.
+                let per_cell = sign * height / (high - low);
+                for cell in first..=last {
+                    let (enter, leave) = (low.max(cell as f64), high.min(cell as f64 + 1.0));
+                    let part = per_cell * (leave - enter);
+                    let left = part * ((enter + leave) / 2.0 - cell as f64);
+                    areas[cell] += part - left;
+                    areas[cell + 1] += left;
+                }
+            }
+            x = next;
+        }
+    }
+}
+
+/// Sums of shares by value.
+#[derive(Default)]
+struct Sums {
+    values: Vec<(Value, f64)>,
+}
+
+impl Sums {
+    /// The value of some shares of an area, by a rule.
+    fn value(&mut self, window: &Window, shares: &[Share], whole: f64, rule: Rule) -> Value {
+        let (value_type, width) = (window.value, window.value.size());
+        let value_at = |index: usize| Value::from_bytes(&window.bytes[index * width..(index + 1) * width]);
+        let first = value_at(shares[0].0);
+        if !matches!(rule, Rule::Mean | Rule::Occupancy) {
+            self.values.clear();
+            for (index, area) in shares {
+                let value = value_at(*index);
+                match self.values.iter_mut().find(|(other, _)| *other == value) {
+                    Some((_, sum)) => *sum += area,
+                    None => self.values.push((value, *area)),
+                }
+            }
+            // Areas that differ by rounding alone are equal; the least value wins, as in counting.
+            let most = self.values.iter().map(|(_, area)| *area).fold(0.0, f64::max);
+            let best = self.values.iter().filter(|(_, area)| *area >= most - TINY).map(|(value, _)| *value);
+            return best.min_by(|a, b| value_type.order(*a, *b)).unwrap_or(first);
+        }
+        let (mut sums, mut areas) = ([0.0; 4], [0.0; 4]);
+        for (index, area) in shares {
+            let value = value_at(*index);
+            let (samples, present) = (value_type.samples(value), value_type.present(value));
+            for (channel, sample) in samples.iter().enumerate() {
+                if present[channel] && !sample.is_nan() {
+                    sums[channel] += area * sample;
+                    areas[channel] += area;
+                }
+            }
+        }
+        let raw = value_type.samples(first);
+        value_type.nearest(|channel| {
+            let area = if rule == Rule::Occupancy { whole } else { areas[channel] };
+            // (A sample that is missing everywhere stays what it is.)
+            if areas[channel] == 0.0 {
+                return raw[channel];
+            }
+            let mean = sums[channel] / area;
+            if value_type.sample.is_float() { mean } else { (mean + 0.5).floor() }
+        })
+    }
+}

@@ -1,0 +1,54 @@
+//! Boxes of a file that are alike all over, without looking at their cells.
+
+use crate::ops::tree_file::{TreeFile, TreeFileNode};
+use crate::tree::{Child, Source, no_children};
+use spinney_base::Result;
+use spinney_base::space::Bounds;
+use spinney_base::value::Value;
+
+/// The value that all cells of a box have (`None` is VOID); `None` if they are not alike. Cells beyond the tree are VOID.
+///
+/// Reads the nodes along the box's edges, until two are found that differ.
+///
+/// # Errors
+/// If the file is damaged there.
+pub(super) fn uniform(file: &TreeFile, bounds: &Bounds) -> Result<Option<Option<Value>>> {
+    let space = Bounds::space(file.form().dimension, file.depth());
+    let inside = bounds.intersect(&space);
+    // What the box has so far.
+    let mut found = (!space.contains(bounds)).then_some(None);
+    if !inside.is_empty() && !is_alike(file, &file.root()?, space, &inside, &mut found)? {
+        return Ok(None);
+    }
+    Ok(found)
+}
+
+/// Whether the part of a node that lies in a box is alike, and as what was found before.
+fn is_alike(
+    file: &TreeFile,
+    child: &Child<TreeFileNode>,
+    node: Bounds,
+    bounds: &Bounds,
+    found: &mut Option<Option<Value>>,
+) -> Result<bool> {
+    let value = match child {
+        Child::Void => None,
+        Child::Leaf(value) => Some(*value),
+        Child::Inner { node: inner, .. } => {
+            if bounds.contains(&node) {
+                return Ok(false);
+            }
+            let mut children = no_children();
+            file.children(inner, &mut children)?;
+            let dimension = file.form().dimension;
+            for (step, child) in children[..dimension.children()].iter().enumerate() {
+                let part = node.child(dimension, step);
+                if !part.intersect(bounds).is_empty() && !is_alike(file, child, part, bounds, found)? {
+                    return Ok(false);
+                }
+            }
+            return Ok(true);
+        }
+    };
+    Ok(*found.get_or_insert(value) == value)
+}

@@ -1,0 +1,109 @@
+//! Extremes of the first channel of the cells of a node.
+
+use crate::query::count::counter_of;
+use crate::query::stats::tally_of;
+use crate::store::goblin::Goblin;
+use crate::tree::{Child, Source, no_children};
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::Tally;
+
+/// Bounds of the values of some cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extremes {
+    pub least: f64,
+    pub greatest: f64,
+    /// Whether there may be values.
+    pub has_values: bool,
+    /// Whether there may be cells without one.
+    pub has_void: bool,
+}
+
+impl Extremes {
+    /// No cells.
+    pub const NONE: Extremes =
+        Extremes { least: f64::INFINITY, greatest: f64::NEG_INFINITY, has_values: false, has_void: false };
+
+    /// Cells of which nothing is known.
+    pub const UNKNOWN: Extremes =
+        Extremes { least: f64::NEG_INFINITY, greatest: f64::INFINITY, has_values: true, has_void: true };
+
+    /// Those of a box of which a tally has all values.
+    fn of(tally: &Tally, cells: u64) -> Extremes {
+        let number = |value| tally.value_type.first_sample(value);
+        let count = tally.present[0];
+        if count == 0 {
+            return Extremes { has_void: true, ..Extremes::NONE };
+        }
+        let (least, greatest) = (number(tally.min), number(tally.max));
+        // (No line goes through values that are no finite numbers, and only some of them may be.)
+        if !least.is_finite() || !greatest.is_finite() {
+            return Extremes::UNKNOWN;
+        }
+        Extremes { least, greatest, has_values: true, has_void: count < cells }
+    }
+
+    /// Those of both.
+    pub fn with(self, other: Extremes) -> Extremes {
+        Extremes {
+            least: self.least.min(other.least),
+            greatest: self.greatest.max(other.greatest),
+            has_values: self.has_values || other.has_values,
+            has_void: self.has_void || other.has_void,
+        }
+    }
+
+    /// Those of the same cells where the void ones count as zero.
+    pub fn with_zeros(self) -> Extremes {
+        if !self.has_void {
+            return self;
+        }
+        Extremes {
+            least: self.least.min(0.0),
+            greatest: self.greatest.max(0.0),
+            has_values: true,
+            has_void: self == Extremes::UNKNOWN,
+        }
+    }
+}
+
+/// Extremes of a node of a Goblin file, from the statistics that it stores.
+///
+/// # Errors
+/// If the file is damaged there.
+pub(crate) fn file_extremes(file: &Goblin, code: Code) -> Result<Extremes> {
+    let bounds = code.bounds(file.header().depth());
+    let cells = bounds.intersect(&file.header().picture()).volume();
+    // The directory has those of nodes with segments, which are not opened.
+    if let Some(index) = file.find_segment(code) {
+        let entry = file.entry(index)?;
+        if entry.code == code {
+            return Ok(Extremes::of(&entry.zone, cells));
+        }
+    }
+    Ok(Extremes::of(&tally_of(file, &bounds)?, cells))
+}
+
+/// Extremes of a node of any source, of which `picture` are the cells that can be other than VOID. Nothing is known of nodes that the source has no tally of.
+///
+/// # Errors
+/// If the source fails.
+pub(crate) fn source_extremes<S: Source>(source: &S, picture: &Bounds, code: Code) -> Result<Extremes> {
+    let cells = code.bounds(source.depth()).intersect(picture).volume();
+    let (mut child, mut children) = (source.root()?, no_children());
+    for level in 0..code.level() {
+        let Child::Inner { node, .. } = &child else { break };
+        source.children(node, &mut children)?;
+        child = std::mem::take(&mut children[code.step(level)]);
+    }
+    let mut count = counter_of(source.form());
+    match &child {
+        Child::Void => {}
+        Child::Leaf(value) => count.block(*value, cells),
+        Child::Inner { node, .. } => {
+            let tally = source.tally(node)?;
+            return Ok(tally.map_or(Extremes::UNKNOWN, |tally| Extremes::of(&tally, cells)));
+        }
+    }
+    Ok(Extremes::of(&count.finish(), cells))
+}

@@ -1,0 +1,166 @@
+//! Points of pieces of lines, in memory as long as there is room, else in a temporary file.
+
+use std::fs::File;
+use std::path::PathBuf;
+
+use zerocopy::IntoBytes;
+
+use spinney_base::io::platform::{read_exact_at, write_all_at};
+use spinney_base::{Error, Result};
+
+/// Number of a piece.
+pub(super) type PieceNumber = usize;
+
+/// Pieces of lines, and which comes after which.
+pub(super) struct LinePieces {
+    slots: Vec<Slot>,
+    free: Vec<PieceNumber>,
+    /// Bytes of points in memory, and how many there may be.
+    held: usize,
+    most: usize,
+    /// Pieces in the file.
+    spooled: usize,
+    file: Option<File>,
+    /// Bytes of the file that are in use.
+    end: u64,
+    folder: PathBuf,
+}
+
+struct Slot {
+    place: PiecePlace,
+    next: Option<PieceNumber>,
+}
+
+enum PiecePlace {
+    Free,
+    Memory(Vec<[f64; 2]>),
+    /// Offset and number of points.
+    File(u64, usize),
+}
+
+impl LinePieces {
+    /// No pieces, which may take so many bytes of memory; temporary files are in this folder.
+    pub(super) fn new(most: usize, folder: PathBuf) -> LinePieces {
+        LinePieces {
+            slots: Vec::new(),
+            free: Vec::new(),
+            held: 0,
+            most,
+            spooled: 0,
+            file: None,
+            end: 0,
+            folder,
+        }
+    }
+
+    /// Takes a piece.
+    ///
+    /// # Errors
+    /// If the temporary file cannot be written.
+    pub(super) fn add(&mut self, points: Vec<[f64; 2]>) -> Result<PieceNumber> {
+        self.held += points.capacity() * size_of::<[f64; 2]>();
+        let slot = Slot { place: PiecePlace::Memory(points), next: None };
+        let number = match self.free.pop() {
+            Some(number) => {
+                self.slots[number] = slot;
+                number
+            }
+            None => {
+                self.slots.push(slot);
+                self.slots.len() - 1
+            }
+        };
+        if self.held > self.most {
+            self.spool()?;
+        }
+        Ok(number)
+    }
+
+    /// Moves all pieces to the file.
+    fn spool(&mut self) -> Result<()> {
+        let failed = || Error::io(&self.folder, "write a temporary file");
+        let file = match &mut self.file {
+            Some(file) => file,
+            none => none.insert(tempfile::tempfile_in(&self.folder).map_err(failed())?),
+        };
+        let mut buffer: Vec<u8> = Vec::new();
+        let mut written = self.end;
+        for slot in &mut self.slots {
+            let PiecePlace::Memory(points) = &slot.place else { continue };
+            let place = PiecePlace::File(self.end, points.len());
+            buffer.extend_from_slice(points.as_bytes());
+            self.end += points.as_bytes().len() as u64;
+            self.spooled += 1;
+            slot.place = place;
+            if buffer.len() >= 1 << 18 {
+                write_all_at(file, &buffer, written).map_err(failed())?;
+                (written, buffer) = (self.end, Vec::new());
+            }
+        }
+        write_all_at(file, &buffer, written).map_err(failed())?;
+        self.held = 0;
+        Ok(())
+    }
+
+    /// Lets a piece come after another.
+    pub(super) fn link(&mut self, from: PieceNumber, to: PieceNumber) {
+        self.slots[from].next = Some(to);
+    }
+
+    /// Hands out the points of a piece and all after it, a part at a time. A point that ends a piece and begins the next comes once.
+    ///
+    /// # Errors
+    /// If the temporary file cannot be read, or `each` fails.
+    pub(super) fn each(
+        &self,
+        first: PieceNumber,
+        each: &mut dyn FnMut(&[[f64; 2]]) -> Result<()>,
+    ) -> Result<()> {
+        const PART: usize = 1 << 12;
+        let mut piece = Some(first);
+        let mut part = Vec::new();
+        while let Some(number) = piece {
+            let slot = &self.slots[number];
+            let skipped = usize::from(number != first);
+            match &slot.place {
+                PiecePlace::Free => {}
+                PiecePlace::Memory(points) => each(points.get(skipped..).unwrap_or(&[]))?,
+                PiecePlace::File(offset, count) => {
+                    let file = self.file.as_ref().expect("pieces are in a file");
+                    for start in (skipped..*count).step_by(PART) {
+                        part.clear();
+                        part.resize(PART.min(count - start), [0.0; 2]);
+                        let at = offset + (start * size_of::<[f64; 2]>()) as u64;
+                        let read = read_exact_at(file, <[[f64; 2]]>::as_mut_bytes(&mut part), at);
+                        read.map_err(Error::io(&self.folder, "read a temporary file"))?;
+                        each(&part)?;
+                    }
+                }
+            }
+            piece = slot.next;
+        }
+        Ok(())
+    }
+
+    /// Forgets a piece and all after it.
+    pub(super) fn remove(&mut self, first: PieceNumber) {
+        let mut piece = Some(first);
+        while let Some(number) = piece {
+            let slot =
+                std::mem::replace(&mut self.slots[number], Slot { place: PiecePlace::Free, next: None });
+            match slot.place {
+                PiecePlace::Free => {}
+                PiecePlace::Memory(points) => {
+                    self.held = self.held.saturating_sub(points.capacity() * size_of::<[f64; 2]>());
+                }
+                PiecePlace::File(..) => self.spooled -= 1,
+            }
+            self.free.push(number);
+            piece = slot.next;
+        }
+        // The room of the file is used again when nothing is in it.
+        if self.spooled == 0 {
+            self.end = 0;
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! Rings of bands, put together to polygons with holes.
+
+use std::collections::BTreeMap;
+
+use super::join::ContourLine;
+use super::pieces::{LinePieces, PieceNumber};
+use spinney_base::Result;
+
+/// A closed ring.
+struct BandRing {
+    /// Its first piece, and number of its points: there may be very many rings.
+    first: PieceNumber,
+    count: u64,
+    /// Twice the area; positive if it is clockwise as pictures are looked at, rows going down.
+    area: f64,
+    low: [f64; 2],
+    high: [f64; 2],
+    /// One of its points.
+    point: [f64; 2],
+}
+
+/// Rings that are not part of a whole polygon yet. A polygon has all of its holes when no ring is in the making above its lower end.
+pub(super) struct Polygons {
+    outer: Vec<(i32, BandRing)>,
+    /// By band, and by the row that they begin in, in the order of their coming.
+    holes: BTreeMap<(i32, i64, u64), BandRing>,
+    number: u64,
+    /// Whether outer rings are counterclockwise as pictures are looked at.
+    is_reversed: bool,
+}
+
+impl Polygons {
+    pub(super) fn new(is_reversed: bool) -> Polygons {
+        Polygons { outer: Vec::new(), holes: BTreeMap::new(), number: 0, is_reversed }
+    }
+
+    /// Takes a ring.
+    ///
+    /// # Errors
+    /// If its pieces cannot be read.
+    pub(super) fn push(&mut self, line: ContourLine, pieces: &LinePieces) -> Result<()> {
+        let (low, high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let (class, first, count) = (line.class, line.first, line.count);
+        let mut ring = BandRing { first, count, area: 0.0, low, high, point: [0.0; 2] };
+        let mut first = None;
+        let mut last = [0.0; 2];
+        pieces.each(line.first, &mut |points| {
+            for point in points {
+                let origin = *first.get_or_insert(*point);
+                // (Near the first point, areas lose little by rounding.)
+                let here = [point[0] - origin[0], point[1] - origin[1]];
+                ring.area += last[0] * here[1] - here[0] * last[1];
+                last = here;
+                let [x, y] = *point;
+                ring.low = [ring.low[0].min(x), ring.low[1].min(y)];
+                ring.high = [ring.high[0].max(x), ring.high[1].max(y)];
+            }
+            Ok(())
+        })?;
+        ring.point = first.unwrap_or_default();
+        if (ring.area > 0.0) != self.is_reversed {
+            self.outer.push((class, ring));
+        } else {
+            self.number += 1;
+            self.holes.insert((class, ring.low[1].floor() as i64, self.number), ring);
+        }
+        Ok(())
+    }
+
+    /// Hands out all polygons whose outer rings have come: the rings of each, the outer one first.
+    ///
+    /// # Errors
+    /// If pieces cannot be read, or `each` fails.
+    pub(super) fn settle(
+        &mut self,
+        pieces: &mut LinePieces,
+        each: &mut dyn FnMut(&[ContourLine], &LinePieces) -> Result<()>,
+    ) -> Result<()> {
+        let mut outer = std::mem::take(&mut self.outer);
+        // Of two around a hole the smaller one is nearer. (Those of one size come as they came.)
+        outer.sort_by(|(_, a), (_, b)| a.area.abs().total_cmp(&b.area.abs()));
+        for (class, ring) in outer {
+            let mut rings = vec![ContourLine::ring(class, ring.first, ring.count)];
+            rings.extend(self.take_holes(class, &ring, pieces)?);
+            each(&rings, pieces)?;
+            rings.iter().for_each(|line| pieces.remove(line.first));
+        }
+        Ok(())
+    }
+
+    /// Takes the holes out that are in a ring.
+    fn take_holes(&mut self, class: i32, outer: &BandRing, pieces: &LinePieces) -> Result<Vec<ContourLine>> {
+        let rows = (class, outer.low[1].floor() as i64, 0)..=(class, outer.high[1].floor() as i64, u64::MAX);
+        let is_near = |hole: &BandRing| {
+            (0..2).all(|axis| outer.low[axis] <= hole.low[axis] && hole.high[axis] <= outer.high[axis])
+        };
+        let near = self.holes.range(rows).filter(|(_, hole)| is_near(hole));
+        // How often the ring is crossed on the way left from a point of each.
+        let mut crossed: Vec<([f64; 2], _, bool)> =
+            near.map(|(key, hole)| (hole.point, *key, false)).collect();
+        if crossed.is_empty() {
+            return Ok(Vec::new());
+        }
+        crossed.sort_by(|(a, ..), (b, ..)| a[1].total_cmp(&b[1]));
+        let mut last: Option<[f64; 2]> = None;
+        pieces.each(outer.first, &mut |points| {
+            for b in points {
+                let Some(a) = last.replace(*b) else { continue };
+                let (upper, lower) = (a[1].min(b[1]), a[1].max(b[1]));
+                let start = crossed.partition_point(|(point, ..)| point[1] < upper);
+                for (point, _, is_inside) in
+                    crossed[start..].iter_mut().take_while(|(point, ..)| point[1] < lower)
+                {
+                    let x = a[0] + (point[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+                    *is_inside ^= x < point[0];
+                }
+            }
+            Ok(())
+        })?;
+        let mut inside: Vec<_> =
+            crossed.into_iter().filter(|(.., is_inside)| *is_inside).map(|(_, key, _)| key).collect();
+        inside.sort_unstable();
+        Ok(inside
+            .iter()
+            .filter_map(|key| self.holes.remove(key))
+            .map(|hole| ContourLine::ring(class, hole.first, hole.count))
+            .collect())
+    }
+}

@@ -1,0 +1,206 @@
+//! Counting, summing and extremes of the values in a box.
+//!
+//! A question chooses how it counts once, by the type of the values and the tree's fan-out, and from then on
+//! calls that by pointers: single blocks one by one, and whole subtrees at once, whose leaves are gone
+//! through by kernels.
+
+use zerocopy::{FromBytes, IntoBytes};
+
+use super::walk::Zone;
+use crate::store::records::dense::DenseBlock;
+use crate::store::records::subtree::{BadSkip, each_leaf};
+use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::value::{Native, Sample, Tally, Value, ValueType, erase, native, with_native_type};
+
+/// A kernel that goes through all leaves of a subtree of so many levels, given its records, and shows them to
+/// a `T`.
+pub(super) type CountSubtree<T> = fn(&mut T, &[u8], u8) -> Result<(), BadSkip>;
+
+/// A kernel that shows the cells of a dense block in a box to a `T`.
+pub(super) type CountDense<T> = fn(&mut T, &DenseBlock<'_>, ([usize; 3], [usize; 3]));
+
+/// Statistics in the making.
+pub(super) trait Count {
+    /// Counts cells of a value.
+    fn block(&mut self, value: Value, cells: u64);
+    /// Counts all cells of a zone; `false` if it does not tell enough.
+    ///
+    /// # Errors
+    /// If the zone is damaged.
+    fn zone(&mut self, zone: &dyn Zone) -> Result<bool>;
+    /// Counts all cells of a subtree of so many levels, given its records.
+    ///
+    /// # Errors
+    /// If skips or states contradict each other.
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip>;
+    /// Counts the cells of a dense block in a box: its first place, and places along each axis.
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3]));
+    /// Statistics of everything that was counted.
+    fn finish(self: Box<Self>) -> Tally;
+}
+
+/// A counter for trees of a form, which has counted nothing and does not count classes.
+pub(super) fn counter_of(form: Form) -> Box<dyn Count> {
+    if form.value.missing.is_some() {
+        let subtree = with_record_type!(RecordLayout::new(form), R => count_masked_subtree::<R>);
+        return Box::new(MaskedCounter { form, tally: Tally::void(form.value), subtree });
+    }
+    with_form_type!(form, V, R => Box::new(Counter::<V> {
+        cells: 0,
+        min: V::default(),
+        max: V::default(),
+        sums: Default::default(),
+        squares: Default::default(),
+        subtree: count_subtree::<V, R>,
+        dense: count_dense::<V, R>,
+    }))
+}
+
+/// A [`Tally`] of values of a known type.
+struct Counter<V: Native> {
+    cells: u64,
+    min: V,
+    max: V,
+    sums: V::TotalSums,
+    squares: V::TotalSums,
+    /// Depends on the fan-out, as nothing else here does.
+    subtree: CountSubtree<Counter<V>>,
+    dense: CountDense<Counter<V>>,
+}
+
+impl<V: Native> Counter<V> {
+    /// Counts cells whose values are between two values.
+    #[inline]
+    fn widen(&mut self, min: V, max: V, cells: u64) {
+        if self.cells == 0 {
+            (self.min, self.max) = (min, max);
+        }
+        self.cells += cells;
+        self.min = self.min.min(min);
+        self.max = self.max.max(max);
+    }
+
+    /// Counts cells of a value.
+    ///
+    /// Sums of floating samples depend on the order, which is therefore part of the definition: leaf after
+    /// leaf, each multiplied by its cells first.
+    #[inline]
+    fn add(&mut self, value: V, cells: u64) {
+        self.widen(value, value, cells);
+        self.sums = V::add_sums(self.sums, value.total_sums(cells));
+        self.squares = V::add_sums(self.squares, value.total_squares(cells));
+    }
+}
+
+impl<V: Native> Count for Counter<V> {
+    fn block(&mut self, value: Value, cells: u64) {
+        self.add(native::<V>(value), cells);
+    }
+
+    fn zone(&mut self, zone: &dyn Zone) -> Result<bool> {
+        let zone = zone.tally()?;
+        if zone.cells > 0 {
+            self.widen(native::<V>(zone.min), native::<V>(zone.max), zone.cells);
+        }
+        self.sums = V::add_sums(self.sums, V::typed_sums(&zone.sum));
+        self.squares = V::add_sums(self.squares, V::typed_sums(&zone.squares));
+        Ok(true)
+    }
+
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+        (self.subtree)(self, records, levels)
+    }
+
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
+        (self.dense)(self, block, part);
+    }
+
+    fn finish(self: Box<Self>) -> Tally {
+        Tally {
+            value_type: V::TYPE,
+            cells: self.cells,
+            present: [self.cells; 4],
+            min: erase(self.min),
+            max: erase(self.max),
+            sum: V::erase(self.sums),
+            squares: V::erase(self.squares),
+            classes: Vec::new(),
+        }
+    }
+}
+
+fn count_dense<V: Native, R: Record>(
+    counter: &mut Counter<V>,
+    block: &DenseBlock<'_>,
+    part: ([usize; 3], [usize; 3]),
+) {
+    block.each_leaf_in::<R>(part, &mut |bytes| {
+        let wire = V::Wire::read_from_bytes(bytes.as_bytes()).expect("as many bytes as the value has");
+        counter.add(V::from_wire(wire), 1);
+    });
+}
+
+fn count_subtree<V: Native, R: Record>(
+    counter: &mut Counter<V>,
+    records: &[u8],
+    levels: u8,
+) -> Result<(), BadSkip> {
+    each_leaf(R::of(records), levels, |bytes, cells| {
+        // (Both types have the same size, by the way they were chosen.)
+        let wire = V::Wire::read_from_bytes(bytes.as_bytes()).expect("as many bytes as the value has");
+        counter.add(V::from_wire(wire), cells);
+    })
+}
+
+/// A [`Tally`] of values in which samples can be missing.
+struct MaskedCounter {
+    form: Form,
+    tally: Tally,
+    subtree: CountSubtree<MaskedCounter>,
+}
+
+impl Count for MaskedCounter {
+    fn block(&mut self, value: Value, cells: u64) {
+        self.tally = Tally::merge(&[&self.tally, &Tally::leaf(self.tally.value_type, value, cells, false)]);
+    }
+
+    fn zone(&mut self, zone: &dyn Zone) -> Result<bool> {
+        self.tally = Tally::merge(&[&self.tally, &Tally { classes: Vec::new(), ..zone.tally()? }]);
+        Ok(true)
+    }
+
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+        (self.subtree)(self, records, levels)
+    }
+
+    fn dense(&mut self, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) {
+        with_record_type!(RecordLayout::new(self.form), R => {
+            block.each_leaf_in::<R>(part, &mut |bytes| self.block(Value::from_bytes(bytes.as_bytes()), 1));
+        });
+    }
+
+    fn finish(self: Box<Self>) -> Tally {
+        self.tally
+    }
+}
+
+fn count_masked_subtree<R: Record>(
+    counter: &mut MaskedCounter,
+    records: &[u8],
+    levels: u8,
+) -> Result<(), BadSkip> {
+    each_leaf(R::of(records), levels, |bytes, cells| {
+        counter.block(Value::from_bytes(bytes.as_bytes()), cells)
+    })
+}
+
+/// The function that gives the first sample of values of a type.
+pub(super) fn number_of(value_type: ValueType) -> fn(Value) -> f64 {
+    with_native_type!(value_type, V => first_sample::<<V as Native>::Sample>)
+}
+
+fn first_sample<S: Sample>(value: Value) -> f64 {
+    S::read(&value.to_bytes()).to_f64()
+}

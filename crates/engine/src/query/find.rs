@@ -1,0 +1,203 @@
+//! Searches for blocks by value: zone statistics rule out, or take whole, what they can.
+
+use crate::store::goblin::Goblin;
+use crate::tree::Source;
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::{Tally, Value};
+
+use super::count::number_of;
+use super::walk::{Halt, Visitor, Walked, Zone, ended, walk, walk_source};
+
+/// A condition on the first channel of values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Condition {
+    /// Values greater than this.
+    Above(f64),
+    /// Values less than this.
+    Below(f64),
+    /// Values equal to this.
+    Equal(f64),
+}
+
+impl Condition {
+    #[inline]
+    fn met_by(self, number: f64) -> bool {
+        match self {
+            Condition::Above(bound) => number > bound,
+            Condition::Below(bound) => number < bound,
+            Condition::Equal(wanted) => number == wanted,
+        }
+    }
+
+    /// Whether all or none of a zone's values meet the condition; `None` if the extremes do not determine it.
+    fn of_zone(self, min: f64, max: f64) -> Option<bool> {
+        match self {
+            Condition::Above(_) | Condition::Below(_) if self.met_by(min) == self.met_by(max) => {
+                Some(self.met_by(min))
+            }
+            Condition::Equal(wanted) if wanted < min || wanted > max => Some(false),
+            Condition::Equal(_) if min == max => Some(true),
+            _ => None,
+        }
+    }
+}
+
+/// A block whose cells all meet a condition.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoundBlock {
+    /// The node's FD code as text: `/` and a digit per level.
+    pub code: String,
+    /// Its level.
+    pub level: u8,
+    /// Its cells, of the deepest level.
+    pub bounds: Bounds,
+    /// The value, if it is the same all over.
+    pub value: Option<f64>,
+}
+
+impl Goblin {
+    /// Hands out the largest blocks in a box all of whose cells meet a condition, in FD order, until `found`
+    /// says `false`. VOID meets none.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or `found` fails.
+    pub fn find(
+        &self,
+        condition: Condition,
+        bounds: Option<Bounds>,
+        found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Result<()> {
+        let header = self.header();
+        let bounds = header.within_picture(bounds);
+        let mut search = Search::new(header.form, header.depth(), condition, found);
+        let walked = walk(self, &bounds, &mut search);
+        search.finish(walked)
+    }
+}
+
+/// [`Goblin::find`] in any source, going through all of its nodes in the box.
+pub(crate) fn source_find<S: Source>(
+    source: &S,
+    condition: Condition,
+    bounds: &Bounds,
+    found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
+) -> Result<()> {
+    let mut search = Search::new(source.form(), source.depth(), condition, found);
+    let walked = walk_source(source, bounds, &mut search);
+    search.finish(walked)
+}
+
+struct Search<'a> {
+    form: Form,
+    depth: u8,
+    condition: Condition,
+    /// The first sample of a value.
+    number: fn(Value) -> f64,
+    found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
+    /// Blocks found since the last cell that does not meet the condition: they may turn out to be part of a
+    /// larger one. Complete siblings are replaced by their parent, so that it stays short.
+    pending: Vec<(Code, Option<f64>)>,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        form: Form,
+        depth: u8,
+        condition: Condition,
+        found: &'a mut dyn FnMut(FoundBlock) -> Result<bool>,
+    ) -> Search<'a> {
+        let number = number_of(form.value);
+        Search { form, depth, condition, number, found, pending: Vec::new() }
+    }
+
+    fn finish(mut self, walked: Walked) -> Result<()> {
+        ended(walked.and_then(|()| self.miss()))
+    }
+
+    /// Something does not meet the condition: what is pending cannot grow any more.
+    #[inline]
+    fn miss(&mut self) -> Walked {
+        if self.pending.is_empty() { Ok(()) } else { self.hand_out() }
+    }
+
+    /// Hands out all that is pending.
+    #[inline(never)]
+    fn hand_out(&mut self) -> Walked {
+        let depth = self.depth;
+        for (code, value) in self.pending.drain(..) {
+            let bounds = code.bounds(depth);
+            if !(self.found)(FoundBlock { code: code.to_string(), level: code.level(), bounds, value })? {
+                return Err(Halt::Stopped);
+            }
+        }
+        Ok(())
+    }
+
+    /// A uniform block that meets the condition but sticks out of the box: its largest parts inside.
+    fn split(&mut self, code: Code, value: f64, part: &Bounds) -> Walked {
+        let whole = code.bounds(self.depth);
+        if part.contains(&whole) {
+            self.pending.push((code, Some(value)));
+            return Ok(());
+        }
+        if part.intersect(&whole).is_empty() {
+            return self.miss();
+        }
+        (0..self.form.children()).try_for_each(|child| self.split(code.child(child), value, part))
+    }
+}
+
+impl Visitor for Search<'_> {
+    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool> {
+        let Tally { present: [cells, ..], min, max, .. } = zone.tally()?;
+        let full = cells == self.form.dimension.cells(self.depth - code.level());
+        if cells == 0 {
+            self.miss()?;
+            return Ok(true);
+        }
+        match self.condition.of_zone((self.number)(min), (self.number)(max)) {
+            Some(true) if full => self.pending.push((code, None)),
+            Some(false) => self.miss()?,
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn block(&mut self, code: Code, value: Option<Value>, _: u64, part: Option<&Bounds>) -> Walked {
+        let value = value.filter(|value| self.form.value.present(*value)[0]);
+        let number = value.map(self.number).filter(|number| self.condition.met_by(*number));
+        match (number, part) {
+            (None, _) => self.miss(),
+            (Some(number), None) => {
+                self.pending.push((code, Some(number)));
+                Ok(())
+            }
+            (Some(number), Some(part)) => self.split(code, number, part),
+        }
+    }
+
+    fn leave(&mut self, code: Code) -> Walked {
+        // All children pending, and nothing else since: the parent stands for them. (Mostly the last is not
+        // there.)
+        let count = self.form.children();
+        if self.pending.last().is_none_or(|(last, _)| *last != code.child(count - 1)) {
+            return Ok(());
+        }
+        if let Some(first) = self.pending.len().checked_sub(count) {
+            let children = &self.pending[first..];
+            if children.iter().enumerate().all(|(i, (child, _))| *child == code.child(i)) {
+                let value = children[0].1;
+                let same = children.iter().all(|(_, other)| *other == value);
+                self.pending.truncate(first);
+                self.pending.push((code, value.filter(|_| same)));
+            }
+        }
+        Ok(())
+    }
+
+    fn outside(&mut self) -> Walked {
+        self.miss()
+    }
+}

@@ -1,0 +1,69 @@
+//! Counting in trees that have more nodes than their files have room for: what a record stands for several times is
+//! looked at once, and counts as often as it occurs.
+
+use super::walk::{Halt, Visitor, Walked, Zone};
+use crate::store::autumnal::{Autumnal, AutumnalNode, Occurring};
+use crate::tree::Source;
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::{Tally, Value};
+
+/// Walks all of `bounds` (cells of the deepest level) for a visitor that counts cells, wherever they are: the codes that
+/// it is told mean nothing. Time is that of the records, not of the nodes.
+pub(super) fn walk_folded(tree: &Autumnal, bounds: &Bounds, visitor: &mut impl Visitor) -> Result<()> {
+    let root = Code::root(tree.form().dimension);
+    tree.each_distinct(bounds, &mut Counted { tree, root, visitor })
+}
+
+/// Adapter that hands the nodes in the box to a visitor.
+struct Counted<'a, V> {
+    tree: &'a Autumnal,
+    root: Code,
+    visitor: &'a mut V,
+}
+
+impl<V: Visitor> Occurring for Counted<'_, V> {
+    fn inner(&mut self, node: AutumnalNode, times: u64) -> Result<bool> {
+        let Some(tally) = self.tree.tally(&node)? else { return Ok(true) };
+        unhalted(self.visitor.zone(self.root, &Repeated { tally, times })).map(|will_do| !will_do)
+    }
+
+    fn uniform(&mut self, value: Option<Value>, _: u8, _: u64, cells: u64) -> Result<()> {
+        unhalted(self.visitor.block(self.root, value, cells, None).map(|()| true)).map(drop)
+    }
+}
+
+/// The answer of a visitor; one that needs no more goes on to nothing.
+fn unhalted(walked: Walked<bool>) -> Result<bool> {
+    match walked {
+        Ok(answer) => Ok(answer),
+        Err(Halt::Stopped) => Ok(true),
+        Err(Halt::Failed(error)) => Err(error),
+    }
+}
+
+/// The zone of a node that occurs several times: the cells of all of them.
+struct Repeated {
+    tally: Tally,
+    times: u64,
+}
+
+impl Zone for Repeated {
+    fn tally(&self) -> Result<Tally> {
+        Ok(repeated(&Tally { classes: Vec::new(), ..self.tally }, self.times))
+    }
+
+    fn classes(&self) -> Result<Vec<(Value, u64)>> {
+        Ok(self.tally.classes.iter().map(|(value, cells)| (*value, cells * self.times)).collect())
+    }
+}
+
+/// The tally of so many parts that are alike, added up by twos, as siblings are.
+fn repeated(part: &Tally, times: u64) -> Tally {
+    if times == 0 {
+        return Tally::void(part.value_type);
+    }
+    let half = repeated(part, times / 2);
+    let twice = Tally::merge(&[&half, &half]);
+    if times.is_multiple_of(2) { twice } else { Tally::merge(&[&twice, part]) }
+}

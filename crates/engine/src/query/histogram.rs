@@ -1,0 +1,142 @@
+//! Histograms of any box: zones are taken whole where all of their values belong to one bin.
+
+use zerocopy::IntoBytes;
+
+use super::count::{CountSubtree, number_of};
+use super::folded::walk_folded;
+use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
+use crate::store::autumnal::Autumnal;
+use crate::store::goblin::Goblin;
+use crate::store::records::dense::DenseBlock;
+use crate::store::records::subtree::{BadSkip, each_leaf};
+use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
+use crate::tree::Source;
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::{Native, Sample, Value};
+
+impl Goblin {
+    /// Cells of a box whose first channel lies in each of `bins` equal parts of `low ..= high`.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
+        let mut histogram = Histogram::new(self.header().form, (low, high), bins);
+        ended(walk(self, bounds, &mut histogram))?;
+        Ok(histogram.bins.cells)
+    }
+}
+
+/// [`Goblin::histogram`] of any source.
+pub(crate) fn source_histogram<S: Source>(
+    source: &S,
+    bounds: &Bounds,
+    range: (f64, f64),
+    bins: usize,
+) -> Result<Vec<u64>> {
+    let mut histogram = Histogram::new(source.form(), range, bins);
+    ended(walk_source(source, bounds, &mut histogram))?;
+    Ok(histogram.bins.cells)
+}
+
+/// [`Goblin::histogram`] of an Autumnal file, whose records may stand for any number of nodes.
+pub(crate) fn autumnal_histogram(
+    file: &Autumnal,
+    bounds: &Bounds,
+    range: (f64, f64),
+    bins: usize,
+) -> Result<Vec<u64>> {
+    if !file.is_folded()? {
+        return source_histogram(file, bounds, range, bins);
+    }
+    let mut histogram = Histogram::new(file.form(), range, bins);
+    walk_folded(file, bounds, &mut histogram)?;
+    Ok(histogram.bins.cells)
+}
+
+/// Cells by equal parts of a range of numbers; those with numbers outside it count for the first or the last
+/// part.
+struct Bins {
+    low: f64,
+    /// Bins per unit.
+    scale: f64,
+    /// The number that means that there is none; it belongs to no bin.
+    missing: Option<u64>,
+    cells: Vec<u64>,
+}
+
+impl Bins {
+    /// Index of the bin that a number belongs to.
+    #[inline]
+    fn bin(&self, number: f64) -> usize {
+        let bin = (number - self.low) * self.scale;
+        (bin.max(0.0) as usize).min(self.cells.len() - 1)
+    }
+
+    /// Counts cells with a number.
+    #[inline]
+    fn add(&mut self, number: f64, cells: u64) {
+        if self.missing == Some(number.to_bits()) {
+            return;
+        }
+        let bin = self.bin(number);
+        self.cells[bin] += cells;
+    }
+}
+
+struct Histogram {
+    form: Form,
+    bins: Bins,
+    /// The first sample of a value.
+    number: fn(Value) -> f64,
+    subtree: CountSubtree<Bins>,
+}
+
+impl Histogram {
+    fn new(form: Form, (low, high): (f64, f64), bins: usize) -> Histogram {
+        let cells = vec![0; bins.max(1)];
+        let missing = form.value.all_missing().map(|value| form.value.first_sample(value).to_bits());
+        Histogram {
+            form,
+            bins: Bins { low, scale: cells.len() as f64 / (high - low), missing, cells },
+            number: number_of(form.value),
+            subtree: with_form_type!(form, V, R => bin_subtree::<<V as Native>::Sample, R>),
+        }
+    }
+}
+
+impl Visitor for Histogram {
+    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
+        let zone = zone.tally()?;
+        let [first, last] = [zone.min, zone.max].map(|value| self.bins.bin((self.number)(value)));
+        if first == last {
+            self.bins.cells[first] += zone.present[0];
+        }
+        Ok(first == last)
+    }
+
+    #[inline]
+    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Walked {
+        if let Some(value) = value {
+            self.bins.add((self.number)(value), cells);
+        }
+        Ok(())
+    }
+
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
+        Some((self.subtree)(&mut self.bins, records, levels))
+    }
+
+    fn dense(&mut self, _: Code, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
+        let Histogram { form, bins, number, .. } = self;
+        with_record_type!(RecordLayout::new(*form), R => {
+            block.each_leaf_in::<R>(part, &mut |bytes| bins.add(number(Value::from_bytes(bytes.as_bytes())), 1));
+        });
+        true
+    }
+}
+
+fn bin_subtree<S: Sample, R: Record>(bins: &mut Bins, records: &[u8], levels: u8) -> Result<(), BadSkip> {
+    each_leaf(R::of(records), levels, |bytes, cells| bins.add(S::read(bytes.as_bytes()).to_f64(), cells))
+}

@@ -1,0 +1,61 @@
+//! Questions to trees on disk: cells, windows at any level, statistics, searches; of solids measures and
+//! rays.
+//!
+//! Each is answered from any [`Source`](crate::tree::Source), and faster from a file where its format allows
+//! that.
+
+pub mod cell_blocks;
+mod classes;
+mod contours;
+mod count;
+pub mod dump;
+mod field;
+mod find;
+mod folded;
+mod histogram;
+mod neighbourhood;
+mod occupancy;
+mod pixels;
+mod points;
+mod ray;
+mod solid;
+mod stats;
+mod surface;
+mod walk;
+mod window;
+mod zonal;
+
+pub use contours::{Contour, ContourLevels, ContourNodata, ContourRequest, ContourSummary, TakeContour};
+pub use contours::{ContourGround, Extremes, Relief};
+pub use contours::{Levels, level_share};
+pub(crate) use contours::{file_extremes, source_extremes, trace_contours};
+pub use field::Field;
+pub(crate) use find::source_find;
+pub use find::{Condition, FoundBlock};
+pub(crate) use histogram::{autumnal_histogram, source_histogram};
+pub(crate) use occupancy::{Filling, OccupancyLevel};
+pub use pixels::PixelGrid;
+pub(crate) use pixels::PixelSums;
+pub use points::PointSamples;
+pub use ray::{CellHit, Ray, Rays, SurfaceHit};
+pub use solid::SolidStatistics;
+pub(crate) use solid::measure;
+pub use stats::{ChannelStatistics, Statistics};
+pub(crate) use stats::{autumnal_statistics, source_statistics};
+pub use surface::SolidSurface;
+pub(crate) use surface::measure_surface;
+pub use window::Canvas;
+pub use window::StoredRows;
+pub(crate) use zonal::source_zonal;
+pub use zonal::zonal;
+pub use zonal::{ZoneChannel, ZoneRule, ZoneStatistics};
+
+use spinney_base::{Error, Result};
+
+/// Fails if a tree of so many levels has no such level.
+pub fn check_level(level: u8, depth: u8) -> Result<()> {
+    if level > depth {
+        return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}")));
+    }
+    Ok(())
+}

@@ -1,0 +1,270 @@
+//! Batches of single cells.
+//!
+//! A cell alone costs two searches in the directory and a way down from its segment's root. For many cells
+//! the upper levels are walked once: a table has an entry per node of some level, which has the value of a
+//! uniform block or the number of the node's record. Random cells of solids lie in large uniform blocks
+//! nearly always.
+
+use zerocopy::IntoBytes;
+
+use super::check_level;
+use crate::store::goblin::{Goblin, GoblinNode, Segment};
+use crate::store::records::dense::dense_block;
+use crate::store::records::{Record, RecordLayout, child_record, with_record_type};
+use crate::tree::{Child, Source, no_children};
+use spinney_base::space::{Cell, Code};
+use spinney_base::value::{Native, Sample, Value, ValueType, with_native_type};
+use spinney_base::{Error, Result};
+use spinney_container::{CUT, INNER, VOID};
+
+/// Answers to [`Dataset::points`](crate::dataset::Dataset::points).
+#[derive(Clone, Debug, Default)]
+pub struct PointSamples {
+    channels: usize,
+    samples: Vec<f64>,
+    found: Vec<bool>,
+}
+
+impl PointSamples {
+    /// Samples of the `index`-th cell, one per channel; `None` is VOID.
+    ///
+    /// # Panics
+    /// If there were not so many cells.
+    pub fn get(&self, index: usize) -> Option<&[f64]> {
+        self.found[index].then(|| &self.samples[index * self.channels..][..self.channels])
+    }
+
+    /// Forgets all cells; those that come next have values of so many channels.
+    pub fn start(&mut self, channels: usize) {
+        self.channels = channels;
+        self.samples.clear();
+        self.found.clear();
+    }
+
+    /// Adds cells with their values, which must have as many channels as [`PointSamples::start`] was given.
+    pub(crate) fn push_values(&mut self, value_type: ValueType, values: &[Option<Value>]) {
+        debug_assert_eq!(self.channels, usize::from(value_type.channels));
+        with_native_type!(value_type, V => add_samples::<V>(&mut self.samples, values));
+        self.found.extend(values.iter().map(Option::is_some));
+    }
+}
+
+/// Adds the samples of values; zeros for VOID.
+fn add_samples<V: Native>(samples: &mut Vec<f64>, values: &[Option<Value>]) {
+    samples.reserve(values.len() * V::CHANNELS);
+    let size = size_of::<V::Sample>();
+    for value in values {
+        let bytes = value.unwrap_or_default().to_bytes();
+        let number = |channel: usize| V::Sample::read(&bytes[channel * size..]).to_f64();
+        samples.extend((0..V::CHANNELS).map(number));
+    }
+}
+
+/// Answers for single cells of one level of a file, with a table of the upper levels.
+struct Points<'a> {
+    tree: &'a Goblin,
+    layout: RecordLayout,
+    level: u8,
+    /// Level of the nodes in the table.
+    top: u8,
+    /// An entry per node, x fastest, then y, then z.
+    table: Vec<Entry>,
+    /// The values that uniform entries stand for.
+    values: Vec<Option<Value>>,
+    /// Segments of all others, each with how many levels these are below the roots of their dense blocks; 0 is for
+    /// nodes with records of their own.
+    segments: Vec<(Segment<'a>, u8)>,
+}
+
+/// A node of the table: its record in a segment, or a value.
+#[derive(Clone, Copy)]
+struct Entry {
+    /// Index in [`Points::segments`], or [`UNIFORM`].
+    segment: u32,
+    /// Number of the record, or index in [`Points::values`].
+    record: u32,
+}
+
+/// Stands for no segment.
+const UNIFORM: u32 = u32::MAX;
+/// Nodes that the table has at most: 2 MiB of them stay in a processor's cache.
+const MAX_NODES: u64 = 1 << 18;
+/// Cells that must be asked for to make an entry worth its while.
+const WORTH: u64 = 8;
+
+impl Goblin {
+    /// Writes the values of many cells of a level to `values`; `None` is VOID, as is everything outside the
+    /// tree.
+    ///
+    /// # Errors
+    /// If the level is deeper than the tree, there is not room for one value per cell, or the file is damaged
+    /// there.
+    pub fn values_at(&self, level: u8, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
+        if cells.len() != values.len() {
+            let found = format!("{} places for values", values.len());
+            return Err(Error::invalid("points", found, format!("{}, one per cell", cells.len())));
+        }
+        let points = self.points_of(level, cells.len() as u64)?;
+        with_record_type!(points.layout, R => points.values::<R>(cells, values))
+    }
+
+    /// Gets ready to answer for about `count` cells of a level, anywhere in the tree. The more there are the
+    /// more of the upper levels goes into the table.
+    ///
+    /// # Errors
+    /// If the level is deeper than the tree, or the file is damaged.
+    fn points_of(&self, level: u8, count: u64) -> Result<Points<'_>> {
+        check_level(level, self.header().depth())?;
+        let dimension = self.header().form.dimension;
+        let worth = (count / WORTH).min(MAX_NODES);
+        // Segments that are not mapped stay in memory for as long as somebody has them: better one by one.
+        let deepest = if self.is_mapped() { level } else { 0 };
+        let top = (0..=deepest).take_while(|top| dimension.cells(*top) <= worth).last().unwrap_or(0);
+        let mut points = Points {
+            tree: self,
+            layout: *self.layout(),
+            level,
+            top,
+            table: Vec::new(),
+            values: Vec::new(),
+            segments: Vec::new(),
+        };
+        if top > 0 {
+            points.table = vec![Entry { segment: UNIFORM, record: 0 }; dimension.cells(top) as usize];
+            points.values.push(None);
+            points.fill(Code::root(dimension), &self.root()?)?;
+        }
+        Ok(points)
+    }
+}
+
+impl Points<'_> {
+    /// Writes the values of cells of the level.
+    fn values<R: Record>(&self, cells: &[Cell], values: &mut [Option<Value>]) -> Result<()> {
+        let runs = self.segments.iter();
+        let runs: Vec<(&[R], u8)> = runs.map(|(run, below)| (R::of(run.records()), *below)).collect();
+        let side = 1u32 << self.level;
+        for (cell, value) in cells.iter().zip(values) {
+            let inside = (0..3).all(|axis| cell[axis] < if axis < R::AXES { side } else { 1 });
+            *value = match inside {
+                false => None,
+                true if self.top == 0 => self.value_from_root(*cell)?,
+                true => match self.table[self.entry_index(*cell, self.level - self.top)] {
+                    Entry { segment: UNIFORM, record } => self.values[record as usize],
+                    entry => self.value_below(&runs, entry, *cell)?,
+                },
+            };
+        }
+        Ok(())
+    }
+
+    /// The value of a cell below a node of the table.
+    #[inline]
+    fn value_below<R: Record>(&self, runs: &[(&[R], u8)], entry: Entry, cell: Cell) -> Result<Option<Value>> {
+        let (records, below) = runs[entry.segment as usize];
+        let [x, y, z] = cell.map(|cell| cell as usize);
+        let mut at = entry.record as usize;
+        for bit in (0..self.level - self.top).rev() {
+            // (In quadtrees z is 0.)
+            let step = x >> bit & 1 | (y >> bit & 1) << 1 | (z >> bit & 1) << 2;
+            let record = records.get(at).ok_or_else(|| self.bad_skip(entry, at))?;
+            if record.is_dense() && below + bit > 0 {
+                // (Nodes in a block come here at once, from the table; others have no levels above them.)
+                let level = below + bit + 1;
+                let block = dense_block(records, at).ok_or_else(|| self.bad_skip(entry, at))?;
+                // (At the bottom of a segment the block ends, and what is below it is in others.)
+                return match block.levels >= level {
+                    true => Ok(block.value_at(level, cell)),
+                    false => self.value_from_root(cell),
+                };
+            }
+            match record.state(step) {
+                VOID => return Ok(None),
+                CUT if bit > 0 => return self.value_from_root(cell),
+                INNER if bit > 0 => {
+                    at = child_record(records, at, step).ok_or_else(|| self.bad_skip(entry, at))?
+                }
+                _ => return Ok(Some(Value::from_bytes(record.values()[step].as_bytes()))),
+            }
+        }
+        Ok(None)
+    }
+
+    #[cold]
+    fn bad_skip(&self, entry: Entry, record: usize) -> Error {
+        self.tree.bad_skip(&self.segments[entry.segment as usize].0, record)
+    }
+
+    /// The value of a cell that no entry of the table leads to.
+    fn value_from_root(&self, cell: Cell) -> Result<Option<Value>> {
+        let code = Code::from_cell(self.layout.dimension, self.level, cell);
+        code.map_or(Ok(None), |code| self.tree.value_at(code))
+    }
+
+    /// Index of the table's entry for the node of a cell, so many levels above it.
+    #[inline]
+    fn entry_index(&self, cell: Cell, up: u8) -> usize {
+        // (In quadtrees z is 0.)
+        let [x, y, z] = cell.map(|cell| cell as usize >> up);
+        x | y << self.top | z << (2 * self.top)
+    }
+
+    /// Fills the entries of all that is below a node.
+    fn fill(&mut self, code: Code, child: &Child<GoblinNode>) -> Result<()> {
+        let entry = match child {
+            Child::Inner { node, .. } if code.level() < self.top => {
+                let mut children = no_children();
+                self.tree.children(node, &mut children)?;
+                let children = &children[..self.layout.children()];
+                return children
+                    .iter()
+                    .enumerate()
+                    .try_for_each(|(i, child)| self.fill(code.child(i), child));
+            }
+            // Nothing below the table's nodes is asked for if they are the cells.
+            Child::Inner { node, .. } if self.top < self.level => {
+                Entry { segment: self.segment_of(node)?, record: node.place.record }
+            }
+            child => self.uniform(child.value()),
+        };
+        self.fill_below(code, entry);
+        Ok(())
+    }
+
+    /// Index in [`Points::segments`] of a node's segment.
+    fn segment_of(&mut self, node: &GoblinNode) -> Result<u32> {
+        let (index, below) = (node.segment as usize, node.place.below);
+        // In preorder, a segment's nodes come one after the other.
+        let known = self.segments.iter().rposition(|known| (known.0.index(), known.1) == (index, below));
+        if known.is_none() {
+            self.segments.push((self.tree.segment(index)?, below));
+        }
+        Ok(known.unwrap_or(self.segments.len() - 1) as u32)
+    }
+
+    /// The entry of a uniform block; `None` is VOID.
+    fn uniform(&mut self, value: Option<Value>) -> Entry {
+        // Mostly it is VOID, or what came last.
+        let recent = self.values.len().saturating_sub(4)..self.values.len();
+        let known = std::iter::once(0).chain(recent.rev()).find(|index| self.values[*index] == value);
+        let record = known.unwrap_or_else(|| {
+            self.values.push(value);
+            self.values.len() - 1
+        });
+        Entry { segment: UNIFORM, record: record as u32 }
+    }
+
+    /// Sets the entries of all nodes of the table that are below a node.
+    fn fill_below(&mut self, code: Code, entry: Entry) {
+        let axes = self.layout.dimension.axes();
+        let size = 1u32 << (self.top - code.level());
+        let extent = |axis: usize| if axis < axes { size } else { 1 };
+        let min: [u32; 3] = std::array::from_fn(|axis| code.cell()[axis] * extent(axis));
+        for z in min[2]..min[2] + extent(2) {
+            for y in min[1]..min[1] + extent(1) {
+                let start = self.entry_index([min[0], y, z], 0);
+                self.table[start..start + size as usize].fill(entry);
+            }
+        }
+    }
+}

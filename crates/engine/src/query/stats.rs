@@ -1,0 +1,193 @@
+//! Exact statistics of any box, from zone statistics where a zone lies inside and from the tree where it is
+//! cut.
+
+use crate::store::autumnal::Autumnal;
+use crate::store::goblin::Goblin;
+use crate::store::records::dense::DenseBlock;
+use crate::store::records::subtree::BadSkip;
+use crate::tree::{Child, Source};
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::{Sums, Tally, Value};
+
+use super::classes::{Classes, tally_of_classes};
+use super::count::{Count, counter_of};
+use super::folded::walk_folded;
+use super::walk::{Visitor, Walked, Zone, ended, walk, walk_source};
+
+/// Statistics of the cells of a box that are not VOID.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// Cells that are not VOID.
+    pub cells: u64,
+    /// Cells of the box within the picture that are VOID.
+    pub void_cells: u64,
+    /// Statistics of each channel; nothing if there are no cells.
+    pub channels: Vec<ChannelStatistics>,
+    /// Cells of each value, by ascending value; only for one-channel files that count classes.
+    pub classes: Vec<(f64, u64)>,
+    /// Segments whose records had to be read.
+    pub segments_read: u64,
+}
+
+/// Statistics of one channel; the standard deviation is that of the population.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[allow(missing_docs)] // the names say it
+pub struct ChannelStatistics {
+    /// Cells that have a sample: all that are not VOID, unless single samples can be missing. All numbers are of these
+    /// cells, and not a number if there are none.
+    pub cells: u64,
+    pub min: f64,
+    pub max: f64,
+    pub mean: f64,
+    pub standard_deviation: f64,
+}
+
+impl Goblin {
+    /// Exact statistics of a box of cells of the deepest level; of the whole picture if there is none. Time
+    /// is proportional to the records on the box's border, not to its cells.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        self.statistics_with(bounds, self.header().counts_classes())
+    }
+
+    /// [`Goblin::statistics`] with or without classes, for which more of the file is read where there are very many.
+    pub(crate) fn statistics_with(&self, bounds: Option<Bounds>, count_classes: bool) -> Result<Statistics> {
+        let header = self.header();
+        let picture = header.picture();
+        let bounds = header.within_picture(bounds);
+        // A box that has the whole picture has the whole tree: the rest is VOID.
+        let space = Bounds::space(header.form.dimension, header.depth());
+        let mut gather = Gather::new(header.form, count_classes);
+        ended(walk(self, if bounds == picture { &space } else { &bounds }, &mut gather))?;
+        Ok(gather.finish(bounds.volume()))
+    }
+}
+
+/// [`Goblin::statistics`] of any source, going through all of its nodes in the box.
+pub(crate) fn source_statistics<S: Source>(
+    source: &S,
+    bounds: &Bounds,
+    count_classes: bool,
+) -> Result<Statistics> {
+    let mut gather = Gather::new(source.form(), count_classes);
+    ended(walk_source(source, bounds, &mut gather))?;
+    Ok(gather.finish(bounds.volume()))
+}
+
+/// [`Goblin::statistics`] of an Autumnal file, with or without classes.
+pub(crate) fn autumnal_statistics(
+    file: &Autumnal,
+    bounds: &Bounds,
+    counts_classes: bool,
+) -> Result<Statistics> {
+    let (header, volume) = (file.header(), bounds.volume());
+    // All of the picture is all of the tree, however many nodes that has.
+    if *bounds == header.picture()
+        && let Child::Inner { node, .. } = file.root_child()
+        && let Some(tally) = file.tally(&node)?
+        && !(counts_classes && tally.lacks_classes())
+    {
+        return Ok(tally_statistics(tally, volume, counts_classes));
+    }
+    if !file.is_folded()? {
+        return source_statistics(file, bounds, counts_classes);
+    }
+    let mut gather = Gather::new(header.form, counts_classes);
+    walk_folded(file, bounds, &mut gather)?;
+    Ok(gather.finish(volume))
+}
+
+/// Extremes, sums and number of all cells of a box, which may stick out of the picture: nodes of the tree are taken whole.
+///
+/// # Errors
+/// If the file is damaged there.
+pub(super) fn tally_of(file: &Goblin, bounds: &Bounds) -> Result<Tally> {
+    let mut gather = Gather::new(file.header().form, false);
+    ended(walk(file, bounds, &mut gather))?;
+    Ok(gather.count.finish())
+}
+
+/// Statistics of all cells of a tally, of a box of so many cells.
+fn tally_statistics(tally: Tally, volume: u64, count_classes: bool) -> Statistics {
+    let tally = if count_classes { tally_of_classes(tally.value_type, tally.classes) } else { tally };
+    summary(&tally, volume, 0)
+}
+
+pub(super) fn summary(tally: &Tally, volume: u64, segments_read: u64) -> Statistics {
+    let value_type = tally.value_type;
+    let (min, max) = (value_type.samples(tally.min), value_type.samples(tally.max));
+    let channel = |channel: usize| {
+        let cells = tally.present[channel];
+        if cells == 0 {
+            let none = f64::NAN;
+            return ChannelStatistics { cells, min: none, max: none, mean: none, standard_deviation: none };
+        }
+        let (min, max) = (min[channel], max[channel]);
+        // (Rounding must not make any of nothing.)
+        let variance = if min == max && min.is_finite() {
+            0.0
+        } else {
+            Sums::variance(&tally.sum, &tally.squares, channel, cells)
+        };
+        let mean = tally.sum.number(channel) / cells as f64;
+        ChannelStatistics { cells, min, max, mean, standard_deviation: variance.sqrt() }
+    };
+    let classes = if value_type.channels == 1 { &tally.classes[..] } else { &[] };
+    let channels = if tally.cells > 0 { usize::from(value_type.channels) } else { 0 };
+    Statistics {
+        cells: tally.cells,
+        void_cells: volume.saturating_sub(tally.cells),
+        channels: (0..channels).map(channel).collect(),
+        classes: classes.iter().map(|(value, cells)| (value_type.first_sample(*value), *cells)).collect(),
+        segments_read,
+    }
+}
+
+/// Gathers the statistics of a box.
+struct Gather {
+    count: Box<dyn Count>,
+    segments: u64,
+}
+
+impl Gather {
+    fn new(form: Form, count_classes: bool) -> Gather {
+        // If classes are counted, everything else follows from the counts.
+        let count = if count_classes { Box::new(Classes::new(form)) } else { counter_of(form) };
+        Gather { count, segments: 0 }
+    }
+
+    fn finish(self, volume: u64) -> Statistics {
+        summary(&self.count.finish(), volume, self.segments)
+    }
+}
+
+impl Visitor for Gather {
+    fn zone(&mut self, _: Code, zone: &dyn Zone) -> Walked<bool> {
+        Ok(self.count.zone(zone)?)
+    }
+
+    #[inline]
+    fn block(&mut self, _: Code, value: Option<Value>, cells: u64, _: Option<&Bounds>) -> Walked {
+        if let Some(value) = value {
+            self.count.block(value, cells);
+        }
+        Ok(())
+    }
+
+    fn subtree(&mut self, records: &[u8], levels: u8) -> Option<Result<(), BadSkip>> {
+        Some(self.count.subtree(records, levels))
+    }
+
+    fn dense(&mut self, _: Code, block: &DenseBlock<'_>, part: ([usize; 3], [usize; 3])) -> bool {
+        self.count.dense(block, part);
+        true
+    }
+
+    fn enter_segment(&mut self) {
+        self.segments += 1;
+    }
+}

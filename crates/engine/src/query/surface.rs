@@ -1,0 +1,420 @@
+//! The surface of solids: faces of cells, and the area of the smooth surface that they stand for.
+//!
+//! Space is gone through in blocks of 32 x 32 x 32 cells. Of a block that is divided, the cells and those around it are
+//! read once, faces are found in rows of bits, and normals come from sums over the ball around each face. Large
+//! faces, between blocks that are alike in themselves, are met by walking neighbours side by side, as in the dual
+//! traversals of Ju, Losasso, Schaefer and Warren (Dual contouring of hermite data, SIGGRAPH 2002). Memory is
+//! proportional to depth, time to the surface.
+
+use glam::{DMat3, DVec3};
+
+use super::check_level;
+use super::neighbourhood::{BLOCK, Ball, Neighbourhood};
+use super::occupancy::{Filling, HALF, check_octree};
+use crate::tree::{Child, Children, Source, no_children};
+use spinney_base::parallel::{self, Pool};
+use spinney_base::{Progress, Result};
+use spinney_crs::Frame;
+
+/// The surface of a solid at one level of its octree: that of the cells that are at least half full, or, in trees of other
+/// rules than [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), of those that are not VOID.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolidSurface {
+    /// The level.
+    pub level: u8,
+    /// Faces between cells in the solid and cells outside, across x, y and z: the surface of the cells as
+    /// blocks.
+    pub faces: [u64; 3],
+    /// Blocks of cells that were read, each with the cells around it.
+    pub blocks: u64,
+    /// See [`SolidSurface::smooth_area`].
+    area: f64,
+    /// Map from cells of the level to the world.
+    frame: Frame,
+}
+
+impl SolidSurface {
+    /// Area of all faces, as they are, in the square of the world's units: up to half as much again as the
+    /// area of the surface they stand for.
+    pub fn block_area(&self) -> f64 {
+        let areas = self.frame.face_areas().map(DVec3::length);
+        areas.iter().zip(self.faces).map(|(area, faces)| area * faces as f64).sum()
+    }
+
+    /// Area of the smooth surface that the faces stand for, in the square of the world's units: each face
+    /// counts by its projection along the surface's normal there, which is estimated from the occupancy
+    /// within 4 cells.
+    ///
+    /// A digital surface integration (Lenoir, Malgouyres, Revenu: Fast computation of the normal vector field
+    /// of the surface of a 3-D discrete object, DGCI 1996). Flat faces along the axes are exact but for 4
+    /// cells around edges, where normals turn; balls of more than 20 cells are one or two percent too large.
+    pub fn smooth_area(&self) -> f64 {
+        self.area
+    }
+}
+
+/// Levels above those nodes that threads take one by one.
+const SHARED: u8 = 3;
+
+/// Children of an octree's node.
+const STEPS: std::ops::Range<usize> = 0..8;
+
+/// Measures the surface of an octree at a level; `frame` is that of the deepest level. Progress counts the cells of
+/// the space.
+///
+/// # Errors
+/// If the source fails, is a quadtree, or has no such level, or on interruption.
+pub(crate) fn measure_surface<S: Source>(
+    source: &S,
+    level: u8,
+    filling: Filling,
+    frame: &Frame,
+    progress: &dyn Progress,
+) -> Result<SolidSurface> {
+    check_octree(source.form())?;
+    check_level(level, source.depth())?;
+    let frame = frame.coarser(source.depth() - level);
+    let areas = frame.face_areas();
+    let root = source.root()?;
+    let block = level.min(BLOCK);
+    let walk = Walk { source, level, lowest: block.max(level.saturating_sub(SHARED)), tasks: Vec::new() };
+    let tasks = walk.tasks(&root)?;
+    let (rooms, balls) = (Pool::new(), [0, 1, 2].map(Ball::of));
+    let total = 1u64 << (3 * level);
+    let parts = parallel::map(&tasks, |task| {
+        rooms.with(
+            || Ok(Neighbourhood::new()),
+            |room| {
+                let sums = Sums::default();
+                let balls = &balls;
+                let mut gather =
+                    Gather { source, root: &root, level, block, filling, areas, balls, room, progress, sums };
+                match task {
+                    Task::Node(node) => {
+                        gather.node(node.as_ref())?;
+                        progress.advance(1 << (3 * node.height), total);
+                    }
+                    Task::Face(low, high, axis) => gather.face(low.as_ref(), high.as_ref(), *axis)?,
+                }
+                Ok(gather.sums)
+            },
+        )
+    });
+    // In the order of the tree, so that sums of rounded numbers do not depend on threads.
+    let sums =
+        parts.into_iter().try_fold(Sums::default(), |sums, part: Result<Sums>| Ok(sums.add(&part?)))?;
+    Ok(SolidSurface { level, faces: sums.faces, blocks: sums.blocks, area: sums.area, frame })
+}
+
+/// A node or a uniform block, and its cells.
+#[derive(Clone, Copy)]
+struct At<T> {
+    min: [i64; 3],
+    /// Cells along each axis are `2^height`.
+    height: u8,
+    node: T,
+}
+
+impl<N> At<Child<N>> {
+    fn as_ref(&self) -> At<&Child<N>> {
+        At { min: self.min, height: self.height, node: &self.node }
+    }
+}
+
+impl<'a, N> At<&'a Child<N>> {
+    /// A child of an INNER node with these children, or the part of a uniform block (`None`) where it would
+    /// be.
+    #[inline]
+    fn child(self, children: Option<&'a Children<N>>, step: usize) -> At<&'a Child<N>> {
+        let half = 1i64 << (self.height - 1);
+        let min = std::array::from_fn(|axis| self.min[axis] + (step as i64 >> axis & 1) * half);
+        At { min, height: self.height - 1, node: children.map_or(self.node, |children| &children[step]) }
+    }
+
+    /// The children of a node, written to a buffer; `None` of a uniform block.
+    #[inline]
+    fn children<'r, S: Source<Node = N>>(
+        self,
+        source: &S,
+        buffer: &'r mut Children<N>,
+    ) -> Result<Option<&'r Children<N>>> {
+        let Child::Inner { node, .. } = self.node else { return Ok(None) };
+        source.children(node, buffer)?;
+        Ok(Some(buffer))
+    }
+}
+
+impl<N: Clone> At<&Child<N>> {
+    fn cloned(self) -> At<Child<N>> {
+        At { min: self.min, height: self.height, node: self.node.clone() }
+    }
+}
+
+/// Numbers of a node's children on its low side along an axis; one bit more is the neighbour on the high
+/// side.
+fn low_steps(axis: usize) -> impl Iterator<Item = usize> {
+    STEPS.filter(move |step| step >> axis & 1 == 0)
+}
+
+/// Work that threads share.
+enum Task<N> {
+    Node(At<Child<N>>),
+    Face(At<Child<N>>, At<Child<N>>, usize),
+}
+
+#[derive(Default)]
+struct Sums {
+    faces: [u64; 3],
+    blocks: u64,
+    area: f64,
+}
+
+impl Sums {
+    fn add(mut self, other: &Sums) -> Sums {
+        for axis in 0..3 {
+            self.faces[axis] += other.faces[axis];
+        }
+        self.blocks += other.blocks;
+        self.area += other.area;
+        self
+    }
+}
+
+/// Finds the work that threads share.
+struct Walk<'a, S: Source> {
+    source: &'a S,
+    level: u8,
+    /// Levels of the nodes that threads take.
+    lowest: u8,
+    tasks: Vec<Task<S::Node>>,
+}
+
+impl<S: Source> Walk<'_, S> {
+    fn tasks(mut self, root: &Child<S::Node>) -> Result<Vec<Task<S::Node>>> {
+        let side = 1i64 << self.level;
+        let root = At { min: [0; 3], height: self.level, node: root };
+        self.node(root)?;
+        // The space is surrounded by VOID: a VOID node on each side makes the faces of cells at the border
+        // count.
+        for axis in 0..3 {
+            for (is_before, shift) in [(true, -side), (false, side)] {
+                let mut min = [0; 3];
+                min[axis] = shift;
+                let empty = At { min, height: self.level, node: &Child::Void };
+                let (low, high) = if is_before { (empty, root) } else { (root, empty) };
+                self.face(low, high, axis)?;
+            }
+        }
+        Ok(self.tasks)
+    }
+
+    fn node(&mut self, node: At<&Child<S::Node>>) -> Result<()> {
+        if node.height <= self.lowest || !node.node.is_inner() {
+            self.tasks.push(Task::Node(node.cloned()));
+            return Ok(());
+        }
+        let mut buffer = no_children();
+        let children = node.children(self.source, &mut buffer)?;
+        for step in STEPS {
+            self.node(node.child(children, step))?;
+        }
+        for axis in 0..3 {
+            for step in low_steps(axis) {
+                let (low, high) = (node.child(children, step), node.child(children, step | 1 << axis));
+                self.face(low, high, axis)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, low: At<&Child<S::Node>>, high: At<&Child<S::Node>>, axis: usize) -> Result<()> {
+        if low.height <= self.lowest || !(low.node.is_inner() || high.node.is_inner()) {
+            self.tasks.push(Task::Face(low.cloned(), high.cloned(), axis));
+            return Ok(());
+        }
+        let mut buffers = [no_children(), no_children()];
+        let [below, above] = &mut buffers;
+        let (below, above) = (low.children(self.source, below)?, high.children(self.source, above)?);
+        for step in low_steps(axis) {
+            self.face(low.child(below, step | 1 << axis), high.child(above, step), axis)?;
+        }
+        Ok(())
+    }
+}
+
+/// Does one thread's share. The faces of a block that is divided are counted with it, but those that it shares with
+/// another such block on its upper sides; those between blocks that are alike in themselves for themselves.
+struct Gather<'a, 'r, S: Source> {
+    source: &'a S,
+    root: &'a Child<S::Node>,
+    level: u8,
+    /// Levels of a block.
+    block: u8,
+    filling: Filling,
+    /// Area vectors of a cell's faces: see [`Frame::face_areas`].
+    areas: [DVec3; 3],
+    balls: &'a [Ball; 3],
+    room: &'r mut Neighbourhood,
+    /// Asked at each node, since one task may be nearly all of a tree.
+    progress: &'a dyn Progress,
+    sums: Sums,
+}
+
+impl<S: Source> Gather<'_, '_, S> {
+    fn node(&mut self, node: At<&Child<S::Node>>) -> Result<()> {
+        if !node.node.is_inner() {
+            return Ok(());
+        }
+        self.progress.check()?;
+        if node.height == self.block {
+            return self.divided(node.min);
+        }
+        let mut buffer = no_children();
+        let children = node.children(self.source, &mut buffer)?;
+        for step in STEPS {
+            self.node(node.child(children, step))?;
+        }
+        for axis in 0..3 {
+            for step in low_steps(axis) {
+                let (low, high) = (node.child(children, step), node.child(children, step | 1 << axis));
+                self.face(low, high, axis)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn face(&mut self, low: At<&Child<S::Node>>, high: At<&Child<S::Node>>, axis: usize) -> Result<()> {
+        if !(low.node.is_inner() || high.node.is_inner()) {
+            let [inside, outside] = [low, high].map(|at| self.filling.fill(at.node.value()) >= HALF);
+            return if inside == outside { Ok(()) } else { self.between(high.min, high.height, axis) };
+        }
+        if low.height == self.block {
+            return Ok(());
+        }
+        self.progress.check()?;
+        let mut buffers = [no_children(), no_children()];
+        let [below, above] = &mut buffers;
+        let (below, above) = (low.children(self.source, below)?, high.children(self.source, above)?);
+        for step in low_steps(axis) {
+            self.face(low.child(below, step | 1 << axis), high.child(above, step), axis)?;
+        }
+        Ok(())
+    }
+
+    /// The faces of a divided block.
+    fn divided(&mut self, min: [i64; 3]) -> Result<()> {
+        self.read(min)?;
+        let side = 1usize << self.block;
+        for axis in 0..3 {
+            let mut next = min;
+            next[axis] += side as i64;
+            let end = if self.is_divided(next)? { side } else { side + 1 };
+            self.planes(axis, 0..end)?;
+        }
+        Ok(())
+    }
+
+    /// The faces at the low side of a uniform node, beside a uniform one that is different.
+    fn between(&mut self, min: [i64; 3], height: u8, axis: usize) -> Result<()> {
+        let blocks = 1i64 << (height - self.block);
+        let side = 1i64 << self.block;
+        let whole = self.areas[axis].length();
+        for v in 0..blocks {
+            self.progress.check()?;
+            let is_inner = |block: i64| (1..blocks - 1).contains(&block);
+            let mut u = 0;
+            while u < blocks {
+                if is_inner(u) && is_inner(v) {
+                    // The balls that normals come from meet only this plane: faces count as they are.
+                    let faces = (blocks - 1 - u) * side * side;
+                    self.sums.faces[axis] += faces as u64;
+                    self.sums.area += whole * faces as f64;
+                    u = blocks - 1;
+                    continue;
+                }
+                let mut at = min;
+                at[(axis + 1) % 3] += u * side;
+                at[(axis + 2) % 3] += v * side;
+                self.read(at)?;
+                self.planes(axis, 0..1)?;
+                u += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts and weighs the faces across an axis in some of the planes of the block that was read; plane 0 is its
+    /// low side.
+    fn planes(&mut self, axis: usize, planes: std::ops::Range<usize>) -> Result<()> {
+        self.progress.check()?;
+        let (room, sums) = (&*self.room, &mut self.sums);
+        let [a, b, c] = self.areas;
+        // Normals of surfaces go by the inverse transpose, which the area vectors are but for a factor.
+        let turn = DMat3::from_cols(a, b, c);
+        let area = self.areas[axis];
+        let whole = area.length();
+        let ball = &self.balls[axis];
+        room.each_face(axis, 1 << self.block, planes, |cell| {
+            sums.faces[axis] += 1;
+            let normal = turn * DVec3::from(room.gradient(ball, cell));
+            sums.area += normal.try_normalize().map_or(whole, |normal| area.dot(normal).abs());
+        });
+        Ok(())
+    }
+
+    /// Whether the block that begins at a cell is divided.
+    fn is_divided(&self, min: [i64; 3]) -> Result<bool> {
+        let space = 1i64 << self.level;
+        if min.iter().any(|min| !(0..space).contains(min)) {
+            return Ok(false);
+        }
+        let mut node = self.root.clone();
+        for height in (self.block..self.level).rev() {
+            let Child::Inner { node: inner, .. } = &node else { return Ok(false) };
+            let mut children = no_children();
+            self.source.children(inner, &mut children)?;
+            let step = (0..3).fold(0, |step, axis| step | (min[axis] as usize >> height & 1) << axis);
+            node = std::mem::take(&mut children[step]);
+        }
+        Ok(node.is_inner())
+    }
+
+    /// Reads the block that begins at a cell, and the cells around it.
+    fn read(&mut self, min: [i64; 3]) -> Result<()> {
+        self.sums.blocks += 1;
+        self.room.clear(min);
+        let is_finest = self.level == self.source.depth();
+        self.paint(self.root, [0; 3], self.level, is_finest)
+    }
+
+    /// Paints the part of a node that lies in the neighbourhood.
+    fn paint(&mut self, node: &Child<S::Node>, min: [i64; 3], height: u8, is_finest: bool) -> Result<()> {
+        if matches!(node, Child::Void) || !self.room.meets(min, height) {
+            return Ok(());
+        }
+        let fill = self.filling.fill(node.value());
+        let inner = match node {
+            Child::Inner { node, .. } if height > 0 || (self.filling == Filling::Present && !is_finest) => {
+                node
+            }
+            _ => {
+                self.room.paint(min, height, fill >= HALF, fill);
+                return Ok(());
+            }
+        };
+        let mut children = no_children();
+        self.source.children(inner, &mut children)?;
+        if height == 0 {
+            // Values do not say how full the node is; its children give an idea.
+            let parts = children.iter().filter(|child| !matches!(child, Child::Void)).count();
+            self.room.paint(min, 0, fill >= HALF, (parts * 32).min(255) as u8);
+            return Ok(());
+        }
+        for (step, child) in children.iter().enumerate() {
+            let half = 1i64 << (height - 1);
+            let min = std::array::from_fn(|axis| min[axis] + (step as i64 >> axis & 1) * half);
+            self.paint(child, min, height - 1, is_finest)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,382 @@
+//! Walks the part of a tree that lies in a box, or in anything else that selects cells, asking at every zone whether its
+//! statistics will do.
+
+use crate::store::goblin::{Goblin, Segment};
+use crate::store::records::dense::{DenseBlock, DenseStates};
+use crate::store::records::subtree::BadSkip;
+use crate::store::records::{RunChild, RunChildren, RunNode, with_record_type};
+use crate::tree::{Child, Source, no_children};
+use spinney_base::space::{Bounds, Code, Cover};
+use spinney_base::value::{Tally, Value};
+use spinney_base::{Error, Result};
+use spinney_container::{CUT, INNER, LEAF, Shape, VOID};
+
+/// Statistics of all the cells below a node, read when somebody asks.
+pub(super) trait Zone {
+    /// Everything but the class counts.
+    fn tally(&self) -> Result<Tally>;
+    /// Cells of each value.
+    fn classes(&self) -> Result<Vec<(Value, u64)>>;
+}
+
+/// A segment's zone.
+struct SegmentZone<'a> {
+    tree: &'a Goblin,
+    index: usize,
+}
+
+impl Zone for SegmentZone<'_> {
+    fn tally(&self) -> Result<Tally> {
+        Ok(self.tree.entry(self.index)?.zone)
+    }
+
+    fn classes(&self) -> Result<Vec<(Value, u64)>> {
+        Ok(self.tree.segment(self.index)?.classes())
+    }
+}
+
+/// A tally that a source knows.
+struct KnownTally(Tally);
+
+impl Zone for KnownTally {
+    fn tally(&self) -> Result<Tally> {
+        Ok(self.0.clone())
+    }
+
+    fn classes(&self) -> Result<Vec<(Value, u64)>> {
+        Ok(self.0.classes.clone())
+    }
+}
+
+/// Reason why a walk has not come to its end.
+pub(super) enum Halt {
+    /// The visitor needs no more.
+    Stopped,
+    /// The tree cannot be read, or the visitor has failed.
+    Failed(Error),
+}
+
+impl From<Error> for Halt {
+    fn from(error: Error) -> Halt {
+        Halt::Failed(error)
+    }
+}
+
+/// Result of a walk, and of what a visitor does on it.
+pub(super) type Walked<T = ()> = std::result::Result<T, Halt>;
+
+/// The result of a whole walk: stopping early is no failure.
+pub(super) fn ended(walked: Walked) -> Result<()> {
+    match walked {
+        Ok(()) | Err(Halt::Stopped) => Ok(()),
+        Err(Halt::Failed(error)) => Err(error),
+    }
+}
+
+/// A selection of cells of the deepest level: what a question is about.
+pub(super) trait Selection {
+    /// How it has the cells of a node.
+    fn cover(&self, space: &Bounds) -> Cover;
+    /// The cells of a node, of which it has a part, that it may have.
+    fn part(&self, space: &Bounds) -> Bounds;
+}
+
+impl Selection for Bounds {
+    #[inline]
+    fn cover(&self, space: &Bounds) -> Cover {
+        if self.contains(space) {
+            Cover::Whole
+        } else if self.intersect(space).is_empty() {
+            Cover::Nothing
+        } else {
+            Cover::Part
+        }
+    }
+
+    #[inline]
+    fn part(&self, space: &Bounds) -> Bounds {
+        space.intersect(self)
+    }
+}
+
+/// A question about a selection of cells.
+pub(super) trait Visitor {
+    /// Whether the statistics of a zone that is selected as a whole will do; otherwise the walk goes into it.
+    fn zone(&mut self, code: Code, zone: &dyn Zone) -> Walked<bool>;
+    /// A uniform block (`None` is VOID) of which so many cells may be selected; if not all are, `part` has
+    /// these.
+    fn block(&mut self, code: Code, value: Option<Value>, cells: u64, part: Option<&Bounds>) -> Walked;
+    /// The records of a subtree that is selected as a whole, none of it in another segment, and its levels:
+    /// whether the visitor has taken all of it at once. Otherwise the walk goes through them.
+    fn subtree(&mut self, _: &[u8], _: u8) -> Option<Result<(), BadSkip>> {
+        None
+    }
+    /// The part of a dense block of cells, the node with a code, that may be selected, by its first place and places along each axis: whether the
+    /// visitor has taken all of it at once. Otherwise the walk goes through it.
+    fn dense(&mut self, _: Code, _: &DenseBlock<'_>, _: ([usize; 3], [usize; 3])) -> bool {
+        false
+    }
+    /// The walk has gone through all children of a node.
+    fn leave(&mut self, _: Code) -> Walked {
+        Ok(())
+    }
+    /// A block of which nothing is selected.
+    fn outside(&mut self) -> Walked {
+        Ok(())
+    }
+    /// The walk goes into a segment's records.
+    fn enter_segment(&mut self) {}
+}
+
+/// The cells of a node that are selected.
+#[derive(Clone, Copy)]
+enum Selected {
+    Whole,
+    Nothing,
+    /// A part of these cells.
+    Part(Bounds),
+}
+
+impl Selected {
+    /// The selected ones of a node's cells; `None` if all are.
+    #[inline]
+    fn of(space: Option<Bounds>, selection: &impl Selection) -> Selected {
+        let Some(space) = space else { return Selected::Whole };
+        match selection.cover(&space) {
+            Cover::Whole => Selected::Whole,
+            Cover::Nothing => Selected::Nothing,
+            Cover::Part => Selected::Part(space),
+        }
+    }
+
+    /// The node's cells, unless all of them are selected.
+    #[inline]
+    fn space(self) -> Option<Bounds> {
+        match self {
+            Selected::Part(space) => Some(space),
+            Selected::Whole | Selected::Nothing => None,
+        }
+    }
+}
+
+/// Walks all that is selected, in FD order.
+pub(super) fn walk(tree: &Goblin, selection: &impl Selection, visitor: &mut impl Visitor) -> Walked {
+    let (shape, root) = (tree.header().shape, Code::root(tree.header().form.dimension));
+    let whole = root.bounds(shape.depth);
+    // Below a node that is selected as a whole nothing is tested.
+    let selected = Selected::of(Some(whole), selection);
+    let walk = Walk { tree, shape, selection };
+    match tree.root_child() {
+        Child::Inner { .. } if matches!(selected, Selected::Nothing) => visitor.outside(),
+        Child::Inner { .. } => walk.segment(root, tree.find_segment(root), selected.space(), visitor),
+        uniform => uniform_block(root, shape.depth, uniform.value(), (selected, selection), visitor),
+    }
+}
+
+/// Hands a uniform block to the visitor.
+#[inline]
+fn uniform_block(
+    code: Code,
+    depth: u8,
+    value: Option<Value>,
+    (selected, selection): (Selected, &impl Selection),
+    visitor: &mut impl Visitor,
+) -> Walked {
+    match selected {
+        Selected::Whole => {
+            let cells = code.dimension().cells(depth.saturating_sub(code.level()));
+            visitor.block(code, value, cells, None)
+        }
+        Selected::Nothing => visitor.outside(),
+        Selected::Part(space) => {
+            let part = selection.part(&space);
+            visitor.block(code, value, part.volume(), Some(&part))
+        }
+    }
+}
+
+/// Walks all that is selected of any source, in FD order. Zones are where the source knows tallies.
+pub(super) fn walk_source<S: Source>(
+    source: &S,
+    selection: &impl Selection,
+    visitor: &mut impl Visitor,
+) -> Walked {
+    let root = Code::root(source.form().dimension);
+    let whole = root.bounds(source.depth());
+    let selected = Selected::of(Some(whole), selection);
+    source_node(source, root, &source.root()?, (selected, selection), visitor)
+}
+
+/// Walks a node of a source.
+fn source_node<S: Source>(
+    source: &S,
+    code: Code,
+    node: &Child<S::Node>,
+    (selected, selection): (Selected, &impl Selection),
+    visitor: &mut impl Visitor,
+) -> Walked {
+    let inner = match node {
+        Child::Inner { node, .. } if code.level() < source.depth() => node,
+        uniform => {
+            return uniform_block(code, source.depth(), uniform.value(), (selected, selection), visitor);
+        }
+    };
+    if matches!(selected, Selected::Nothing) {
+        return visitor.outside();
+    }
+    let space = selected.space();
+    if space.is_none()
+        && let Some(tally) = source.tally(inner)?
+        && visitor.zone(code, &KnownTally(tally))?
+    {
+        return Ok(());
+    }
+    let dimension = code.dimension();
+    let mut children = no_children();
+    source.children(inner, &mut children)?;
+    for (step, child) in children[..dimension.children()].iter().enumerate() {
+        let space = space.map(|space| space.child(dimension, step));
+        let selected = Selected::of(space, selection);
+        source_node(source, code.child(step), child, (selected, selection), visitor)?;
+    }
+    visitor.leave(code)
+}
+
+struct Walk<'a, S> {
+    tree: &'a Goblin,
+    shape: Shape,
+    selection: &'a S,
+}
+
+/// A node with a record.
+struct Node {
+    /// Its place in the segment.
+    at: RunNode,
+    code: Code,
+    /// Its cells, unless all of them are selected.
+    space: Option<Bounds>,
+    /// Whether all that is below it is in the segment.
+    inline: bool,
+}
+
+impl<S: Selection> Walk<'_, S> {
+    /// A node that owns a segment.
+    fn segment(
+        &self,
+        code: Code,
+        index: Option<usize>,
+        space: Option<Bounds>,
+        visitor: &mut impl Visitor,
+    ) -> Walked {
+        let index = index.ok_or_else(|| self.tree.bad_cut(code))?;
+        if space.is_none() && visitor.zone(code, &SegmentZone { tree: self.tree, index })? {
+            return Ok(());
+        }
+        visitor.enter_segment();
+        let segment = self.tree.segment(index)?;
+        // Below the level of the blocks no node owns a segment.
+        let inline = code.level() >= self.shape.block_level();
+        self.node(&segment, segment.records(), Node { at: RunNode::default(), code, space, inline }, visitor)
+    }
+
+    fn node(&self, segment: &Segment<'_>, records: &[u8], node: Node, visitor: &mut impl Visitor) -> Walked {
+        let Node { at, code, space, inline } = node;
+        let (layout, shape) = (self.tree.layout(), &self.shape);
+        let bad_skip = || self.tree.bad_skip(segment, at.record as usize);
+        if inline && space.is_none() && at.below == 0 {
+            let record = at.record as usize;
+            let head = layout.head(records, record).ok_or_else(bad_skip)?;
+            let subtree = layout.subtree(records, record, head.skip).unwrap_or(&[]);
+            let levels = shape.depth.saturating_sub(code.level());
+            if let Some(taken) = visitor.subtree(subtree, levels) {
+                return taken.map_err(|_| bad_skip().into());
+            }
+        }
+        if code.level() >= shape.depth {
+            return Err(bad_skip().into());
+        }
+        if let Some(block) = layout.dense_at(records, at)
+            && code.level() + block.levels == shape.depth
+            && block.kind.is_leaves()
+        {
+            let part = space.map(|space| {
+                let part = self.selection.part(&space);
+                let first = std::array::from_fn(|axis| (part.min[axis] - space.min[axis]) as usize);
+                (first, part.size().map(|size| size as usize))
+            });
+            if let Some(part) = part
+                && visitor.dense(code, &block, part)
+            {
+                return Ok(());
+            }
+            let states = with_record_type!(*layout, R => block.states::<R>());
+            return self.dense(&(block, states), (code, 0), space, visitor);
+        }
+        let mut children = RunChildren::default();
+        layout.run_children(records, at, &mut children).ok_or_else(bad_skip)?;
+        let dimension = code.dimension();
+        let candidates = !inline && shape.is_candidate(code.level() + 1);
+        for (step, RunChild { state, value, node: at }) in children[..dimension.children()].iter().enumerate()
+        {
+            let child = code.child(step);
+            let selected = Selected::of(space.map(|space| space.child(dimension, step)), self.selection);
+            match *state {
+                VOID => uniform_block(child, shape.depth, None, (selected, self.selection), visitor)?,
+                LEAF => {
+                    uniform_block(child, shape.depth, Some(*value), (selected, self.selection), visitor)?;
+                }
+                state => {
+                    debug_assert!(state == INNER || state == CUT);
+                    if matches!(selected, Selected::Nothing) {
+                        visitor.outside()?;
+                        continue;
+                    }
+                    let space = selected.space();
+                    // A child that owns a segment has a zone there, and records that reach deeper than those
+                    // here.
+                    let deepest = candidates.then(|| self.tree.find_segment(child)).flatten();
+                    match deepest {
+                        Some(own) if own != segment.index() && self.tree.segment(own)?.code() == child => {
+                            self.segment(child, Some(own), space, visitor)?;
+                        }
+                        deepest if state == INNER => {
+                            // A node that might own a segment and does not is too small to be cut: all below
+                            // it has its records here.
+                            let inline = inline || deepest == Some(segment.index());
+                            let node = Node { at: *at, code: child, space, inline };
+                            self.node(segment, records, node, visitor)?;
+                        }
+                        _ => return Err(self.tree.bad_cut(child).into()),
+                    }
+                }
+            }
+        }
+        visitor.leave(code)
+    }
+
+    /// Walks a node of a dense block of cells: its code, and its index in its level.
+    fn dense(
+        &self,
+        dense: &(DenseBlock<'_>, DenseStates),
+        (code, index): (Code, usize),
+        space: Option<Bounds>,
+        visitor: &mut impl Visitor,
+    ) -> Walked {
+        let (block, states) = dense;
+        let (depth, dimension) = (self.shape.depth, code.dimension());
+        let level = block.levels - (depth - code.level()) + 1;
+        for step in 0..dimension.children() {
+            let (child, index) = (code.child(step), block.child(level, index, step));
+            let selected = Selected::of(space.map(|space| space.child(dimension, step)), self.selection);
+            match states.level(level)[index] {
+                INNER if matches!(selected, Selected::Nothing) => visitor.outside()?,
+                INNER => self.dense(dense, (child, index), selected.space(), visitor)?,
+                state => {
+                    let value = (state != VOID).then(|| block.value(level, index));
+                    uniform_block(child, depth, value, (selected, self.selection), visitor)?;
+                }
+            }
+        }
+        visitor.leave(code)
+    }
+}

@@ -1,0 +1,56 @@
+//! Windows of Autumnal files.
+
+use super::check_buffers;
+use super::painter::{Painter, bytes_of};
+use crate::query::check_level;
+use crate::store::autumnal::{Autumnal, Piece};
+use crate::store::records::{Record, RecordLayout, with_record_type};
+use spinney_base::Result;
+use spinney_base::space::Bounds;
+use spinney_base::value::Value;
+
+impl Autumnal {
+    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
+    /// then z. VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that
+    /// is given.
+    ///
+    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below
+    /// them.
+    ///
+    /// # Errors
+    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one
+    /// value, or not one flag, per cell.
+    pub fn window(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        fill: Value,
+        values: &mut [u8],
+        valid: Option<&mut [bool]>,
+    ) -> Result<()> {
+        check_level(level, self.header().depth())?;
+        let form = self.header().form;
+        check_buffers(form.value, bounds, values, valid.as_deref())?;
+        with_record_type!(RecordLayout::new(form), R => {
+            self.paint(level, &mut Painter::<R>::new(*bounds, fill, values, valid))
+        })
+    }
+
+    /// Paints all of a window, of values whose width is known.
+    fn paint<R: Record>(&self, level: u8, painter: &mut Painter<'_, R>) -> Result<()> {
+        painter.clear();
+        let bounds = painter.bounds;
+        self.pieces(level, &bounds, &mut |space, piece| match piece {
+            Piece::Uniform(value) => {
+                let part = space.intersect(&bounds);
+                if !part.is_empty() {
+                    painter.paint(&part, Some(bytes_of::<R>(value)));
+                }
+                Ok(())
+            }
+            Piece::Run(records, levels, bad_run) => {
+                painter.run(R::of(records), 0, levels - 1, space.min).map_err(|_| bad_run())
+            }
+        })
+    }
+}

@@ -1,0 +1,207 @@
+//! Windows of Goblin files.
+//!
+//! A window is drawn from the deepest segment that has all of it, and from there down to the segments of
+//! children that reach deeper.
+
+use super::check_buffers;
+use super::painter::{AxisSpan, BadRun, Painter, bytes_of};
+use crate::query::check_level;
+use crate::store::goblin::{Goblin, Located, Segment};
+use crate::store::records::{Record, with_record_type};
+use crate::tree::Child;
+use spinney_base::Result;
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::Value;
+use spinney_container::{CUT, INNER, VOID};
+
+impl Goblin {
+    /// Writes the values of a box of cells of `level` to `values`, as they stand on disk: x fastest, then y,
+    /// then z. VOID cells, and cells outside the tree's space, become `fill`, and `false` in `valid` if that
+    /// is given. Returns how many segments were read: for an aligned box of 2^reach cells along each axis at
+    /// most `1 + children^(stride - 1)`.
+    ///
+    /// Takes time proportional to the cells of the box that differ from their neighbours, whatever lies below
+    /// them.
+    ///
+    /// # Errors
+    /// If the file is damaged there, `level` is deeper than the tree, or a buffer has not the bytes of one
+    /// value, or not one flag, per cell.
+    pub fn window(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        fill: Value,
+        values: &mut [u8],
+        valid: Option<&mut [bool]>,
+    ) -> Result<usize> {
+        check_level(level, self.header().depth())?;
+        check_buffers(self.header().form.value, bounds, values, valid.as_deref())?;
+        if bounds.is_empty() {
+            return Ok(0);
+        }
+        let window = Window { tree: self, level, bounds: *bounds, visited: Vec::new() };
+        with_record_type!(*self.layout(), R => paint_window::<R>(window, fill, values, valid))
+    }
+}
+
+/// Paints all of a window, of values whose width is known; returns how many segments were read.
+fn paint_window<R: Record>(
+    window: Window<'_>,
+    fill: Value,
+    values: &mut [u8],
+    valid: Option<&mut [bool]>,
+) -> Result<usize> {
+    let (bounds, space) = (window.bounds, Bounds::space(R::DIMENSION, window.level));
+    let mut drawing = Drawing::<R> { window, painter: Painter::new(bounds, fill, values, valid) };
+    // Nothing below is asked about cells outside the space: the tree has no nodes there.
+    if !space.contains(&bounds) {
+        drawing.painter.clear();
+    }
+    let inside = bounds.intersect(&space);
+    if !inside.is_empty() {
+        drawing.draw(&inside)?;
+    }
+    Ok(drawing.window.visited.len())
+}
+
+/// A box of cells of a level of a file.
+struct Window<'a> {
+    tree: &'a Goblin,
+    level: u8,
+    /// All of the box, which may stick out of the tree's space.
+    bounds: Bounds,
+    /// Indices of the segments read so far, each once.
+    visited: Vec<usize>,
+}
+
+impl<'a> Window<'a> {
+    /// The deepest node that has all of a part of the window, and what is known of it.
+    fn locate(&mut self, part: &Bounds) -> Result<(Code, Child<Located<'a>>)> {
+        let dimension = self.tree.header().form.dimension;
+        let corner = |cell: [u64; 3]| {
+            Code::from_cell(dimension, self.level, cell.map(|cell| cell as u32)).expect("inside the space")
+        };
+        // The codes of all cells of a box lie between those of its two extreme corners in Z order: the
+        // ancestor of these two is that of all.
+        let code = corner(part.min).common_ancestor(corner(part.max.map(|end| end - 1)));
+        if code.level() == self.level {
+            return Ok((code, Child::uniform(self.tree.value_at(code)?)));
+        }
+        let found = self.tree.locate(code)?;
+        if let Child::Inner { node, .. } = &found
+            && !self.visited.contains(&node.segment.index())
+        {
+            self.visited.push(node.segment.index());
+        }
+        Ok((code, found))
+    }
+
+    /// Whether nothing below a node of a level, which has its record in a segment, is in another segment. The
+    /// segment must be the deepest one with that record.
+    fn is_inline(&self, segment: &Segment<'_>, level: u8) -> bool {
+        // The node, or one above it, might own a segment and does not: it is too small to be cut anywhere.
+        self.tree.header().shape.segment_level(level) > segment.code().level()
+    }
+
+    /// Whether there is a deeper segment than this one for a node that is cut off: drawing must get on.
+    fn has_deeper(&self, segment: &Segment<'_>, code: Option<Code>) -> bool {
+        let deeper = code.and_then(|code| self.tree.find_segment(code));
+        deeper.is_some_and(|index| index != segment.index())
+    }
+}
+
+/// A window being drawn.
+struct Drawing<'w, 'a, R: Record> {
+    window: Window<'w>,
+    painter: Painter<'a, R>,
+}
+
+impl<R: Record> Drawing<'_, '_, R> {
+    /// Draws a part of the window, starting from the deepest segment that has all of it.
+    fn draw(&mut self, part: &Bounds) -> Result<()> {
+        let (code, found) = self.window.locate(part)?;
+        match found {
+            Child::Void => self.painter.paint(part, None),
+            Child::Leaf(value) => self.painter.paint(part, Some(bytes_of::<R>(value))),
+            Child::Inner { node: Located { segment, record, level }, .. } => {
+                let min = code.ancestor(level).bounds(self.window.level).min;
+                let records = R::of(segment.records());
+                let shape = &self.window.tree.header().shape;
+                // Whether all that is drawn is in this segment.
+                let is_complete = self.window.is_inline(&segment, level)
+                    || shape.cut_level(segment.code().level()) >= self.window.level;
+                if is_complete {
+                    let drawn = self.painter.run(records, record, self.window.level - level - 1, min);
+                    return drawn.map_err(|bad| match bad {
+                        BadRun::Skip(at) => self.window.tree.bad_skip(&segment, at),
+                        BadRun::Cut => self.window.tree.bad_cut(segment.code()),
+                    });
+                }
+                self.node(&segment, records, record, level, min)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws the node whose record is `at`, which is at `level` and has its first cell at `min`, from a segment that does not
+    /// reach down to the cells: its descendants may own segments that do.
+    fn node(
+        &mut self,
+        segment: &Segment<'_>,
+        records: &[R],
+        at: usize,
+        level: u8,
+        min: [u64; 3],
+    ) -> Result<()> {
+        let record = &records[at];
+        let tree = self.window.tree;
+        let below = self.window.level - level - 1;
+        // (What is between a segment's node and the next candidates is never a dense block.)
+        if record.is_dense() {
+            return Err(tree.bad_skip(segment, at));
+        }
+        let jump = tree.header().shape.is_candidate(level + 1);
+        let halves = self.painter.halves(min, below);
+        let end = at + record.skip() as usize;
+        let mut next = at + 1;
+        for child in 0..R::CHILDREN {
+            let state = record.state(child);
+            let under = next;
+            if state == INNER && below > 0 {
+                // Children outside the window are stepped over, and their skips checked like all others.
+                let skip = if next < end { records[next].skip() as usize } else { 0 };
+                if skip == 0 || next + skip > end {
+                    return Err(tree.bad_skip(segment, at));
+                }
+                next += skip;
+            }
+            let spans: [AxisSpan; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
+            let size = spans.map(|span| span.cells);
+            if size.contains(&0) {
+                continue;
+            }
+            let start = spans[0].offset + spans[1].offset + spans[2].offset;
+            match state {
+                VOID => self.painter.fill(start, size, None),
+                INNER | CUT if below > 0 => {
+                    let child_min =
+                        std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
+                    if state == INNER && !jump {
+                        self.node(segment, records, under, level + 1, child_min)?;
+                        continue;
+                    }
+                    let cell = child_min.map(|cell| (cell >> below) as u32);
+                    let code = Code::from_cell(R::DIMENSION, level + 1, cell);
+                    if state == CUT && !self.window.has_deeper(segment, code) {
+                        return Err(tree.bad_cut(code.unwrap_or(Code::root(R::DIMENSION))));
+                    }
+                    let side = |axis: usize| if axis < R::AXES { 1 << below } else { 1 };
+                    let max = std::array::from_fn(|axis| child_min[axis] + side(axis));
+                    self.draw(&Bounds { min: child_min, max }.intersect(&self.window.bounds))?;
+                }
+                _ => self.painter.fill(start, size, Some(record.values()[child])),
+            }
+        }
+        Ok(())
+    }
+}

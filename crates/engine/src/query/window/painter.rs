@@ -1,0 +1,435 @@
+//! Draws runs of records: what windows of both formats spend their time on.
+//!
+//! Nearly all of it goes into nodes that lie wholly in the window, down at the cells: that part is compiled for each width of
+//! values and fan-out, and has no branches that depend on the picture where those could be avoided.
+
+use zerocopy::FromBytes;
+
+use crate::store::records::Record;
+use crate::store::records::dense::{DenseBlock, dense_block};
+use crate::store::records::record::LOW_STATE_BITS;
+use spinney_base::space::Bounds;
+use spinney_base::value::Value;
+use spinney_container::{CUT, INNER, VOID};
+
+/// Contradiction in a run.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum BadRun {
+    /// At the record with a number.
+    Skip(usize),
+    /// A node is cut off above the cells that are drawn.
+    Cut,
+}
+
+/// End of drawing.
+pub(super) type Drawn = Result<(), BadRun>;
+
+/// Cells of a node, or of its lower or upper half, that lie in a window, along one axis.
+#[derive(Clone, Copy)]
+pub(super) struct AxisSpan {
+    /// Summand of the first of them in the index of a cell's value; undefined if there are none.
+    pub(super) offset: usize,
+    pub(super) cells: usize,
+}
+
+/// A box of cells that is drawn on, of values whose width is known.
+pub(super) struct Painter<'a, R: Record> {
+    /// All of the box, which may stick out of the tree's space.
+    pub(super) bounds: Bounds,
+    /// Growth of the index of a cell's value from a cell to the next along each axis.
+    strides: [usize; 3],
+    /// The value that stands for VOID.
+    fill: R::Bytes,
+    values: &'a mut [R::Bytes],
+    valid: Option<&'a mut [bool]>,
+}
+
+/// The bytes of a value.
+#[inline]
+pub(super) fn bytes_of<R: Record>(value: Value) -> R::Bytes {
+    R::Bytes::read_from_prefix(&value.to_bytes()).map_or(R::ZERO, |(bytes, _)| bytes)
+}
+
+impl<'a, R: Record> Painter<'a, R> {
+    /// Nothing is drawn yet; `values` has the bytes of a value, and `valid` a flag, for each cell.
+    pub(super) fn new(
+        bounds: Bounds,
+        fill: Value,
+        values: &'a mut [u8],
+        valid: Option<&'a mut [bool]>,
+    ) -> Painter<'a, R> {
+        let [width, height, _] = bounds.size().map(|size| size as usize);
+        let values = <[R::Bytes]>::mut_from_bytes(values).expect("a whole number of values, as was checked");
+        let strides = [1, width, width * height];
+        Painter { bounds, strides, fill: bytes_of::<R>(fill), values, valid }
+    }
+
+    /// Makes all cells VOID.
+    pub(super) fn clear(&mut self) {
+        self.values.fill(self.fill);
+        if let Some(valid) = &mut self.valid {
+            valid.fill(false);
+        }
+    }
+
+    /// Those of `side` cells from `start` along an axis that lie in the window.
+    #[inline]
+    pub(super) fn span(&self, axis: usize, start: u64, side: u64) -> AxisSpan {
+        let (min, max) = (self.bounds.min[axis], self.bounds.max[axis]);
+        let (first, end) = (start.max(min).min(max), (start + side).min(max));
+        let offset = (first - min) as usize * self.strides[axis];
+        AxisSpan { offset, cells: end.saturating_sub(first) as usize }
+    }
+
+    /// The cells of both halves of a node along each axis that lie in the window; a half has `2^below`. A node's children are
+    /// one half of it along each axis: all are cut to the window at once.
+    #[inline]
+    pub(super) fn halves(&self, min: [u64; 3], below: u8) -> [[AxisSpan; 2]; 3] {
+        let mut halves = [[AxisSpan { offset: 0, cells: 1 }; 2]; 3];
+        for (axis, halves) in halves[..R::AXES].iter_mut().enumerate() {
+            let side = 1 << below;
+            *halves = [min[axis], min[axis] + side].map(|start| self.span(axis, start, side));
+        }
+        halves
+    }
+
+    /// Draws the node whose record is `at`, whose extent was checked, and which has `2 << below` cells along each axis, the
+    /// first of them at `min`. Nothing below it may be cut off above the cells.
+    pub(super) fn run(&mut self, records: &[R], at: usize, below: u8, min: [u64; 3]) -> Drawn {
+        let record = &records[at];
+        let bounds = &self.bounds;
+        let inside = (0..R::AXES)
+            .all(|axis| bounds.min[axis] <= min[axis] && min[axis] + (2 << below) <= bounds.max[axis]);
+        if inside {
+            return self.whole(records, at, below, self.index_of(min));
+        }
+        if record.is_dense() && below > 0 {
+            return self.dense(records, at, below, min);
+        }
+        let halves = self.halves(min, below);
+        let end = at + record.skip() as usize;
+        let mut next = at + 1;
+        for child in 0..R::CHILDREN {
+            let state = record.state(child);
+            let under = next;
+            if state == INNER && below > 0 {
+                // Children outside the window are stepped over, and their skips checked like all others.
+                let skip = if next < end { records[next].skip() as usize } else { 0 };
+                if skip == 0 || next + skip > end {
+                    return Err(BadRun::Skip(at));
+                }
+                next += skip;
+            }
+            let spans: [AxisSpan; 3] = std::array::from_fn(|axis| halves[axis][child >> axis & 1]);
+            let size = spans.map(|span| span.cells);
+            if size.contains(&0) {
+                continue;
+            }
+            let start = spans[0].offset + spans[1].offset + spans[2].offset;
+            match state {
+                VOID => self.fill(start, size, None),
+                INNER if below > 0 => {
+                    let min = std::array::from_fn(|axis| min[axis] + ((child as u64 >> axis & 1) << below));
+                    self.run(records, under, below - 1, min)?;
+                }
+                CUT if below > 0 => return Err(BadRun::Cut),
+                _ => self.fill(start, size, Some(record.values()[child])),
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws a node that lies wholly in the window and needs no other segment: the hot path of tiles. Its
+    /// first cell goes to `start`; its children have `2^below` cells along each axis.
+    fn whole(&mut self, records: &[R], at: usize, below: u8, start: usize) -> Drawn {
+        let record = &records[at];
+        match below {
+            0 => {
+                self.cells(record.values(), record.states(), start);
+                return Ok(());
+            }
+            1 if !record.is_dense() => return self.patch(records, at, start),
+            _ if record.is_dense() => return self.whole_dense(records, at, below, start),
+            _ => {}
+        }
+        let end = at + record.skip() as usize;
+        let mut next = at + 1;
+        for child in 0..R::CHILDREN {
+            let start = start + self.offset(child, 1 << below);
+            match record.state(child) {
+                INNER => {
+                    let skip =
+                        records.get(next).filter(|_| next < end).map_or(0, |record| record.skip() as usize);
+                    if skip == 0 || next + skip > end {
+                        return Err(BadRun::Skip(at));
+                    }
+                    self.whole(records, next, below - 1, start)?;
+                    next += skip;
+                }
+                CUT => return Err(BadRun::Cut),
+                state => {
+                    let value = (state != VOID).then(|| record.values()[child]);
+                    let side = 1 << below;
+                    self.fill(start, [side, side, if R::AXES > 2 { side } else { 1 }], value);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The rows of a dense block that are the cells of the window, which are so many levels and one below its root.
+    fn dense_rows<'s>(records: &'s [R], at: usize, below: u8) -> std::result::Result<DenseBlock<'s>, BadRun> {
+        let block = dense_block(records, at);
+        block.filter(|block| block.levels > below).ok_or(BadRun::Skip(at))
+    }
+
+    /// Draws a dense block that lies wholly in the window, as copies of its rows: what windows of continuous data come down
+    /// to. Its first cell goes to `start`.
+    fn whole_dense(&mut self, records: &[R], at: usize, below: u8, start: usize) -> Drawn {
+        let block = Self::dense_rows(records, at, below)?;
+        let strides = self.strides;
+        if !block.is_full() || self.valid.is_some() {
+            let side = 2 << below;
+            let size = [side, side, if R::AXES > 2 { side } else { 1 }];
+            self.dense_and_void(&block, below + 1, ([0; 3], size), start);
+            return Ok(());
+        }
+        // Rows of a known length are copied without a call.
+        let rows = block.values_of::<R>(below + 1);
+        match below {
+            1 => copy_rows::<_, 4>(self.values, start, R::AXES, strides, rows),
+            2 => copy_rows::<_, 8>(self.values, start, R::AXES, strides, rows),
+            3 => copy_rows::<_, 16>(self.values, start, R::AXES, strides, rows),
+            4 => copy_rows::<_, 32>(self.values, start, R::AXES, strides, rows),
+            _ => {
+                let side = 2 << below;
+                let size = [side, side, if R::AXES > 2 { side } else { 1 }];
+                let mut from = rows.chunks_exact(side);
+                self::rows(self.values, start, size, strides, |row| {
+                    from.next().into_iter().for_each(|from| row.copy_from_slice(from));
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws the part of a dense block that lies in the window; its first cell is `min`.
+    fn dense(&mut self, records: &[R], at: usize, below: u8, min: [u64; 3]) -> Drawn {
+        let block = Self::dense_rows(records, at, below)?;
+        let level = below + 1;
+        let spans: [AxisSpan; 3] = std::array::from_fn(|axis| {
+            let side = if axis < R::AXES { 1 << level } else { 1 };
+            self.span(axis, min[axis], side)
+        });
+        let size = spans.map(|span| span.cells);
+        if size.contains(&0) {
+            return Ok(());
+        }
+        let start = spans[0].offset + spans[1].offset + spans[2].offset;
+        let bounds = &self.bounds;
+        let first = std::array::from_fn(|axis| bounds.min[axis].saturating_sub(min[axis]) as usize);
+        if !block.is_full() || self.valid.is_some() {
+            self.dense_and_void(&block, level, (first, size), start);
+            return Ok(());
+        }
+        let (rows, strides) = (block.values_of::<R>(level), self.strides);
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                let from = block.index(level, [first[0], first[1] + y, first[2] + z]);
+                let to = start + z * strides[2] + y * strides[1];
+                self.values[to..to + size[0]].copy_from_slice(&rows[from..from + size[0]]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws a part of a level of a dense block, its first node and nodes along each axis, where some may be VOID or flags are
+    /// asked for.
+    #[inline(never)]
+    fn dense_and_void(
+        &mut self,
+        block: &DenseBlock<'_>,
+        level: u8,
+        (first, size): ([usize; 3], [usize; 3]),
+        start: usize,
+    ) {
+        let (rows, strides) = (block.values_of::<R>(level), self.strides);
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                let from = block.index(level, [first[0], first[1] + y, first[2] + z]);
+                let to = start + z * strides[2] + y * strides[1];
+                let row = &rows[from..from + size[0]];
+                if block.is_full() {
+                    self.values[to..to + size[0]].copy_from_slice(row);
+                    if let Some(valid) = &mut self.valid {
+                        valid[to..to + size[0]].fill(true);
+                    }
+                    continue;
+                }
+                for (x, value) in row.iter().enumerate() {
+                    // (The values of VOID nodes are zeros: of most others nobody need ask.)
+                    let is_there = *value != R::ZERO || !block.is_void(level, from + x);
+                    self.values[to + x] = if is_there { *value } else { self.fill };
+                    if let Some(valid) = &mut self.valid {
+                        valid[to + x] = is_there;
+                    }
+                }
+            }
+        }
+    }
+
+    /// A node of four cells along each axis, where nearly all records of a detailed tile are. Which of its
+    /// children are uniform is as good as random, so nothing here branches on it: a wrong guess costs more
+    /// than four cells.
+    fn patch(&mut self, records: &[R], at: usize, start: usize) -> Drawn {
+        let record = &records[at];
+        let states = record.states();
+        let under = records.get(at + 1..at + record.skip() as usize).unwrap_or(&[]);
+        let mut next = 0;
+        for child in 0..R::CHILDREN {
+            let state = record.state(child);
+            // Any record will do where there is none: its values are not used then.
+            let below = under.get(next).unwrap_or(record);
+            // A uniform child is drawn as if it had a record, with four times (or eight times) its value and
+            // state.
+            let uniform = R::alike(record.values()[child]);
+            let (values, states, skip) = if state == INNER {
+                (below.values(), below.states(), below.skip())
+            } else {
+                (uniform.as_ref(), u32::from(state) * LOW_STATE_BITS, 0)
+            };
+            self.cells(values, states, start + self.offset(child, 2));
+            next += skip as usize;
+        }
+        // Both bits of a state are set: CUT. Damage is tested for once, at the end: every read above is
+        // checked, and an error says that the buffers do not count.
+        if states & states >> 1 & LOW_STATE_BITS != 0 {
+            return Err(BadRun::Cut);
+        }
+        if next == under.len() { Ok(()) } else { Err(BadRun::Skip(at)) }
+    }
+
+    /// The children of a node as single cells, in pairs along x.
+    #[inline(always)]
+    fn cells(&mut self, values: &[R::Bytes], states: u32, start: usize) {
+        // Either bit of a child's state: it is not VOID.
+        let some = (states | states >> 1) & LOW_STATE_BITS;
+        // (Shifted so that a quadtree's four children are all that is compared.)
+        if some << (32 - 2 * R::CHILDREN) != LOW_STATE_BITS << (32 - 2 * R::CHILDREN) || self.valid.is_some()
+        {
+            return self.cells_and_void(values, some, start);
+        }
+        for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
+            let index = self.pair_index(pair, start);
+            self.values[index..index + 2].copy_from_slice(values);
+        }
+    }
+
+    /// The children of a node as single cells where some may be VOID or flags are asked for; one bit in two
+    /// of `some` is set for a child that is not VOID. Apart from [`Self::cells`] to keep the usual case
+    /// small.
+    #[inline(never)]
+    fn cells_and_void(&mut self, values: &[R::Bytes], some: u32, start: usize) {
+        for (pair, values) in values[..R::CHILDREN].as_chunks::<2>().0.iter().enumerate() {
+            let index = self.pair_index(pair, start);
+            let flags = [0, 1].map(|child| some >> (4 * pair + 2 * child) & 1 != 0);
+            self.values[index..index + 2]
+                .copy_from_slice(&[0, 1].map(|child| if flags[child] { values[child] } else { self.fill }));
+            if let Some(valid) = &mut self.valid {
+                valid[index..index + 2].copy_from_slice(&flags);
+            }
+        }
+    }
+
+    /// Index of the first value of a pair of children that are cells.
+    #[inline]
+    fn pair_index(&self, pair: usize, start: usize) -> usize {
+        start + (pair & 1) * self.strides[1] + (pair >> 1) * self.strides[2]
+    }
+
+    /// Distance in `values` from a node's first cell to a child's; children have `side` cells along each
+    /// axis.
+    #[inline]
+    fn offset(&self, child: usize, side: usize) -> usize {
+        (0..R::AXES).map(|axis| (child >> axis & 1) * side * self.strides[axis]).sum()
+    }
+
+    /// Index of the value of a cell of the window.
+    #[inline]
+    fn index_of(&self, cell: [u64; 3]) -> usize {
+        let Painter { bounds, strides, .. } = self;
+        (0..R::AXES).map(|axis| (cell[axis] - bounds.min[axis]) as usize * strides[axis]).sum()
+    }
+
+    /// Gives all cells of a part one value; `None` is VOID.
+    pub(super) fn paint(&mut self, part: &Bounds, value: Option<R::Bytes>) {
+        self.fill(self.index_of(part.min), part.size().map(|size| size as usize), value);
+    }
+
+    /// Gives one value to a block of so many cells along each axis, the first of which has an index.
+    pub(super) fn fill(&mut self, start: usize, size: [usize; 3], value: Option<R::Bytes>) {
+        let bytes = value.unwrap_or(self.fill);
+        let strides = self.strides;
+        // Small blocks are many: stores of a known length save them a call for each row.
+        match size[0] {
+            // One cell or two: both ends of the row.
+            1 | 2 => {
+                rows(self.values, start, size, strides, |row| (row[0], row[row.len() - 1]) = (bytes, bytes))
+            }
+            4 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 4])),
+            8 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 8])),
+            16 => rows(self.values, start, size, strides, |row| row.copy_from_slice(&[bytes; 16])),
+            width => {
+                // Rows are copied, which is faster than writing values of an odd width one by one.
+                let first = start..start + width;
+                self.values[first.clone()].fill(bytes);
+                for z in 0..size[2] {
+                    for y in 0..size[1] {
+                        let row = start + z * strides[2] + y * strides[1];
+                        if row > start {
+                            self.values.copy_within(first.clone(), row);
+                        }
+                    }
+                }
+            }
+        }
+        if let Some(valid) = &mut self.valid {
+            rows(valid, start, size, strides, |row| row.fill(value.is_some()));
+        }
+    }
+}
+
+/// Copies a block of `SIDE` cells along each axis, which come row by row.
+#[inline(always)]
+fn copy_rows<B: Copy, const SIDE: usize>(
+    cells: &mut [B],
+    start: usize,
+    axes: usize,
+    strides: [usize; 3],
+    rows: &[B],
+) {
+    let size = [SIDE, SIDE, if axes > 2 { SIDE } else { 1 }];
+    let mut from = rows.as_chunks::<SIDE>().0.iter();
+    self::rows(cells, start, size, strides, |row| {
+        if let (Ok(row), Some(from)) = (<&mut [B; SIDE]>::try_from(row), from.next()) {
+            *row = *from;
+        }
+    });
+}
+
+/// Does something to each row of a block of `size` cells.
+#[inline(always)]
+fn rows<T>(
+    cells: &mut [T],
+    start: usize,
+    [width, height, depth]: [usize; 3],
+    strides: [usize; 3],
+    mut each: impl FnMut(&mut [T]),
+) {
+    for z in 0..depth {
+        for y in 0..height {
+            let row = start + z * strides[2] + y * strides[1];
+            each(&mut cells[row..row + width]);
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! Windows of any source, drawn block by block.
+
+use super::check_buffers;
+use crate::tree::{Child, Source, no_children};
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::space::Bounds;
+use spinney_base::value::Value;
+
+/// A box of cells to draw on.
+pub struct Canvas<'a> {
+    form: Form,
+    bounds: Bounds,
+    /// Growth of the index of a cell's value from a cell to the next along each axis.
+    strides: [usize; 3],
+    values: &'a mut [u8],
+    valid: Option<&'a mut [bool]>,
+}
+
+/// Evaluates an expression with a name bound to the bytes of a value as a constant.
+macro_rules! with_width {
+    ($width:expr, $WIDTH:ident => $body:expr) => {{
+        macro_rules! with {
+            ($bytes:literal) => {{
+                const $WIDTH: usize = $bytes;
+                $body
+            }};
+        }
+        match $width {
+            1 => with!(1),
+            2 => with!(2),
+            3 => with!(3),
+            4 => with!(4),
+            6 => with!(6),
+            8 => with!(8),
+            12 => with!(12),
+            16 => with!(16),
+            width => unreachable!("no tree has values of {width} bytes"),
+        }
+    }};
+}
+
+impl<'a> Canvas<'a> {
+    /// A box all of whose cells are VOID, which `fill` stands for.
+    ///
+    /// # Errors
+    /// If there are not the bytes of one value, and one flag, for each of its cells.
+    pub fn new(
+        form: Form,
+        bounds: &Bounds,
+        fill: Value,
+        values: &'a mut [u8],
+        mut valid: Option<&'a mut [bool]>,
+    ) -> Result<Canvas<'a>> {
+        check_buffers(form.value, bounds, values, valid.as_deref())?;
+        if let Some(valid) = &mut valid {
+            valid.fill(false);
+        }
+        let [width, height, _] = bounds.size().map(|size| size as usize);
+        let mut canvas = Canvas { form, bounds: *bounds, strides: [1, width, width * height], values, valid };
+        with_width!(form.width(), WIDTH => canvas.cells::<WIDTH>().values.fill(bytes_of(fill)));
+        Ok(canvas)
+    }
+
+    /// Draws what a source has below one of its nodes, which stands for the whole space, at a level below
+    /// that.
+    ///
+    /// # Errors
+    /// If the source fails.
+    pub fn draw<S: Source>(&mut self, source: &S, top: Child<S::Node>, level: u8) -> Result<()> {
+        self.node(source, &top, Bounds::space(self.form.dimension, level), level)
+    }
+
+    /// Draws a node whose cells are `space`, so many levels above them.
+    fn node<S: Source>(
+        &mut self,
+        source: &S,
+        node: &Child<S::Node>,
+        space: Bounds,
+        levels: u8,
+    ) -> Result<()> {
+        let part = space.intersect(&self.bounds);
+        if part.is_empty() {
+            return Ok(());
+        }
+        match node {
+            Child::Inner { node, .. } if levels > 0 => {
+                let mut children = no_children();
+                source.children(node, &mut children)?;
+                for (step, child) in children[..self.form.children()].iter().enumerate() {
+                    self.node(source, child, space.child(self.form.dimension, step), levels - 1)?;
+                }
+            }
+            // (VOID is there already.)
+            node => {
+                if let Some(value) = node.value() {
+                    self.paint(part.min, part.size().map(|size| size as usize), value);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives all cells of a block one value.
+    fn paint(&mut self, min: [u64; 3], size: [usize; 3], value: Value) {
+        with_width!(self.form.width(), WIDTH => self.cells::<WIDTH>().paint(min, size, value));
+    }
+
+    /// The canvas for values whose width is known: for loops over very many blocks.
+    ///
+    /// `WIDTH` must be the width of the tree's values.
+    #[inline]
+    fn cells<const WIDTH: usize>(&mut self) -> Cells<'_, WIDTH> {
+        debug_assert_eq!(WIDTH, self.form.width());
+        let (values, _) = self.values.as_chunks_mut();
+        Cells { origin: self.bounds.min, strides: self.strides, values, valid: self.valid.as_deref_mut() }
+    }
+}
+
+/// Cells of a [`Canvas`], of values with so many bytes.
+struct Cells<'a, const WIDTH: usize> {
+    /// The first cell.
+    origin: [u64; 3],
+    strides: [usize; 3],
+    values: &'a mut [[u8; WIDTH]],
+    valid: Option<&'a mut [bool]>,
+}
+
+/// The first bytes of a value.
+#[inline]
+fn bytes_of<const WIDTH: usize>(value: Value) -> [u8; WIDTH] {
+    let mut bytes = [0; WIDTH];
+    value.write(&mut bytes);
+    bytes
+}
+
+impl<const WIDTH: usize> Cells<'_, WIDTH> {
+    /// Gives all cells of a block, which must lie in the box, one value.
+    #[inline]
+    fn paint(&mut self, min: [u64; 3], size: [usize; 3], value: Value) {
+        let bytes = bytes_of(value);
+        let strides = self.strides;
+        let start: usize = (0..3).map(|axis| (min[axis] - self.origin[axis]) as usize * strides[axis]).sum();
+        // Single cells are most of what there is.
+        if size == [1; 3] {
+            self.values[start] = bytes;
+            if let Some(valid) = &mut self.valid {
+                valid[start] = true;
+            }
+            return;
+        }
+        for z in 0..size[2] {
+            for y in 0..size[1] {
+                let row = start + z * strides[2] + y * strides[1];
+                self.values[row..row + size[0]].fill(bytes);
+                if let Some(valid) = &mut self.valid {
+                    valid[row..row + size[0]].fill(true);
+                }
+            }
+        }
+    }
+}

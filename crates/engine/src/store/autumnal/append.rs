@@ -1,0 +1,322 @@
+//! Appends records to a file, in extents, and makes commits of them.
+
+use std::io;
+use std::mem;
+use std::path::PathBuf;
+
+use super::commit::{Commit, Written};
+use super::extents::{EXTENT_MAGIC, ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
+use super::layout::{PointeredLayout, Pointers};
+use super::meta::Meta;
+use super::share::{DedupTable, hash};
+use spinney_base::io::{ReadBackend, WriteBackend};
+use spinney_base::value::Value;
+use spinney_base::{Error, Result};
+
+/// Bytes in the buffer beyond which it is written.
+const MAX_BUFFERED: usize = 4 << 20;
+
+/// A record that is to be in the file.
+#[derive(Clone, Copy)]
+pub(super) struct NewRecord<'a> {
+    /// Levels below its node.
+    pub(super) height: u8,
+    pub(super) representative: Value,
+    pub(super) pointers: &'a Pointers,
+    /// The levels below as records.
+    pub(super) run: &'a [u8],
+    /// The zone's bytes, if it has one.
+    pub(super) zone: &'a [u8],
+}
+
+/// Writes a file behind what it has already.
+pub(super) struct Appender {
+    pub(super) backend: Box<dyn WriteBackend>,
+    path: PathBuf,
+    layout: PointeredLayout,
+    /// Offset in the file of the buffer's first byte.
+    start: u64,
+    /// Bytes that are not written yet.
+    buffer: Vec<u8>,
+    /// Start in the buffer, and kind, of the extent that is being made.
+    extent: Option<(usize, ExtentKind)>,
+    pub(super) written: Written,
+    dedup: Option<DedupTable>,
+    /// The bytes that have been written, for comparing with what is to be written; read anew when there are
+    /// more.
+    reader: Option<Box<dyn ReadBackend>>,
+    /// Room for the content of a record that is looked for.
+    content: Vec<u8>,
+    /// Whether something failed: what is on the disk is not known then.
+    is_poisoned: bool,
+}
+
+impl Appender {
+    /// Goes on behind `end`. `share` has the bytes of memory for finding equal subtrees.
+    pub(super) fn new(
+        backend: Box<dyn WriteBackend>,
+        path: PathBuf,
+        layout: PointeredLayout,
+        end: u64,
+        share: Option<u64>,
+    ) -> Appender {
+        Appender {
+            backend,
+            path,
+            layout,
+            start: end.next_multiple_of(PAGE),
+            buffer: Vec::new(),
+            extent: None,
+            written: Written::default(),
+            dedup: share.map(DedupTable::new),
+            reader: None,
+            content: Vec::new(),
+            is_poisoned: false,
+        }
+    }
+
+    /// Whether equal subtrees are stored once.
+    pub(super) fn shares(&self) -> bool {
+        self.dedup.is_some()
+    }
+
+    /// Offset of the next byte.
+    pub(super) fn position(&self) -> u64 {
+        self.start + self.buffer.len() as u64
+    }
+
+    /// Makes sure that an extent of a kind is open that has room.
+    fn open_extent(&mut self, kind: ExtentKind) -> Result<()> {
+        if let Some((start, open)) = self.extent
+            && (open != kind || self.buffer.len() - start > FULL_EXTENT)
+        {
+            self.close_extent();
+        }
+        // (With an extent that is open and not full, the buffer grows beyond the limit by no more than that.)
+        if self.buffer.len() > MAX_BUFFERED {
+            self.flush()?;
+        }
+        if self.extent.is_none() {
+            self.extent = Some((self.buffer.len(), kind));
+            // The head is known when the extent is closed.
+            self.buffer.resize(self.buffer.len() + HEAD_SIZE, 0);
+        }
+        Ok(())
+    }
+
+    /// Ends the extent that is open, if there is one.
+    fn close_extent(&mut self) {
+        let Some((start, kind)) = self.extent.take() else { return };
+        let offset = self.start + start as u64;
+        let head = head(kind, offset, &self.buffer[start + HEAD_SIZE..]);
+        self.buffer[start..start + HEAD_SIZE].copy_from_slice(&head);
+        let end = self.position().next_multiple_of(SECTOR);
+        self.buffer.resize((end - self.start) as usize, 0);
+    }
+
+    /// Writes the buffer.
+    pub(super) fn flush(&mut self) -> Result<()> {
+        self.close_extent();
+        if !self.buffer.is_empty() {
+            let buffer = mem::take(&mut self.buffer);
+            self.write_at("write", self.start, &buffer)?;
+            self.start += buffer.len() as u64;
+            // The allocation is used again.
+            self.buffer = buffer;
+            self.buffer.clear();
+            self.reader = None;
+        }
+        Ok(())
+    }
+
+    fn write_at(&mut self, doing: &'static str, offset: u64, bytes: &[u8]) -> Result<()> {
+        self.refuse_poisoned()?;
+        let written = self.backend.write(offset, bytes);
+        self.poison_unless(doing, written)
+    }
+
+    fn sync(&mut self) -> Result<()> {
+        self.refuse_poisoned()?;
+        let synced = self.backend.sync();
+        self.poison_unless("sync", synced)
+    }
+
+    /// Makes sure that the file is still where its readers look for it.
+    fn check_path(&mut self) -> Result<()> {
+        let checked = self.backend.check_path();
+        self.is_poisoned = checked.is_err();
+        checked
+    }
+
+    /// After a failure nobody knows what is on the disk, and trying again would not tell: nothing more is
+    /// written.
+    fn refuse_poisoned(&self) -> Result<()> {
+        if self.is_poisoned { Err(Error::Poisoned { path: self.path.clone() }) } else { Ok(()) }
+    }
+
+    fn poison_unless(&mut self, doing: &'static str, done: io::Result<()>) -> Result<()> {
+        self.is_poisoned = done.is_err();
+        done.map_err(Error::io(&*self.path, doing))
+    }
+
+    /// Writes a record and tells where it is; or where an equal one is.
+    pub(super) fn record(&mut self, record: NewRecord<'_>) -> Result<u64> {
+        match self.dedup.take() {
+            Some(mut dedup) => {
+                let address = self.share(&mut dedup, record);
+                self.dedup = Some(dedup);
+                address
+            }
+            None => self.write_record(record),
+        }
+    }
+
+    fn write_record(&mut self, record: NewRecord<'_>) -> Result<u64> {
+        self.open_extent(ExtentKind::Records)?;
+        let mut address = self.position();
+        let mut size = self.encode_record(address, record);
+        // Readers go back from a record to the nearest head of an extent. Values can look like one, at a place
+        // where one could be: no record of the extent may start there or behind that.
+        if let Some(place) = self.magic_since(address) {
+            if place <= address {
+                // It is there with this record's first bytes, or at them.
+                self.buffer.truncate((address - self.start) as usize);
+                self.close_extent();
+                self.open_extent(ExtentKind::Records)?;
+                address = self.position();
+                size = self.encode_record(address, record);
+            }
+            if self.magic_since(address).is_some() {
+                self.close_extent();
+            }
+        }
+        self.written.records += 1;
+        self.written.bytes += size as u64;
+        Ok(address)
+    }
+
+    /// Appends a record to the buffer, and tells its size.
+    fn encode_record(&mut self, address: u64, record: NewRecord<'_>) -> usize {
+        let NewRecord { height, representative, pointers, run, zone } = record;
+        let start = self.buffer.len();
+        self.layout.encode((address, height), representative, pointers, run, &mut self.buffer);
+        self.buffer.extend_from_slice(zone);
+        self.buffer.len() - start
+    }
+
+    /// The first place where an extent could start and whose first bytes, of which at least one lies behind
+    /// `address`, are those of a head.
+    fn magic_since(&self, address: u64) -> Option<u64> {
+        let (length, end) = (EXTENT_MAGIC.len() as u64, self.position());
+        let first = (address + 1).saturating_sub(length).next_multiple_of(SECTOR);
+        // (The open extent's own head is not written yet.)
+        (first..end).step_by(SECTOR as usize).find(|place| {
+            place
+                .checked_sub(self.start)
+                .is_some_and(|at| self.buffer[at as usize..].starts_with(&EXTENT_MAGIC))
+        })
+    }
+
+    /// The content of a record, which is the same wherever it stands: records further down are told by their addresses.
+    fn content_of(content: &mut Vec<u8>, record: NewRecord<'_>, width: usize) {
+        let NewRecord { height, representative, pointers, run, zone } = record;
+        content.clear();
+        content.push(height);
+        content.extend_from_slice(&representative.to_bytes()[..width]);
+        content.extend_from_slice(&pointers.bitmap.to_le_bytes());
+        pointers.targets.iter().for_each(|target| content.extend_from_slice(&target.to_le_bytes()));
+        content.extend_from_slice(run);
+        content.extend_from_slice(zone);
+    }
+
+    /// Finds a record with the same content among those that this writer has written, else writes it.
+    fn share(&mut self, dedup: &mut DedupTable, record: NewRecord<'_>) -> Result<u64> {
+        let mut content = mem::take(&mut self.content);
+        Self::content_of(&mut content, record, self.layout.width());
+        let hash = hash(&content);
+        let mut found = None;
+        for address in dedup.find(hash) {
+            found = self.size_with(address, &content, record)?.map(|size| (address, size));
+            if found.is_some() {
+                break;
+            }
+        }
+        self.content = content;
+        if let Some((address, size)) = found {
+            self.written.shared += 1;
+            self.written.spared += size as u64;
+            return Ok(address);
+        }
+        let address = self.write_record(record)?;
+        dedup.insert(hash, address);
+        Ok(address)
+    }
+
+    /// Bytes of the record at an address, if it has this content, which is that of a new record for a node of the same height.
+    fn size_with(&mut self, address: u64, content: &[u8], new: NewRecord<'_>) -> Result<Option<usize>> {
+        if address < self.start && self.reader.is_none() {
+            self.reader = Some(self.backend.reader()?);
+        }
+        // (Height and addresses take no less room in the content than pointers in a record.)
+        let most = content.len();
+        let read;
+        let bytes = match (&self.reader, address.checked_sub(self.start)) {
+            // It is still in the buffer.
+            (_, Some(at)) => &self.buffer[at as usize..],
+            (Some(reader), None) if address < reader.len() => {
+                let most = (reader.len() - address).min(most as u64);
+                read = reader.read(address, most as usize)?;
+                &read[..]
+            }
+            _ => return Ok(None),
+        };
+        let Ok(parts) = self.layout.parts(bytes, new.height) else { return Ok(None) };
+        let (Some(representative), Some(zone), Some(pointers)) = (
+            self.layout.representative(bytes),
+            bytes.get(parts.end..parts.end + new.zone.len()),
+            parts.pointers(bytes, address),
+        ) else {
+            return Ok(None);
+        };
+        let mut found = Vec::with_capacity(content.len());
+        let record = NewRecord {
+            height: new.height,
+            representative,
+            pointers: &pointers,
+            run: parts.run(bytes),
+            zone,
+        };
+        Self::content_of(&mut found, record, self.layout.width());
+        Ok((found == content).then_some(parts.end + zone.len()))
+    }
+
+    /// Writes an extent of its own and tells where it starts.
+    pub(super) fn extent(&mut self, kind: ExtentKind, bytes: &[u8]) -> Result<u64> {
+        self.close_extent();
+        self.open_extent(kind)?;
+        let start = self.position() - HEAD_SIZE as u64;
+        self.buffer.extend_from_slice(bytes);
+        self.close_extent();
+        Ok(start)
+    }
+
+    /// Makes what was written durable, and then the commit the newest. Tells the meta slot.
+    pub(super) fn commit(&mut self, commit: &Commit) -> Result<Meta> {
+        let start = self.extent(ExtentKind::Commit, &commit.to_bytes()?)?;
+        self.flush()?;
+        let meta = Meta { sequence: commit.sequence, commit: start, end: self.position() };
+        // The slot must not become durable before what it names; and nobody may hear of a commit that is not
+        // durable.
+        self.sync()?;
+        // Nor of one that is in a file that nobody finds: before the slot there is no commit yet, and after it
+        // there is one where the file is now.
+        self.check_path()?;
+        self.write_at("write the meta slot", meta.offset(), &meta.to_bytes())?;
+        self.sync()?;
+        self.check_path()?;
+        // A torn write of the next commit must not damage a page of this one, which is durable.
+        self.start = self.start.next_multiple_of(PAGE);
+        self.written = Written::default();
+        Ok(meta)
+    }
+}

@@ -1,0 +1,117 @@
+//! Commits: the states of a file that stay readable.
+
+use serde::{Deserialize, Serialize};
+
+use super::extents::{ExtentKind, Extents};
+use spinney_base::{Error, Result};
+
+/// A note on a commit by whoever makes it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    /// Seconds since the beginning of 1970, if anybody told.
+    pub time: Option<i64>,
+    /// Who made it.
+    pub author: String,
+    /// Tells what was done, and why.
+    pub message: String,
+}
+
+/// The account of what a commit wrote.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Written {
+    /// Records that were written.
+    pub records: u64,
+    /// Their bytes, and those of extents' heads, of the metadata, and of alignment.
+    pub bytes: u64,
+    /// Records that were not, because the file had the same already.
+    pub shared: u64,
+    /// Bytes that these would have taken.
+    pub spared: u64,
+}
+
+/// The root of a commit's tree.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Root {
+    /// VOID, LEAF or INNER.
+    pub(super) state: u8,
+    /// Value or representative, as on disk.
+    pub(super) value: Vec<u8>,
+    /// Offset of the record, if it is INNER; else 0.
+    pub(super) address: u64,
+}
+
+/// A state of a file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Commit {
+    /// Its number: the first is 1, each has a larger one than the one before.
+    pub number: u64,
+    /// The note of whoever made it.
+    pub note: Note,
+    /// Cells that are not VOID.
+    pub cells: u64,
+    /// INNER nodes of its tree; those of shared subtrees as often as they occur.
+    pub records: u64,
+    /// The account of what it wrote.
+    pub written: Written,
+    /// Number of commits in the file up to this one.
+    pub(super) sequence: u64,
+    pub(super) root: Root,
+    /// Offset of the metadata's extent.
+    pub(super) metadata: u64,
+    /// Offset of the commit before this one; 0 if it is the first.
+    pub(super) previous: u64,
+    /// Sequence and offset of an older one, so that any is found by few steps (skew-binary jumps, after
+    /// Myers).
+    pub(super) jump: (u64, u64),
+}
+
+/// Bytes of a commit on disk at most.
+const LIMIT: usize = 1 << 20;
+/// First number of the extent: the version of what follows.
+const VERSION: u32 = 1;
+
+fn config() -> impl bincode::config::Config {
+    bincode::config::standard().with_limit::<LIMIT>()
+}
+
+impl Commit {
+    pub(super) fn to_bytes(&self) -> Result<Vec<u8>> {
+        let bytes = bincode::serde::encode_to_vec((VERSION, self), config()).ok();
+        bytes.filter(|bytes| bytes.len() <= LIMIT).ok_or_else(|| {
+            let found = format!("{} bytes", self.note.author.len() + self.note.message.len());
+            Error::invalid("author and message", found, "less than a million bytes")
+        })
+    }
+
+    /// The commit whose extent starts at an offset of the file.
+    pub(super) fn read(extents: &Extents, start: u64) -> Result<Commit> {
+        let bytes = extents.whole(ExtentKind::Commit, start)?;
+        let decoded = bincode::serde::decode_from_slice::<(u32, Commit), _>(&bytes, config());
+        let corrupt =
+            |found: String| extents.corrupt(format!("commit at {start}"), found, "that of formats.md");
+        let ((version, commit), _) = decoded.map_err(|error| corrupt(error.to_string()))?;
+        if version != VERSION {
+            let advice = "read it with a program as new as the file";
+            return Err(Error::unsupported(&extents.path, format!("commit version {version}"), advice));
+        }
+        // Everything is written before what points to it, so that following pointers comes to an end.
+        let back = [commit.previous, commit.jump.1, commit.metadata, commit.root.address];
+        if back.iter().any(|offset| *offset >= start) {
+            return Err(corrupt("a pointer that does not lead back".into()));
+        }
+        Ok(commit)
+    }
+
+    /// The jump of the commit that comes after this one, which is at `start`.
+    pub(super) fn next_jump(&self, extents: &Extents, start: u64) -> Result<(u64, u64)> {
+        if self.jump.1 == 0 {
+            return Ok((self.sequence, start));
+        }
+        let jump = Commit::read(extents, self.jump.1)?;
+        // Two jumps of one length become one of twice that length. (Sequences of a file may lie: they need
+        // not descend.)
+        let length = self.sequence.checked_sub(jump.sequence);
+        let equal = length == Some(jump.sequence.saturating_sub(jump.jump.0));
+        Ok(if equal && jump.jump.1 != 0 { jump.jump } else { (self.sequence, start) })
+    }
+}

@@ -1,0 +1,301 @@
+//! Extents: checksummed runs of bytes, from which everything but the first three pages of a file is made.
+
+use std::borrow::Cow;
+use std::ops::{Deref, Range};
+use std::path::{Path, PathBuf};
+
+use zerocopy::little_endian::{U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use super::meta::Slot;
+use super::newest::slots;
+use super::sectors::{MOST_BYTES, Sectors};
+use spinney_base::io::{ReadBackend, Stamp};
+use spinney_base::{Error, Result};
+
+/// Extents start at multiples of this: a sector, which disks write whole or not at all.
+pub(super) const SECTOR: u64 = 512;
+/// Commits start at multiples of this, so that no page with older bytes is written again.
+pub(super) const PAGE: u64 = 4096;
+/// Offset of the first extent: behind the header's page and those of the two meta slots.
+pub(super) const FIRST_EXTENT: u64 = 3 * PAGE;
+/// Bytes of an extent's head.
+pub(super) const HEAD_SIZE: usize = size_of::<RawHead>();
+/// An extent with more bytes than this is closed; one record can be longer.
+pub(super) const FULL_EXTENT: usize = 1 << 16;
+
+const _: () = assert!(FIRST_EXTENT.is_multiple_of(PAGE));
+
+/// Bytes of the longest extent, behind its head. A hostile length must not ask for more.
+const MAX_WHOLE: u64 = 16 << 20;
+/// Bytes that are read at a time where only their checksum is wanted.
+const CHECK_BYTES: u64 = 1 << 20;
+
+/// First bytes of an extent.
+pub(super) const EXTENT_MAGIC: [u8; 4] = *b"Extt";
+
+/// The content of an extent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ExtentKind {
+    Records,
+    Commit,
+    Metadata,
+}
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawHead {
+    magic: [u8; 4],
+    kind: u8,
+    zero: [u8; 3],
+    /// Offset of the extent in the file, so that bytes that were moved are not taken for one.
+    start: U64,
+    /// Bytes behind the head.
+    length: U64,
+    /// Checksum of these.
+    checksum: U32,
+    /// Checksum of the head before this.
+    head_checksum: U32,
+}
+
+/// The head of an extent that starts at `start`.
+pub(super) fn head(kind: ExtentKind, start: u64, payload: &[u8]) -> [u8; HEAD_SIZE] {
+    let mut raw = RawHead {
+        magic: EXTENT_MAGIC,
+        kind: kind as u8,
+        zero: [0; 3],
+        start: start.into(),
+        length: (payload.len() as u64).into(),
+        checksum: crc32c::crc32c(payload).into(),
+        head_checksum: 0.into(),
+    };
+    raw.head_checksum = crc32c::crc32c(&raw.as_bytes()[..HEAD_SIZE - 4]).into();
+    raw.as_bytes().try_into().expect("as long as it is")
+}
+
+/// An extent as its head tells; it ends within the commit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    pub(super) kind: u8,
+    start: u64,
+    length: u64,
+    checksum: u32,
+}
+
+impl Extent {
+    /// Offset of its bytes, behind the head.
+    fn payload_start(&self) -> u64 {
+        self.start + HEAD_SIZE as u64
+    }
+
+    pub(super) fn end(&self) -> u64 {
+        self.payload_start() + self.length
+    }
+
+    /// Where the extent behind this one starts. A commit's is its last one: before the next page there can only be what an
+    /// edit that was given up has left.
+    pub(super) fn next_start(&self) -> u64 {
+        let unit = if self.kind == ExtentKind::Commit as u8 { PAGE } else { SECTOR };
+        self.end().next_multiple_of(unit)
+    }
+}
+
+/// The extents of a file up to some commit, read as they are asked for, each checked before its first use.
+pub(super) struct Extents {
+    pub(super) path: PathBuf,
+    backend: Box<dyn ReadBackend>,
+    /// End of the commit: what is behind does not belong to it.
+    pub(super) end: u64,
+    /// Sectors of extents of records that were found to be good.
+    verified: Sectors,
+    check: bool,
+}
+
+/// One of the two ways to the bytes of extents of records. What is generic over it exists twice.
+pub(super) trait ByteAccess<'a>: Copy {
+    /// Some bytes.
+    type Bytes: Deref<Target = [u8]>;
+
+    /// Bytes of an extent of records from an address on: `most`, or more where that costs nothing, or fewer
+    /// at the commit's end.
+    fn bytes(self, address: u64, most: usize) -> Result<Self::Bytes>;
+}
+
+/// The bytes of a mapped file, or of one in memory: they are used where they stand.
+#[derive(Clone, Copy)]
+pub(super) struct MappedBytes<'a> {
+    extents: &'a Extents,
+    bytes: &'a [u8],
+}
+
+impl<'a> ByteAccess<'a> for MappedBytes<'a> {
+    type Bytes = &'a [u8];
+
+    #[inline]
+    fn bytes(self, address: u64, _: usize) -> Result<&'a [u8]> {
+        self.extents.check_at(address)?;
+        // (What is not within the extents was not found to be good.)
+        Ok(self.bytes.get(address as usize..).unwrap_or_default())
+    }
+}
+
+/// Positioned reads: every answer is a copy.
+impl<'a> ByteAccess<'a> for &'a Extents {
+    type Bytes = Cow<'a, [u8]>;
+
+    fn bytes(self, address: u64, most: usize) -> Result<Cow<'a, [u8]>> {
+        self.check_at(address)?;
+        let rest = self.end.saturating_sub(address);
+        self.backend.read(address, rest.min(most as u64) as usize)
+    }
+}
+
+impl Extents {
+    /// The extents in a backend up to `end`, which must not lie behind the backend's own.
+    ///
+    /// # Errors
+    /// If that is further than any file reaches.
+    pub(super) fn new(path: &Path, backend: Box<dyn ReadBackend>, end: u64, check: bool) -> Result<Extents> {
+        if end > MOST_BYTES {
+            let found = format!("a commit that ends at byte {end}");
+            return Err(Error::unsupported(path, found, format!("files may have {MOST_BYTES} bytes")));
+        }
+        let verified = Sectors::new(end);
+        Ok(Extents { path: path.to_path_buf(), backend, end, verified, check })
+    }
+
+    /// Both meta slots as they are now.
+    pub(super) fn slots(&self) -> Result<[Slot; 2]> {
+        slots(&*self.backend)
+    }
+
+    /// Length and time of the file as it is now.
+    pub(super) fn stamp(&self) -> Result<Option<Stamp>> {
+        self.backend.stamp()
+    }
+
+    /// Gives the backend back.
+    pub(super) fn into_backend(self) -> Box<dyn ReadBackend> {
+        self.backend
+    }
+
+    pub(super) fn file_size(&self) -> u64 {
+        self.backend.len()
+    }
+
+    pub(super) fn corrupt(
+        &self,
+        place: impl Into<String>,
+        found: impl Into<String>,
+        expected: &str,
+    ) -> Error {
+        Error::corrupt(&self.path, place, found, expected)
+    }
+
+    /// All bytes up to the commit's end where they are, if they can be seen: many records are then read
+    /// without asking the backend for each.
+    #[inline]
+    pub(super) fn mapped(&self) -> Option<MappedBytes<'_>> {
+        let bytes = self.backend.bytes()?.get(..self.end as usize)?;
+        Some(MappedBytes { extents: self, bytes })
+    }
+
+    /// Makes sure that the extent of records that an address is in is good.
+    #[inline]
+    fn check_at(&self, address: u64) -> Result<()> {
+        if self.verified.contains(address / SECTOR) { Ok(()) } else { self.verify_extent(address) }
+    }
+
+    /// Finds the extent of records that an address is in, checks it, and remembers that it is good.
+    #[cold]
+    fn verify_extent(&self, address: u64) -> Result<()> {
+        let extent = self.extent_of(address)?;
+        if self.check {
+            self.check_payload(&extent)?;
+        }
+        (extent.start / SECTOR..extent.end().div_ceil(SECTOR))
+            .for_each(|sector| self.verified.insert(sector));
+        Ok(())
+    }
+
+    /// The bytes, behind the head, of the extent of records that an address is in. (To readers any byte is in it that is in
+    /// one of its sectors.)
+    pub(super) fn records_at(&self, address: u64) -> Result<Range<u64>> {
+        self.extent_of(address).map(|extent| extent.payload_start()..extent.end())
+    }
+
+    fn extent_of(&self, address: u64) -> Result<Extent> {
+        let outside = || {
+            let found = format!("a pointer to byte {address}");
+            self.corrupt("record", found, "one to a record of this commit")
+        };
+        if address < FIRST_EXTENT || address >= self.end {
+            return Err(outside());
+        }
+        // Back to the nearest head, but no further than an extent can be long: a file may be nearly all holes.
+        let mut start = address / SECTOR * SECTOR;
+        let first = address.saturating_sub(MAX_WHOLE + HEAD_SIZE as u64).max(FIRST_EXTENT);
+        let extent = loop {
+            if let Some(extent) = self.extent_at(start)? {
+                break extent;
+            }
+            if start <= first {
+                return Err(outside());
+            }
+            start -= SECTOR;
+        };
+        let is_inside = (extent.payload_start()..extent.end()).contains(&address);
+        let is_good = extent.kind == ExtentKind::Records as u8 && is_inside && extent.length <= MAX_WHOLE;
+        if is_good { Ok(extent) } else { Err(outside()) }
+    }
+
+    /// The extent that starts at an offset of the file, if there is one.
+    pub(super) fn extent_at(&self, start: u64) -> Result<Option<Extent>> {
+        if start < FIRST_EXTENT || self.end.saturating_sub(start) < HEAD_SIZE as u64 {
+            return Ok(None);
+        }
+        let bytes = self.backend.read(start, HEAD_SIZE)?;
+        let Ok(raw) = RawHead::ref_from_bytes(&bytes) else { return Ok(None) };
+        let fits = raw.length.get() <= self.end - start - HEAD_SIZE as u64;
+        let is_head = raw.magic == EXTENT_MAGIC
+            && raw.start.get() == start
+            && fits
+            && raw.head_checksum.get() == crc32c::crc32c(&bytes[..HEAD_SIZE - 4]);
+        let (length, checksum) = (raw.length.get(), raw.checksum.get());
+        Ok(is_head.then_some(Extent { kind: raw.kind, start, length, checksum }))
+    }
+
+    /// Checks the bytes of an extent, piece by piece: extents of records may be as long as the file.
+    pub(super) fn check_payload(&self, extent: &Extent) -> Result<()> {
+        let (mut at, mut checksum) = (extent.payload_start(), 0);
+        while at < extent.end() {
+            let length = (extent.end() - at).min(CHECK_BYTES);
+            checksum = crc32c::crc32c_append(checksum, &self.backend.read(at, length as usize)?);
+            at += length;
+        }
+        self.compare(extent, checksum)
+    }
+
+    fn compare(&self, extent: &Extent, checksum: u32) -> Result<()> {
+        if checksum == extent.checksum {
+            return Ok(());
+        }
+        let place = format!("extent at {}", extent.start);
+        Err(self.corrupt(place, format!("checksum {checksum:08x}"), &format!("{:08x}", extent.checksum)))
+    }
+
+    /// All bytes of the extent of a kind that starts at an offset of the file, checked.
+    pub(super) fn whole(&self, kind: ExtentKind, start: u64) -> Result<Cow<'_, [u8]>> {
+        let extent = self.extent_at(start)?.filter(|extent| extent.kind == kind as u8);
+        let extent = extent.ok_or_else(|| {
+            self.corrupt(format!("byte {start}"), "something else", &format!("an extent of kind {kind:?}"))
+        })?;
+        if extent.length > MAX_WHOLE {
+            let found = format!("{} bytes", extent.length);
+            return Err(self.corrupt(format!("extent at {start}"), found, "at most 16 MiB"));
+        }
+        let bytes = self.backend.read(extent.payload_start(), extent.length as usize)?;
+        self.compare(&extent, crc32c::crc32c(&bytes))?;
+        Ok(bytes)
+    }
+}

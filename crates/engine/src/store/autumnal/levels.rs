@@ -1,0 +1,78 @@
+//! Nodes per level, which nobody keeps up to date in a file that is edited: they are counted.
+
+use super::distinct::Occurring;
+use super::reader::{Autumnal, AutumnalNode};
+use crate::tree::{Child, NodeState, Source, no_children};
+use spinney_base::Result;
+use spinney_base::space::Bounds;
+use spinney_base::value::Value;
+use spinney_container::LevelCounts;
+
+impl Autumnal {
+    /// Nodes of the commit's tree by level and state, those of shared subtrees as often as they occur; `None` if it has
+    /// more than `most` records, each of which is read. (What a record stands for several times is read once if the tree
+    /// has more nodes than the file has room for.)
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub fn level_counts(&self, most: u64) -> Result<Option<LevelCounts>> {
+        let root = self.root_child();
+        if self.is_folded()? {
+            let mut counted = Counted { depth: self.depth(), counts: LevelCounts::default() };
+            self.each_distinct(&Bounds::space(self.form().dimension, self.depth()), &mut counted)?;
+            return Ok(Some(counted.counts));
+        }
+        let mut counts = LevelCounts::default();
+        let mut left = most;
+        let is_counted = self.count_levels(root, 0, &mut counts, &mut left)?;
+        Ok(is_counted.then_some(counts))
+    }
+
+    /// Counts a node and all below it, as long as records are left; tells whether that was enough.
+    fn count_levels(
+        &self,
+        node: Child<AutumnalNode>,
+        level: u8,
+        counts: &mut LevelCounts,
+        left: &mut u64,
+    ) -> Result<bool> {
+        counts.add(level, nodes_of(node.state(), 1));
+        let Child::Inner { node, .. } = node else { return Ok(true) };
+        let Some(less) = left.checked_sub(1) else { return Ok(false) };
+        *left = less;
+        let mut children = no_children();
+        self.children(&node, &mut children)?;
+        for child in &children[..self.form().children()] {
+            if !self.count_levels(*child, level + 1, counts, left)? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// So many nodes of a state.
+fn nodes_of(state: NodeState, nodes: u64) -> [u64; 3] {
+    let mut of = [0; 3];
+    of[state as usize] = nodes;
+    of
+}
+
+/// The nodes of a tree each record of which is read once.
+struct Counted {
+    depth: u8,
+    counts: LevelCounts,
+}
+
+impl Occurring for Counted {
+    fn inner(&mut self, node: AutumnalNode, times: u64) -> Result<bool> {
+        self.counts.add(self.depth - node.height, nodes_of(NodeState::Inner, times));
+        Ok(true)
+    }
+
+    fn uniform(&mut self, value: Option<Value>, levels: u8, times: u64, _: u64) -> Result<()> {
+        let state = if value.is_some() { NodeState::Leaf } else { NodeState::Void };
+        self.counts.add(self.depth - levels, nodes_of(state, times));
+        Ok(())
+    }
+}

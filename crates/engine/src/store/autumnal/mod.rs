@@ -1,0 +1,43 @@
+//! The Autumnal format: trees that are edited, with their history. `formats.md` is its specification.
+//!
+//! A record has a node's representative and some levels of what is below it, and points to the records further down. Files
+//! are append-only and copy-on-write: an edit writes the records that change and the path to a new root, in
+//! checksummed *extents*; a commit makes them durable and then names the new root in one of two *meta slots*.
+//! So a crash at any instant leaves the last commit, readers need no locks, and every commit stays readable.
+
+mod append;
+mod archive;
+mod builder;
+mod commit;
+mod compact;
+mod copied;
+mod distinct;
+mod editor;
+mod extents;
+mod history;
+mod layout;
+mod levels;
+mod meta;
+mod newest;
+mod pieces;
+mod reader;
+mod recover;
+mod remembered;
+mod sectors;
+mod share;
+mod source;
+mod verified;
+mod verify;
+mod write;
+mod zone;
+
+pub use commit::{Commit, Note, Written};
+pub use compact::{Keep, compact};
+pub(crate) use distinct::Occurring;
+pub use editor::Editor;
+pub use history::History;
+pub use pieces::Piece;
+pub use reader::{Autumnal, AutumnalNode};
+pub use recover::recover;
+pub(crate) use remembered::Remembered;
+pub(in crate::store) use write::write;

@@ -1,0 +1,163 @@
+//! Finds the newest commit of a file: by the meta slots, or behind the commit that is left where one of them
+//! is damaged.
+
+use std::path::Path;
+
+use super::commit::Commit;
+use super::extents::{ExtentKind, Extents, FIRST_EXTENT, PAGE, SECTOR};
+use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE, Slot};
+use spinney_base::io::ReadBackend;
+use spinney_base::{Error, Result};
+
+/// State of the newest commit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Newest {
+    /// It is what the slots say.
+    Good,
+    /// Its slot is damaged; it was found behind the commit of the other one.
+    BehindSlot,
+    /// It cannot be read, and an older one is in its place. The texts are the part of the file, what was found
+    /// and what was expected.
+    Damaged([String; 3]),
+}
+
+impl Newest {
+    /// Fails if the newest commit cannot be read.
+    pub(super) fn check(&self, extents: &Extents) -> Result<()> {
+        match self {
+            Newest::Good | Newest::BehindSlot => Ok(()),
+            Newest::Damaged([place, found, expected]) => {
+                let advice = "`spinney log` shows the commits that can be read, `spinney recover` makes one of them the newest";
+                Err(extents.corrupt(place, found, &format!("{expected} ({advice})")))
+            }
+        }
+    }
+}
+
+/// Result of looking for the newest commit: the bytes that were looked at, the slot of the newest commit that
+/// can be read, and what is to be said about it.
+pub(super) enum Look {
+    Found(Box<dyn ReadBackend>, Meta, Newest),
+    /// No slot leads to a commit that can be read; the error says why, if a slot is whole.
+    Nothing(Option<Error>),
+}
+
+/// Both slots, the first one first.
+pub(super) fn slots(bytes: &dyn ReadBackend) -> Result<[Slot; 2]> {
+    let mut slots = [Slot::Empty; 2];
+    // (A file may have been cut since somebody looked at its length.)
+    if bytes.len() >= FIRST_EXTENT {
+        for (slot, offset) in slots.iter_mut().zip(SLOT_OFFSETS) {
+            *slot = Meta::from_bytes(&bytes.read(offset, SLOT_SIZE)?, offset);
+        }
+    }
+    Ok(slots)
+}
+
+/// The slots that are whole, the newer one first.
+pub(super) fn whole(slots: &[Slot; 2]) -> Vec<Meta> {
+    let metas = slots.iter().filter_map(|slot| if let Slot::Whole(meta) = slot { Some(*meta) } else { None });
+    let mut whole: Vec<Meta> = metas.collect();
+    whole.sort_by_key(|meta| std::cmp::Reverse(meta.sequence));
+    whole
+}
+
+/// Finds the newest commit.
+///
+/// A crash leaves both slots whole, or the one that was being written in parts: then all that its commit has
+/// written is durable already, and the commit is found by going on from the other one's. Nothing else leaves
+/// a slot that is not whole, or a whole one whose commit is not there.
+pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Look> {
+    let length = bytes.len();
+    let slots = slots(&*bytes)?;
+    let mut extents = Extents::new(path, bytes, 0, true)?;
+    let mut damage = None;
+    let mut found = None;
+    for meta in whole(&slots) {
+        match read(&mut extents, &meta, length) {
+            Ok(()) => {
+                found = Some(meta);
+                break;
+            }
+            Err(error @ Error::Io { .. }) => return Err(error),
+            Err(error) => damage = damage.or(Some(texts(error))),
+        }
+    }
+    let Some(meta) = found else {
+        let error = damage.map(|[place, found, expected]| Error::corrupt(path, place, found, expected));
+        return Ok(Look::Nothing(error));
+    };
+    if let Some(damage) = damage {
+        return Ok(Look::Found(extents.into_backend(), meta, Newest::Damaged(damage)));
+    }
+    // The first commit has an empty slot beside its own.
+    let other = slots[usize::from(!meta.sequence.is_multiple_of(2))];
+    let is_lost = match other {
+        Slot::Whole(_) => false,
+        Slot::Empty => meta.sequence > 1,
+        Slot::Damaged => true,
+    };
+    if !is_lost {
+        return Ok(Look::Found(extents.into_backend(), meta, Newest::Good));
+    }
+    extents.end = length;
+    let next = find_next(&extents, &meta);
+    let backend = extents.into_backend();
+    Ok(match next {
+        Ok(Some(next)) => Look::Found(backend, next, Newest::BehindSlot),
+        // It was the older slot that was lost.
+        Ok(None) => Look::Found(backend, meta, Newest::Good),
+        Err(error @ Error::Io { .. }) => return Err(error),
+        Err(error) => Look::Found(backend, meta, Newest::Damaged(texts(error))),
+    })
+}
+
+/// Makes sure that the commit of a slot is there.
+fn read(extents: &mut Extents, meta: &Meta, length: u64) -> Result<()> {
+    if meta.end > length {
+        let found = format!("{length} bytes");
+        let expected =
+            format!("at least {}, where the newest commit ends (was the file cut short?)", meta.end);
+        return Err(extents.corrupt("file", found, &expected));
+    }
+    extents.end = meta.end;
+    let commit = Commit::read(extents, meta.commit)?;
+    if commit.sequence != meta.sequence {
+        let found = format!("sequence {}", commit.sequence);
+        let expected = format!("{}, as its slot says", meta.sequence);
+        return Err(extents.corrupt(format!("commit at {}", meta.commit), found, &expected));
+    }
+    Ok(())
+}
+
+/// The commit that was written behind another one: all its extents must be whole.
+fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
+    let mut start = last.end.next_multiple_of(PAGE);
+    let mut damaged = None;
+    while let Some(extent) = extents.extent_at(start)? {
+        let end = extent.end().next_multiple_of(SECTOR);
+        if let Err(error) = extents.check_payload(&extent) {
+            damaged = damaged.or(Some(error));
+        } else if extent.kind == ExtentKind::Commit as u8 {
+            let commit = Commit::read(extents, start)?;
+            // What an edit that was given up has left is not chained like this.
+            let follows =
+                commit.previous == last.commit && commit.sequence == last.sequence.saturating_add(1);
+            return match damaged {
+                _ if !follows => Ok(None),
+                Some(error) => Err(error),
+                None => Ok(Some(Meta { sequence: commit.sequence, commit: start, end })),
+            };
+        }
+        start = end;
+    }
+    Ok(None)
+}
+
+/// The texts of an error about damage.
+fn texts(error: Error) -> [String; 3] {
+    match error {
+        Error::Corrupt { place, found, expected, .. } => [place, found, expected],
+        other => ["newest commit".into(), other.to_string(), "one that can be read".into()],
+    }
+}

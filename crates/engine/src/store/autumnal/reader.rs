@@ -1,0 +1,528 @@
+//! Reads one commit of an Autumnal file.
+
+use std::borrow::Cow;
+use std::cell::Cell;
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+
+use super::archive::{Archive, OpenFile};
+use super::commit::{Commit, Root};
+use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
+use super::layout::{BadRecord, Heights, PointeredLayout, RecordParts};
+use super::newest::{slots, whole};
+use super::zone::{BadZone, Zone, records};
+use crate::store::records::{Descent, RunNode};
+use crate::tree::{Child, Source};
+use spinney_base::io::FileId;
+use spinney_base::space::Code;
+use spinney_base::value::Value;
+use spinney_base::{Error, Result};
+use spinney_container::{Header, INNER, LEAF, Metadata, OpenOptions, VOID, split_commit};
+
+/// An INNER node of an open file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct AutumnalNode {
+    /// Offset in the file of the record that has it.
+    pub(super) address: u64,
+    /// Levels below it.
+    pub(super) height: u8,
+    /// The way to it from the record's own node: the numbers of children, one after the other as digits.
+    pub(super) path: u8,
+    /// Its place in the record's run.
+    pub(super) place: RunNode,
+}
+
+impl AutumnalNode {
+    /// The node whose own record is at an address.
+    #[inline]
+    pub(super) fn new(address: u64, height: u8) -> AutumnalNode {
+        AutumnalNode { address, height, path: 0, place: RunNode::default() }
+    }
+
+    /// Whether the node has a record of its own.
+    #[inline]
+    pub(crate) fn has_record(&self) -> bool {
+        self.place == RunNode::default()
+    }
+}
+
+/// One commit of an Autumnal file, open for reading; may be shared by any number of threads.
+///
+/// It stays as it is whatever a writer adds to the file; [`Autumnal::refresh`] moves on. Every extent is
+/// checked before something of it is used: a damaged file gives an error, never a crash.
+pub struct Autumnal {
+    pub(super) archive: Archive,
+    pub(super) commit: Commit,
+    metadata: Metadata,
+    root: Child<AutumnalNode>,
+    /// Path and options it was opened with, to see whether there is something newer; nothing for other than
+    /// files.
+    opened: Option<(PathBuf, OpenOptions)>,
+}
+
+/// Records that a tree may have to be walked as a whole, those of shared subtrees counted as often as they
+/// occur: a small file can say of any number of nodes that they are equal, and take for ever.
+pub(super) const MAX_RECORDS: u64 = 1 << 36;
+
+/// Bytes of the number of records at a zone's start at most (and a few more).
+const ZONE_RECORDS: usize = 16;
+
+/// Bytes that are read first of a record, whose length is not known.
+const FIRST_RECORD_READ: usize = 1024;
+
+/// Bytes that are read first of a zone, whose length is not known.
+const FIRST_ZONE_READ: usize = 256;
+
+/// A record as it stands in the file.
+pub(super) struct PointeredRecord<B> {
+    pub(super) address: u64,
+    /// Height of the record's own node.
+    pub(super) height: u8,
+    /// From the record's first byte on, at least all but the zone.
+    pub(super) bytes: B,
+    pub(super) parts: RecordParts,
+}
+
+impl<B: Deref<Target = [u8]>> PointeredRecord<B> {
+    /// The levels below the record's node.
+    #[inline]
+    pub(super) fn run(&self) -> &[u8] {
+        self.parts.run(&self.bytes)
+    }
+}
+
+/// One that was asked for by itself.
+type OneRecord<'a> = PointeredRecord<Cow<'a, [u8]>>;
+
+impl Autumnal {
+    /// Opens a commit of a file: `map.autumn@12` is the twelfth, `map.autumn` the newest.
+    ///
+    /// # Errors
+    /// If it cannot be read, is no Autumnal file, is damaged, or has no such commit.
+    pub fn open(path: &Path, options: &OpenOptions) -> Result<Autumnal> {
+        let (file_path, _) = split_commit(path);
+        Autumnal::of_opened(path, options.open_with_id(&file_path)?, options)
+    }
+
+    /// Opens a commit of a file whose bytes are open already.
+    ///
+    /// # Errors
+    /// Those of [`Autumnal::open`].
+    pub(crate) fn of_opened(path: &Path, opened: OpenFile, options: &OpenOptions) -> Result<Autumnal> {
+        let (file_path, number) = split_commit(path);
+        // If a writer was too fast, the file is opened again by its name.
+        let first = Cell::new(Some(opened));
+        let open = || first.take().map_or_else(|| options.open_with_id(&file_path), Ok);
+        let archive = Archive::open(&file_path, &open, options.check)?;
+        let commit = number.map_or_else(|| archive.newest(), |number| archive.commit(number))?;
+        let mut tree = Autumnal::new(archive, commit)?;
+        tree.opened = number.is_none().then(|| (file_path.into_owned(), options.clone()));
+        Ok(tree)
+    }
+
+    /// Opens the newest commit of a file that is in memory.
+    ///
+    /// # Errors
+    /// As [`Autumnal::open`].
+    pub fn from_bytes(bytes: Vec<u8>) -> Result<Autumnal> {
+        let archive = Archive::of_bytes(Path::new("(memory)"), bytes)?;
+        let commit = archive.newest()?;
+        Autumnal::new(archive, commit)
+    }
+
+    /// A commit of an open file.
+    pub(super) fn new(archive: Archive, commit: Commit) -> Result<Autumnal> {
+        let extents = &archive.extents;
+        let bytes = extents.whole(ExtentKind::Metadata, commit.metadata)?;
+        let metadata = Metadata::from_bytes(&extents.path, &bytes)?;
+        Autumnal::with_metadata(archive, commit, metadata)
+    }
+
+    /// A commit of an open file whose metadata are known.
+    pub(super) fn with_metadata(archive: Archive, commit: Commit, metadata: Metadata) -> Result<Autumnal> {
+        let corrupt = |found: String, expected| archive.extents.corrupt("commit", found, expected);
+        let Root { state, value, address } = &commit.root;
+        let header = &archive.header;
+        let value = || match value.len() == header.form.width() {
+            true => Ok(Value::from_bytes(value)),
+            false => Err(corrupt("a root value of another size".into(), "one value")),
+        };
+        let root = match *state {
+            VOID => Child::Void,
+            LEAF => Child::Leaf(value()?),
+            // (Children of a cell would lie outside of everything.)
+            INNER if header.depth() == 0 => {
+                return Err(corrupt("an INNER root of a tree that is one cell".into(), "VOID or LEAF"));
+            }
+            INNER => {
+                let node = AutumnalNode::new(*address, header.depth());
+                Child::Inner { representative: value()?, node }
+            }
+            other => return Err(corrupt(format!("root state {other}"), "0, 1 or 2")),
+        };
+        Ok(Autumnal { archive, commit, metadata, root, opened: None })
+    }
+
+    /// Moves on to the newest commit, if there is a newer one; tells whether. Trees opened at a certain
+    /// commit stay there.
+    ///
+    /// # Errors
+    /// If the file cannot be read; the tree stays as it was then.
+    pub fn refresh(&mut self) -> Result<bool> {
+        let Some((path, options)) = &self.opened else { return Ok(false) };
+        // (Where the system does not tell files apart, there is only the commit to go by.)
+        let Archive { meta, file, .. } = self.archive;
+        let is_same = |other_meta, other: FileId| other_meta == meta && (other == file || other.is_unique());
+        let (bytes, current) = options.open_with_id(path)?;
+        if whole(&slots(&*bytes)?).first().is_some_and(|newest| is_same(*newest, current)) {
+            return Ok(false);
+        }
+        let new = Autumnal::open(path, options)?;
+        let is_newer = !is_same(new.archive.meta, new.archive.file);
+        if is_newer {
+            *self = new;
+        }
+        Ok(is_newer)
+    }
+
+    /// The file, for messages.
+    pub fn path(&self) -> &Path {
+        &self.archive.extents.path
+    }
+
+    /// The file's header; the shape is that of the Goblin file that would be published.
+    pub fn header(&self) -> &Header {
+        &self.archive.header
+    }
+
+    /// Georeference, meaning and provenance of the data.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// The commit.
+    pub fn commit(&self) -> &Commit {
+        &self.commit
+    }
+
+    /// A remark on the file that whoever reads it should know: that its newest commit was not found where it
+    /// should be.
+    pub fn remark(&self) -> Option<&'static str> {
+        self.archive.remark()
+    }
+
+    /// Whether equal subtrees are stored once.
+    pub fn is_shared(&self) -> bool {
+        self.archive.share
+    }
+
+    /// Makes sure that the file still has the commit, and those before it: that it reaches to the commit's end,
+    /// and its newest commit is no older.
+    ///
+    /// # Errors
+    /// If that is not so: somebody has overwritten the file, or cut it short.
+    pub fn check_unchanged(&self) -> Result<()> {
+        self.archive.check_unchanged()
+    }
+
+    /// Bytes of the whole file.
+    pub fn file_size(&self) -> u64 {
+        self.archive.extents.file_size()
+    }
+
+    /// Name and bytes of each part of the file, in order.
+    pub fn sections(&self) -> Vec<(&'static str, u64)> {
+        let end = self.archive.extents.end;
+        vec![("header", FIRST_EXTENT), ("commits", end - FIRST_EXTENT), ("unused", self.file_size() - end)]
+    }
+
+    #[inline]
+    pub(super) fn extents(&self) -> &Extents {
+        &self.archive.extents
+    }
+
+    #[inline]
+    pub(super) fn layout(&self) -> &PointeredLayout {
+        &self.archive.layout
+    }
+
+    #[inline]
+    pub(super) fn heights(&self) -> Heights {
+        self.layout().heights
+    }
+
+    #[cold]
+    pub(super) fn bad_record(&self, address: u64, found: &str, expected: &str) -> Error {
+        self.extents().corrupt(format!("record at {address}"), found, expected)
+    }
+
+    #[cold]
+    fn cut_short(&self, address: u64) -> Error {
+        self.bad_record(address, "the end of the file", "a whole record")
+    }
+
+    #[cold]
+    fn bad_zone(&self, address: u64) -> Error {
+        self.bad_record(address, "an impossible zone", "one of its cells")
+    }
+
+    #[cold]
+    pub(super) fn bad_run(&self, address: u64) -> Error {
+        self.bad_record(address, "a run that contradicts itself", "records that fit together")
+    }
+
+    /// The record that has a node.
+    pub(super) fn record(&self, node: AutumnalNode) -> Result<OneRecord<'_>> {
+        Ok(match self.extents().mapped() {
+            Some(mapped) => {
+                let PointeredRecord { address, height, bytes, parts } = self.record_in(mapped, node)?;
+                PointeredRecord { address, height, bytes: Cow::Borrowed(bytes), parts }
+            }
+            None => self.record_in(self.extents(), node)?,
+        })
+    }
+
+    #[inline(always)] // the heart of every descent
+    pub(super) fn record_in<'a, A: ByteAccess<'a>>(
+        &self,
+        access: A,
+        node: AutumnalNode,
+    ) -> Result<PointeredRecord<A::Bytes>> {
+        let AutumnalNode { address, height, .. } = node;
+        let height = self.heights().record_of(height);
+        let mut most = FIRST_RECORD_READ;
+        loop {
+            let bytes = access.bytes(address, most)?;
+            match self.layout().parts(&bytes, height) {
+                Ok(parts) => return Ok(PointeredRecord { address, height, bytes, parts }),
+                // (What is read does not get shorter, and no record is longer than its parts say.)
+                Err(BadRecord::Short(needed)) if needed > most && bytes.len() >= most => most = needed,
+                Err(BadRecord::Short(_)) => return Err(self.cut_short(address)),
+                Err(BadRecord::Wrong) => {
+                    return Err(self.bad_record(address, "impossible numbers", "those of a record"));
+                }
+            }
+        }
+    }
+
+    /// The representative of a node with a record of its own.
+    pub(super) fn representative(&self, node: AutumnalNode) -> Result<Value> {
+        let bytes = self.extents().bytes(node.address, self.layout().width())?;
+        self.layout().representative(&bytes).ok_or_else(|| self.cut_short(node.address))
+    }
+
+    /// The node that the pointer with a number leads to, if there is one.
+    #[inline]
+    pub(super) fn follow<B>(&self, record: &PointeredRecord<B>, number: usize) -> Result<Option<AutumnalNode>>
+    where
+        B: Deref<Target = [u8]>,
+    {
+        let Some(height) = self.heights().below(record.height) else { return Ok(None) };
+        let target = record.parts.pointer(&record.bytes, record.address, number);
+        let target = target.ok_or_else(|| self.bad_pointer(record.address))?;
+        Ok(target.map(|address| AutumnalNode::new(address, height)))
+    }
+
+    #[cold]
+    fn bad_pointer(&self, address: u64) -> Error {
+        self.bad_record(address, "a pointer that does not lead back", "one to an earlier record")
+    }
+
+    #[cold]
+    pub(super) fn no_pointer(&self, address: u64) -> Error {
+        self.bad_record(address, "an INNER node without a pointer", "one to its record")
+    }
+
+    /// The root: its state, its value or representative, and its record.
+    pub fn root_child(&self) -> Child<AutumnalNode> {
+        self.root
+    }
+
+    /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;
+    /// `None` is VOID. One record for each level.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn value_at(&self, code: Code) -> Result<Option<Value>> {
+        match self.extents().mapped() {
+            Some(mapped) => self.value_in_access(mapped, code),
+            None => self.value_in_access(self.extents(), code),
+        }
+    }
+
+    #[inline]
+    fn value_in_access<'a, A: ByteAccess<'a>>(&self, access: A, code: Code) -> Result<Option<Value>> {
+        let mut node = match self.root {
+            Child::Inner { node, .. } if code.level() > 0 => node,
+            root => return Ok(root.value()),
+        };
+        let depth = self.header().depth();
+        loop {
+            let record = self.record_in(access, node)?;
+            let level = depth - record.height;
+            if code.level() - level > self.heights().run_of(record.height)
+                && let Some(below) = self.heights().below(record.height)
+            {
+                let to = depth - below;
+                let number = (level..to)
+                    .fold(0, |number, level| number * self.layout().form.children() + code.step(level));
+                if let Some(next) = self.follow(&record, number)? {
+                    node = next;
+                    continue;
+                }
+                // It is uniform, as the run has it.
+                return match self.descend(&record, code.ancestor(to)) {
+                    Descent::Void => Ok(None),
+                    Descent::Leaf(value) => Ok(Some(value)),
+                    Descent::Dense(at, top) => {
+                        let value = self.layout().run.value_below(record.run(), at, top, code.ancestor(to));
+                        value.ok_or_else(|| self.bad_run(record.address))
+                    }
+                    _ => Err(self.no_pointer(record.address)),
+                };
+            }
+            let parent = code.ancestor(code.level() - 1);
+            let run = record.run();
+            let value = match self.descend(&record, parent) {
+                Descent::Void => Some(None),
+                Descent::Leaf(value) => Some(Some(value)),
+                Descent::Inner(at) => self.layout().run.value_below(run, at, parent.level(), code),
+                Descent::Dense(at, top) => self.layout().run.value_below(run, at, top, code),
+                Descent::Cut(_) | Descent::BadSkip(_) => None,
+            };
+            return value.ok_or_else(|| self.bad_run(record.address));
+        }
+    }
+
+    /// Goes down to a node in the run of a record.
+    #[inline]
+    fn descend<B: Deref<Target = [u8]>>(&self, record: &PointeredRecord<B>, code: Code) -> Descent {
+        (self.layout().descend)(record.run(), 0, self.header().depth() - record.height, code)
+    }
+
+    /// The INNER node with a code, if it is one with a record of its own.
+    pub(super) fn inner_at(&self, code: Code) -> Result<Option<AutumnalNode>> {
+        let Child::Inner { mut node, .. } = self.root else { return Ok(None) };
+        let depth = self.header().depth();
+        while depth - node.height < code.level() {
+            let record = self.record(node)?;
+            let level = depth - record.height;
+            let Some(below) = self.heights().below(record.height) else { return Ok(None) };
+            let to = depth - below;
+            if to > code.level() {
+                return Ok(None);
+            }
+            let number = (level..to)
+                .fold(0, |number, level| number * self.layout().form.children() + code.step(level));
+            match self.follow(&record, number)? {
+                Some(next) => node = next,
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(node))
+    }
+
+    /// Bytes of a node's zone, and what is behind, up to `most`.
+    fn behind(&self, node: AutumnalNode, most: usize) -> Result<Cow<'_, [u8]>> {
+        let length = self.record(node)?.parts.end;
+        self.extents().bytes(node.address, length + most).map(|bytes| match bytes {
+            Cow::Borrowed(bytes) => Cow::Borrowed(&bytes[length.min(bytes.len())..]),
+            Cow::Owned(mut bytes) => Cow::Owned(bytes.split_off(length.min(bytes.len()))),
+        })
+    }
+
+    /// Whether a node has a zone.
+    #[inline]
+    pub(super) fn is_zone(&self, node: AutumnalNode) -> bool {
+        node.has_record() && self.heights().has_zone(node.height)
+    }
+
+    /// The zone of a node, if it has one.
+    pub(super) fn zone(&self, node: AutumnalNode) -> Result<Option<Zone>> {
+        if !self.is_zone(node) {
+            return Ok(None);
+        }
+        let header = self.header();
+        // A zone does not tell its length. Those without classes are short; of the others ever more is read.
+        let mut most = FIRST_ZONE_READ;
+        loop {
+            let bytes = self.behind(node, most)?;
+            match Zone::from_bytes(&bytes, header.form, node.height, header.counts_classes()) {
+                Ok(zone) => return Ok(Some(zone)),
+                Err(BadZone::Short) if bytes.len() >= most => most *= 4,
+                Err(_) => return Err(self.bad_zone(node.address)),
+            }
+        }
+    }
+
+    /// Whether a node's zone has these bytes.
+    pub(super) fn has_zone(&self, node: AutumnalNode, zone: &[u8]) -> Result<bool> {
+        Ok(self.behind(node, zone.len())?[..] == *zone)
+    }
+
+    /// INNER nodes of a subtree, as its zone says; one of what has none, which is too small to matter.
+    pub(super) fn records_below<'a, A: ByteAccess<'a>>(&self, access: A, node: AutumnalNode) -> Result<u64> {
+        if !self.is_zone(node) {
+            return Ok(1);
+        }
+        let end = self.record_in(access, node)?.parts.end;
+        let bytes = access.bytes(node.address, end + ZONE_RECORDS)?;
+        let claimed = bytes.get(end..).and_then(|mut zone| records(&mut zone).ok());
+        claimed.ok_or_else(|| self.bad_zone(node.address))
+    }
+
+    /// INNER nodes of the tree, those of shared subtrees as often as they occur, as its root's zone says. (Whoever walks
+    /// it finds out if that is not true.)
+    ///
+    /// # Errors
+    /// If the file is damaged.
+    pub(crate) fn claimed_records(&self) -> Result<u64> {
+        match self.root {
+            Child::Inner { node, .. } => self.records_below(self.extents(), node),
+            Child::Void | Child::Leaf(_) => Ok(0),
+        }
+    }
+
+    /// Checks that the zone of a node, which has this record, adds up with those of the nodes that it points to: else a
+    /// small file could claim few records and have any number.
+    #[inline(never)]
+    pub(super) fn check_zone<'a, A: ByteAccess<'a>>(
+        &self,
+        access: A,
+        node: AutumnalNode,
+        record: &PointeredRecord<A::Bytes>,
+    ) -> Result<()> {
+        let claimed = self.records_below(access, node)?;
+        let dimension = self.layout().form.dimension;
+        let children = dimension.children() as u64;
+        let Some(below) = self.heights().below(node.height) else { return Ok(()) };
+        let targets = record.parts.pointers(&record.bytes, record.address);
+        let mut sum = 0u64;
+        for target in targets.ok_or_else(|| self.bad_pointer(record.address))?.targets {
+            sum = sum.saturating_add(self.records_below(access, AutumnalNode::new(target, below))?);
+        }
+        // A full tree has 1 + c + c^2 ... nodes for c children.
+        let full = |levels| (dimension.cells(levels) - 1) / (children - 1);
+        let most = if !self.heights().has_zone(below) {
+            // Nothing below has a zone: as many as there can be, down to the level above the cells.
+            full(node.height)
+        } else {
+            sum.saturating_add(full(node.height - below))
+        };
+        let range = sum.saturating_add(1)..=most;
+        if range.contains(&claimed) {
+            return Ok(());
+        }
+        let expected = format!("{} to {}, those below and its own", range.start(), range.end());
+        Err(self.bad_record(node.address, &format!("a zone of {claimed} records"), &expected))
+    }
+
+    /// INNER nodes of the tree, those of shared subtrees as often as they occur.
+    ///
+    /// # Errors
+    /// If there are so many that the tree cannot be walked as a whole, or the file is damaged.
+    pub(crate) fn walkable_records(&self) -> Result<u64> {
+        self.root()?;
+        Ok(self.commit.records)
+    }
+}

@@ -1,0 +1,118 @@
+//! Makes an older commit the newest one of a file whose newest commit is damaged.
+
+use std::fs::File;
+use std::path::Path;
+
+use super::archive::Archive;
+use super::commit::Commit;
+use super::editor::open_file;
+use super::extents::{ExtentKind, Extents, FIRST_EXTENT, SECTOR};
+use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE};
+use super::newest::Newest;
+use super::reader::Autumnal;
+use spinney_base::io::{FileBackend, LockedFile, WriteBackend};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Header;
+
+/// Makes the commit with a number the newest one, in a file whose newest commit is damaged. What comes behind
+/// it is given up: the next edit writes over it. Returns the commit.
+///
+/// Where neither meta slot is whole, the commit is looked for in all of the file.
+///
+/// # Errors
+/// If the file's newest commit can be read (then [`Editor::revert`](super::Editor::revert) goes back without
+/// losing anything), there is no such commit, it is damaged itself, or as
+/// [`Editor::open`](super::Editor::open).
+pub fn recover(path: &Path, number: u64, progress: &dyn Progress) -> Result<Commit> {
+    let file = File::options().read(true).write(true).open(path).map_err(Error::io(path, "open"))?;
+    let file = FileBackend::new(file, path);
+    // Nothing is written to what is no Autumnal file.
+    Header::read(path, &*file.reader()?)?;
+    let mut file = LockedFile::new(file)?;
+    file.check_path()?;
+    let archive = match Archive::open(path, &|| open_file(&file), true) {
+        Ok(archive) if matches!(archive.newest, Newest::Damaged(_)) => archive,
+        Ok(archive) if Autumnal::new(archive.clone(), archive.newest()?).is_err() => archive,
+        Ok(_) => {
+            let advice = "`spinney revert` goes back to an older commit, and loses nothing";
+            return Err(Error::unsupported(
+                path,
+                "giving up commits of a file whose newest one is whole",
+                advice,
+            ));
+        }
+        Err(Error::Corrupt { .. }) => {
+            let meta = scan(path, &file, number, progress)?;
+            Archive::at(path, open_file(&file)?, meta)?
+        }
+        Err(error) => return Err(error),
+    };
+    let commit = archive.commit(number)?;
+    let slot = slot_of(&archive, &commit)?;
+    // What is to be the newest must be readable itself.
+    Autumnal::new(archive.clone(), commit.clone())?;
+    // The other slot gets the commit before, as if nothing had ever come behind. If this is not done to its
+    // end, the file is as damaged as before.
+    let other = match commit.previous {
+        0 => [0; SLOT_SIZE],
+        previous => Meta { sequence: slot.sequence - 1, commit: previous, end: slot.commit }.to_bytes(),
+    };
+    let other_offset = SLOT_OFFSETS[usize::from(slot.offset() == SLOT_OFFSETS[0])];
+    for (offset, bytes) in [(slot.offset(), slot.to_bytes()), (other_offset, other)] {
+        file.write(offset, &bytes).map_err(Error::io(path, "write the meta slot"))?;
+        file.sync().map_err(Error::io(path, "sync"))?;
+    }
+    file.check_path()?;
+    Ok(commit)
+}
+
+/// The meta slot of a commit.
+fn slot_of(archive: &Archive, commit: &Commit) -> Result<Meta> {
+    let extents = &archive.extents;
+    let mut start = archive.meta.commit;
+    // The commit's own place is known to those that come behind it.
+    loop {
+        let here = Commit::read(extents, start)?;
+        if here.number == commit.number || here.previous == 0 {
+            break;
+        }
+        start = here.previous;
+    }
+    meta_at(extents, start, commit)
+}
+
+/// The slot of the commit whose extent starts at an offset.
+fn meta_at(extents: &Extents, start: u64, commit: &Commit) -> Result<Meta> {
+    let end = extents.extent_at(start)?.map_or(start + 1, |extent| extent.end().next_multiple_of(SECTOR));
+    if commit.sequence == 0 {
+        return Err(extents.corrupt(format!("commit at {start}"), "sequence 0", "at least 1"));
+    }
+    Ok(Meta { sequence: commit.sequence, commit: start, end })
+}
+
+/// Looks for a commit in all of the file: by the heads of its extents as far as these follow each other, else sector by
+/// sector.
+fn scan(path: &Path, file: &dyn WriteBackend, number: u64, progress: &dyn Progress) -> Result<Meta> {
+    let bytes = file.reader()?;
+    let length = bytes.len();
+    let extents = Extents::new(path, bytes, length, true)?;
+    let mut found = None;
+    let mut start = FIRST_EXTENT;
+    while start < length {
+        progress.check()?;
+        let Some(extent) = extents.extent_at(start)? else {
+            start += SECTOR;
+            continue;
+        };
+        if extent.kind == ExtentKind::Commit as u8
+            && let Ok(commit) = Commit::read(&extents, start)
+            && commit.number == number
+        {
+            found = Some(meta_at(&extents, start, &commit)?);
+        }
+        // (Also if its bytes are damaged: there may be some among them that imitate a commit.)
+        start = extent.next_start();
+    }
+    let expected = "one that is whole";
+    found.ok_or_else(|| Error::invalid(format!("{}: commit", path.display()), number.to_string(), expected))
+}

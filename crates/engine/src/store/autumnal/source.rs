@@ -1,0 +1,156 @@
+//! Walking a commit: its nodes as a source, and as what is kept or taken over.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+
+use super::extents::ByteAccess;
+use super::reader::{Autumnal, AutumnalNode, MAX_RECORDS, PointeredRecord};
+use crate::store::builder::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
+use crate::store::records::RunChildren;
+use crate::tree::{CellBlock, Child, Children, Source};
+use spinney_base::Form;
+use spinney_base::io::FileBytes;
+use spinney_base::value::Tally;
+use spinney_base::{Error, Result};
+use spinney_container::{Header, INNER, LEAF, VOID};
+
+impl Autumnal {
+    /// Writes the children of an inner node as nodes of something that stands on this file: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    pub(crate) fn children_with<N>(
+        &self,
+        node: &AutumnalNode,
+        children: &mut Children<N>,
+        node_of: impl Fn(AutumnalNode) -> N,
+    ) -> Result<()> {
+        match self.extents().mapped() {
+            Some(mapped) => self.children_in(mapped, *node, children, node_of),
+            None => self.children_in(self.extents(), *node, children, node_of),
+        }
+    }
+
+    /// Writes the children of a node to the room's beginning: what walks spend their time on.
+    #[inline(never)]
+    fn children_in<'a, A: ByteAccess<'a>, N>(
+        &self,
+        access: A,
+        node: AutumnalNode,
+        children: &mut Children<N>,
+        node_of: impl Fn(AutumnalNode) -> N,
+    ) -> Result<()> {
+        let record = self.record_in(access, node)?;
+        let layout = &self.layout().run;
+        let mut here = RunChildren::default();
+        let read = layout.run_children(record.run(), node.place, &mut here);
+        read.ok_or_else(|| self.bad_run(node.address))?;
+        let below = self.heights().below(record.height);
+        for (step, (child, here)) in children.iter_mut().zip(&here[..layout.children()]).enumerate() {
+            *child = match here.state {
+                VOID => Child::Void,
+                LEAF => Child::Leaf(here.value),
+                _ if node.height <= 1 => {
+                    return Err(self.bad_record(node.address, "INNER", "no deeper node than a cell"));
+                }
+                state => {
+                    let path = node.path as usize * layout.children() + step;
+                    let node = if below == Some(node.height - 1) {
+                        self.follow(&record, path)?.ok_or_else(|| self.no_pointer(node.address))?
+                    } else if state == INNER {
+                        AutumnalNode { height: node.height - 1, path: path as u8, place: here.node, ..node }
+                    } else {
+                        return Err(self.bad_run(node.address));
+                    };
+                    Child::Inner { representative: here.value, node: node_of(node) }
+                }
+            };
+        }
+        if self.is_zone(node) { self.check_zone(access, node, &record) } else { Ok(()) }
+    }
+}
+
+impl Source for Autumnal {
+    type Node = AutumnalNode;
+
+    #[inline]
+    fn form(&self) -> Form {
+        self.layout().form
+    }
+
+    fn depth(&self) -> u8 {
+        self.header().depth()
+    }
+
+    /// # Errors
+    /// If the tree has too many records to be walked as a whole, which can only be when they are shared.
+    fn root(&self) -> Result<Child<AutumnalNode>> {
+        if let Child::Inner { node, .. } = self.root_child() {
+            let records = self.records_below(self.extents(), node)?;
+            if records > MAX_RECORDS {
+                let found = format!("walking {records} nodes, most of which are stored once for many");
+                let advice = "look at a window, or at a coarser level";
+                return Err(Error::unsupported(self.path(), found, advice));
+            }
+        }
+        Ok(self.root_child())
+    }
+
+    fn children(&self, node: &AutumnalNode, children: &mut Children<AutumnalNode>) -> Result<()> {
+        self.children_with(node, children, |node| node)
+    }
+
+    fn cells(&self, node: &AutumnalNode, levels: u8) -> Result<Option<CellBlock>> {
+        if node.height != levels || levels > self.heights().run {
+            return Ok(None);
+        }
+        let record = self.record(*node)?;
+        let block = self.layout().run.dense_at(record.run(), node.place);
+        Ok(block.filter(|block| block.levels == levels).and_then(|block| block.cells()))
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        Autumnal::check_unchanged(self)
+    }
+
+    fn tally(&self, node: &AutumnalNode) -> Result<Option<Tally>> {
+        Ok(self.zone(*node)?.map(|zone| zone.tally))
+    }
+}
+
+impl ReusableSource for Autumnal {
+    fn stored(&self, node: &AutumnalNode) -> Option<StoredNode<'_>> {
+        let AutumnalNode { address, height, place, .. } = *node;
+        (height <= self.heights().run && place.below == 0).then_some(StoredNode {
+            file: self,
+            height,
+            run: address,
+            record: place.record,
+        })
+    }
+
+    fn kept(&self, node: &AutumnalNode) -> Option<RecordRef> {
+        let AutumnalNode { address, height, .. } = *node;
+        self.is_zone(*node).then_some(RecordRef { file: self.archive.file, address, height })
+    }
+}
+
+/// Only what is one run down to the cells: see [`ReusableSource::stored`].
+impl RunFile for Autumnal {
+    fn file_header(&self) -> &Header {
+        self.header()
+    }
+
+    fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
+        let height = self.heights().run_of(self.header().depth());
+        let PointeredRecord { bytes, parts, .. } = self.record(AutumnalNode::new(run, height))?;
+        let (layout, at) = (&self.layout().run, record as usize);
+        let records = parts.run(&bytes);
+        let skip = layout.head(records, at).map_or(0, |head| head.skip);
+        let length = layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
+        let start = parts.run_start() + at * layout.size;
+        let bytes = match bytes {
+            Cow::Borrowed(bytes) => FileBytes::Mapped(bytes),
+            Cow::Owned(bytes) => FileBytes::Held(Arc::new(bytes)),
+        };
+        Ok(Subtree::new(bytes, start..start + length))
+    }
+}

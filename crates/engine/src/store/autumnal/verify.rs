@@ -1,0 +1,184 @@
+//! Verifies a file: every checksum, and every rule of a commit's tree.
+//!
+//! As for Goblin files the rules need no second statement: the tree is built anew from its leaves, and every
+//! record that this would write must be there.
+
+use super::builder::{Check, Mode, RecordBuilder};
+use super::commit::Commit;
+use super::extents::{FIRST_EXTENT, PAGE};
+use super::meta::Slot;
+use super::reader::Autumnal;
+use super::verified::{Unverified, Verified};
+use crate::store::builder::{BuildOptions, walk};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Finding, MAX_FINDINGS};
+
+impl Autumnal {
+    /// Checks every checksum of the file, all its commits, and every rule of their trees: pointers that lead
+    /// to records, representatives and zones that agree with the leaves, no uniform INNER node. What trees,
+    /// and parts of a tree, have in common is looked at once, as far as `memory` allows. Takes about as long
+    /// as building.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
+    /// at most 100 are collected.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        self.verify_trees(true, memory, progress)
+    }
+
+    /// Checks as [`Autumnal::verify`] does, but no trees of other commits than this one.
+    ///
+    /// # Errors
+    /// Those of [`Autumnal::verify`].
+    pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        self.verify_trees(false, memory, progress)
+    }
+
+    fn verify_trees(&self, all: bool, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut findings = Vec::new();
+        self.verify_slots(&mut findings)?;
+        let slots = findings.len();
+        self.verify_extents(&mut findings, progress)?;
+        if findings.len() == slots {
+            self.verify_commits(&mut findings)?;
+        }
+        if findings.len() > slots {
+            findings.truncate(MAX_FINDINGS);
+            return Ok(findings);
+        }
+        let verified = Verified::new(memory / 2);
+        self.verify_tree(&mut findings, &verified, memory / 2, progress)?;
+        let mut next = if all { self.archive.meta.commit } else { 0 };
+        while next != 0 && findings.len() < MAX_FINDINGS {
+            let commit = Commit::read(self.extents(), next)?;
+            next = commit.previous;
+            if commit.number != self.commit.number {
+                let tree = Autumnal::new(self.archive.clone(), commit)?;
+                tree.verify_tree(&mut findings, &verified, memory / 2, progress)?;
+            }
+        }
+        findings.truncate(MAX_FINDINGS);
+        Ok(findings)
+    }
+
+    /// A slot that is not whole does no harm, but something has damaged it.
+    fn verify_slots(&self, findings: &mut Vec<Finding>) -> Result<()> {
+        for (slot, name) in self.extents().slots()?.into_iter().zip(["first", "second"]) {
+            // (The first commit of a file has an empty slot beside its own.)
+            if slot == Slot::Damaged || slot == Slot::Empty && self.archive.meta.sequence > 1 {
+                let problem = "is damaged; the next edit writes it anew".into();
+                findings.push(Finding { place: format!("{name} meta slot"), problem });
+            }
+        }
+        Ok(())
+    }
+
+    /// Extents lie one behind the other, those of each commit from a page's start on.
+    fn verify_extents(&self, findings: &mut Vec<Finding>, progress: &dyn Progress) -> Result<()> {
+        let extents = self.extents();
+        let mut next = FIRST_EXTENT;
+        while next < extents.end && findings.len() < MAX_FINDINGS {
+            progress.check()?;
+            // (Behind what an edit wrote that was given up, the next commit starts with a page.)
+            let (start, extent) = match extents.extent_at(next)? {
+                Some(extent) => (next, Some(extent)),
+                None => (next.next_multiple_of(PAGE), extents.extent_at(next.next_multiple_of(PAGE))?),
+            };
+            let Some(extent) = extent else {
+                if start < extents.end {
+                    let problem = "no extent starts here".into();
+                    findings.push(Finding { place: format!("byte {start}"), problem });
+                }
+                return Ok(());
+            };
+            add(findings, format!("extent at {start}"), extents.check_payload(&extent))?;
+            next = extent.next_start();
+        }
+        Ok(())
+    }
+
+    /// All commits, the newest first: numbers and sequences count, each leads to the older ones
+    /// that it should, metadata and roots can be read.
+    fn verify_commits(&self, findings: &mut Vec<Finding>) -> Result<()> {
+        let mut next = self.archive.meta.commit;
+        let mut after: Option<Commit> = None;
+        while next != 0 {
+            let commit = match Commit::read(self.extents(), next) {
+                Ok(commit) => commit,
+                error => return add(findings, format!("commit at {next}"), error.map(|_| ())),
+            };
+            let fits = after.is_none_or(|after| {
+                commit.number < after.number && commit.sequence.checked_add(1) == Some(after.sequence)
+            });
+            if !fits || (commit.previous == 0) != (commit.sequence == 1) {
+                let problem =
+                    format!("number {}, sequence {}, which do not count", commit.number, commit.sequence);
+                findings.push(Finding { place: format!("commit at {next}"), problem });
+                return Ok(());
+            }
+            add(findings, format!("commit {}, its older commit", commit.number), self.verify_jump(&commit))?;
+            let metadata = Autumnal::new(self.archive.clone(), commit.clone()).map(|_| ());
+            add(findings, format!("commit {}", commit.number), metadata)?;
+            next = commit.previous;
+            after = Some(commit);
+        }
+        Ok(())
+    }
+
+    /// The older commit that a commit leads to is the one that it should.
+    fn verify_jump(&self, commit: &Commit) -> Result<()> {
+        let extents = self.extents();
+        let should = match commit.previous {
+            0 => (0, 0),
+            previous => Commit::read(extents, previous)?.next_jump(extents, previous)?,
+        };
+        if commit.jump == should {
+            return Ok(());
+        }
+        let show = |(sequence, start)| format!("sequence {sequence} at byte {start}");
+        Err(extents.corrupt("older commit", show(commit.jump), &show(should)))
+    }
+
+    /// Checks the commit's tree, but for what was verified already.
+    fn verify_tree(
+        &self,
+        findings: &mut Vec<Finding>,
+        verified: &Verified,
+        memory: u64,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let options = BuildOptions::like(self.header(), memory);
+        let mut made = Vec::new();
+        let mode = Mode::Check(Check::new(&mut made, verified));
+        let mut builder = RecordBuilder::new(self, &options, [u64::MAX; 3], mode, None);
+        let source = Unverified { tree: self };
+        let shape = self.heights().shape();
+        let walked = walk(&source, &options, shape, true, &mut builder, progress);
+        let place = format!("commit {}", self.commit.number);
+        let is_good = walked.is_ok();
+        add(findings, format!("{place}, tree"), walked)?;
+        if is_good {
+            let (root, zone) = builder.finish();
+            let commit = &self.commit;
+            if (&root, zone.records, zone.tally.cells) != (&commit.root, commit.records, commit.cells) {
+                let problem = format!("a root or totals that differ from the tree's: {root:?}");
+                findings.push(Finding { place: place.clone(), problem });
+            }
+        }
+        let made = made.into_iter();
+        findings
+            .extend(made.map(|finding| Finding { place: format!("{place}, {}", finding.place), ..finding }));
+        Ok(())
+    }
+}
+
+/// Collects what is wrong with the file; other errors are errors.
+fn add(findings: &mut Vec<Finding>, place: String, found: Result<()>) -> Result<()> {
+    match found {
+        Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. } | Error::Unsupported { .. })) => {
+            findings.push(Finding { place, problem: error.to_string() });
+            Ok(())
+        }
+        other => other,
+    }
+}

@@ -1,0 +1,203 @@
+//! Zones: statistics of all the cells below a large node, so that edits and questions need not look at them.
+//!
+//! A zone stands behind the records of large nodes. Numbers are LEB128: seven bits a byte, the lowest first; sums are zigzag-coded 128-bit numbers (those of floating samples are the bits of
+//! two f64).
+
+use spinney_base::Form;
+use spinney_base::value::{Tally, Value};
+
+/// Number of classes of a zone that has too many to list them.
+const NOT_COUNTED: u64 = u32::MAX as u64;
+
+/// A zone.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Zone {
+    /// INNER nodes of the subtree, its root included; those of shared subtrees as often as they occur.
+    pub(super) records: u64,
+    pub(super) tally: Tally,
+}
+
+/// Reason why bytes are no zone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum BadZone {
+    /// They end too early.
+    Short,
+    /// They say something impossible.
+    Wrong,
+}
+
+impl Zone {
+    pub(super) fn to_bytes(&self, with_classes: bool) -> Vec<u8> {
+        let Zone { records, tally } = self;
+        let width = tally.value_type.size();
+        let mut bytes = Vec::with_capacity(64);
+        put(&mut bytes, u128::from(*records));
+        put(&mut bytes, u128::from(tally.cells));
+        if tally.value_type.missing.is_some() {
+            let present = tally.present.iter().take(usize::from(tally.value_type.channels));
+            present.for_each(|cells| put(&mut bytes, u128::from(*cells)));
+        }
+        bytes.extend_from_slice(&tally.min.to_bytes()[..width]);
+        bytes.extend_from_slice(&tally.max.to_bytes()[..width]);
+        for sums in [tally.sum, tally.squares] {
+            for channel in 0..usize::from(tally.value_type.channels) {
+                // Zigzag: small numbers of either sign become small numbers without one.
+                let number = i128::from_le_bytes(sums.to_bytes(channel));
+                put(&mut bytes, (number << 1 ^ number >> 127) as u128);
+            }
+        }
+        if with_classes {
+            let listed = tally.listed_classes();
+            put(&mut bytes, listed.map_or(NOT_COUNTED, |classes| classes.len() as u64).into());
+            for (value, cells) in listed.into_iter().flatten() {
+                bytes.extend_from_slice(&value.to_bytes()[..width]);
+                put(&mut bytes, u128::from(*cells));
+            }
+        }
+        bytes
+    }
+
+    /// Reads the zone of a node of `height` levels from the start of some bytes.
+    pub(super) fn from_bytes(
+        bytes: &[u8],
+        form: Form,
+        height: u8,
+        with_classes: bool,
+    ) -> Result<Zone, BadZone> {
+        let width = form.width();
+        let rest = &mut { bytes };
+        let records = records(rest)?;
+        let cells = get_u64(rest)?;
+        if cells > form.dimension.cells(height) {
+            return Err(BadZone::Wrong);
+        }
+        let mut tally = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
+        if form.value.missing.is_some() {
+            for present in tally.present.iter_mut().take(usize::from(form.value.channels)) {
+                *present = get_u64(rest)?;
+                if *present > cells {
+                    return Err(BadZone::Wrong);
+                }
+            }
+        }
+        tally.min = value(rest, width)?;
+        tally.max = value(rest, width)?;
+        for sums in [&mut tally.sum, &mut tally.squares] {
+            for channel in 0..usize::from(form.value.channels) {
+                let number = get(rest)?;
+                let number = (number >> 1) as i128 ^ -((number & 1) as i128);
+                sums.set_bytes(channel, number.to_le_bytes());
+            }
+            // Then sums of any zones, added up, cannot overflow.
+            if !sums.are_possible(cells) {
+                return Err(BadZone::Wrong);
+            }
+        }
+        if with_classes {
+            let count = get_u64(rest)?;
+            if count == NOT_COUNTED && cells > 0 {
+                return Ok(Zone { records, tally });
+            }
+            if count > cells {
+                return Err(BadZone::Wrong);
+            }
+            // (No more room than the bytes can need: the number may lie.)
+            let least = width + 1;
+            tally.classes.reserve((count as usize).min(rest.len() / least));
+            let mut counted = 0u64;
+            for _ in 0..count {
+                let class = (value(rest, width)?, get_u64(rest)?);
+                counted = counted.checked_add(class.1).ok_or(BadZone::Wrong)?;
+                tally.classes.push(class);
+            }
+            if counted != cells {
+                return Err(BadZone::Wrong);
+            }
+        }
+        Ok(Zone { records, tally })
+    }
+}
+
+/// The first number of a zone.
+pub(super) fn records(bytes: &mut &[u8]) -> Result<u64, BadZone> {
+    get_u64(bytes)
+}
+
+fn value(bytes: &mut &[u8], width: usize) -> Result<Value, BadZone> {
+    let value = Value::read(bytes, width).ok_or(BadZone::Short)?;
+    *bytes = &bytes[width..];
+    Ok(value)
+}
+
+fn put(bytes: &mut Vec<u8>, mut number: u128) {
+    while number > 127 {
+        bytes.push(number as u8 | 128);
+        number >>= 7;
+    }
+    bytes.push(number as u8);
+}
+
+fn get(bytes: &mut &[u8]) -> Result<u128, BadZone> {
+    let mut number = 0;
+    for index in 0..19 {
+        let (first, rest) = bytes.split_first().ok_or(BadZone::Short)?;
+        *bytes = rest;
+        // The last byte has room for the two bits that are left.
+        if index == 18 && *first > 3 {
+            return Err(BadZone::Wrong);
+        }
+        number |= u128::from(first & 127) << (7 * index);
+        if first & 128 == 0 {
+            return Ok(number);
+        }
+    }
+    Err(BadZone::Wrong)
+}
+
+fn get_u64(bytes: &mut &[u8]) -> Result<u64, BadZone> {
+    u64::try_from(get(bytes)?).map_err(|_| BadZone::Wrong)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_base::space::Dimension;
+    use spinney_base::value::{SampleType, ValueType};
+
+    #[test]
+    fn numbers_of_any_size_come_back() {
+        for number in [0, 1, 127, 128, u128::from(u64::MAX), u128::MAX - 1, u128::MAX] {
+            let mut bytes = Vec::new();
+            put(&mut bytes, number);
+            assert_eq!(get(&mut &bytes[..]), Ok(number));
+            assert_eq!(get(&mut &bytes[..bytes.len() - 1]), Err(BadZone::Short));
+        }
+        assert_eq!(get(&mut &[255; 30][..]), Err(BadZone::Wrong));
+    }
+
+    #[test]
+    fn zones_come_back() {
+        let (short, float) = (ValueType::new(SampleType::I16, 1), ValueType::new(SampleType::F32, 1));
+        let (low, high) = (Value::from([-3i16]), Value::from([7i16]));
+        let tally = Tally::merge(&[&Tally::leaf(short, low, 5, true), &Tally::leaf(short, high, 90, true)]);
+        let zone = Zone { records: 17, tally };
+        let bytes = zone.to_bytes(true);
+        let form = Form::new(Dimension::Quad, short);
+        assert_eq!(Zone::from_bytes(&bytes, form, 6, true).as_ref(), Ok(&zone));
+        assert_eq!(Zone::from_bytes(&bytes[..bytes.len() - 1], form, 6, true), Err(BadZone::Short));
+        assert_eq!(Zone::from_bytes(&bytes, form, 3, true), Err(BadZone::Wrong));
+        let rgb = ValueType::new(SampleType::U8, 3).with_missing(9.0);
+        let parts = [[9u8, 5, 9], [200, 9, 9]].map(|value| Tally::leaf(rgb, Value::from(value), 16, false));
+        let zone = Zone { records: 2, tally: Tally::merge(&[&parts[0], &parts[1]]) };
+        assert_eq!(zone.tally.present, [16, 16, 0, 32]);
+        let (mut bytes, form) = (zone.to_bytes(false), Form::new(Dimension::Quad, rgb));
+        let found = Zone::from_bytes(&bytes, form, 6, false).unwrap();
+        assert_eq!((found.to_bytes(false), found.tally.present), (bytes.clone(), [16, 16, 0, 32]));
+        // More cells with a sample than there are.
+        bytes[4] = 33;
+        assert_eq!(Zone::from_bytes(&bytes, form, 6, false), Err(BadZone::Wrong));
+        let form = Form::new(Dimension::Quad, float);
+        let floats = Zone { records: 1, tally: Tally::leaf(float, Value::from([-0.25f32]), 64, false) };
+        assert_eq!(Zone::from_bytes(&floats.to_bytes(false), form, 6, false), Ok(floats));
+    }
+}

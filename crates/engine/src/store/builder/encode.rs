@@ -1,0 +1,351 @@
+//! Turns the levels of a block into a run of records, with dense blocks where these are smaller.
+//!
+//! Two passes. From the bottom up, every INNER node learns how many places of records it takes: as many as its children and
+//! one, or those of a dense block if they are fewer. Then the records are written in preorder from the top. So what is
+//! written depends on the nodes alone.
+
+use std::mem;
+
+use zerocopy::{FromBytes, IntoBytes};
+
+use super::block::Level;
+use super::reused::{ReusedNode, ReusedRecords};
+use crate::store::records::dense::{DenseKind, MAX_DENSE_LEVELS, dense_levels, from_z_order};
+use crate::store::records::subtree::RECORDS_ARE_CHECKED;
+use crate::store::records::{Record, RecordHead, RunChildren, RunNode};
+use spinney_container::{CUT, INNER, LEAF, VOID};
+
+/// Places that a node's subtree takes (0 unless it is INNER), how, and which states its bottom nodes have.
+#[derive(Clone, Copy)]
+pub(super) struct Places(u32);
+
+impl Places {
+    const COUNT: u32 = (1 << 24) - 1;
+    const DENSE: u32 = 1 << 24;
+    /// The lowest of the bits for states: bit `s` of them for the state `s`.
+    const STATES_AT: u32 = 28;
+
+    /// A node at the bottom, or a uniform one above it; what is INNER at the bottom is cut off there.
+    #[inline]
+    pub(super) fn of_state(state: u8) -> Places {
+        let state = if state == INNER { CUT } else { state };
+        Places(1 << (Self::STATES_AT + u32::from(state)))
+    }
+
+    /// A node whose records were taken over.
+    fn of_reused(node: &ReusedNode) -> Places {
+        let void = if node.has_void { 1 << (Self::STATES_AT + u32::from(VOID)) } else { 0 };
+        Places(node.len | 1 << (Self::STATES_AT + u32::from(LEAF)) | void)
+    }
+
+    /// Places of two nodes together, and the states of both.
+    #[inline]
+    pub(super) fn join(self, other: Places) -> Places {
+        Places((self.count() + other.count()) | (self.0 | other.0) >> Self::STATES_AT << Self::STATES_AT)
+    }
+
+    /// An INNER node, by what its children take together and the sizes of dense blocks of as many levels.
+    #[inline]
+    pub(super) fn parent(self, sizes: &DenseSizes) -> Places {
+        let count = 1 + self.count();
+        let dense = sizes[self.states()];
+        let mark = if dense < count { Self::DENSE } else { 0 };
+        Places(count.min(dense) | mark | (self.states() as u32) << Self::STATES_AT)
+    }
+
+    #[inline]
+    pub(super) fn count(self) -> u32 {
+        self.0 & Self::COUNT
+    }
+
+    #[inline]
+    fn states(self) -> usize {
+        (self.0 >> Self::STATES_AT) as usize
+    }
+
+    /// The kind of dense block that the node becomes, if it becomes one.
+    #[inline]
+    pub(super) fn dense(self) -> Option<DenseKind> {
+        if self.0 & Self::DENSE != 0 { DenseKind::of_states(self.states() as u8) } else { None }
+    }
+}
+
+/// Places that dense blocks of so many levels take, their own record's included, by the states of their bottom nodes.
+pub(super) type DenseSizes = [u32; 16];
+
+/// The sizes of dense blocks with so many levels below their root, of which `most` are allowed.
+pub(super) fn dense_sizes<R: Record>(levels: u8, most: u8) -> DenseSizes {
+    std::array::from_fn(|states| match DenseKind::of_states(states as u8) {
+        Some(kind) if levels <= most && dense_levels(R::DIMENSION).contains(&levels) => {
+            1 + R::RECORD_LAYOUT.dense_places(kind, levels) as u32
+        }
+        _ => u32::MAX,
+    })
+}
+
+/// A node and what it is made of, in so many places.
+struct Encoder<'a, R: Record> {
+    levels: &'a [Level],
+    reused: &'a ReusedRecords,
+    /// Levels from the root to the bottom.
+    height: usize,
+    /// Levels of the largest dense blocks.
+    most_dense: u8,
+    /// Of each level above the bottom.
+    places: Vec<Vec<Places>>,
+    /// Of each level, by its nodes: the number of the group of children in the next level; empty if all nodes have one.
+    groups: Vec<Vec<u32>>,
+    layout: std::marker::PhantomData<R>,
+}
+
+/// No group of children.
+const NO_GROUP: u32 = u32::MAX;
+
+/// The records of a block whose first level is its root, and whose last one is at most `height` levels below that: the bottom.
+/// What is INNER there is cut off. Nothing if the root is not INNER. Dense blocks have `most_dense` levels at most.
+pub(super) fn encode<R: Record>(
+    levels: &[Level],
+    height: u8,
+    most_dense: u8,
+    reused: &ReusedRecords,
+) -> Vec<u8> {
+    if levels[0].states[0] != INNER {
+        return Vec::new();
+    }
+    let mut encoder = Encoder::<R> {
+        levels,
+        reused,
+        height: usize::from(height),
+        most_dense,
+        places: Vec::new(),
+        groups: levels.iter().map(Level::groups).collect(),
+        layout: std::marker::PhantomData,
+    };
+    encoder.count();
+    let mut bytes = vec![0; encoder.places[0][0].count() as usize * size_of::<R>()];
+    encoder.node(0, 0, <[R]>::mut_from_bytes(&mut bytes).expect("whole records"));
+    bytes
+}
+
+impl<R: Record> Encoder<'_, R> {
+    /// Counts the places of all nodes above the bottom.
+    fn count(&mut self) {
+        let mut places: Vec<Vec<Places>> = Vec::with_capacity(self.levels.len());
+        for (index, level) in self.levels.iter().enumerate().rev() {
+            if index == self.height {
+                continue;
+            }
+            let sizes = dense_sizes::<R>((self.height - index) as u8, self.most_dense);
+            let mut here: Vec<Places> = level.states.iter().map(|state| Places::of_state(*state)).collect();
+            for node in &level.reused {
+                here[node.index as usize] = Places::of_reused(node);
+            }
+            if let Some(children) = self.levels.get(index + 1) {
+                let known = places.last().filter(|_| index + 1 < self.height);
+                for (group, states) in children.states.chunks_exact(R::CHILDREN).enumerate() {
+                    let parent = level.parent(group);
+                    if level.states[parent] != INNER {
+                        continue;
+                    }
+                    let first = group * R::CHILDREN;
+                    let together = match known {
+                        Some(known) => known[first..first + R::CHILDREN].iter().copied().reduce(Places::join),
+                        None => states.iter().map(|state| Places::of_state(*state)).reduce(Places::join),
+                    };
+                    here[parent] = together.expect("nodes have children").parent(&sizes);
+                }
+            }
+            places.push(here);
+        }
+        places.reverse();
+        self.places = places;
+    }
+
+    /// Index of the first child of a node that was expanded, in the next level.
+    #[inline]
+    fn first_child(&self, index: usize, node: usize) -> Option<usize> {
+        let group = match self.groups[index].get(node) {
+            None => node as u32,
+            Some(group) => *group,
+        };
+        (group != NO_GROUP).then_some(group as usize * R::CHILDREN)
+    }
+
+    /// Writes an INNER node of a level to its places, which begin with the first of some records; returns their number.
+    fn node(&self, index: usize, node: usize, records: &mut [R]) -> usize {
+        let places = self.places[index][node];
+        let count = places.count() as usize;
+        let records = &mut records[..count];
+        let Some(first) = self.first_child(index, node) else {
+            let reused = self.reused_at(index, node).expect("INNER nodes are expanded or taken over");
+            records.copy_from_slice(R::of(self.reused.records(reused)));
+            return count;
+        };
+        let children = &self.levels[index + 1];
+        let is_cut = index + 1 == self.height;
+        let mut next = 1;
+        let mut states = 0;
+        let dense = places.dense();
+        for (i, state) in children.states[first..first + R::CHILDREN].iter().enumerate() {
+            let state = if *state == INNER && is_cut { CUT } else { *state };
+            states |= u32::from(state) << (2 * i);
+            if state == INNER && dense.is_none() {
+                next += self.node(index + 1, first + i, &mut records[next..]);
+            }
+        }
+        let head = RecordHead { states, skip: count as u32, dense: dense.map_or(0, DenseKind::number) };
+        records[0] = R::new(head, &children.values_of::<R>()[first..first + R::CHILDREN]);
+        if let Some(kind) = dense {
+            self.dense(index, node, kind, records[1..].as_mut_bytes());
+        }
+        count
+    }
+
+    fn reused_at(&self, index: usize, node: usize) -> Option<&ReusedNode> {
+        // (They come in order.)
+        let reused = &self.levels[index].reused;
+        reused.binary_search_by_key(&node, |reused| reused.index as usize).ok().map(|at| &reused[at])
+    }
+
+    /// Writes the payload of a dense block.
+    fn dense(&self, index: usize, node: usize, kind: DenseKind, payload: &mut [u8]) {
+        let below = self.height - index;
+        let mut rest = payload;
+        let mut rows: [&mut [R::Bytes]; MAX_DENSE_LEVELS as usize + 1] = Default::default();
+        for (level, rows) in rows[..below + 1].iter_mut().enumerate().skip(2) {
+            let bytes = size_of::<R::Bytes>() << (R::AXES * level);
+            let (head, tail) = mem::take(&mut rest).split_at_mut(bytes);
+            (*rows, rest) = (<[R::Bytes]>::mut_from_bytes(head).expect("whole values"), tail);
+        }
+        let mut block = Payload { rows, mask: rest, below, kind };
+        let is_complete = (index..self.height)
+            .all(|index| self.levels[index].expanded.is_none() && self.levels[index].reused.is_empty());
+        if is_complete {
+            for level in 2..=below {
+                let nodes = node << (R::AXES * level)..(node + 1) << (R::AXES * level);
+                let values = &self.levels[index + level].values_of::<R>()[nodes];
+                from_z_order::<R, _>(level, |z, row| block.rows[level][row] = values[z]);
+            }
+            let states = &self.levels[self.height].states;
+            let states = &states[node << (R::AXES * below)..(node + 1) << (R::AXES * below)];
+            block.mask_of::<R>(states);
+        } else {
+            self.paint(&mut block, (index, node), 0, [0; 3]);
+        }
+    }
+
+    /// Paints a node, `level` levels below the root of a dense block, at a place of that level.
+    fn paint(
+        &self,
+        block: &mut Payload<'_, R::Bytes>,
+        (index, node): (usize, usize),
+        level: usize,
+        at: [usize; 3],
+    ) {
+        let here = &self.levels[index];
+        let state = here.states[node];
+        let value = here.values_of::<R>()[node];
+        if state != INNER || level == block.below {
+            let state = if state == INNER { CUT } else { state };
+            block.fill::<R>(level, at, (state, value));
+            return;
+        }
+        block.put::<R>(level, at, value);
+        let Some(first) = self.first_child(index, node) else {
+            if let Some(reused) = self.reused_at(index, node) {
+                let records = self.reused.records(reused);
+                paint_run::<R>(block, (records, RunNode::default()), level, at);
+            }
+            return;
+        };
+        for step in 0..R::CHILDREN {
+            self.paint(block, (index + 1, first + step), level + 1, child_at(at, step));
+        }
+    }
+}
+
+impl Level {
+    /// The number of the group of children of each node; nothing if all nodes have one.
+    fn groups(&self) -> Vec<u32> {
+        let Some(expanded) = &self.expanded else { return Vec::new() };
+        let mut groups = vec![NO_GROUP; self.states.len()];
+        (0..).zip(expanded).for_each(|(group, node)| groups[*node as usize] = group);
+        groups
+    }
+}
+
+/// The place of a child.
+#[inline]
+fn child_at(at: [usize; 3], step: usize) -> [usize; 3] {
+    std::array::from_fn(|axis| at[axis] << 1 | step >> axis & 1)
+}
+
+/// The payload of a dense block that is being made.
+struct Payload<'p, B> {
+    /// Values of each level in rows; nothing of the first two.
+    rows: [&'p mut [B]; MAX_DENSE_LEVELS as usize + 1],
+    /// Bits of the bottom nodes, if the kind has them.
+    mask: &'p mut [u8],
+    /// Levels below the root.
+    below: usize,
+    kind: DenseKind,
+}
+
+impl<B: Copy> Payload<'_, B> {
+    /// Gives a node its value.
+    fn put<R: Record<Bytes = B>>(&mut self, level: usize, [x, y, z]: [usize; 3], value: B) {
+        if level >= 2 {
+            self.rows[level][(z << level | y) << level | x] = value;
+        }
+    }
+
+    /// Gives a node and all that is below it a value and a state.
+    fn fill<R: Record<Bytes = B>>(&mut self, level: usize, at: [usize; 3], (state, value): (u8, B)) {
+        self.put::<R>(level, at, value);
+        if level < self.below {
+            for step in 0..R::CHILDREN {
+                self.fill::<R>(level + 1, child_at(at, step), (state, value));
+            }
+            return;
+        }
+        let (first, second) = self.kind.states();
+        if second.is_some() && state == first {
+            let bit = (at[2] << level | at[1]) << level | at[0];
+            self.mask[bit / 8] |= 1 << (bit % 8);
+        }
+    }
+
+    /// Sets the bits of all bottom nodes, whose states come in Z order.
+    fn mask_of<R: Record<Bytes = B>>(&mut self, states: &[u8]) {
+        let (first, second) = self.kind.states();
+        if second.is_none() {
+            return;
+        }
+        let mask = &mut *self.mask;
+        from_z_order::<R, _>(self.below, |z, row| {
+            let state = if states[z] == INNER { CUT } else { states[z] };
+            mask[row / 8] |= u8::from(state == first) << (row % 8);
+        });
+    }
+}
+
+/// Paints what is below a node of a run that reaches down to the cells.
+fn paint_run<R: Record>(
+    block: &mut Payload<'_, R::Bytes>,
+    (records, node): (&[u8], RunNode),
+    level: usize,
+    at: [usize; 3],
+) {
+    let mut children = RunChildren::default();
+    R::RECORD_LAYOUT.run_children(records, node, &mut children).expect(RECORDS_ARE_CHECKED);
+    for (step, child) in children[..R::CHILDREN].iter().enumerate() {
+        let value = super::averaging::from_value::<R>(child.value);
+        let at = child_at(at, step);
+        if child.state == INNER {
+            block.put::<R>(level + 1, at, value);
+            paint_run::<R>(block, (records, child.node), level + 1, at);
+        } else {
+            block.fill::<R>(level + 1, at, (child.state, value));
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! The rules and the tally of blocks in whose cells samples may be missing: like the others', but a channel is made of
+//! those cells alone that have a sample in it.
+//!
+//! Kernels, chosen once per block for values of such a type; all other blocks know nothing of this.
+
+use std::marker::PhantomData;
+
+use zerocopy::IntoBytes;
+
+use super::averaging::{Averaging, decode, encode, from_value, pairwise};
+use super::block::{Block, for_leaves};
+use super::fold::fold;
+use super::tally::pairwise_sums;
+use crate::store::records::Record;
+use spinney_base::value::{Native, Rule, Tally, Value, ValueType, erase};
+use spinney_container::{INNER, LEAF, VOID};
+
+/// Which channels of a value's bytes have a sample.
+#[inline]
+fn channels_of<V: Native>(bytes: &[u8], missing: [u8; 4]) -> [bool; 4] {
+    let size = V::TYPE.sample.size();
+    let mut present = [true; 4];
+    for (is_there, sample) in present.iter_mut().zip(bytes.chunks_exact(size)) {
+        *is_there = sample != &missing[..size];
+    }
+    present
+}
+
+/// A value with another one's samples in the channels in which it has none.
+#[inline]
+fn filled<V: Native, R: Record>(mut bytes: R::Bytes, present: [bool; 4], other: V) -> V {
+    let size = V::TYPE.sample.size();
+    let other = encode::<R, V>(other);
+    let samples = bytes.as_mut_bytes().chunks_exact_mut(size).zip(other.as_bytes().chunks_exact(size));
+    for ((sample, other), is_there) in samples.zip(present) {
+        if !is_there {
+            sample.copy_from_slice(other);
+        }
+    }
+    decode::<R, V>(bytes)
+}
+
+/// A value of known type, with zeros where samples are missing, and where there are some.
+#[inline]
+fn present<V: Native, R: Record>(value_type: ValueType, bytes: R::Bytes) -> (V, [bool; 4]) {
+    let Some(missing) = value_type.missing else { return (decode::<R, V>(bytes), [true; 4]) };
+    let present = channels_of::<V>(bytes.as_bytes(), missing);
+    (filled::<V, R>(bytes, present, decode::<R, V>(R::ZERO)), present)
+}
+
+/// Adds cells to the counts of the channels that have a sample.
+#[inline]
+fn count(counts: &mut [u32; 4], present: [bool; 4], cells: u32) {
+    for (count, present) in counts.iter_mut().zip(present) {
+        *count += if present { cells } else { 0 };
+    }
+}
+
+/// [`Rule::Mean`]: sums, and the cells that they are shared among, per channel.
+pub(super) struct MaskedMeans<V> {
+    value_type: ValueType,
+    value: PhantomData<V>,
+}
+
+impl<V: Native> MaskedMeans<V> {
+    pub(super) fn new(value_type: ValueType) -> Self {
+        MaskedMeans { value_type, value: PhantomData }
+    }
+
+    /// The mean of each channel; missing where no cell has a sample.
+    fn mean(&self, sums: V::BlockSums, counts: [u32; 4]) -> Value {
+        let missing = self.value_type.all_missing().unwrap_or_default();
+        self.value_type.by_channel(|channel| match counts[channel] {
+            0 => missing,
+            cells => erase(V::block_mean(sums, cells)),
+        })
+    }
+}
+
+fn add(a: [u32; 4], b: [u32; 4]) -> [u32; 4] {
+    std::array::from_fn(|channel| a[channel] + b[channel])
+}
+
+impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
+    type Of = (V::BlockSums, [u32; 4]);
+
+    fn merge(
+        &mut self,
+        states: &[u8],
+        values: &[R::Bytes],
+        known: &[Self::Of],
+        cells: u32,
+    ) -> (Self::Of, R::Bytes) {
+        let mut sums = [V::BlockSums::default(); 8];
+        let mut counts = [0; 4];
+        for (i, state) in states.iter().enumerate() {
+            match *state {
+                LEAF => {
+                    let (value, there) = present::<V, R>(self.value_type, values[i]);
+                    count(&mut counts, there, cells);
+                    sums[i] = value.block_sums(cells);
+                }
+                INNER => {
+                    sums[i] = known[i].0;
+                    counts = add(counts, known[i].1);
+                }
+                _ => {}
+            }
+        }
+        let sums = pairwise(&sums[..R::CHILDREN], V::add_block_sums);
+        ((sums, counts), from_value::<R>(self.mean(sums, counts)))
+    }
+
+    fn reused(&mut self, records: &[R], levels: u8) -> Self::Of {
+        let leaf = |bytes, cells| {
+            let (value, there) = present::<V, R>(self.value_type, bytes);
+            let mut counts = [0; 4];
+            count(&mut counts, there, cells);
+            (value.block_sums(cells), counts)
+        };
+        let sum = |a: Self::Of, b: Self::Of| (V::add_block_sums(a.0, b.0), add(a.1, b.1));
+        fold(records, levels, &leaf, &|sums: &[Self::Of]| pairwise(sums, sum))
+    }
+}
+
+/// [`Rule::Min`] and [`Rule::Max`].
+pub(super) struct MaskedExtremes {
+    value_type: ValueType,
+    join: fn(ValueType, Value, Value) -> Value,
+}
+
+impl MaskedExtremes {
+    pub(super) fn new(value_type: ValueType, rule: Rule) -> Self {
+        MaskedExtremes { value_type, join: if rule == Rule::Min { ValueType::min } else { ValueType::max } }
+    }
+}
+
+impl<R: Record> Averaging<R> for MaskedExtremes {
+    type Of = ();
+
+    fn merge(&mut self, states: &[u8], values: &[R::Bytes], _: &[()], _: u32) -> ((), R::Bytes) {
+        let some = states.iter().zip(values).filter(|(state, _)| **state != VOID);
+        let values = some.map(|(_, value)| Value::from_bytes(value.as_bytes()));
+        let extreme = values.reduce(|a, b| self.value_type.join_present(a, b, self.join));
+        ((), from_value::<R>(extreme.unwrap_or_default()))
+    }
+
+    fn reused(&mut self, _: &[R], _: u8) {}
+}
+
+/// The tally of all the cells of a block, but for its classes.
+pub(super) fn tally<V: Native, R: Record>(block: &Block) -> Tally {
+    let value_type = block.form().value;
+    let is_float = value_type.sample.is_float();
+    let mut tally = Tally::void(value_type);
+    let (mut min, mut max) = (V::default(), V::default());
+    let mut sums = V::BlockSums::default();
+    let mut squares = V::BlockSquares::default();
+    for_leaves::<R>(block, &mut |bytes, cells| {
+        let (value, there) = present::<V, R>(value_type, bytes);
+        // Extremes of a channel begin with its first sample.
+        let seen = tally.present.map(|cells| cells > 0);
+        if seen != [true; 4] {
+            min = filled::<V, R>(encode::<R, V>(min), seen, value);
+            max = filled::<V, R>(encode::<R, V>(max), seen, value);
+        }
+        min = min.min(filled::<V, R>(bytes, there, min));
+        max = max.max(filled::<V, R>(bytes, there, max));
+        tally.cells += u64::from(cells);
+        for (count, is_there) in tally.present.iter_mut().zip(there) {
+            *count += if is_there { u64::from(cells) } else { 0 };
+        }
+        // Sums of floating samples depend on the order of adding: see below.
+        if !is_float {
+            sums = V::add_block_sums(sums, value.block_sums(cells));
+            squares = V::add_block_squares(squares, value.block_squares(cells));
+        }
+    });
+    (tally.min, tally.max) = (erase(min), erase(max));
+    (tally.sum, tally.squares) = if is_float {
+        pairwise_sums::<V, R>(block, &|value: V| present::<V, R>(value_type, encode::<R, V>(value)).0)
+    } else {
+        (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
+    };
+    tally
+}

@@ -1,0 +1,181 @@
+//! Merging of two trees: actions at pairs of nodes, and operations that join values.
+
+use super::reuse::StoredNode;
+use crate::tree::{Child, NodeState};
+use spinney_base::value::{Native, Value, ValueType, erase, native, with_native_type};
+
+/// Action at a pair of nodes when two trees are merged into one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MergeAction {
+    /// Nothing.
+    Void,
+    /// The node of this tree, with all that is below it.
+    Take(usize),
+    /// Something that neither tree has.
+    Fill,
+    /// A LEAF with the joined values of two nodes that are uniform, or nothing: see [`Join`].
+    Join,
+    /// An INNER node, whose children are merged in turn.
+    Split,
+}
+
+/// Operation that joins the values of two uniform nodes to one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Join {
+    /// The smaller sample of each channel.
+    Min,
+    /// The larger sample of each channel.
+    Max,
+    /// The sum per channel, kept within what the type can hold.
+    Add,
+    /// The difference per channel, kept within what the type can hold.
+    Subtract,
+    /// The value, if both are the same; else VOID.
+    Equal,
+    /// The second value, if it is not the same as the first; else VOID.
+    Changed,
+    /// The set operation of this number on coverages in bytes, a VOID one being 0: see [`joined_coverage`].
+    Coverage(u8),
+}
+
+/// Coverage that is full.
+pub const FULL_COVERAGE: u8 = u8::MAX;
+
+/// The coverage of what a set operation makes of two bodies in a cell, from theirs: the sum of the minterms that the bits of
+/// its number choose (both, the first alone, the second alone, neither).
+///
+/// The bodies are taken to overlap as far as they can. Nothing else makes a body without itself empty, and whatever the
+/// overlap is, what two bodies have together and what each has alone adds up to the two.
+pub fn joined_coverage(number: u8, a: u8, b: u8) -> u8 {
+    let both = a.min(b);
+    let minterms = [both, a - both, b - both, FULL_COVERAGE - a.max(b)];
+    // (No more than full: so much are all four.)
+    (0..4).filter(|bit| number >> bit & 1 != 0).map(|bit| minterms[bit]).sum()
+}
+
+impl Join {
+    /// Joins two values; `None` is VOID. What is computed with samples is missing where one of them is.
+    pub fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
+        match self {
+            Join::Coverage(number) => {
+                let (mut bytes, other) = (a.to_bytes(), b.to_bytes());
+                let is_there = join_coverages(number, &mut bytes[..value_type.size()], &other);
+                is_there.then(|| Value::from_bytes(&bytes[..value_type.size()]))
+            }
+            _ => self.samples(value_type, a, b),
+        }
+    }
+
+    /// Joins two values that are no coverages.
+    fn samples(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
+        let joined = with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))?;
+        let missing = value_type.all_missing().filter(|_| self.computes_samples());
+        let Some(missing) = missing else { return Some(joined) };
+        let (in_a, in_b) = (value_type.present(a), value_type.present(b));
+        let is_there = |channel: usize| in_a[channel] && in_b[channel];
+        let any = (0..usize::from(value_type.channels)).any(is_there);
+        any.then(|| value_type.by_channel(|channel| if is_there(channel) { joined } else { missing }))
+    }
+
+    /// Whether values are made sample by sample, instead of taken as they are.
+    pub(crate) fn computes_samples(self) -> bool {
+        matches!(self, Join::Min | Join::Max | Join::Add | Join::Subtract)
+    }
+
+    /// Joins two values of known type; `None` is VOID.
+    #[inline]
+    pub(super) fn native<V: Native>(self, a: V, b: V) -> Option<V> {
+        match self {
+            Join::Coverage(_) => unreachable!("coverages are joined as bytes"),
+            Join::Min => Some(a.min(b)),
+            Join::Max => Some(a.max(b)),
+            Join::Add => Some(a.by_channel(b, |a, b| a + b)),
+            Join::Subtract => Some(a.by_channel(b, |a, b| a - b)),
+            Join::Equal => a.same(b).then_some(a),
+            Join::Changed => (!a.same(b)).then_some(b),
+        }
+    }
+}
+
+/// Joins coverages channel by channel into the first; tells whether there is any left.
+#[inline]
+pub(super) fn join_coverages(number: u8, coverages: &mut [u8], others: &[u8]) -> bool {
+    for (a, b) in coverages.iter_mut().zip(others) {
+        *a = joined_coverage(number, *a, *b);
+    }
+    coverages.iter().any(|coverage| *coverage != 0)
+}
+
+/// A tree's node as merge actions tell nodes apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MergeState {
+    /// Nothing there.
+    Void = 0,
+    /// One value all over; full, where coverages are merged.
+    Leaf = 1,
+    /// More detail below.
+    Inner = 2,
+    /// A LEAF of any other coverage.
+    Partial = 3,
+}
+
+impl From<NodeState> for MergeState {
+    #[inline]
+    fn from(state: NodeState) -> MergeState {
+        match state {
+            NodeState::Void => MergeState::Void,
+            NodeState::Leaf => MergeState::Leaf,
+            NodeState::Inner => MergeState::Inner,
+        }
+    }
+}
+
+/// Merge actions by what each of two trees has at a node.
+#[derive(Clone, Copy, Debug)]
+pub struct MergeTable([[MergeAction; 4]; 4]);
+
+impl MergeTable {
+    /// Asks once for each pair of states.
+    pub fn new(action: impl Fn([MergeState; 2]) -> MergeAction) -> MergeTable {
+        const STATES: [MergeState; 4] =
+            [MergeState::Void, MergeState::Leaf, MergeState::Inner, MergeState::Partial];
+        MergeTable(STATES.map(|first| STATES.map(|second| action([first, second]))))
+    }
+
+    /// The action for a pair of states.
+    #[inline]
+    pub fn get(&self, [first, second]: [MergeState; 2]) -> MergeAction {
+        self.0[first as usize][second as usize]
+    }
+}
+
+/// A way to merge two trees into one.
+#[derive(Clone, Copy, Debug)]
+pub struct Merging {
+    /// Actions by what the trees have.
+    pub(crate) actions: MergeTable,
+    /// Operation on values where the actions say so.
+    pub join: Join,
+    /// The value of LEAFs that are full, where coverages are merged: see [`MergeState::Partial`].
+    pub full: Option<Value>,
+}
+
+impl Merging {
+    /// The action for a pair of nodes.
+    #[inline]
+    pub fn action<N>(&self, nodes: [&Child<N>; 2]) -> MergeAction {
+        self.actions.get(nodes.map(|node| match node {
+            Child::Leaf(value) if self.full.is_some_and(|full| full != *value) => MergeState::Partial,
+            _ => node.state().into(),
+        }))
+    }
+}
+
+/// A node of two stored trees that are merged into one, cell by cell, with all that is below it.
+#[derive(Clone, Copy)]
+pub struct Overlay<'a> {
+    /// The node of each of the two trees.
+    pub nodes: [Child<StoredNode<'a>>; 2],
+    /// The way to merge them.
+    pub(crate) merging: Merging,
+}

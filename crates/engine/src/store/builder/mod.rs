@@ -1,0 +1,41 @@
+//! Building: from slabs of samples, or from any source, to parts of a tree, whatever the format that they are
+//! stored in.
+//!
+//! Building is bottom-up and streaming: blocks of cells become parts of the tree (`block`), and what makes a
+//! file of parts, a `TreeSink`, merges them and writes what is finished.
+
+mod averaging;
+mod block;
+mod encode;
+mod fold;
+mod gather;
+mod masked;
+mod merge;
+mod options;
+mod overlay;
+mod part;
+mod reuse;
+mod reused;
+mod rows;
+mod sink;
+mod slab;
+mod tally;
+mod upper;
+mod walk;
+
+pub use merge::{
+    FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, joined_coverage,
+};
+pub use options::{BuildOptions, depth_for};
+pub(in crate::store) use part::{ALWAYS_HEAVY, Part, SealedSegment};
+pub use reuse::{RecordRef, ReusableSource, RunFile, StoredNode, Subtree};
+pub(in crate::store) use sink::{BuiltBlock, Siblings, TreeSink};
+pub use slab::{Slab, Slabs};
+pub(in crate::store) use upper::upper_levels;
+pub(in crate::store) use walk::{Builder, walk};
+
+use spinney_base::Result;
+use spinney_container::Shape;
+
+/// Hands parts of a tree to what makes a file of them; the shape says how large blocks are.
+pub(in crate::store) type Fill<'a> = dyn FnMut(&mut dyn TreeSink, Shape) -> Result<()> + 'a;

@@ -1,0 +1,109 @@
+//! Options of building.
+
+use spinney_base::Form;
+use spinney_base::value::{Kind, Rule};
+use spinney_base::{Error, Result};
+use spinney_container::{Codec, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
+
+/// Options of building. The format is that of the output's name: see
+/// [`TreeFormat`](spinney_container::TreeFormat).
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct BuildOptions {
+    /// Rule of the representatives.
+    pub rule: Rule,
+    /// The meaning of the values; classes are counted per zone for categorical ones.
+    pub kind: Kind,
+    /// Levels below the root.
+    pub depth: u8,
+    /// Bytes that building may use, beyond what the input itself holds.
+    pub memory: u64,
+    /// The metadata of the file. The level counts are filled in.
+    pub metadata: Metadata,
+    /// Whether equal subtrees are stored once; only Autumnal files can do that.
+    pub share: bool,
+}
+
+/// Bytes that building may use if nothing is said.
+const DEFAULT_MEMORY: u64 = 256 << 20;
+
+impl BuildOptions {
+    /// A tree of so many levels; the rule is the usual one for values of this kind, nothing is told about the
+    /// data.
+    pub fn new(kind: Kind, depth: u8) -> BuildOptions {
+        let metadata = Metadata::default();
+        BuildOptions {
+            rule: kind.default_rule(),
+            kind,
+            depth,
+            memory: DEFAULT_MEMORY,
+            metadata,
+            share: false,
+        }
+    }
+
+    /// For a tree of the same kind as one that is there, with nothing told about its data.
+    pub fn like(header: &Header, memory: u64) -> BuildOptions {
+        let Header { rule, kind, shape, .. } = *header;
+        BuildOptions { rule, memory, ..BuildOptions::new(kind, shape.depth) }
+    }
+
+    /// Chooses how representatives are made.
+    #[must_use]
+    pub fn rule(self, rule: Rule) -> BuildOptions {
+        BuildOptions { rule, ..self }
+    }
+
+    /// Chooses the bytes that building may use.
+    #[must_use]
+    pub fn memory(self, memory: u64) -> BuildOptions {
+        BuildOptions { memory, ..self }
+    }
+
+    /// Chooses what is told about the data.
+    #[must_use]
+    pub fn metadata(self, metadata: Metadata) -> BuildOptions {
+        BuildOptions { metadata, ..self }
+    }
+
+    /// Chooses whether equal subtrees are stored once.
+    #[must_use]
+    pub fn share(self, share: bool) -> BuildOptions {
+        BuildOptions { share, ..self }
+    }
+
+    pub(in crate::store) fn count_classes(&self) -> bool {
+        self.kind == Kind::Categorical || self.rule == Rule::Majority
+    }
+
+    /// The header of the file, which a Goblin file has as it is.
+    pub(in crate::store) fn header(&self, form: Form, extent: [u64; 3]) -> Result<Header> {
+        let dimension = form.dimension;
+        if self.depth > dimension.max_depth() {
+            let expected = format!("at most {} for {}s", dimension.max_depth(), dimension.tree_name());
+            return Err(Error::invalid("depth", self.depth.to_string(), expected));
+        }
+        let side = 1u64 << self.depth;
+        for (axis, cells) in extent.iter().enumerate() {
+            let most = if axis < form.axes() { side } else { 1 };
+            if *cells == 0 || *cells > most {
+                let found = format!("{cells} cells along axis {axis}");
+                return Err(Error::invalid("extent", found, format!("1 to {most} (2^depth)")));
+            }
+        }
+        let shape = Shape {
+            depth: self.depth,
+            reach: reach(dimension),
+            stride: STRIDE,
+            heavy_threshold: HEAVY_THRESHOLD,
+        };
+        Ok(Header { form, rule: self.rule, kind: self.kind, codec: Codec::Plain, shape, extent })
+    }
+}
+
+/// The smallest depth whose space holds so many cells along every axis.
+pub fn depth_for(extent: [u64; 3]) -> u8 {
+    let most = extent.into_iter().max().unwrap_or(1).max(1);
+    // (More than 2^63 fit in no tree, whatever is answered.)
+    most.checked_next_power_of_two().map_or(64, |side| side.trailing_zeros() as u8)
+}

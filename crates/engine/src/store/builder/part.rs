@@ -1,0 +1,156 @@
+//! Parts of a tree on their way up: merged four (or eight) by four, sealed into segments.
+
+use super::upper::upper_levels;
+use crate::store::records::subtree::RECORDS_ARE_CHECKED;
+use crate::store::records::{RecordHead, RecordLayout};
+use crate::tree::Child;
+use spinney_base::Form;
+use spinney_base::space::Code;
+use spinney_base::value::{Rule, Tally, Value, ValueType, representative};
+use spinney_container::{CUT, LevelCounts, Shape};
+
+/// A number of records that makes a node heavy in a file of any shape.
+pub(in crate::store) const ALWAYS_HEAVY: u64 = u32::MAX as u64;
+
+/// A node and what coarser segments still need of the tree below it.
+#[derive(Clone)]
+pub(in crate::store) struct Part {
+    pub(in crate::store) code: Code,
+    pub(in crate::store) child: Child<()>,
+    /// Records of the whole subtree, written and forgotten ones included; [`ALWAYS_HEAVY`] or more where
+    /// nobody counted.
+    pub(in crate::store) total: u64,
+    /// Records in preorder: all of them, or those above a cut.
+    pub(in crate::store) records: Vec<u8>,
+    pub(in crate::store) tally: Tally,
+}
+
+/// A segment ready to be written.
+pub(in crate::store) struct SealedSegment {
+    pub(in crate::store) code: Code,
+    pub(in crate::store) records: Vec<u8>,
+    pub(in crate::store) tally: Tally,
+}
+
+/// The uniform node that children make together, if they are all VOID or all LEAFs of one value.
+fn uniform_children<N>(mut children: impl Iterator<Item = Child<N>>) -> Option<Child<()>> {
+    let first = children.next()?.map_node(|_| ());
+    let alike = children.all(|child| match (first, child) {
+        (Child::Void, Child::Void) => true,
+        (Child::Leaf(a), Child::Leaf(b)) => a == b,
+        _ => false,
+    });
+    (alike && !first.is_inner()).then_some(first)
+}
+
+/// The representative of a node of so many cells from its children and from the tally of what is below it.
+fn representative_of<N>(
+    rule: Rule,
+    children: impl Iterator<Item = Child<N>>,
+    tally: &Tally,
+    cells: u64,
+) -> Value {
+    let mut values = [None; 8];
+    for (value, child) in values.iter_mut().zip(children) {
+        *value = child.value().map(|value| (value, child.is_inner()));
+    }
+    representative(rule, &values, tally, cells)
+}
+
+impl Part {
+    /// A block of one value, or VOID.
+    pub(in crate::store) fn uniform(
+        code: Code,
+        depth: u8,
+        value_type: ValueType,
+        value: Option<Value>,
+        count_classes: bool,
+    ) -> Self {
+        let cells = code.dimension().cells(depth - code.level());
+        let tally = match value {
+            None => Tally::void(value_type),
+            Some(value) => Tally::leaf(value_type, value, cells, count_classes),
+        };
+        Part { code, child: Child::uniform(value), total: 0, records: Vec::new(), tally }
+    }
+
+    /// The form of the tree.
+    fn form(&self) -> Form {
+        Form::new(self.code.dimension(), self.tally.value_type)
+    }
+
+    /// The parent of these parts, which are all its children in order.
+    pub(in crate::store) fn merge(
+        code: Code,
+        parts: &[Part],
+        depth: u8,
+        rule: Rule,
+        counts: &mut LevelCounts,
+    ) -> Self {
+        let mut tally = Tally::merge(&parts.iter().map(|part| &part.tally).collect::<Vec<_>>());
+        let children = || parts.iter().map(|part| part.child);
+        if let Some(child) = uniform_children(children()) {
+            return Part { code, child, total: 0, records: Vec::new(), tally };
+        }
+        let layout = RecordLayout::new(parts[0].form());
+        let mut states = 0;
+        let mut tallied = [0; 3];
+        let mut values = Vec::with_capacity(layout.children() * layout.width);
+        for (i, child) in children().enumerate() {
+            let state = child.state();
+            // What is below a node may not be needed here.
+            let is_cut = child.is_inner() && parts[i].records.is_empty();
+            let stored = if is_cut { CUT } else { state as u8 };
+            states |= u32::from(stored) << (2 * i);
+            tallied[state as usize] += 1;
+            values.extend_from_slice(&child.value().unwrap_or_default().to_bytes()[..layout.width]);
+        }
+        counts.add(code.level() + 1, tallied);
+        let below = parts.iter().map(|part| part.records.len()).sum::<usize>();
+        let skip = 1 + (below / layout.size) as u32;
+        let mut records = Vec::with_capacity(layout.size + below);
+        records.resize(layout.size, 0);
+        layout.write(&mut records, &values, RecordHead { states, skip, dense: 0 });
+        parts.iter().for_each(|part| records.extend_from_slice(&part.records));
+        let cells = code.dimension().cells(depth - code.level());
+        let representative = representative_of(rule, children(), &tally, cells);
+        tally.keep_listed_for(rule);
+        Part {
+            code,
+            child: Child::Inner { representative, node: () },
+            // (Totals that were kept are those of a file, and may lie.)
+            total: parts.iter().fold(1, |sum, part| sum.saturating_add(part.total)),
+            records,
+            tally,
+        }
+    }
+
+    /// Takes the node's own segment off, if it owns one; what is left is what the next coarser segments need.
+    pub(in crate::store) fn seal(&mut self, shape: &Shape) -> Option<SealedSegment> {
+        self.seal_with(shape, |part, levels| {
+            upper_levels(part.form(), &part.records, levels).expect(RECORDS_ARE_CHECKED)
+        })
+    }
+
+    /// [`Part::seal`], given what makes records of the first levels of the node.
+    pub(super) fn seal_with(
+        &mut self,
+        shape: &Shape,
+        upper_levels: impl FnOnce(&Part, u8) -> Vec<u8>,
+    ) -> Option<SealedSegment> {
+        let level = self.code.level();
+        let is_root = level == 0;
+        let is_heavy = shape.is_candidate(level) && self.total > shape.heavy_threshold as u64;
+        if !self.child.is_inner() || !(is_root || is_heavy) {
+            return None;
+        }
+        let above = if is_root {
+            Vec::new()
+        } else {
+            let cut = shape.cut_level(shape.parent_segment_level(level));
+            upper_levels(self, cut.saturating_sub(level))
+        };
+        let records = std::mem::replace(&mut self.records, above);
+        Some(SealedSegment { code: self.code, records, tally: self.tally.clone() })
+    }
+}

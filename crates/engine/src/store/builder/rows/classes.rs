@@ -1,0 +1,145 @@
+//! Majorities of blocks in rows, from counts of classes that are carried up.
+//!
+//! Class after class is counted in the nodes of all levels, in ascending order, and takes a node over where it has more cells
+//! than all before: so counts are bytes in rows, whose loops are without branches, and ties go to the lowest class.
+
+use std::ops::Range;
+
+use super::{RowBlock, child_rows, neighbours, reduce};
+use spinney_base::value::{SampleType, Value};
+
+/// Cells whose number a byte holds, as a power of two.
+const BYTE_BITS: usize = 7;
+
+/// Bands of rows (in octrees: of slices) that a block is cut into, as a power of two. A class is counted in those alone from
+/// its first cell to its last: in maps, most classes are at few places.
+const BAND_BITS: usize = 3;
+
+/// Knowledge of the nodes of a level.
+struct Counts<T> {
+    /// The most frequent class so far, and its cells.
+    winners: Vec<u8>,
+    best: Vec<T>,
+    /// The cells of the class that is being counted.
+    counted: Vec<T>,
+}
+
+impl<T: Copy + Default + PartialOrd> Counts<T> {
+    fn new(nodes: usize) -> Counts<T> {
+        Counts {
+            winners: vec![0; nodes],
+            best: vec![T::default(); nodes],
+            counted: vec![T::default(); nodes],
+        }
+    }
+
+    /// Gives a class those of some nodes in which it has more cells than all before.
+    #[inline]
+    fn take_over(&mut self, class: u8, nodes: Range<usize>) {
+        let winners = self.winners[nodes.clone()].iter_mut().zip(&mut self.best[nodes.clone()]);
+        for ((winner, best), count) in winners.zip(&self.counted[nodes]) {
+            // (A mask of bits, since a choice of bytes would be compiled to branches.)
+            let is_more = u8::from(*count > *best).wrapping_neg();
+            *best = if *count > *best { *count } else { *best };
+            *winner = *winner & !is_more | class & is_more;
+        }
+    }
+}
+
+/// Gives all nodes of a block, whose values are single bytes, their majorities; returns the cells of each value.
+pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
+    debug_assert_eq!(block.form.value.sample, SampleType::U8);
+    let (axes, height) = (block.form.axes(), block.height);
+    let cells = &block.levels[0].values;
+    let nodes = |up: usize| cells.len() >> (axes * up);
+    let narrow_levels = height.min(BYTE_BITS / axes);
+    let mut narrow: Vec<Counts<u8>> = (1..=narrow_levels).map(|up| Counts::new(nodes(up))).collect();
+    let mut wide: Vec<Counts<u32>> = (narrow_levels + 1..=height).map(|up| Counts::new(nodes(up))).collect();
+    let mut columns = vec![0; block.side(0)];
+
+    let band_bits = BAND_BITS.min(height);
+    let bands: Vec<[u32; 256]> = cells.chunks_exact(cells.len() >> band_bits).map(histogram).collect();
+    let mut classes = Vec::new();
+    for class in 0..=u8::MAX {
+        let cells_in = |band: &[u32; 256]| band[usize::from(class)];
+        let Some(first) = bands.iter().position(|band| cells_in(band) > 0) else { continue };
+        let end = bands.iter().rposition(|band| cells_in(band) > 0).unwrap_or(first) + 1;
+        classes.push((Value::from_bytes(&[class]), bands.iter().map(|band| u64::from(cells_in(band))).sum()));
+        for up in 1..=height {
+            // Where a band is less than a row, all nodes are looked at: there are few.
+            let is_banded = up + band_bits <= height;
+            let nodes_at = |up: usize| {
+                let nodes = nodes(up);
+                if is_banded { first * (nodes >> band_bits)..end * (nodes >> band_bits) } else { 0..nodes }
+            };
+            let clear = up + band_bits == height;
+            let (here, below, side) = (nodes_at(up), nodes_at(up - 1), block.side(up - 1));
+            if up <= narrow_levels {
+                let (lower, level) = narrow.split_at_mut(up - 1);
+                let level = &mut level[0];
+                if clear {
+                    level.counted.fill(0);
+                }
+                let (counted, columns) = (&mut level.counted[here.clone()], &mut columns[..side]);
+                match lower.last() {
+                    None => count(axes, &cells[below], counted, columns, |cell| u8::from(cell == class)),
+                    Some(lower) => count(axes, &lower.counted[below], counted, columns, |count| count),
+                }
+                level.take_over(class, here);
+            } else {
+                let (lower, level) = wide.split_at_mut(up - narrow_levels - 1);
+                let level = &mut level[0];
+                if clear {
+                    level.counted.fill(0);
+                }
+                let counted = &mut level.counted[here.clone()];
+                match lower.last() {
+                    None => {
+                        let lower = &narrow[narrow_levels - 1].counted[below];
+                        reduce(axes, side, lower, counted, u32::from, |a, b| a + b);
+                    }
+                    Some(lower) => {
+                        reduce(axes, side, &lower.counted[below], counted, |count| count, |a, b| a + b);
+                    }
+                }
+                level.take_over(class, here);
+            }
+        }
+    }
+    let narrow = narrow.into_iter().map(|level| level.winners);
+    let winners: Vec<Vec<u8>> = narrow.chain(wide.into_iter().map(|level| level.winners)).collect();
+    for winners in winners {
+        block.push_level();
+        block.last_two().1.values = winners;
+    }
+    classes
+}
+
+/// Adds up what the children of each node count, in no more than a byte; there is a column for each child of a row.
+#[inline]
+fn count(axes: usize, children: &[u8], counts: &mut [u8], columns: &mut [u8], of: impl Fn(u8) -> u8) {
+    let side = columns.len();
+    for (row, counts) in counts.chunks_exact_mut(side / 2).enumerate() {
+        columns.fill(0);
+        for children in child_rows(axes, side, children, row) {
+            columns.iter_mut().zip(children).for_each(|(column, child)| *column += of(*child));
+        }
+        for (count, columns) in counts.iter_mut().zip(neighbours(columns)) {
+            *count = (columns + (columns >> 8)) as u8;
+        }
+    }
+}
+
+/// The cells of each value.
+fn histogram(cells: &[u8]) -> [u32; 256] {
+    // Several tables: to count the same value again a processor waits for the last sum.
+    let mut tables = [[0; 256]; 4];
+    let (fours, rest) = cells.as_chunks::<4>();
+    for four in fours {
+        for (table, cell) in tables.iter_mut().zip(four) {
+            table[usize::from(*cell)] += 1;
+        }
+    }
+    rest.iter().for_each(|cell| tables[0][usize::from(*cell)] += 1);
+    std::array::from_fn(|value| tables.iter().map(|table| table[value]).sum())
+}

@@ -1,0 +1,156 @@
+//! Turns the levels of a block in rows into a run of records, as [`encode`](super::super::encode) does with others.
+
+use zerocopy::{FromBytes, IntoBytes};
+
+use super::super::encode::{Places, dense_sizes};
+use super::{RowLevel, reduce};
+use crate::store::records::dense::DenseKind;
+use crate::store::records::{Record, RecordHead};
+use spinney_container::{CUT, INNER, LEAF};
+
+/// The levels from the root down to a bottom, and the places that their nodes take.
+struct Encoder<'a, R: Record> {
+    /// From the bottom to the root.
+    levels: &'a [RowLevel],
+    /// Whether nodes at the bottom that are not uniform are cut off there.
+    is_cut: bool,
+    /// Levels of the largest dense blocks.
+    most_dense: u8,
+    /// Of each level from the lowest on that has nodes which are not uniform.
+    places: Vec<Vec<Places>>,
+    layout: std::marker::PhantomData<R>,
+}
+
+/// The records of a block, whose levels come from the cells up, without those below the level `bottom`. Nothing if the root is
+/// uniform. Dense blocks have `most_dense` levels at most.
+pub(super) fn encode<R: Record>(levels: &[RowLevel], bottom: usize, most_dense: u8) -> Vec<u8> {
+    let root = &levels[levels.len() - 1];
+    if root.uniform[0] == 1 {
+        return Vec::new();
+    }
+    let layout = std::marker::PhantomData;
+    let mut encoder = Encoder::<R> {
+        levels: &levels[bottom..],
+        is_cut: bottom > 0,
+        most_dense,
+        places: Vec::new(),
+        layout,
+    };
+    encoder.count();
+    let up = encoder.levels.len() - 1;
+    let mut bytes = vec![0; encoder.places(up, [0; 3]).0 * size_of::<R>()];
+    encoder.node(up, [0; 3], <[R]>::mut_from_bytes(&mut bytes).expect("whole records"));
+    bytes
+}
+
+impl<R: Record> Encoder<'_, R> {
+    /// Nodes along each axis, `up` levels above the bottom.
+    fn side(&self, up: usize) -> usize {
+        1 << (self.levels.len() - 1 - up)
+    }
+
+    /// The index of a node in its level.
+    #[inline]
+    fn index(&self, up: usize, [x, y, z]: [usize; 3]) -> usize {
+        (z * self.side(up) + y) * self.side(up) + x
+    }
+
+    /// Counts the places of all nodes above the bottom.
+    fn count(&mut self) {
+        let leaf = Places::of_state(LEAF);
+        // The lowest level with nodes that are not uniform, and what these take.
+        let (lowest, other) = if self.is_cut {
+            (0, Places::of_state(CUT))
+        } else {
+            let together = (1..R::CHILDREN).fold(leaf, |together, _| together.join(leaf));
+            (1, together.parent(&dense_sizes::<R>(1, self.most_dense)))
+        };
+        self.places = vec![Vec::new(); lowest];
+        let of = |uniform: &u8| if *uniform == 1 { leaf } else { other };
+        self.places.push(self.levels[lowest].uniform.iter().map(of).collect());
+        for (up, level) in self.levels.iter().enumerate().skip(lowest + 1) {
+            let sizes = dense_sizes::<R>(up as u8, self.most_dense);
+            let mut here = vec![leaf; level.uniform.len()];
+            let below = &self.places[up - 1];
+            reduce(R::AXES, self.side(up - 1), below, &mut here, |places| places, Places::join);
+            for (here, uniform) in here.iter_mut().zip(&level.uniform) {
+                *here = if *uniform == 1 { leaf } else { here.parent(&sizes) };
+            }
+            self.places.push(here);
+        }
+    }
+
+    /// Places and form of an INNER node.
+    #[inline]
+    fn places(&self, up: usize, at: [usize; 3]) -> (usize, Option<DenseKind>) {
+        let places = self.places[up][self.index(up, at)];
+        (places.count() as usize, places.dense())
+    }
+
+    /// Writes an INNER node of a level to its places, which begin with the first of some records; returns their number.
+    fn node(&self, up: usize, at: [usize; 3], records: &mut [R]) -> usize {
+        let (count, dense) = self.places(up, at);
+        let records = &mut records[..count];
+        let below = &self.levels[up - 1];
+        let mut values = [R::ZERO; 8];
+        let (mut next, mut states) = (1, 0);
+        for (step, value) in values[..R::CHILDREN].iter_mut().enumerate() {
+            let child = std::array::from_fn(|axis| at[axis] << 1 | step >> axis & 1);
+            let index = self.index(up - 1, child);
+            *value = below.values_of::<R>()[index];
+            let state = match below.uniform[index] {
+                0 if up > 1 => INNER,
+                0 => CUT,
+                _ => LEAF,
+            };
+            states |= u32::from(state) << (2 * step);
+            if state == INNER && dense.is_none() {
+                next += self.node(up - 1, child, &mut records[next..]);
+            }
+        }
+        let head = RecordHead { states, skip: count as u32, dense: dense.map_or(0, DenseKind::number) };
+        records[0] = R::new(head, &values[..R::CHILDREN]);
+        if let Some(kind) = dense {
+            self.dense((up, at), kind, records[1..].as_mut_bytes());
+        }
+        count
+    }
+
+    /// Writes the payload of a dense block.
+    fn dense(&self, (up, at): (usize, [usize; 3]), kind: DenseKind, payload: &mut [u8]) {
+        let mut rest = payload;
+        for below in (0..=up - 2).rev() {
+            let side = 1 << (up - below);
+            let values = self.levels[below].values_of::<R>();
+            for y in self.rows(below, (up, at)) {
+                let (row, tail) = rest.split_at_mut(side * size_of::<R::Bytes>());
+                row.copy_from_slice(values[y..y + side].as_bytes());
+                rest = tail;
+            }
+        }
+        let (first, second) = kind.states();
+        if second.is_some() {
+            // (Only at a cut, where nodes are CUT or LEAF.)
+            let uniform = &self.levels[0].uniform;
+            let nodes = self.rows(0, (up, at)).flat_map(|row| row..row + (1 << up));
+            for (bit, node) in nodes.enumerate() {
+                let state = if uniform[node] == 0 { CUT } else { LEAF };
+                rest[bit / 8] |= u8::from(state == first) << (bit % 8);
+            }
+        }
+    }
+
+    /// The indices of the first nodes, in a level, of the rows below a node.
+    fn rows(
+        &self,
+        below: usize,
+        (up, [x, y, z]): (usize, [usize; 3]),
+    ) -> impl Iterator<Item = usize> + use<'_, R> {
+        let bits = up - below;
+        let depth = if R::AXES > 2 { 1 << bits } else { 1 };
+        let first = [x << bits, y << bits, if R::AXES > 2 { z << bits } else { 0 }];
+        (0..depth).flat_map(move |dz| {
+            (0..1 << bits).map(move |dy| self.index(below, [first[0], first[1] + dy, first[2] + dz]))
+        })
+    }
+}

@@ -1,0 +1,212 @@
+//! Cells on their way in: slabs of samples, cut into blocks, told VOID from data, put into Z order.
+
+use std::ops::Range;
+
+use zerocopy::FromBytes;
+
+use super::averaging::{decode, from_value};
+use super::block::Block;
+use super::rows::RowBlock;
+use crate::store::records::{Record, with_form_type};
+use crate::tree::CellBlock;
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::space::{Code, morton_encode};
+use spinney_base::value::{Native, Value};
+use spinney_container::{LEAF, VOID};
+
+/// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
+#[derive(Clone, Debug, Default)]
+pub struct Slab {
+    /// First cell along each axis.
+    pub origin: [u64; 3],
+    /// Cells along each axis; 1 along the third for a picture.
+    pub size: [u64; 3],
+    /// The samples.
+    pub bytes: Vec<u8>,
+    /// One flag per cell, `false` is VOID; nothing if no cell is VOID by this measure.
+    pub valid: Option<Vec<bool>>,
+}
+
+/// Samples that come slab by slab.
+pub trait Slabs: Send {
+    /// Cells along each axis of the whole; the last is 1 for a picture.
+    fn extent(&self) -> [u64; 3];
+
+    /// Reads the next slab, reusing the one given; `false` if there is none left.
+    ///
+    /// Slabs start at multiples of the block size (256 cells for quadtrees, 64 for octrees), end at such
+    /// multiples or at the extent's end, and together cover the extent once.
+    ///
+    /// # Errors
+    /// If the input cannot be read.
+    fn next(&mut self, slab: &mut Slab) -> Result<bool>;
+}
+
+/// The cells of a block in the input.
+pub(super) enum BlockContent {
+    /// All cells alike.
+    Uniform(Option<Value>),
+    /// Cells that differ, none of which is VOID, to be built in rows.
+    Full(RowBlock),
+    /// Cells that differ, or a block that reaches beyond the data.
+    Mixed(Block),
+}
+
+/// The cells of a block that a slab has.
+struct BlockCells {
+    /// The first, in cells of the slab.
+    first: [u64; 3],
+    /// Cells along each axis.
+    size: [usize; 3],
+}
+
+impl Slab {
+    /// The cells of one block.
+    pub(super) fn of_block(form: Form, code: Code, height: u8, cells: CellBlock) -> Slab {
+        let side = |axis: usize| if axis < form.axes() { 1u64 << height } else { 1 };
+        let cell = code.cell();
+        Slab {
+            origin: std::array::from_fn(|axis| u64::from(cell[axis]) * side(axis)),
+            size: std::array::from_fn(side),
+            valid: cells.present.contains(&false).then_some(cells.present),
+            bytes: cells.values,
+        }
+    }
+
+    /// Classifies the cells under a node, and puts them into Z order if they differ, or into rows if `in_rows` allows it and
+    /// none is VOID. `nodata` is the value that means VOID; NaN always does.
+    pub(super) fn classify(
+        &self,
+        form: Form,
+        code: Code,
+        height: u8,
+        nodata: Option<Value>,
+        in_rows: bool,
+    ) -> BlockContent {
+        let side = 1u64 << height;
+        let axes = form.axes();
+        let cell = code.cell();
+        let first: [u64; 3] = std::array::from_fn(|axis| ((cell[axis] as u64) << height) - self.origin[axis]);
+        let size: [usize; 3] = std::array::from_fn(|axis| {
+            let most = if axis < axes { side } else { 1 };
+            (self.size[axis] - first[axis]).min(most) as usize
+        });
+        let is_whole = size.iter().take(axes).all(|cells| *cells as u64 == side);
+        let part = BlockCells { first, size };
+        let width = form.width();
+        if self.is_uniform(self.rows(&part).map(|(_, _, row)| row), width) {
+            let start = self.rows(&part).next().map_or(0, |(_, _, row)| row.start);
+            let value = Value::from_bytes(&self.bytes[start * width..][..width]);
+            let is_void = form.value.is_nan(value) || nodata == Some(value);
+            let valid = self.valid.as_ref().is_none_or(|valid| valid[start]) && !is_void;
+            if is_whole || !valid {
+                return BlockContent::Uniform(valid.then_some(value));
+            }
+        }
+        if is_whole && in_rows && !with_form_type!(form, V, R => self.has_void::<V, R>(&part, nodata)) {
+            let rows = self.rows(&part).map(|(_, _, row)| &self.bytes[row.start * width..row.end * width]);
+            return BlockContent::Full(RowBlock::new(form, code, height, rows.collect::<Vec<_>>().concat()));
+        }
+        let (states, values) = with_form_type!(form, V, R => self.in_z_order::<V, R>(&part, height, nodata));
+        BlockContent::Mixed(Block::from_cells(form, code, height, states, values))
+    }
+
+    /// Rows of a block: y and z in the block, and the range of the slab's cells.
+    fn rows<'a>(
+        &self,
+        part: &'a BlockCells,
+    ) -> impl Iterator<Item = (usize, usize, Range<usize>)> + Clone + use<'a> {
+        let [width, height, _] = self.size;
+        let BlockCells { first, size } = part;
+        (0..size[2]).flat_map(move |z| (0..size[1]).map(move |y| (y, z))).map(move |(y, z)| {
+            let row = ((first[2] + z as u64) * height + first[1] + y as u64) * width + first[0];
+            (y, z, row as usize..row as usize + size[0])
+        })
+    }
+
+    /// Whether cells of a block are VOID. A kernel: compiled for each type.
+    fn has_void<V: Native, R: Record>(&self, part: &BlockCells, nodata: Option<Value>) -> bool {
+        if self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float() {
+            return false;
+        }
+        let cells = <[R::Bytes]>::ref_from_bytes(&self.bytes).expect("whole values");
+        let nodata = nodata.map(from_value::<R>);
+        self.rows(part).any(|(_, _, row)| {
+            let is_valid =
+                self.valid.as_ref().is_none_or(|valid| valid[row.clone()].iter().all(|flag| *flag));
+            // Without a way out in the middle, so that many are looked at a time.
+            let void = |void: bool, bytes: &R::Bytes| {
+                void | decode::<R, V>(*bytes).is_nan() | nodata.is_some_and(|nodata| nodata == *bytes)
+            };
+            !is_valid || cells[row].iter().fold(false, void)
+        })
+    }
+
+    /// States and values of the cells of a block in Z order. A kernel: compiled for each type.
+    fn in_z_order<V: Native, R: Record>(
+        &self,
+        part: &BlockCells,
+        height: u8,
+        nodata: Option<Value>,
+    ) -> (Vec<u8>, Vec<u8>) {
+        let cells = <[R::Bytes]>::ref_from_bytes(&self.bytes).expect("whole values");
+        let nodata = nodata.map(from_value::<R>);
+        let is_void = |bytes: R::Bytes| decode::<R, V>(bytes).is_nan() || nodata == Some(bytes);
+        let never_void = self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float();
+        let cells_in_block = 1 << (R::AXES * height as usize);
+        let is_whole = never_void && part.size.iter().product::<usize>() == cells_in_block;
+        let mut states = vec![if is_whole { LEAF } else { VOID }; cells_in_block];
+        let mut bytes = vec![0; cells_in_block * size_of::<R::Bytes>()];
+        let values = <[R::Bytes]>::mut_from_bytes(&mut bytes).expect("whole values");
+        // Indices of pairs along x, which stay together in Z order.
+        let encoded: Vec<u32> = (0..1 << height).map(|x| morton_encode(R::DIMENSION, x) as u32).collect();
+        for (y, z, row) in self.rows(part) {
+            let row_index = encoded[y] << 1 | if R::AXES > 2 { encoded[z] << 2 } else { 0 };
+            let pairs = encoded.iter().step_by(2).map(|x| (row_index | x) as usize);
+            if is_whole {
+                for (index, pair) in pairs.zip(cells[row].chunks(2)) {
+                    for (value, cell) in values[index..].iter_mut().zip(pair) {
+                        *value = *cell;
+                    }
+                }
+                continue;
+            }
+            let valid = self.valid.as_ref().map(|valid| &valid[row.clone()]);
+            for (i, (index, pair)) in pairs.zip(cells[row].chunks(2)).enumerate() {
+                for (j, cell) in pair.iter().enumerate() {
+                    if never_void || valid.is_none_or(|valid| valid[2 * i + j]) && !is_void(*cell) {
+                        values[index + j] = *cell;
+                        states[index + j] = LEAF;
+                    }
+                }
+            }
+        }
+        (states, bytes)
+    }
+
+    /// Whether all cells of these rows are alike, in every bit and in validity.
+    fn is_uniform(&self, rows: impl Iterator<Item = Range<usize>>, size: usize) -> bool {
+        let (mut first, mut first_valid): (Option<&[u8]>, Option<bool>) = (None, None);
+        for row in rows {
+            if let Some(valid) = &self.valid {
+                let valid = &valid[row.clone()];
+                let expected = *first_valid.get_or_insert(valid[0]);
+                if valid.iter().any(|flag| *flag != expected) {
+                    return false;
+                }
+            }
+            let bytes = &self.bytes[row.start * size..row.end * size];
+            let alike = match first {
+                // A row of equal cells equals itself shifted by one.
+                None => bytes[size..] == bytes[..bytes.len() - size],
+                Some(first) => bytes == first,
+            };
+            if !alike {
+                return false;
+            }
+            first = first.or(Some(bytes));
+        }
+        first.is_some()
+    }
+}

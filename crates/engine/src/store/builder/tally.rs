@@ -1,0 +1,130 @@
+//! The tally of a block: exact counts, extremes and sums of its cells.
+//!
+//! Kernels: compiled for each type of values, chosen once per block.
+
+use super::averaging::{decode, pairwise};
+use super::block::{Block, for_leaves};
+use super::fold::fold;
+use super::masked;
+use crate::store::records::{Record, with_form_type};
+use spinney_base::value::{Native, Sums, Tally, Value, ValueType, erase};
+use spinney_container::LEAF;
+
+/// The tally of all the cells of a block; from class counts where they are known and sums are exact.
+pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tally {
+    let form = block.form();
+    let is_float = form.value.sample.is_float();
+    let mut tally = match &classes {
+        Some(classes) if !is_float => sum_of_classes(form.value, classes),
+        _ => with_form_type!(form, V, R => match form.value.missing {
+            Some(_) if V::CHANNELS > 1 => masked::tally::<V, R>(block),
+            _ => of_leaves::<V, R>(block, is_float),
+        }),
+    };
+    tally.classes = classes.unwrap_or_default();
+    tally
+}
+
+/// The tally of cells of which there are so many of each value, in ascending order; sums must be exact.
+pub(super) fn of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> Tally {
+    let tally = sum_of_classes(value_type, &classes);
+    Tally { classes, ..tally }
+}
+
+fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> Tally {
+    let classes = classes.iter().map(|(value, cells)| Tally::leaf(value_type, *value, *cells, false));
+    classes.fold(Tally::void(value_type), |sum, class| Tally::merge(&[&sum, &class]))
+}
+
+fn of_leaves<V: Native, R: Record>(block: &Block, is_float: bool) -> Tally {
+    let mut cells = 0u64;
+    let (mut min, mut max) = any_leaf::<R>(block).map_or_else(Default::default, |bytes| {
+        let value: V = decode::<R, V>(bytes);
+        (value, value)
+    });
+    let mut sums = V::BlockSums::default();
+    let mut squares = V::BlockSquares::default();
+    for_leaves::<R>(block, &mut |bytes, count| {
+        let value: V = decode::<R, V>(bytes);
+        cells += count as u64;
+        (min, max) = (min.min(value), max.max(value));
+        // Sums of floating samples depend on the order of adding: see below.
+        if !is_float {
+            sums = V::add_block_sums(sums, value.block_sums(count));
+            squares = V::add_block_squares(squares, value.block_squares(count));
+        }
+    });
+    let (sum, squares) = if is_float {
+        pairwise_sums::<V, R>(block, &|value| value)
+    } else {
+        (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))
+    };
+    Tally {
+        value_type: V::TYPE,
+        cells,
+        present: [cells; 4],
+        min: erase(min),
+        max: erase(max),
+        sum,
+        squares,
+        classes: Vec::new(),
+    }
+}
+
+/// Some leaf's value.
+fn any_leaf<R: Record>(block: &Block) -> Option<R::Bytes> {
+    let at_hand = block.levels.iter().find_map(|level| {
+        let index = level.states.iter().position(|state| *state == LEAF)?;
+        Some(level.values_of::<R>()[index])
+    });
+    at_hand.or_else(|| {
+        // All of them are in records that were taken over.
+        let mut any = None;
+        for_leaves::<R>(block, &mut |value, _| any = any.or(Some(value)));
+        any
+    })
+}
+
+/// Sums of the samples of some cells, and of their squares.
+type SumsAndSquares<V> = (<V as Native>::TotalSums, <V as Native>::TotalSums);
+
+#[inline]
+fn of_leaf<V: Native>(value: V, cells: u64) -> SumsAndSquares<V> {
+    (value.total_sums(cells), value.total_squares(cells))
+}
+
+#[inline]
+fn add_both<V: Native>(a: SumsAndSquares<V>, b: SumsAndSquares<V>) -> SumsAndSquares<V> {
+    (V::add_sums(a.0, b.0), V::add_sums(a.1, b.1))
+}
+
+/// Adds samples and squares of what counts of every leaf, pairwise in Z order: see [`Tally`].
+pub(super) fn pairwise_sums<V: Native, R: Record>(block: &Block, counted: &impl Fn(V) -> V) -> (Sums, Sums) {
+    let mut below: Vec<SumsAndSquares<V>> = Vec::new();
+    for (index, level) in block.levels.iter().enumerate().rev() {
+        let cells = block.cells_at(index) as u64;
+        let is_last = index + 1 == block.levels.len();
+        let mut sums = vec![SumsAndSquares::<V>::default(); level.states.len()];
+        if is_last || level.expanded.is_some() {
+            let leaves = level.states.iter().zip(level.values_of::<R>());
+            for (sum, (state, value)) in sums.iter_mut().zip(leaves) {
+                if *state == LEAF {
+                    *sum = of_leaf(counted(decode::<R, V>(*value)), cells);
+                }
+            }
+        }
+        for node in &level.reused {
+            let reused = block.reused_records::<R>(node);
+            let height = block.height - index as u8;
+            let leaf = |bytes, cells| of_leaf(counted(decode::<R, V>(bytes)), u64::from(cells));
+            let add = |sums: &[SumsAndSquares<V>]| pairwise(sums, add_both::<V>);
+            sums[node.index as usize] = fold(reused, height, &leaf, &add);
+        }
+        for (group, children) in below.chunks_exact(R::CHILDREN).enumerate() {
+            sums[level.parent(group)] = pairwise(children, add_both::<V>);
+        }
+        below = sums;
+    }
+    let (sums, squares) = below.first().copied().unwrap_or_default();
+    (V::erase(sums), V::erase(squares))
+}

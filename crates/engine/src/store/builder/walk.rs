@@ -1,0 +1,291 @@
+//! Goes through slabs and sources, and builds their blocks, many at a time.
+
+use std::mem;
+
+use super::block::Block;
+use super::options::BuildOptions;
+use super::part::Part;
+use super::reuse::{ReusableSource, StoredNode};
+use super::rows::RowBlock;
+use super::sink::{BuiltBlock, TreeSink};
+use super::slab::{BlockContent, Slab};
+use crate::store::records::RecordLayout;
+use crate::store::records::dense::MAX_DENSE_LEVELS;
+use crate::tree::{Child, no_children};
+use spinney_base::Form;
+use spinney_base::parallel;
+use spinney_base::space::Code;
+use spinney_base::value::{Rule, Value};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{LevelCounts, Shape};
+
+/// Walks a whole source and hands the parts of its tree over. With `reuse`, what the source has stored is
+/// taken as it is.
+pub(in crate::store) fn walk<S: ReusableSource>(
+    source: &S,
+    options: &BuildOptions,
+    shape: Shape,
+    reuse: bool,
+    sink: &mut dyn TreeSink,
+    progress: &dyn Progress,
+) -> Result<()> {
+    if source.depth() != shape.depth {
+        let expected = format!("{}, the source's", source.depth());
+        return Err(Error::invalid("depth", shape.depth.to_string(), expected));
+    }
+    let form = source.form();
+    let mut builder = Builder::new(form, options, shape, sink);
+    builder.plan.reuse = reuse;
+    let mut pending = vec![(Code::root(form.dimension), source.root()?)];
+    let mut children = no_children();
+    let mut batch = Vec::new();
+    let total = builder.cells(Code::root(form.dimension));
+    while let Some((code, node)) = pending.pop() {
+        match if reuse { builder.reuse(source, code, &node)? } else { Reuse::Nothing } {
+            Reuse::Nothing => {}
+            Reuse::Kept => {
+                progress.advance(builder.cells(code), total);
+                continue;
+            }
+            Reuse::Copy(representative, stored) => {
+                // What waits in the batch comes before this node in FD order.
+                builder.nodes(source, mem::take(&mut batch), total, progress)?;
+                builder.sink.copy(code, representative, &stored)?;
+                progress.advance(builder.cells(code), total);
+                continue;
+            }
+        }
+        match node {
+            Child::Inner { node, .. } if code.level() < shape.block_level() => {
+                source.children(&node, &mut children)?;
+                // The first child is to come off the stack first.
+                let below = children[..form.children()].iter_mut().enumerate().rev();
+                pending.extend(below.map(|(i, child)| (code.child(i), mem::take(child))));
+            }
+            _ => batch.push((code, node)),
+        }
+        if batch.len() >= builder.batch {
+            builder.nodes(source, mem::take(&mut batch), total, progress)?;
+        }
+    }
+    builder.nodes(source, batch, total, progress)?;
+    // What is made of two states of a file must not be kept.
+    source.check_unchanged()
+}
+
+/// Blocks that are built at a time, whatever the memory: at least and at most.
+const MIN_BATCH: u64 = 4;
+const MAX_BATCH: u64 = 256;
+
+/// Plan for building blocks.
+#[derive(Clone, Copy)]
+struct Plan {
+    form: Form,
+    shape: Shape,
+    rule: Rule,
+    count_classes: bool,
+    /// Whether what sources have stored is taken as it is.
+    reuse: bool,
+    /// Levels of the largest dense blocks.
+    most_dense: u8,
+}
+
+impl Plan {
+    /// Whether the tree of a file's node would look the same in the tree that is built, where the node has so
+    /// many levels below it.
+    fn fits(&self, stored: &StoredNode<'_>, levels: u8) -> bool {
+        let header = stored.file.file_header();
+        let shape = header.shape;
+        let level = shape.depth.saturating_sub(stored.height);
+        // Below the level of blocks all of a node is in one segment, down to the cells, however the file is cut.
+        self.reuse
+            && stored.height == levels
+            // (Larger ones may have larger dense blocks.)
+            && (levels <= self.most_dense || self.most_dense == MAX_DENSE_LEVELS)
+            && (level >= shape.block_level() || shape.is_cut_like(&self.shape))
+            && header.rule == self.rule
+            && header.form.value == self.form.value
+            && header.counts_classes() == self.count_classes
+    }
+
+    /// The block of an INNER node, which is at the level of blocks.
+    fn block<S: ReusableSource>(
+        &self,
+        source: &S,
+        code: Code,
+        (representative, node): (Value, &S::Node),
+    ) -> Result<BlockContent> {
+        let height = self.shape.depth - self.shape.block_level();
+        if let Some(cells) = source.cells(node, height)? {
+            let slab = Slab::of_block(self.form, code, height, cells);
+            return Ok(slab.classify(self.form, code, height, None, self.in_rows()));
+        }
+        let fits = |node: &Child<StoredNode<'_>>| match node {
+            Child::Inner { node, .. } => self.fits(node, height),
+            _ => true,
+        };
+        let overlay = source.overlay(node).filter(|overlay| overlay.nodes.iter().all(fits));
+        if let Some(overlay) = overlay
+            && let Some(block) = Block::from_overlay(self.form, &overlay, code, height)?
+        {
+            return Ok(BlockContent::Mixed(block));
+        }
+        let may_reuse = |stored: &StoredNode<'_>, levels| self.fits(stored, levels);
+        let block = Block::from_source(source, code, height, (representative, node), &may_reuse)?;
+        Ok(BlockContent::Mixed(block))
+    }
+
+    fn mixed(&self, block: Block) -> BuiltBlock {
+        let mut counts = LevelCounts::default();
+        let mut part = block.build(self.rule, self.count_classes, self.most_dense, &mut counts);
+        let sealed = part.seal(&self.shape);
+        (part, sealed, counts)
+    }
+
+    fn built(&self, code: Code, content: BlockContent) -> BuiltBlock {
+        match content {
+            BlockContent::Uniform(value) => self.uniform(code, value),
+            BlockContent::Mixed(block) => self.mixed(block),
+            BlockContent::Full(block) => block.build(self.rule, &self.shape, self.most_dense),
+        }
+    }
+
+    /// Whether blocks without VOID are built in rows.
+    fn in_rows(&self) -> bool {
+        RowBlock::supports(self.form, self.rule, self.count_classes)
+    }
+
+    fn uniform(&self, code: Code, value: Option<Value>) -> BuiltBlock {
+        let part = Part::uniform(code, self.shape.depth, self.form.value, value, self.count_classes);
+        (part, None, LevelCounts::default())
+    }
+}
+
+/// The way in which a node is taken over without being built.
+enum Reuse<'s> {
+    Nothing,
+    /// The file that is made has the node already.
+    Kept,
+    /// Segments of another file, where the node has this representative.
+    Copy(Value, StoredNode<'s>),
+}
+
+/// Blocks in, parts out.
+pub(in crate::store) struct Builder<'a> {
+    plan: Plan,
+    sink: &'a mut dyn TreeSink,
+    /// Blocks built at a time.
+    batch: usize,
+}
+
+impl<'a> Builder<'a> {
+    pub(in crate::store) fn new(
+        form: Form,
+        options: &BuildOptions,
+        shape: Shape,
+        sink: &'a mut dyn TreeSink,
+    ) -> Self {
+        // A block without a uniform node has (cells - 1) / (children - 1) INNER ones, each with a record.
+        let record = RecordLayout::new(form).size as u64;
+        let block_bytes = form.dimension.cells(shape.reach) / (form.children() as u64 - 1) * record;
+        let (rule, count_classes) = (options.rule, options.count_classes());
+        let most_dense = sink.dense_levels();
+        Builder {
+            plan: Plan { form, shape, rule, count_classes, reuse: false, most_dense },
+            sink,
+            batch: (options.memory / 8 / block_bytes).clamp(MIN_BATCH, MAX_BATCH) as usize,
+        }
+    }
+
+    /// All blocks of a slab.
+    pub(in crate::store) fn slab(
+        &mut self,
+        slab: &Slab,
+        nodata: Option<Value>,
+        total: u64,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        let level = self.plan.shape.block_level();
+        let height = self.plan.shape.depth - level;
+        let blocks = |axis: usize| {
+            let first = slab.origin[axis] >> height;
+            let end = (slab.origin[axis] + slab.size[axis] + (1 << height) - 1) >> height;
+            first as u32..end as u32
+        };
+        let dimension = self.plan.form.dimension;
+        let mut codes: Vec<Code> = Vec::new();
+        for z in blocks(2) {
+            for y in blocks(1) {
+                codes.extend(blocks(0).filter_map(|x| Code::from_cell(dimension, level, [x, y, z])));
+            }
+        }
+        codes.sort_unstable();
+        let cells = slab.size.iter().product::<u64>();
+        let mut reported = 0;
+        let count = codes.len() as u64;
+        for (i, batch) in codes.chunks(self.batch).enumerate() {
+            progress.check()?;
+            let plan = self.plan;
+            let build = |code: &Code| {
+                let content = slab.classify(plan.form, *code, height, nodata, plan.in_rows());
+                plan.built(*code, content)
+            };
+            let built: Vec<BuiltBlock> = parallel::map(batch, build);
+            built.into_iter().try_for_each(|built| self.sink.push(built))?;
+            let blocks = ((i + 1) * self.batch).min(codes.len()) as u64;
+            let done = cells * blocks / count;
+            progress.advance(done - reported, total);
+            reported = done;
+        }
+        Ok(())
+    }
+
+    /// Finds out whether an INNER node can be taken over as it is stored, so that nobody looks below it.
+    fn reuse<'s, S: ReusableSource>(
+        &mut self,
+        source: &'s S,
+        code: Code,
+        node: &Child<S::Node>,
+    ) -> Result<Reuse<'s>> {
+        let Child::Inner { representative, node } = node else { return Ok(Reuse::Nothing) };
+        let levels = self.plan.shape.depth - code.level();
+        let kept = source.kept(node).filter(|kept| kept.height == levels);
+        if let Some(kept) = kept
+            && code.level() <= self.plan.shape.block_level()
+            && self.sink.keep(code, kept)?
+        {
+            return Ok(Reuse::Kept);
+        }
+        let stored = source.stored(node).filter(|stored| self.plan.fits(stored, levels));
+        let Some(stored) = stored else { return Ok(Reuse::Nothing) };
+        let can_copy = self.sink.can_copy(code, &stored)?;
+        Ok(if can_copy { Reuse::Copy(*representative, stored) } else { Reuse::Nothing })
+    }
+
+    /// Cells of a node, for the progress.
+    fn cells(&self, code: Code) -> u64 {
+        code.dimension().cells(self.plan.shape.depth - code.level())
+    }
+
+    /// Some nodes of a source, at the level of blocks or uniform above it.
+    fn nodes<S: ReusableSource>(
+        &mut self,
+        source: &S,
+        batch: Vec<(Code, Child<S::Node>)>,
+        total: u64,
+        progress: &dyn Progress,
+    ) -> Result<()> {
+        progress.check()?;
+        let plan = self.plan;
+        let build = |(code, node): &(Code, Child<S::Node>)| match node {
+            Child::Inner { representative, node } if code.level() < plan.shape.depth => {
+                Ok(plan.built(*code, plan.block(source, *code, (*representative, node))?))
+            }
+            _ => Ok(plan.uniform(*code, node.value().filter(|value| !plan.form.value.is_nan(*value)))),
+        };
+        let built: Vec<Result<BuiltBlock>> = parallel::map(&batch, build);
+        built.into_iter().try_for_each(|built| self.sink.push(built?))?;
+        progress.advance(batch.iter().map(|(code, _)| self.cells(*code)).sum(), total);
+        Ok(())
+    }
+}

@@ -1,0 +1,188 @@
+//! The FD directory: where each segment is, and what is known of all the cells below its node.
+
+use std::path::Path;
+
+use zerocopy::little_endian::{U32, U64};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
+
+use spinney_base::Form;
+use spinney_base::space::Code;
+use spinney_base::value::{DoubleDouble, Sums, Tally, ValueType};
+use spinney_base::{Error, Result};
+
+/// One entry of the directory, understood.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// The node that owns the segment.
+    pub code: Code,
+    /// Offset of the segment's bytes in the file.
+    pub offset: u64,
+    /// Number of bytes: records, then class counts.
+    pub length: u64,
+    /// Records of the segment.
+    pub records: u32,
+    /// Class counts that follow the records; `u32::MAX` if there would be too many.
+    pub classes: u32,
+    /// CRC-32C of the segment's bytes.
+    pub checksum: u32,
+    /// Zone statistics, but for the class counts, which stand in the segment.
+    pub zone: Tally,
+}
+
+/// Number of class counts of a segment that has none because there would be too many.
+pub(super) const NOT_COUNTED: u32 = u32::MAX;
+
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawEntry {
+    code: U64,
+    offset: U64,
+    length: U64,
+    records: U32,
+    classes: U32,
+    checksum: U32,
+    entry_checksum: U32,
+    cells: U64,
+}
+
+/// Zone statistics of one channel. Extremes are the bits of an f64, whatever the type of the samples; sums
+/// are an i128, or an f64 and eight zeros.
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
+#[repr(C)]
+struct RawChannel {
+    min: U64,
+    max: U64,
+    sum: [u8; 16],
+    squares: [u8; 16],
+}
+
+const ENTRY_CHECKSUM_AT: usize = std::mem::offset_of!(RawEntry, entry_checksum);
+const _: () = assert!(ENTRY_CHECKSUM_AT == 36);
+
+/// Bytes of one entry for values of a type: where samples can be missing, a count per channel stands at the end.
+pub(super) const fn entry_size(value_type: ValueType) -> usize {
+    let present = if value_type.missing.is_some() { size_of::<U64>() } else { 0 };
+    size_of::<RawEntry>() + value_type.channels as usize * (size_of::<RawChannel>() + present)
+}
+
+/// The code that an entry starts with, checked by nothing yet.
+#[inline]
+pub(super) fn code_bits(directory: &[u8], index: usize, size: usize) -> u64 {
+    let start = index * size;
+    u64::from_le_bytes(directory[start..start + 8].try_into().expect("8 bytes"))
+}
+
+/// Location of an entry's segment, as it stands in the file.
+pub(super) struct SegmentLocation {
+    /// Bits of the code of the segment's node.
+    pub(super) code: u64,
+    pub(super) offset: u64,
+    pub(super) length: u64,
+    pub(super) records: u32,
+}
+
+impl SegmentLocation {
+    /// Reads the numbers of an entry, and checks none of them: for entries that [`Entry::from_bytes`] has
+    /// checked once. `None` if it is no whole entry.
+    #[inline]
+    pub(super) fn read(entry: &[u8]) -> Option<SegmentLocation> {
+        let (raw, _) = RawEntry::ref_from_prefix(entry).ok()?;
+        Some(SegmentLocation {
+            code: raw.code.get(),
+            offset: raw.offset.get(),
+            length: raw.length.get(),
+            records: raw.records.get(),
+        })
+    }
+}
+
+impl Entry {
+    /// The entry as it stands in the file.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let raw = RawEntry {
+            code: self.code.bits().into(),
+            offset: self.offset.into(),
+            length: self.length.into(),
+            records: self.records.into(),
+            classes: self.classes.into(),
+            checksum: self.checksum.into(),
+            entry_checksum: 0.into(),
+            cells: self.zone.cells.into(),
+        };
+        let mut bytes = raw.as_bytes().to_vec();
+        let Tally { value_type, min, max, sum, squares, .. } = &self.zone;
+        let (min, max) = (value_type.samples(*min), value_type.samples(*max));
+        for (channel, (min, max)) in min.iter().zip(max.iter()).enumerate() {
+            let raw = RawChannel {
+                min: min.to_bits().into(),
+                max: max.to_bits().into(),
+                sum: sum.to_bytes(channel),
+                squares: squares.to_bytes(channel),
+            };
+            bytes.extend_from_slice(raw.as_bytes());
+        }
+        if value_type.missing.is_some() {
+            let present = self.zone.present.iter().take(usize::from(value_type.channels));
+            present.for_each(|cells| bytes.extend_from_slice(&cells.to_le_bytes()));
+        }
+        // (That of the entry with zeros in the checksum's place.)
+        let checksum = crc32c::crc32c(&bytes);
+        bytes[ENTRY_CHECKSUM_AT..ENTRY_CHECKSUM_AT + 4].copy_from_slice(&checksum.to_le_bytes());
+        bytes
+    }
+
+    /// Checks and understands the `index`-th entry of a file of some form; `bytes` are this entry's.
+    pub(super) fn from_bytes(path: &Path, index: usize, bytes: &[u8], form: Form) -> Result<Entry> {
+        let corrupt = |found: String, expected: String| {
+            Error::corrupt(path, format!("directory entry {index}"), found, expected)
+        };
+        let (raw, rest) = RawEntry::ref_from_prefix(bytes)
+            .map_err(|_| corrupt(format!("{} bytes", bytes.len()), "a whole entry".into()))?;
+        let checksum = {
+            let (before, after) = (&bytes[..ENTRY_CHECKSUM_AT], &bytes[ENTRY_CHECKSUM_AT + 4..]);
+            crc32c::crc32c_append(crc32c::crc32c_append(crc32c::crc32c(before), &[0; 4]), after)
+        };
+        if checksum != raw.entry_checksum.get() {
+            return Err(corrupt(format!("checksum {checksum:08x}"), format!("{:08x}", raw.entry_checksum)));
+        }
+        let code = Code::from_bits(form.dimension, raw.code.get())
+            .ok_or_else(|| corrupt(format!("code {:016x}", raw.code), "an FD code".into()))?;
+        let count = usize::from(form.value.channels);
+        let short = || corrupt(format!("{} bytes", bytes.len()), "statistics per channel".into());
+        let (channels, rest) =
+            <[RawChannel]>::ref_from_prefix_with_elems(rest, count).map_err(|_| short())?;
+        let cells = raw.cells.get();
+        let mut zone = Tally { cells, present: [cells; 4], ..Tally::void(form.value) };
+        if form.value.missing.is_some() {
+            let present = <[U64]>::ref_from_bytes_with_elems(rest, count).map_err(|_| short())?;
+            zone.present.iter_mut().zip(present).for_each(|(cells, raw)| *cells = raw.get());
+            zone.present[count..].fill(cells);
+        }
+        zone.min = form.value.nearest(|channel| f64::from_bits(channels[channel].min.get()));
+        zone.max = form.value.nearest(|channel| f64::from_bits(channels[channel].max.get()));
+        for (channel, raw) in channels.iter().enumerate() {
+            zone.sum.set_bytes(channel, raw.sum);
+            zone.squares.set_bytes(channel, raw.squares);
+        }
+        Ok(Entry {
+            code,
+            offset: raw.offset.get(),
+            length: raw.length.get(),
+            records: raw.records.get(),
+            classes: raw.classes.get(),
+            checksum: raw.checksum.get(),
+            zone,
+        })
+    }
+}
+
+/// The sums of so many channels as text, for messages.
+pub(super) fn show_sums(sums: &Sums, channels: u8) -> String {
+    let channels = usize::from(channels);
+    match sums {
+        Sums::Exact(sums) => format!("{:?}", &sums[..channels]),
+        Sums::Float(sums) => {
+            format!("{:?}", sums.map(|DoubleDouble { high, low }| (high, low)).get(..channels))
+        }
+    }
+}

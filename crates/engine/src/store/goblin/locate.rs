@@ -1,0 +1,126 @@
+//! Lookup by FD code: the segment of a node, its record in there, its value.
+
+use super::directory::code_bits;
+use super::reader::Goblin;
+use super::segment::Segment;
+use crate::store::records::Descent;
+use crate::tree::Child;
+use spinney_base::space::Code;
+use spinney_base::value::Value;
+use spinney_base::{Error, Result};
+
+/// Position of a node's record.
+pub(crate) struct Located<'a> {
+    /// The deepest segment that has it.
+    pub segment: Segment<'a>,
+    /// The record's number there, or that of the dense block which has the node.
+    pub record: usize,
+    /// The level of the record's node.
+    pub level: u8,
+}
+
+impl Goblin {
+    /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and
+    /// its ancestors; two searches, O(log segments).
+    pub fn find_segment(&self, code: Code) -> Option<usize> {
+        let directory = self.directory();
+        let size = self.entry_size;
+        let mut code = code;
+        let mut high = self.segments();
+        loop {
+            // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor,
+            // then every ancestor with a segment is an ancestor of that entry too.
+            let bits = code.bits();
+            let mut low = 0;
+            while low < high {
+                let middle = low + (high - low) / 2;
+                if code_bits(directory, middle, size) <= bits { low = middle + 1 } else { high = middle }
+            }
+            let index = low.checked_sub(1)?;
+            let before = Code::from_bits(self.layout.dimension, code_bits(directory, index, size))?;
+            if before.contains(code) {
+                return Some(index);
+            }
+            let level = before.common_ancestor(code).level();
+            // No node between the common ancestor and `code` owns a segment: it would stand between the entry
+            // and `code`. The deepest candidate from there up owns one, since every candidate above a heavy
+            // one is heavy; so two searches are enough where the directory is good.
+            code = code.ancestor(self.header.shape.segment_level(level));
+            // However the entries lie about their order, there are fewer and fewer left to search.
+            high = index;
+        }
+    }
+
+    /// The deepest segment among those of a node and its ancestors, in a file whose root is INNER.
+    #[inline]
+    pub(super) fn segment_above(&self, code: Code) -> Result<Segment<'_>> {
+        self.segment(self.find_segment(code).ok_or_else(|| self.no_root())?)
+    }
+
+    /// The deepest segment with a node's record, or with the dense block that has the node; or the uniform value (VOID or LEAF)
+    /// of the block it lies in, if that is no part of a dense block.
+    ///
+    /// The representative is left out (it is zero): it stands with the parent, which may be in another
+    /// segment, and who wants it asks [`Goblin::value_at`].
+    #[inline]
+    pub(crate) fn locate(&self, code: Code) -> Result<Child<Located<'_>>> {
+        match self.root_child() {
+            Child::Void => return Ok(Child::Void),
+            Child::Leaf(value) => return Ok(Child::Leaf(value)),
+            Child::Inner { .. } => {}
+        }
+        let segment = self.segment_above(code)?;
+        match (self.descend)(segment.records(), 0, segment.code.level(), code) {
+            Descent::Void => Ok(Child::Void),
+            Descent::Leaf(value) => Ok(Child::Leaf(value)),
+            Descent::Inner(record) => {
+                let node = Located { segment, record, level: code.level() };
+                Ok(Child::Inner { representative: Value::ZERO, node })
+            }
+            Descent::Dense(record, level) => {
+                Ok(Child::Inner { representative: Value::ZERO, node: Located { segment, record, level } })
+            }
+            // The record is in a deeper segment, and this is the deepest one.
+            Descent::Cut(level) => Err(self.bad_cut(code.ancestor(level))),
+            Descent::BadSkip(record) => Err(self.bad_skip(&segment, record)),
+        }
+    }
+
+    /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;
+    /// `None` is VOID. At most two searches in the directory and one descent in one segment.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn value_at(&self, code: Code) -> Result<Option<Value>> {
+        let Some(parent) = code.parent() else {
+            return Ok(self.root_child().value());
+        };
+        Ok(match self.locate(parent)? {
+            Child::Void => None,
+            Child::Leaf(value) => Some(value),
+            Child::Inner { node: Located { segment, record, level }, .. } => {
+                let value = self.layout.value_below(segment.records(), record, level, code);
+                value.ok_or_else(|| self.bad_skip(&segment, record))?
+            }
+        })
+    }
+
+    /// The error for a directory without the segment that every INNER root owns.
+    #[cold]
+    pub(super) fn no_root(&self) -> Error {
+        self.corrupt("directory".into(), "no root", "one")
+    }
+
+    /// The error for a record whose children's extents are not beside each other inside its own.
+    #[cold]
+    pub(crate) fn bad_skip(&self, segment: &Segment<'_>, record: usize) -> Error {
+        let part = format!("segment {}, record {record}", segment.code);
+        self.corrupt(part, "a child's skip that leads out of the node", "skips that add up")
+    }
+
+    /// The error for a node that is CUT where there is no deeper segment.
+    #[cold]
+    pub(crate) fn bad_cut(&self, code: Code) -> Error {
+        self.corrupt(format!("node {code}"), "CUT, but no deeper segment", "a segment with its record")
+    }
+}

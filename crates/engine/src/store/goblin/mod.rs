@@ -1,0 +1,24 @@
+//! The Goblin format: published, read-only trees. `formats.md` is its specification.
+//!
+//! A tree is cut into *segments*, preorder runs of fixed-size records under one node, which are found through
+//! a directory sorted by FD code. Building is bottom-up and streaming: blocks of cells become parts of the
+//! tree, parts are merged and sealed into segments, segments are appended to the file.
+
+mod directory;
+mod load;
+mod locate;
+mod open;
+mod reader;
+mod segment;
+mod segment_builder;
+mod segment_copy;
+mod source;
+mod verify;
+mod writer;
+
+pub use directory::Entry;
+pub(crate) use locate::Located;
+pub use reader::Goblin;
+pub use segment::Segment;
+pub use source::GoblinNode;
+pub(in crate::store) use writer::write;

@@ -1,0 +1,218 @@
+//! Takes over what a file has stored below a node, segment by segment, without making it anew.
+
+use std::any::Any;
+
+use super::directory::NOT_COUNTED;
+use super::reader::Goblin;
+use super::segment::Segment;
+use super::segment_builder::SegmentSink;
+use crate::store::builder::{ALWAYS_HEAVY, Part, StoredNode, upper_levels};
+use crate::store::records::subtree::{BadSkip, count_nodes};
+use crate::store::records::{RunChildren, RunNode};
+use crate::tree::Child;
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::parallel;
+use spinney_base::space::Code;
+use spinney_base::value::Value;
+use spinney_container::{CUT, INNER, LevelCounts, Shape};
+
+/// A node of a file that owns a segment, to be copied to another node.
+pub(super) struct SegmentCopy<'a> {
+    file: &'a Goblin,
+    from: Code,
+    to: Code,
+    /// The number of the segment that the node owns.
+    own: usize,
+    /// Segments of the node and of what is below it, a node's before its ancestors'.
+    segments: Vec<usize>,
+}
+
+/// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are
+/// written.
+const BATCH: usize = 8;
+
+/// The Goblin file that a node is from.
+fn file_of<'a>(node: &StoredNode<'a>) -> Option<&'a Goblin> {
+    let file: &'a dyn Any = node.file;
+    file.downcast_ref()
+}
+
+impl<'a> SegmentCopy<'a> {
+    /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment,
+    /// and so will `to`, with the same segments below; and it tells its classes, if somebody needs them.
+    pub(super) fn is_possible(
+        node: &StoredNode<'_>,
+        to: Code,
+        form: Form,
+        shape: &Shape,
+        needs_classes: bool,
+    ) -> Result<bool> {
+        let Some(file) = file_of(node) else { return Ok(false) };
+        let there = file.header();
+        let is_alike = there.form == form
+            && there.shape.is_cut_like(shape)
+            && Some(node.height) == shape.depth.checked_sub(to.level());
+        // A root owns a segment whether it is heavy or not.
+        let is_root = node.height == there.depth();
+        if !is_alike || !shape.is_candidate(to.level()) || is_root || node.record != 0 {
+            return Ok(false);
+        }
+        let segment = node.run as usize;
+        let owns = file.segment(segment)?.code().level() + node.height == there.depth();
+        Ok(owns && !(needs_classes && file.entry(segment)?.classes == NOT_COUNTED))
+    }
+
+    /// All that is to be copied; `None` if the node is not that of a Goblin file.
+    pub(super) fn of(node: &StoredNode<'a>, to: Code) -> Result<Option<SegmentCopy<'a>>> {
+        let Some(file) = file_of(node) else { return Ok(None) };
+        let own = node.run as usize;
+        let from = file.segment(own)?.code();
+        Ok(Some(SegmentCopy { file, from, to, own, segments: below(file, own, from)? }))
+    }
+
+    /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are
+    /// counted.
+    pub(super) fn send(&self, sink: &mut dyn SegmentSink) -> Result<LevelCounts> {
+        // A pipeline of two stages, which the empty batch at the end drains. Nothing is sent before it was
+        // counted, since counting checks it.
+        let mut counts = LevelCounts::default();
+        let mut ready: &[usize] = &[];
+        for next in self.segments.chunks(BATCH).chain([&[][..]]) {
+            let (sent, counted) = parallel::join(|| self.send_some(ready, sink), || self.count(next));
+            sent?;
+            counts.merge(&counted?);
+            ready = next;
+        }
+        Ok(counts)
+    }
+
+    fn count(&self, segments: &[usize]) -> Result<LevelCounts> {
+        let mut counts = LevelCounts::default();
+        for counted in parallel::map(segments, |index| self.count_segment(*index)) {
+            counts.merge(&counted?);
+        }
+        Ok(counts)
+    }
+
+    /// Sends segments that were counted, and thereby checked.
+    fn send_some(&self, segments: &[usize], sink: &mut dyn SegmentSink) -> Result<()> {
+        for index in segments {
+            let segment = self.file.segment(*index)?;
+            let mut entry = self.file.entry(*index)?;
+            entry.code = moved(entry.code, self.from, self.to);
+            sink.copy(&segment, entry)?;
+        }
+        Ok(())
+    }
+
+    /// The part of the tree that the ancestors are merged from, in a tree of this shape.
+    pub(super) fn part(&self, representative: Value, shape: &Shape) -> Result<Part> {
+        let segment = self.file.segment(self.own)?;
+        let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
+        let levels = cut.saturating_sub(self.to.level());
+        // Nobody else goes through these: counting turns to the deeper segments, where they stand again.
+        let records = upper_levels(self.file.header().form, segment.records(), levels)
+            .map_err(|BadSkip| self.file.bad_skip(&segment, 0))?;
+        Ok(Part {
+            code: self.to,
+            child: Child::Inner { representative, node: () },
+            // Heavy enough that it keeps its segment, and so do its ancestors, whatever else is below them.
+            total: ALWAYS_HEAVY,
+            records,
+            tally: self.file.zone(self.own)?,
+        })
+    }
+
+    /// Counts the nodes below a segment's records that no deeper segment has, at the levels that they get.
+    fn count_segment(&self, index: usize) -> Result<LevelCounts> {
+        let segment = self.file.segment(index)?;
+        let (layout, shape) = (self.file.layout(), &self.file.header().shape);
+        let records = segment.records();
+        let mut counts = LevelCounts::default();
+        let mut pending = vec![(segment.code(), RunNode::default())];
+        while let Some((code, at)) = pending.pop() {
+            // Nodes below this level own no segments: all that is below is here.
+            if code.level() >= shape.block_level() {
+                self.count_inline(&segment, code, at, &mut counts)?;
+                continue;
+            }
+            let mut children = RunChildren::default();
+            let read = layout.run_children(records, at, &mut children);
+            read.ok_or_else(|| self.file.bad_skip(&segment, at.record as usize))?;
+            let candidates = shape.is_candidate(code.level() + 1);
+            let mut nodes = [0; 3];
+            for (step, child) in children[..layout.children()].iter().enumerate() {
+                // Where the record of an INNER node is does not matter to what it is.
+                nodes[usize::from(child.state.min(INNER))] += 1;
+                if child.state < INNER {
+                    continue;
+                }
+                let (code, is_cut, place) = (code.child(step), child.state == CUT, child.node);
+                let found = if candidates { self.file.find_segment(code) } else { None };
+                match found {
+                    // It is counted with its own segment.
+                    Some(found) if found != index && self.file.entry(found)?.code == code => {}
+                    _ if is_cut => return Err(self.file.bad_cut(code)),
+                    // It might own a segment and does not: it is inline.
+                    _ if candidates => self.count_inline(&segment, code, place, &mut counts)?,
+                    _ => pending.push((code, place)),
+                }
+            }
+            counts.add(self.new_level(code.level() + 1), nodes);
+        }
+        Ok(counts)
+    }
+
+    /// Counts the nodes below one whose whole subtree is in a segment.
+    fn count_inline(
+        &self,
+        segment: &Segment<'_>,
+        code: Code,
+        node: RunNode,
+        counts: &mut LevelCounts,
+    ) -> Result<()> {
+        let at = node.record as usize;
+        let bad_skip = || self.file.bad_skip(segment, at);
+        // (What stands whole in a segment and might own one is no part of a dense block.)
+        if node.below > 0 {
+            return Err(bad_skip());
+        }
+        let (layout, records) = (self.file.layout(), segment.records());
+        let head = layout.head(records, at).ok_or_else(bad_skip)?;
+        let subtree = layout.subtree(records, at, head.skip).ok_or_else(bad_skip)?;
+        let levels = self.file.header().depth().saturating_sub(code.level());
+        count_nodes(*layout, subtree, levels, self.new_level(code.level()), counts).map_err(|_| bad_skip())
+    }
+
+    /// The level that nodes of a level get.
+    fn new_level(&self, level: u8) -> u8 {
+        level + self.to.level() - self.from.level()
+    }
+}
+
+/// The node that lies below `to` as `code` lies below `from`.
+fn moved(code: Code, from: Code, to: Code) -> Code {
+    (from.level()..code.level()).fold(to, |node, level| node.child(code.step(level)))
+}
+
+/// The segments of a node, the first of which has a number, and of what is below it, a node's before its
+/// ancestors', as building writes them.
+fn below(file: &Goblin, first: usize, code: Code) -> Result<Vec<usize>> {
+    let mut order = Vec::new();
+    // From preorder, in which the directory is, to postorder: a node comes when the next one is not below it.
+    // The stack has those that may still have something below them:
+    let mut open: Vec<(usize, Code)> = Vec::new();
+    for index in first..file.segments() {
+        let next = file.entry(index)?.code;
+        if !code.contains(next) {
+            break;
+        }
+        while let Some((done, _)) = open.pop_if(|(_, above)| !above.contains(next)) {
+            order.push(done);
+        }
+        open.push((index, next));
+    }
+    order.extend(open.into_iter().rev().map(|(index, _)| index));
+    Ok(order)
+}

@@ -1,0 +1,145 @@
+//! Walking a file: its nodes as a source, and as something whose segments can be copied.
+
+use super::reader::Goblin;
+use crate::store::builder::{ReusableSource, RunFile, StoredNode, Subtree};
+use crate::store::records::{RunChild, RunChildren, RunNode};
+use crate::tree::{CellBlock, Child, Children, Source};
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::space::Code;
+use spinney_container::{CUT, Header, LEAF, VOID};
+
+/// An INNER node of an open file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GoblinNode {
+    /// The node.
+    pub code: Code,
+    /// The number of the segment with its record.
+    pub segment: u32,
+    /// Its record there, or its place in a dense block.
+    pub(crate) place: RunNode,
+}
+
+/// A walk goes through every node's own segment, so it never meets a cut.
+impl Source for Goblin {
+    type Node = GoblinNode;
+
+    fn form(&self) -> Form {
+        self.header.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.header.depth()
+    }
+
+    fn root(&self) -> Result<Child<GoblinNode>> {
+        Ok(match self.root_child() {
+            Child::Void => Child::Void,
+            Child::Leaf(value) => Child::Leaf(value),
+            Child::Inner { representative, .. } => {
+                let code = Code::root(self.layout.dimension);
+                let segment = self.segment_above(code)?.index() as u32;
+                Child::Inner { representative, node: GoblinNode { code, segment, place: RunNode::default() } }
+            }
+        })
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        Goblin::check_unchanged(self)
+    }
+
+    fn children(&self, node: &GoblinNode, children: &mut Children<GoblinNode>) -> Result<()> {
+        self.children_with(node, children, |node| node)
+    }
+
+    fn cells(&self, node: &GoblinNode, levels: u8) -> Result<Option<CellBlock>> {
+        self.dense_cells(node, levels)
+    }
+}
+
+impl Goblin {
+    /// Writes the children of an inner node as nodes of something that stands on this file: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    pub(crate) fn children_with<N>(
+        &self,
+        node: &GoblinNode,
+        children: &mut Children<N>,
+        node_of: impl Fn(GoblinNode) -> N,
+    ) -> Result<()> {
+        let segment = self.segment(node.segment as usize)?;
+        let (layout, shape) = (&self.layout, &self.header.shape);
+        let level = node.code.level() + 1;
+        if level > shape.depth {
+            return Err(self.corrupt(format!("node {}", node.code), "INNER", "no deeper node than a cell"));
+        }
+        let mut here = RunChildren::default();
+        let read = layout.run_children(segment.records(), node.place, &mut here);
+        read.ok_or_else(|| self.bad_skip(&segment, node.place.record as usize))?;
+        let candidates = shape.is_candidate(level);
+        for (step, (child, here)) in children.iter_mut().zip(&here[..layout.children()]).enumerate() {
+            let RunChild { state, value, node: place } = *here;
+            *child = match state {
+                VOID => Child::Void,
+                LEAF => Child::Leaf(value),
+                _ => {
+                    let code = node.code.child(step);
+                    if level == shape.depth {
+                        return Err(self.corrupt(format!("node {code}"), "INNER", "a cell, VOID or LEAF"));
+                    }
+                    let own = if candidates { self.find_segment(code) } else { None };
+                    let node = match own {
+                        // What is found may be the segment of an ancestor.
+                        Some(own) if own != segment.index() && self.segment(own)?.code() == code => {
+                            GoblinNode { code, segment: own as u32, place: RunNode::default() }
+                        }
+                        _ if state == CUT => return Err(self.bad_cut(code)),
+                        _ => GoblinNode { code, segment: node.segment, place },
+                    };
+                    Child::Inner { representative: value, node: node_of(node) }
+                }
+            };
+        }
+        Ok(())
+    }
+
+    /// The cells below a node that is a dense block down to the cells, which are so many levels below it.
+    fn dense_cells(&self, node: &GoblinNode, levels: u8) -> Result<Option<CellBlock>> {
+        if node.code.level() + levels != self.header.depth() {
+            return Ok(None);
+        }
+        let segment = self.segment(node.segment as usize)?;
+        let block = self.layout.dense_at(segment.records(), node.place);
+        Ok(block.filter(|block| block.levels == levels).and_then(|block| block.cells()))
+    }
+}
+
+impl ReusableSource for Goblin {
+    fn stored(&self, node: &GoblinNode) -> Option<StoredNode<'_>> {
+        let GoblinNode { code, segment, place } = *node;
+        let height = self.header.depth() - code.level();
+        // (Part of a dense block is no run of its own.)
+        (place.below == 0).then_some(StoredNode {
+            file: self,
+            height,
+            run: segment.into(),
+            record: place.record,
+        })
+    }
+}
+
+impl RunFile for Goblin {
+    fn file_header(&self) -> &Header {
+        &self.header
+    }
+
+    fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
+        let segment = self.segment(run as usize)?;
+        let (records, at) = (segment.records(), record as usize);
+        // None at all if the node's own record lies: who takes the records over then goes the usual way,
+        // which tells what is wrong. Class counts stand behind the records and must not pass for some.
+        let skip = self.layout.head(records, at).map_or(0, |head| head.skip);
+        let length = self.layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
+        let start = at * self.layout.size;
+        Ok(Subtree::new(segment.into_bytes(), start..start + length))
+    }
+}

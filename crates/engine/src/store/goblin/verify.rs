@@ -1,0 +1,194 @@
+//! Verifies a whole file: every checksum, and every rule of the tree.
+//!
+//! Building is deterministic, so the rules need no second statement: the tree is walked, built anew, and
+//! every segment compared with the one in the file. What differs is told.
+
+use super::directory::{Entry, show_sums};
+use super::reader::Goblin;
+use super::segment::Segment;
+use super::segment_builder::{SegmentBuilder, SegmentSink};
+use crate::store::builder::{BuildOptions, SealedSegment, walk};
+use crate::tree::Child;
+use spinney_base::value::{Sums, Tally, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Finding, MAX_FINDINGS};
+
+impl Goblin {
+    /// Checks every checksum and every rule of the tree: preorder, skips that add up, representatives and
+    /// zone statistics that agree with the leaves, no uniform INNER node, every segment there that must be,
+    /// none that must not. Takes about as long as building; memory is bounded by `memory`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
+    /// at most 100 are collected.
+    pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
+        let mut checker = Checker { file: self, findings: Vec::new(), seen: 0, records: 0 };
+        checker.checksums()?;
+        checker.directory();
+        // A tree with bytes that are known to be wrong would only say so again, at length.
+        if !checker.findings.is_empty() {
+            return Ok(checker.findings);
+        }
+        let options = BuildOptions::like(self.header(), memory);
+        let shape = self.header().shape;
+        let mut builder = SegmentBuilder::new(self.header(), [u64::MAX; 3], &mut checker);
+        match walk(self, &options, shape, false, &mut builder, progress) {
+            Err(error @ (Error::Corrupt { .. } | Error::Invalid { .. })) => {
+                return Ok(vec![Finding { place: "tree".into(), problem: error.to_string() }]);
+            }
+            walked => walked?,
+        }
+        let (root, counts) = builder.finish();
+        if checker.seen != self.segments() {
+            let found = format!("{} segments, {} of them are needed", self.segments(), checker.seen);
+            checker.add("directory".into(), found);
+        }
+        if self.stored_records() != checker.records {
+            let problem = format!("{} records, the segments have {}", self.stored_records(), checker.records);
+            checker.add("trailer".into(), problem);
+        }
+        if self.root_child() != root.child {
+            let show = |child| show_child(self.header().form.value, child);
+            let (found, made) = (show(self.root_child()), show(root.child));
+            checker.add("trailer".into(), format!("root {found}, the leaves make it {made}"));
+        }
+        if self.metadata().counts != counts {
+            checker.add("metadata".into(), "node counts that differ from the tree's".into());
+        }
+        Ok(checker.findings)
+    }
+}
+
+/// Compares a file with what its tree makes anew.
+struct Checker<'a> {
+    file: &'a Goblin,
+    findings: Vec<Finding>,
+    /// Segments of the file that the tree needs.
+    seen: usize,
+    /// Records in those.
+    records: u64,
+}
+
+impl Checker<'_> {
+    fn add(&mut self, place: String, problem: String) {
+        if self.findings.len() < MAX_FINDINGS {
+            self.findings.push(Finding { place, problem });
+        }
+    }
+
+    fn checksums(&mut self) -> Result<()> {
+        for (name, stored, found) in self.file.section_checksums()? {
+            if stored != found {
+                self.add(name.into(), format!("checksum {found:08x}, stored is {stored:08x}"));
+            }
+        }
+        for index in 0..self.file.segments() {
+            if self.findings.len() == MAX_FINDINGS {
+                break;
+            }
+            match self.file.segment(index) {
+                Err(error @ Error::Io { .. }) => return Err(error),
+                Err(error) => self.add(format!("segment {index}"), error.to_string()),
+                Ok(_) => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn directory(&mut self) {
+        let mut before = None;
+        for index in 0..self.file.segments() {
+            let Ok(entry) = self.file.entry(index) else { continue };
+            if before.is_some_and(|before| before >= entry.code) {
+                self.add(format!("directory entry {index}"), format!("code {} is out of order", entry.code));
+            }
+            before = Some(entry.code);
+        }
+    }
+
+    /// The record with a number among those of a segment, as text.
+    fn show_record(&self, records: &[u8], at: usize) -> String {
+        let layout = self.file.layout();
+        let Some(head) = layout.head(records, at) else { return "nothing".into() };
+        let show = |child| self.file.header().form.value.show(layout.value(records, at, child));
+        let values: Vec<String> = (0..layout.children()).map(show).collect();
+        format!("[{}] states {:b} skip {}", values.join(", "), head.states, head.skip)
+    }
+}
+
+/// Takes the segments as they should be.
+impl SegmentSink for Checker<'_> {
+    fn segment(&mut self, should: SealedSegment) -> Result<()> {
+        let size = self.file.layout().size;
+        let place = format!("segment {}", should.code);
+        let index = self.file.find_segment(should.code);
+        let index =
+            index.filter(|index| self.file.entry(*index).is_ok_and(|entry| entry.code == should.code));
+        let Some(index) = index else {
+            let needed = should.records.len() / size;
+            self.add(place, format!("missing; the tree has {needed} records below that node"));
+            return Ok(());
+        };
+        self.seen += 1;
+        let segment = self.file.segment(index)?;
+        let records = segment.records();
+        self.records += (records.len() / size) as u64;
+        if records != should.records {
+            let pairs = records.chunks_exact(size).zip(should.records.chunks_exact(size));
+            let same = pairs.take_while(|(found, made)| found == made).count();
+            let (found, made) = (self.show_record(records, same), self.show_record(&should.records, same));
+            self.add(format!("{place}, record {same}"), format!("{found}; the leaves make it {made}"));
+        }
+        let zone = self.file.zone(index)?;
+        if !are_same(&zone, &should.tally) {
+            let (found, made) = (show_tally(&zone), show_tally(&should.tally));
+            self.add(place, format!("statistics {found}; the leaves make them {made}"));
+        }
+        Ok(())
+    }
+
+    fn copy(&mut self, _: &Segment<'_>, _: Entry) -> Result<()> {
+        unreachable!("what is to be checked is made anew")
+    }
+}
+
+/// Whether the tally of a file is what another one of the same type of values is on disk: sums that are not a number are one like
+/// the other, zeros of different signs are not.
+fn are_same(a: &Tally, b: &Tally) -> bool {
+    let channels = 0..usize::from(a.value_type.channels);
+    let same_sums =
+        |a: &Sums, b: &Sums| channels.clone().all(|channel| a.to_bytes(channel) == b.to_bytes(channel));
+    a.cells == b.cells
+        && a.present[channels.clone()] == b.present[channels.clone()]
+        && (a.min, a.max) == (b.min, b.max)
+        && same_sums(&a.sum, &b.sum)
+        && same_sums(&a.squares, &b.squares)
+        && a.classes == *b.listed_classes().unwrap_or_default()
+}
+
+/// A node as text, without what is below it.
+fn show_child(value_type: ValueType, child: Child<()>) -> String {
+    match child {
+        Child::Void => "Void".into(),
+        Child::Leaf(value) => format!("Leaf({})", value_type.show(value)),
+        Child::Inner { representative, .. } => {
+            format!("Inner {{ representative: {}, node: () }}", value_type.show(representative))
+        }
+    }
+}
+
+/// Statistics as text.
+fn show_tally(tally: &Tally) -> String {
+    let Tally { value_type, cells, present, min, max, sum, squares, classes } = tally;
+    let [min, max] = [min, max].map(|value| value_type.show(*value));
+    let [sum, squares] = [sum, squares].map(|sums| show_sums(sums, value_type.channels));
+    let class = |(value, cells): &(_, u64)| format!("({}, {cells})", value_type.show(*value));
+    let classes = classes.iter().map(class).collect::<Vec<_>>().join(", ");
+    let present = match value_type.missing {
+        Some(_) => format!(", present: {:?}", &present[..usize::from(value_type.channels)]),
+        None => String::new(),
+    };
+    format!(
+        "Tally {{ cells: {cells}{present}, min: {min}, max: {max}, sum: {sum}, squares: {squares}, classes: [{classes}] }}"
+    )
+}

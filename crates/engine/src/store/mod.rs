@@ -1,0 +1,10 @@
+//! Trees on disk: the two formats, what they have in common, and how trees are built.
+
+pub mod autumnal;
+pub mod builder;
+pub mod goblin;
+pub mod records;
+mod write;
+
+pub use builder::{BuildOptions, Slab, Slabs, depth_for};
+pub use write::{build, build_slabs, build_source, build_tree, build_with, check_room};

@@ -1,0 +1,12 @@
+//! Records: the nodes of a segment, one by one or in dense blocks, and how runs of them are walked.
+
+pub mod dense;
+pub mod record;
+pub mod run;
+pub mod subtree;
+
+pub(crate) use record::{Record, child_record};
+pub use record::{RecordHead, RecordLayout};
+pub(crate) use record::{with_form_type, with_record_type};
+pub(in crate::store) use run::{Descend, Descent, descend_in};
+pub(crate) use run::{RunChild, RunChildren, RunNode};

@@ -1,0 +1,226 @@
+//! From slabs of samples, or from any source, to a tree file of either format.
+
+use std::mem;
+
+use super::builder::{BuildOptions, Builder, Fill, ReusableSource, Slab, Slabs, TreeSink, walk};
+use super::{autumnal, goblin};
+use crate::store::records::RecordLayout;
+use crate::tree::{CellBlock, Child, Children, MemTree, Source};
+use spinney_base::Form;
+use spinney_base::io::Output;
+use spinney_base::parallel;
+use spinney_base::space::Code;
+use spinney_base::value::{Tally, Value};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Metadata, TreeFormat};
+
+/// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
+///
+/// Work is spread over the threads of the current rayon pool; the bytes written do not depend on their
+/// number. Progress counts cells.
+///
+/// # Errors
+/// If the input cannot be read, the output not be written, the depth does not hold the extent, or on
+/// interruption; nothing is left behind then.
+pub fn build_slabs(
+    form: Form,
+    slabs: &mut dyn Slabs,
+    nodata: Option<Value>,
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let extent = slabs.extent();
+    let total = extent.iter().product();
+    let mut fill = |sink: &mut dyn TreeSink, shape| {
+        let mut builder = Builder::new(form, options, shape, sink);
+        let (mut current, mut next) = (Slab::default(), Slab::default());
+        let mut more = slabs.next(&mut current)?;
+        while more {
+            // The next slab is read while this one is built.
+            let (read, built) =
+                parallel::join(|| slabs.next(&mut next), || builder.slab(&current, nodata, total, progress));
+            built?;
+            more = read?;
+            mem::swap(&mut current, &mut next);
+        }
+        Ok(())
+    };
+    write_file(form, options, (extent, extent), output, &mut fill, &mut |_| {}).map(|_| ())
+}
+
+/// Builds a file from any source.
+///
+/// `extent` is what the header tells as the picture's size; cells outside must be VOID. Returns what is known
+/// of all cells. What the source has stored in a file of the same rule is copied as it is.
+///
+/// # Errors
+/// As [`build_slabs`].
+pub fn build<S: ReusableSource>(
+    source: &S,
+    extent: [u64; 3],
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<Tally> {
+    build_with(source, extent, options, output, progress, &mut |_| {})
+}
+
+/// Builds a file from any source whose nodes are known by their codes: procedural solids, indexes of other
+/// kinds. Memory is bounded as in [`build_slabs`], whatever the source's size.
+///
+/// ```
+/// use spinney::io::Output;
+/// use spinney::space::{Code, Dimension};
+/// use spinney::store::{BuildOptions, build_source};
+/// use spinney::tree::{Child, Children, Form, Source};
+/// use spinney::value::{Kind, SampleType, Value, ValueType};
+///
+/// /// A triangle: all cells whose column is less than their row.
+/// struct Triangle;
+///
+/// impl Triangle {
+///     fn node(&self, code: Code) -> Child<Code> {
+///         let cells = code.bounds(self.depth());
+///         if cells.max[0] <= cells.min[1] {
+///             Child::Leaf(Value::from([255u8]))
+///         } else if cells.min[0] + 1 >= cells.max[1] {
+///             Child::Void
+///         } else {
+///             Child::Inner { representative: Value::from([255u8]), node: code }
+///         }
+///     }
+/// }
+///
+/// impl Source for Triangle {
+///     type Node = Code;
+///
+///     fn form(&self) -> Form {
+///         Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
+///     }
+///     fn depth(&self) -> u8 {
+///         10
+///     }
+///     fn root(&self) -> spinney::Result<Child<Code>> {
+///         Ok(self.node(Code::root(Dimension::Quad)))
+///     }
+///     fn children(&self, node: &Code, children: &mut Children<Code>) -> spinney::Result<()> {
+///         for (step, child) in children.iter_mut().take(4).enumerate() {
+///             *child = self.node(node.child(step));
+///         }
+///         Ok(())
+///     }
+/// }
+///
+/// # fn main() -> spinney::Result<()> {
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("triangle.goblin");
+/// let options = BuildOptions::new(Kind::Continuous, 10);
+/// let tally = build_source(&Triangle, [1024, 1024, 1], &options, Output::create(&path)?, &())?;
+/// assert_eq!(tally.cells, 1024 * 1023 / 2);
+/// # Ok(())
+/// # }
+/// ```
+///
+/// # Errors
+/// As [`build_slabs`]; also if the source fails.
+pub fn build_source(
+    source: &dyn Source<Node = Code>,
+    extent: [u64; 3],
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<Tally> {
+    build(&CodedSource(source), extent, options, output, progress)
+}
+
+/// Makes sure that there is room for a tree of so many INNER nodes, by an estimate.
+///
+/// # Errors
+/// If there is none: see [`Output::check_room`].
+pub fn check_room(output: &Output, form: Form, share: bool, records: u64) -> Result<()> {
+    // Of what stores equal subtrees once nothing is known.
+    let least = if share { 0 } else { RecordLayout::new(form).least_node() };
+    output.check_room(records.saturating_mul(least))
+}
+
+/// A source of users of the library: an object, so that they do not compile the builder.
+struct CodedSource<'a>(&'a dyn Source<Node = Code>);
+
+impl Source for CodedSource<'_> {
+    type Node = Code;
+
+    fn form(&self) -> Form {
+        self.0.form()
+    }
+
+    fn depth(&self) -> u8 {
+        self.0.depth()
+    }
+
+    fn root(&self) -> Result<Child<Code>> {
+        self.0.root()
+    }
+
+    fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
+        self.0.children(node, children)
+    }
+
+    fn cells(&self, node: &Code, levels: u8) -> Result<Option<CellBlock>> {
+        self.0.cells(node, levels)
+    }
+}
+
+impl ReusableSource for CodedSource<'_> {}
+
+/// Builds a file from a tree in memory: see [`build_slabs`] for what is too large for that.
+///
+/// # Errors
+/// As [`build_slabs`].
+pub fn build_tree(
+    tree: &MemTree,
+    extent: [u64; 3],
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<Tally> {
+    build(tree, extent, options, output, progress)
+}
+
+/// Builds a file as [`build`] does; the metadata can be completed when the source has been walked.
+///
+/// # Errors
+/// As [`build_slabs`].
+pub fn build_with<S: ReusableSource>(
+    source: &S,
+    extent: [u64; 3],
+    options: &BuildOptions,
+    output: Output,
+    progress: &dyn Progress,
+    complete: &mut dyn FnMut(&mut Metadata),
+) -> Result<Tally> {
+    let mut fill = |sink: &mut dyn TreeSink, shape| walk(source, options, shape, true, sink, progress);
+    write_file(source.form(), options, (extent, [u64::MAX; 3]), output, &mut fill, complete)
+}
+
+/// Starts a file, has it filled, and finishes it. Beside the picture's extent stands that of the parts that
+/// come; what is outside is VOID.
+fn write_file(
+    form: Form,
+    options: &BuildOptions,
+    (extent, covered): ([u64; 3], [u64; 3]),
+    output: Output,
+    fill: &mut Fill<'_>,
+    complete: &mut dyn FnMut(&mut Metadata),
+) -> Result<Tally> {
+    let header = options.header(form, extent)?;
+    match TreeFormat::of(output.path()) {
+        TreeFormat::Goblin if options.share => Err(Error::unsupported(
+            output.path(),
+            "storing equal subtrees once in a Goblin file",
+            "give the output a name that ends with .autumn",
+        )),
+        TreeFormat::Goblin => goblin::write(options, header, covered, output, fill, complete),
+        TreeFormat::Autumnal => autumnal::write(options, header, covered, output, fill, complete),
+    }
+}

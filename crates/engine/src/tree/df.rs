@@ -1,0 +1,237 @@
+//! DF-expressions: a tree in depth-first order, one symbol per node.
+//!
+//! The literature writes quadtrees with `G` (grey), `B` (black) and `W` (white), octrees with `M` (MIXED),
+//! `F` (FULL) and `V` (VOID). Leaves with other values are written as a digit, or in brackets where one digit
+//! does not do: `7`, `[12]`, `[255,0,0]`. Round parentheses and white space only group. The packed form has 2
+//! bits per node.
+
+use std::fmt::Write;
+
+use spinney_base::space::Dimension;
+use spinney_base::value::{Rule, Value, ValueType};
+use spinney_base::{Error, Result};
+
+use super::memory::MemTree;
+use super::source::{Child, NodeState, Source, no_children};
+use spinney_base::Form;
+
+/// The numbers of states in packed expressions.
+const VOID: u8 = NodeState::Void as u8;
+const LEAF: u8 = NodeState::Leaf as u8;
+const INNER: u8 = NodeState::Inner as u8;
+
+/// One node of an expression.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Symbol {
+    Void,
+    Leaf(Value),
+    Inner,
+}
+
+/// Letters for VOID, full LEAF and INNER.
+fn letters(dimension: Dimension) -> [char; 3] {
+    match dimension {
+        Dimension::Quad => ['W', 'B', 'G'],
+        Dimension::Oct => ['V', 'F', 'M'],
+    }
+}
+
+/// The expression of a tree as text; leaves of value `full` are `B` or `F`.
+///
+/// # Errors
+/// If the source fails.
+pub fn to_text(source: &MemTree, full: Option<Value>) -> Result<String> {
+    let form = source.form;
+    let [void, black, inner] = letters(form.dimension);
+    let mut text = String::new();
+    walk(source, &mut |symbol| match symbol {
+        Symbol::Void => text.push(void),
+        Symbol::Inner => text.push(inner),
+        Symbol::Leaf(value) if full == Some(value) => text.push(black),
+        Symbol::Leaf(value) => write_value(&mut text, form.value, value),
+    })?;
+    Ok(text)
+}
+
+fn write_value(text: &mut String, value_type: ValueType, value: Value) {
+    let numbers = value_type.samples(value);
+    match numbers[..] {
+        [n] if (0.0..10.0).contains(&n) && n.fract() == 0.0 && !n.is_sign_negative() => {
+            let _ = write!(text, "{n}");
+        }
+        _ => {
+            let list: Vec<String> = numbers.iter().map(f64::to_string).collect();
+            let _ = write!(text, "[{}]", list.join(","));
+        }
+    }
+}
+
+/// The tree of a textual expression; `B` and `F` are leaves of value `full`. The result is condensed, and its
+/// representatives follow `rule`.
+///
+/// # Errors
+/// If the text has a symbol that is none, ends too early, goes on after the end, or is deeper than `depth`.
+pub fn from_text(form: Form, text: &str, depth: u8, full: Value, rule: Rule) -> Result<MemTree> {
+    let bad = |position: usize, found: &str, expected: &str| {
+        Error::invalid(format!("DF-expression, byte {position}"), format!("`{found}`"), expected)
+    };
+    let mut symbols = Vec::new();
+    let mut rest = text;
+    while let Some(letter) = rest.chars().next() {
+        let position = text.len() - rest.len();
+        rest = &rest[letter.len_utf8()..];
+        symbols.push(match letter {
+            'W' | 'V' => Symbol::Void,
+            'B' | 'F' => Symbol::Leaf(full),
+            'G' | 'M' => Symbol::Inner,
+            '(' | ')' => continue,
+            _ if letter.is_whitespace() => continue,
+            '[' => {
+                let end = rest.find(']').ok_or_else(|| bad(position, rest, "a closing bracket"))?;
+                let list = &rest[..end];
+                rest = &rest[end + 1..];
+                let value = parse_value(form.value, list);
+                Symbol::Leaf(
+                    value.ok_or_else(|| bad(position, list, &format!("a value of type {}", form.value)))?,
+                )
+            }
+            _ => {
+                let digit = letter.to_digit(10).and_then(|digit| form.value.splat(digit as f64));
+                Symbol::Leaf(digit.ok_or_else(|| {
+                    bad(position, letter.encode_utf8(&mut [0; 4]), "one of G B W M F V, a digit, or [value]")
+                })?)
+            }
+        });
+    }
+    assemble(form, &symbols, depth, rule)
+}
+
+fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
+    let numbers: Option<Vec<f64>> = list.split(',').map(|number| number.trim().parse().ok()).collect();
+    value_type.exact(&numbers?)
+}
+
+/// The packed expression of a tree.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Packed {
+    /// Two bits per symbol, the number of its [`NodeState`], first symbol in the lowest bits of the first
+    /// byte.
+    pub bits: Vec<u8>,
+    /// Number of symbols.
+    pub symbols: usize,
+    /// Values of the leaves, in order.
+    pub values: Vec<Value>,
+}
+
+/// The expression of a tree in 2 bits per node.
+///
+/// # Errors
+/// If the source fails.
+pub fn to_packed(source: &MemTree) -> Result<Packed> {
+    let mut packed = Packed { bits: Vec::new(), symbols: 0, values: Vec::new() };
+    walk(source, &mut |symbol| {
+        let number = match symbol {
+            Symbol::Void => VOID,
+            Symbol::Leaf(value) => {
+                packed.values.push(value);
+                LEAF
+            }
+            Symbol::Inner => INNER,
+        };
+        if packed.symbols.is_multiple_of(4) {
+            packed.bits.push(0);
+        }
+        packed.bits[packed.symbols / 4] |= number << (packed.symbols % 4 * 2);
+        packed.symbols += 1;
+    })?;
+    Ok(packed)
+}
+
+/// The tree of a packed expression, condensed, with representatives by `rule`.
+///
+/// # Errors
+/// If the bits or the values do not make one tree of at most `depth` levels.
+pub fn from_packed(form: Form, packed: &Packed, depth: u8, rule: Rule) -> Result<MemTree> {
+    let bad = |found: String, expected: &str| Error::invalid("packed DF-expression", found, expected);
+    if packed.bits.len() != packed.symbols.div_ceil(4) {
+        let found = format!("{} bytes for {} symbols", packed.bits.len(), packed.symbols);
+        return Err(bad(found, "one byte per four symbols"));
+    }
+    let mut values = packed.values.iter();
+    let symbols: Result<Vec<_>> = (0..packed.symbols)
+        .map(|i| match packed.bits[i / 4] >> (i % 4 * 2) & 3 {
+            VOID => Ok(Symbol::Void),
+            LEAF => values
+                .next()
+                .map(|value| Symbol::Leaf(*value))
+                .ok_or_else(|| bad(format!("{} values", packed.values.len()), "a value for every leaf")),
+            INNER => Ok(Symbol::Inner),
+            _ => Err(bad(format!("symbol 3 at {i}"), "0, 1 or 2")),
+        })
+        .collect();
+    let symbols = symbols?;
+    if values.next().is_some() {
+        return Err(bad(format!("{} values", packed.values.len()), "no more values than leaves"));
+    }
+    assemble(form, &symbols, depth, rule)
+}
+
+/// Hands out a tree's symbols in order.
+fn walk(source: &MemTree, symbol: &mut dyn FnMut(Symbol)) -> Result<()> {
+    let mut pending = vec![source.root()?];
+    let mut children = no_children();
+    while let Some(child) = pending.pop() {
+        match child {
+            Child::Void => symbol(Symbol::Void),
+            Child::Leaf(value) => symbol(Symbol::Leaf(value)),
+            Child::Inner { node, .. } => {
+                symbol(Symbol::Inner);
+                source.children(&node, &mut children)?;
+                pending.extend(children[..source.form.children()].iter().rev());
+            }
+        }
+    }
+    Ok(())
+}
+
+fn assemble(form: Form, symbols: &[Symbol], depth: u8, rule: Rule) -> Result<MemTree> {
+    let most = form.dimension.max_depth();
+    if depth > most {
+        return Err(Error::invalid("depth", depth.to_string(), format!("at most {most}")));
+    }
+    // First as it is written, then condensed.
+    let mut expression = MemTree { form, depth, root: Child::Void, inner: Vec::new() };
+    let mut next = 0;
+    expression.root = read(&mut expression, symbols, &mut next, 0)?;
+    if next < symbols.len() {
+        let found = format!("{} more symbols after the tree's end", symbols.len() - next);
+        return Err(Error::invalid("DF-expression", found, "one tree"));
+    }
+    MemTree::from_source(&expression, rule)
+}
+
+/// Reads the expression of one node, whose first symbol has the number `next`.
+fn read(tree: &mut MemTree, symbols: &[Symbol], next: &mut usize, level: u8) -> Result<Child<usize>> {
+    let symbol = symbols.get(*next).ok_or_else(|| {
+        let found = format!("its end after {} symbols", symbols.len());
+        Error::invalid("DF-expression", found, "children for every inner node")
+    })?;
+    *next += 1;
+    Ok(match symbol {
+        Symbol::Void => Child::Void,
+        Symbol::Leaf(value) => Child::Leaf(*value),
+        Symbol::Inner => {
+            if level == tree.depth {
+                let found = format!("an inner node at level {level} (symbol {next})");
+                let expected = format!("a depth of at most {}", tree.depth);
+                return Err(Error::invalid("DF-expression", found, expected));
+            }
+            let mut children = no_children();
+            for child in &mut children[..tree.form.children()] {
+                *child = read(tree, symbols, next, level + 1)?;
+            }
+            tree.inner.push(children);
+            Child::Inner { representative: Value::ZERO, node: tree.inner.len() - 1 }
+        }
+    })
+}

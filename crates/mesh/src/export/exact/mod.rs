@@ -1,0 +1,147 @@
+//! Exact models as meshes: polygons stay polygons, with their colours and parts as far as a format has room for them,
+//! such that the readers of this library understand them again.
+//!
+//! Faces are read three times: to look what there is, to number the vertices by an external sort, and to be written.
+//! Memory does not grow with the model.
+
+mod city_json;
+mod numbering;
+mod polygons;
+mod survey;
+mod triangles;
+
+use std::path::PathBuf;
+
+use super::MeshFormat;
+use spinney_base::io::Output;
+use spinney_base::{Progress, Result};
+use spinney_brep::{Face, Faces};
+
+/// Size of a written model, and what its format had no room for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct ExactSummary {
+    /// Vertices, each counted once; 0 for STL, whose triangles have corners of their own.
+    pub vertices: u64,
+    /// Faces; for STL, triangles.
+    pub faces: u64,
+    /// Holes that are joined to the ring around them by bridges.
+    pub bridged_holes: u64,
+    /// Whether there were colours that are not in the file.
+    pub lost_colours: bool,
+    /// Parts and files whose attributes are not in the file.
+    pub lost_attributes: u64,
+    /// Whether there were parts that the file does not tell apart.
+    pub lost_parts: bool,
+    /// STL: corners of triangles that single precision has moved.
+    pub moved: u64,
+    /// STL: the farthest that a corner was moved, in units of the world.
+    pub farthest: f64,
+    /// STL: triangles that are left out since two of their corners are the same in single precision. The others are
+    /// as closed as before.
+    pub collapsed: u64,
+}
+
+/// Writes an exact model as a mesh in the coordinates of its world.
+///
+/// | format | polygons | holes | coordinates | colours | parts |
+/// | --- | --- | --- | --- | --- | --- |
+/// | PLY | yes | bridges | double precision | of faces, or of vertices where corners of a face differ | no |
+/// | OBJ | yes | bridges | the shortest decimals that are read as the same number | of vertices | objects |
+/// | OFF | yes | bridges | as OBJ | as PLY | no |
+/// | STL | triangles | | single precision; [`ExactSummary::moved`] tells how many corners that moves | no | no |
+/// | CityJSON | yes | yes | whole numbers with a transform, from which a reader may get the last bit differently | no | objects |
+///
+/// Where holes are bridges, they and the outer ring are one ring, as
+/// [`join_rings`](spinney_brep::geometry::join_rings) makes it; [`split_bridges`](spinney_brep::geometry::split_bridges) gives the
+/// rings again. Vertices stand in the order of their coordinates, within cells of 32 x 32 x 32 steps of the grid.
+///
+/// Attributes of parts are written to CityJSON files alone. What is said of the file that the model was built from is, too, unless
+/// there were several.
+///
+/// A part of a CityJSON file is a `Solid` with one shell if its faces are closed (every edge is passed as often in one
+/// direction as in the other, which is told from a sum of hashes), else a `MultiSurface`; names that come
+/// twice get a number behind them. In OBJ names, what would end the line or the name is replaced by `_`.
+///
+/// ```
+/// use spinney::brep::{Face, FaceList, Grid};
+/// use spinney::export::mesh::{MeshFormat, export_exact};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("triangle.ply");
+/// let mut faces = FaceList::new(Grid::over([[0.0; 3], [1.0; 3]], Some(0.001))?, vec!["roof".into()]);
+/// let points = [[0, 0, 0], [1000, 0, 0], [0, 1000, 0]];
+/// faces.push(&Face { number: 0, points: &points, ring_ends: &[3], colours: &[], part: 0, source: 0 });
+/// let summary = export_exact(&faces, MeshFormat::Ply, Output::create(&path)?, &())?;
+/// assert_eq!((summary.vertices, summary.faces), (3, 1));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the format cannot hold so many faces or vertices; if faces cannot be read or the output not be written; or on
+/// interruption.
+pub fn export_exact(
+    faces: &dyn Faces,
+    format: MeshFormat,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<ExactSummary> {
+    let job = Job { faces, progress, passes: if format == MeshFormat::Stl { 1 } else { 3 } };
+    let mut summary = match format {
+        MeshFormat::CityJson => return city_json::write(&job, output),
+        MeshFormat::Stl => triangles::write(&job, output)?,
+        MeshFormat::Ply | MeshFormat::Obj | MeshFormat::Off => polygons::write(&job, format, output)?,
+    };
+    let attributes = faces.attributes();
+    summary.lost_attributes = attributes.parts().count() as u64 + attributes.files().len() as u64;
+    Ok(summary)
+}
+
+/// Faces that are gone through several times, with progress.
+struct Job<'a> {
+    faces: &'a dyn Faces,
+    progress: &'a dyn Progress,
+    passes: u64,
+}
+
+impl Job<'_> {
+    /// Reads all faces once.
+    fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
+        /// Faces between two looks at whether to go on.
+        const OFTEN: u64 = 1024;
+        let total = self.faces.len() * self.passes;
+        let mut count = 0u64;
+        self.faces.each(&mut |face| {
+            count += 1;
+            if count.is_multiple_of(OFTEN) {
+                self.progress.check()?;
+                self.progress.advance(OFTEN, total);
+            }
+            each(face)
+        })?;
+        self.progress.check()?;
+        self.progress.advance(count % OFTEN, total);
+        Ok(())
+    }
+
+    /// Whether there is more than one part.
+    fn has_parts(&self) -> bool {
+        self.faces.parts().len() > 1
+    }
+}
+
+/// Corners of a face as the geometry takes them.
+fn wide(points: &[[i32; 3]], out: &mut Vec<[i64; 3]>) {
+    out.clear();
+    out.extend(points.iter().map(|point| point.map(i64::from)));
+}
+
+/// The folder for temporary files: the output's if it has one, since that is where there must be room.
+fn temporary_folder(output: &Output) -> PathBuf {
+    if output.is_file() {
+        spinney_base::io::folder(output.path()).to_path_buf()
+    } else {
+        std::env::temp_dir()
+    }
+}

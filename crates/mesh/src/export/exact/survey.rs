@@ -1,0 +1,64 @@
+//! Properties of a model that have to be known before its first vertex is written.
+
+use super::Job;
+use spinney_base::Result;
+use spinney_brep::Face;
+
+/// Summary of all faces.
+#[derive(Default)]
+pub(super) struct Survey {
+    /// Most corners of a face, with those that bridges add.
+    pub(super) most_corners: usize,
+    pub(super) has_colours: bool,
+    /// Whether a face has corners of different colours.
+    pub(super) has_shades: bool,
+    /// By part: a sum that is 0 if edges are passed as often in one direction as in the other. That it is 0
+    /// otherwise would be a coincidence of 128 bits.
+    open: Vec<u128>,
+}
+
+impl Survey {
+    pub(super) fn of(job: &Job<'_>) -> Result<Survey> {
+        let mut survey = Survey { open: vec![0; job.faces.parts().len()], ..Survey::default() };
+        job.each(&mut |face| {
+            let bridges = 2 * face.ring_ends.len().saturating_sub(1);
+            survey.most_corners = survey.most_corners.max(face.points.len() + bridges);
+            survey.has_colours |= !face.colours.is_empty();
+            survey.has_shades |= face.colours.windows(2).any(|pair| pair[0] != pair[1]);
+            if let Some(sum) = survey.open.get_mut(face.part as usize) {
+                *sum = sum.wrapping_add(edges(face));
+            }
+            Ok(())
+        })?;
+        Ok(survey)
+    }
+
+    /// Whether the faces of a part are closed.
+    pub(super) fn is_closed(&self, part: u32) -> bool {
+        self.open.get(part as usize) == Some(&0)
+    }
+}
+
+/// The sum over the edges of a face: those of the two directions cancel each other.
+fn edges(face: &Face<'_>) -> u128 {
+    let mut sum = 0u128;
+    for ring in face.rings() {
+        for (i, &from) in ring.iter().enumerate() {
+            let to = ring[(i + 1) % ring.len()];
+            if from < to {
+                sum = sum.wrapping_add(hash(from, to));
+            } else {
+                sum = sum.wrapping_sub(hash(to, from));
+            }
+        }
+    }
+    sum
+}
+
+fn hash(a: [i32; 3], b: [i32; 3]) -> u128 {
+    let mut bytes = [0; 24];
+    for (place, number) in bytes.chunks_exact_mut(4).zip(a.iter().chain(&b)) {
+        place.copy_from_slice(&number.to_le_bytes());
+    }
+    xxhash_rust::xxh3::xxh3_128(&bytes)
+}

@@ -1,0 +1,260 @@
+//! Triangles as binary glTF 2.0: quantised positions and normals (KHR_mesh_quantization), colours, and classes as features
+//! (EXT_mesh_features, EXT_structural_metadata).
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::{Value as Json, json};
+
+use super::GltfOptions;
+use super::buffer::GlbBuffer;
+use super::tile_mesh::{MARGIN, STEPS, TileCorner, TileMesh};
+use spinney_container::Metadata;
+use spinney_crs::Frame;
+
+/// The attribute of a tile's cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TileAttribute {
+    None,
+    /// A colour, `red << 16 | green << 8 | blue`.
+    Colour,
+    /// A class.
+    Class,
+}
+
+/// Types of components.
+const BYTE: u32 = 5120;
+const UNSIGNED_SHORT: u32 = 5123;
+const UNSIGNED_INT: u32 = 5125;
+
+/// A file that is being made: the triangles of tiles as nodes below one.
+pub(super) struct Glb<'a> {
+    attribute: TileAttribute,
+    metadata: &'a Metadata,
+    buffer: GlbBuffer,
+    accessors: Vec<Json>,
+    meshes: Vec<Json>,
+    nodes: Vec<Json>,
+    /// Rows of the table of classes.
+    classes: BTreeMap<u32, u32>,
+}
+
+impl<'a> Glb<'a> {
+    /// `matrix` is that of the root, by columns; coordinates below it are cells of the finest level. `classes` are all
+    /// that the triangles have.
+    pub(super) fn new(
+        attribute: TileAttribute,
+        options: &GltfOptions,
+        metadata: &'a Metadata,
+        matrix: [f64; 16],
+        classes: impl IntoIterator<Item = u32>,
+    ) -> Glb<'a> {
+        let sorted: BTreeSet<u32> = classes.into_iter().collect();
+        Glb {
+            attribute,
+            metadata,
+            buffer: GlbBuffer::new(options.meshopt),
+            accessors: Vec::new(),
+            meshes: Vec::new(),
+            nodes: vec![json!({ "matrix": matrix })],
+            classes: sorted.into_iter().zip(0..).collect(),
+        }
+    }
+
+    /// Adds the triangles of a tile whose first cell begins at `origin` and whose cells have the side `cell`, in cells of the
+    /// finest level.
+    pub(super) fn push(&mut self, mesh: &TileMesh, origin: [f64; 3], cell: f64) {
+        let corners = &mesh.corners;
+        let steps = |range: fn(u16, u16) -> u16, first: u16| -> Vec<u16> {
+            (0..3).map(|axis| corners.iter().map(|corner| corner.at[axis]).fold(first, range)).collect()
+        };
+        let (min, max) = (steps(u16::min, u16::MAX), steps(u16::max, 0));
+        let position = json!({ "componentType": UNSIGNED_SHORT, "type": "VEC3", "min": min, "max": max });
+        let position = self.vertices(corners, position, |corner| {
+            let [x, y, z] = corner.at;
+            shorts([x, y, z, 0])
+        });
+        let normal = json!({ "componentType": BYTE, "normalized": true, "type": "VEC3" });
+        let normal = self.vertices(corners, normal, |corner| {
+            let [x, y, z] = corner.normal.map(i8::cast_unsigned);
+            [x, y, z, 0]
+        });
+        let mut attributes = json!({ "POSITION": position, "NORMAL": normal });
+        if let Some(colours) = self.colours() {
+            let colour = json!({ "componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC4" });
+            attributes["COLOR_0"] =
+                self.vertices(corners, colour, |corner| shorts(colours(corner.attribute))).into();
+        }
+        let mut primitive = json!({ "mode": 4, "material": 0 });
+        if self.attribute == TileAttribute::Class {
+            let classes = self.classes.clone();
+            let feature = json!({ "componentType": UNSIGNED_SHORT, "type": "SCALAR" });
+            let feature = self.vertices(corners, feature, |corner| {
+                // (Classes have 16 bits at most, and so their numbers.)
+                let [low, high] = (classes[&corner.attribute] as u16).to_le_bytes();
+                [low, high, 0, 0]
+            });
+            attributes["_FEATURE_ID_0"] = feature.into();
+            primitive["extensions"] = json!({ "EXT_mesh_features": { "featureIds": [{
+                "featureCount": self.classes.len(), "attribute": 0, "propertyTable": 0, "label": "classes",
+            }] } });
+        }
+        let is_small = corners.len() <= usize::from(u16::MAX);
+        let view = self.buffer.triangles(&mesh.triangles, is_small);
+        let kind = if is_small { UNSIGNED_SHORT } else { UNSIGNED_INT };
+        primitive["indices"] = self
+            .accessor(json!({ "bufferView": view, "componentType": kind,
+            "count": mesh.triangles.len() * 3, "type": "SCALAR" }))
+            .into();
+        primitive["attributes"] = attributes;
+        self.meshes.push(json!({ "primitives": [primitive] }));
+        let scale = cell / STEPS;
+        self.nodes.push(json!({
+            "mesh": self.meshes.len() - 1,
+            "translation": origin.map(|at| at - MARGIN * cell),
+            "scale": [scale, scale, scale],
+        }));
+    }
+
+    /// The bytes of the file.
+    pub(super) fn finish(mut self) -> Vec<u8> {
+        let mut required = vec!["KHR_mesh_quantization"];
+        required.extend(self.buffer.extension());
+        let mut used = required.clone();
+        let mut extensions = serde_json::Map::new();
+        if self.attribute == TileAttribute::Class {
+            used.extend(["EXT_mesh_features", "EXT_structural_metadata"]);
+            extensions.insert("EXT_structural_metadata".into(), self.class_table());
+        }
+        self.nodes[0]["children"] = (1..self.nodes.len()).collect();
+        let mut root = json!({
+            "asset": { "version": "2.0", "generator": "spinney" },
+            "extensionsUsed": used,
+            "extensionsRequired": required,
+            "scene": 0,
+            "scenes": [{ "nodes": [0] }],
+            "nodes": self.nodes,
+            "meshes": self.meshes,
+            "materials": [{ "doubleSided": true,
+                "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 1.0 } }],
+            "accessors": self.accessors,
+        });
+        if !extensions.is_empty() {
+            root["extensions"] = extensions.into();
+        }
+        let object = root.as_object_mut().expect("it is made above");
+        if self.meshes.is_empty() {
+            // A list that is there must not be empty.
+            object.retain(|_, list| list.as_array().is_none_or(|list| !list.is_empty()));
+            object["nodes"][0].as_object_mut().expect("it is made above").remove("children");
+        }
+        let bin = self.buffer.finish(object);
+        let mut text = root.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let chunks = [(b"JSON", text), (b"BIN\0", bin)];
+        let chunks = chunks.iter().filter(|(_, bytes)| !bytes.is_empty());
+        let length: usize = chunks.clone().map(|(_, bytes)| 8 + bytes.len()).sum();
+        let mut file = b"glTF\x02\0\0\0".to_vec();
+        file.extend(((12 + length) as u32).to_le_bytes());
+        for (name, bytes) in chunks {
+            file.extend((bytes.len() as u32).to_le_bytes());
+            file.extend_from_slice(*name);
+            file.extend_from_slice(bytes);
+        }
+        file
+    }
+
+    /// The number of an accessor to an attribute of vertices, whose elements have a multiple of four bytes.
+    fn vertices<const N: usize>(
+        &mut self,
+        corners: &[TileCorner],
+        mut accessor: Json,
+        bytes: impl Fn(&TileCorner) -> [u8; N],
+    ) -> usize {
+        let bytes: Vec<u8> = corners.iter().flat_map(bytes).collect();
+        accessor["bufferView"] = self.buffer.vertices(&bytes, N).into();
+        accessor["count"] = corners.len().into();
+        self.accessor(accessor)
+    }
+
+    fn accessor(&mut self, accessor: Json) -> usize {
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    /// The way from attributes to colours, which are linear and opaque.
+    fn colours(&self) -> Option<impl Fn(u32) -> [u16; 4] + use<'a>> {
+        let palette = self.metadata.palette.as_ref();
+        let is_class = match self.attribute {
+            TileAttribute::None => return None,
+            TileAttribute::Colour => false,
+            TileAttribute::Class => {
+                palette?;
+                true
+            }
+        };
+        // IEC 61966-2-1.
+        let linear = |number: u8| {
+            let number = f64::from(number) / 255.0;
+            let linear =
+                if number <= 0.040_45 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) };
+            (linear * 65535.0).round() as u16
+        };
+        let table: [u16; 256] = std::array::from_fn(|number| linear(number as u8));
+        Some(move |attribute: u32| {
+            let [_, r, g, b] = match palette.filter(|_| is_class) {
+                Some(palette) => {
+                    let [r, g, b, _] = palette.colours.get(attribute as usize).copied().unwrap_or_default();
+                    [0, r, g, b]
+                }
+                None => attribute.to_be_bytes(),
+            };
+            let [r, g, b] = [r, g, b].map(|number| table[usize::from(number)]);
+            [r, g, b, u16::MAX]
+        })
+    }
+
+    /// The table of classes: number and name of each.
+    fn class_table(&mut self) -> Json {
+        let values: Vec<u8> = self.classes.keys().flat_map(|value| value.to_le_bytes()).collect();
+        let (mut texts, mut offsets) = (Vec::new(), vec![0u32]);
+        for value in self.classes.keys() {
+            let name = self.metadata.class_names.get(&i64::from(*value)).map_or("", String::as_str);
+            texts.extend(name.bytes());
+            offsets.push(texts.len() as u32);
+        }
+        if texts.is_empty() {
+            // (No view is empty.)
+            texts.push(0);
+        }
+        let offsets: Vec<u8> = offsets.iter().flat_map(|offset| offset.to_le_bytes()).collect();
+        let [values, texts, offsets] = [values, texts, offsets].map(|bytes| self.buffer.table(&bytes));
+        json!({
+            "schema": { "id": "classes", "classes": { "class": { "properties": {
+                "value": { "type": "SCALAR", "componentType": "UINT32" },
+                "name": { "type": "STRING" },
+            } } } },
+            "propertyTables": [{ "class": "class", "count": self.classes.len(), "properties": {
+                "value": { "values": values },
+                "name": { "values": texts, "stringOffsets": offsets },
+            } }],
+        })
+    }
+}
+
+fn shorts(numbers: [u16; 4]) -> [u8; 8] {
+    let [a, b, c, d] = numbers.map(u16::to_le_bytes);
+    [a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1]]
+}
+
+/// A frame's matrix by columns, with y upwards, as glTF has it, where trees have z.
+pub(super) fn y_up(frame: &Frame) -> [f64; 16] {
+    let m = &frame.matrix;
+    let mut columns = [0.0; 16];
+    for column in 0..4 {
+        let [x, y, z] = [m[0][column], m[1][column], m[2][column]];
+        // (Without minus zeros.)
+        columns[4 * column..4 * column + 3].copy_from_slice(&[x, z, 0.0 - y]);
+    }
+    columns[15] = 1.0;
+    columns
+}

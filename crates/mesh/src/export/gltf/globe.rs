@@ -1,0 +1,99 @@
+//! Frames on the globe: coordinates of a tree's world as those of WGS 84 around the centre of the earth (EPSG:4978), in
+//! which viewers of 3D Tiles show them beside other tilesets.
+
+use glam::{DMat4, DVec3};
+
+use spinney_crs::{Frame, Projection};
+
+/// Semi-major axis in metres, and square of the eccentricity, of the ellipsoid of WGS 84.
+const SEMI_MAJOR: f64 = 6_378_137.0;
+const ECCENTRICITY: f64 = 0.006_694_379_990_141_316;
+
+/// An affine map onto the globe.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OnGlobe {
+    /// From cells to metres.
+    pub(super) matrix: DMat4,
+    /// Most metres between the map and the curved globe, at corners of the box that it was made for.
+    pub(super) deviation: f64,
+}
+
+impl OnGlobe {
+    /// The map that touches the globe in the middle of a box of cells. Heights are in the unit of the plane, or in metres where
+    /// that is degrees, and are taken for those above the ellipsoid. `None` if the system has no such place.
+    pub(super) fn touching(frame: &Frame, [least, most]: [[f64; 3]; 2]) -> Option<OnGlobe> {
+        let crs = frame.crs.as_ref()?;
+        let projection = Projection::new(crs, false).ok()?;
+        let metres = match crs.unit()? {
+            "ft" => 0.3048,
+            "us-ft" => 1200.0 / 3937.0,
+            "km" => 1000.0,
+            _ => 1.0,
+        };
+        let place = |cells: DVec3| {
+            let [x, y, z] = frame.to_world(cells.to_array());
+            Some(geocentric(projection.inverse([x, y])?, z * metres))
+        };
+        let (least, most) = (DVec3::from(least), DVec3::from(most));
+        let middle = least.midpoint(most);
+        let centre = place(middle)?;
+        // Steps of a hundredth of the box: far above rounding, and the error of central differences goes with their square.
+        let axis = |axis: usize| {
+            let step = (most - least)[axis].max(1.0) / 100.0;
+            let by = DVec3::AXES[axis] * step;
+            Some((place(middle + by)? - place(middle - by)?) / (2.0 * step))
+        };
+        let [x, y, z] = [axis(0)?, axis(1)?, axis(2)?];
+        let origin = centre - x * middle.x - y * middle.y - z * middle.z;
+        let matrix = DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), origin.extend(1.0));
+        let mut deviation = 0.0f64;
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { least[axis] } else { most[axis] };
+            let corner = DVec3::new(pick(0), pick(1), pick(2));
+            deviation = deviation.max(place(corner)?.distance(matrix.transform_point3(corner)));
+        }
+        (matrix.is_finite() && deviation.is_finite()).then_some(OnGlobe { matrix, deviation })
+    }
+}
+
+/// The point at a longitude and latitude in degrees and a height in metres.
+fn geocentric([longitude, latitude]: [f64; 2], height: f64) -> DVec3 {
+    let ((sin_lon, cos_lon), (sin_lat, cos_lat)) =
+        (longitude.to_radians().sin_cos(), latitude.to_radians().sin_cos());
+    let normal = SEMI_MAJOR / (1.0 - ECCENTRICITY * sin_lat * sin_lat).sqrt();
+    let across = (normal + height) * cos_lat;
+    DVec3::new(across * cos_lon, across * sin_lon, (normal * (1.0 - ECCENTRICITY) + height) * sin_lat)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_crs::Crs;
+
+    /// Points of EPSG:4979 in EPSG:4978, by PROJ 9.
+    #[test]
+    fn places_are_those_of_proj() {
+        for (place, height, expected) in [
+            ([0.0, 0.0], 0.0, [6_378_137.0, 0.0, 0.0]),
+            ([0.0, 90.0], 10.0, [0.0, 0.0, 6_356_762.314_245]),
+            ([7.0, 46.5], 1200.0, [4_366_209.170_2, 536_103.075_8, 4_604_550.847_9]),
+        ] {
+            let found = geocentric(place, height);
+            assert!(found.distance(expected.into()) < 1e-3, "{place:?}: {found}");
+        }
+    }
+
+    #[test]
+    fn frames_touch_the_globe_in_their_middle() {
+        let mut frame = Frame::planar([0.5, 0.0, 500_000.0, 0.0, 0.5, 5_150_000.0]);
+        frame.matrix[2][2] = 0.5;
+        frame.crs = Some(Crs::epsg(32632));
+        let found = OnGlobe::touching(&frame, [[0.0; 3], [2000.0; 3]]).unwrap();
+        // 1 km: the earth curves away by 6 cm at 700 m.
+        assert!(found.deviation > 0.01 && found.deviation < 0.2, "{}", found.deviation);
+        let scale = found.matrix.transform_vector3(DVec3::X).length() / 0.5;
+        assert!((scale - 1.0004).abs() < 1e-4, "{scale}: UTM shrinks by 0.9996 at its meridian");
+        frame.crs = None;
+        assert!(OnGlobe::touching(&frame, [[0.0; 3], [2000.0; 3]]).is_none());
+    }
+}

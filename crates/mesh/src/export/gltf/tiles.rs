@@ -1,0 +1,212 @@
+//! Tiles of an octree: which of them a surface passes through, and the triangles of each.
+
+use super::super::visit::Reach;
+use super::super::{MeshRequest, Precision};
+use super::glb::{Glb, TileAttribute};
+use super::tile_cells::TileCells;
+use super::tile_mesh::TileMesh;
+use spinney_base::parallel::Pool;
+use spinney_base::value::{Kind, Rule, SampleType};
+use spinney_base::{Progress, Result};
+use spinney_crs::Frame;
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::cell_blocks::{Carry, CellBlocks, can_carry_value};
+use spinney_engine::query::check_level;
+
+/// Levels between a tile and its cells.
+const TILE_LEVELS: u8 = 6;
+
+/// A node of a level of tiles, by its position in Z order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Tile {
+    pub(super) level: u8,
+    pub(super) order: u64,
+}
+
+impl Tile {
+    pub(super) const ROOT: Tile = Tile { level: 0, order: 0 };
+
+    /// The place in tiles of the level.
+    pub(super) fn place(self) -> [u32; 3] {
+        let bit = |axis: usize, level: u8| ((self.order >> (3 * level + axis as u8)) as u32 & 1) << level;
+        [0, 1, 2].map(|axis| (0..self.level).map(|level| bit(axis, level)).sum())
+    }
+
+    pub(super) fn children(self) -> impl Iterator<Item = Tile> {
+        let first = self.order << 3;
+        (first..first + 8).map(move |order| Tile { level: self.level + 1, order })
+    }
+}
+
+/// The blocks of cells that a thread makes tiles of.
+pub(super) type Blocks<'a> = Box<dyn CellBlocks + Send + 'a>;
+
+/// The way from tiles to triangles.
+pub(super) struct TileMaker<'a> {
+    tree: &'a Dataset,
+    /// The finest level of cells, and their frame.
+    level: u8,
+    frame: Frame,
+    smooth: bool,
+    attribute: TileAttribute,
+    carry: Carry,
+}
+
+impl<'a> TileMaker<'a> {
+    pub(super) fn new(tree: &'a Dataset, request: &MeshRequest) -> Result<TileMaker<'a>> {
+        let header = tree.header();
+        let level = request.level.unwrap_or(tree.depth());
+        check_level(level, tree.depth())?;
+        let frame = tree.metadata().frame.coarser(tree.depth() - level);
+        Precision::of(&frame, level)?;
+        let is_class = header.kind == Kind::Categorical && can_carry_value(header.form.value);
+        let attribute = match (header.form.value.sample, header.form.value.channels) {
+            _ if header.rule == Rule::Occupancy => TileAttribute::None,
+            (SampleType::U8, 3 | 4) => TileAttribute::Colour,
+            _ if is_class => TileAttribute::Class,
+            _ => TileAttribute::None,
+        };
+        let carry = match attribute {
+            TileAttribute::None if request.smooth && header.rule == Rule::Occupancy => Carry::Coverage,
+            TileAttribute::None => Carry::Nothing,
+            _ => Carry::Value,
+        };
+        Ok(TileMaker { tree, level, frame, smooth: request.smooth, attribute, carry })
+    }
+
+    /// The finest level of cells.
+    pub(super) fn level(&self) -> u8 {
+        self.level
+    }
+
+    /// The frame of the finest cells.
+    pub(super) fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// Cells of the finest level along the axes of the space that the tree's cells lie in.
+    pub(super) fn extent(&self) -> [f64; 3] {
+        let shift = self.tree.depth() - self.level;
+        self.tree.header().extent.map(|cells| cells.div_ceil(1 << shift) as f64)
+    }
+
+    pub(super) fn attribute(&self) -> TileAttribute {
+        self.attribute
+    }
+
+    /// Whether surfaces reach beyond the cells of their tile: see [`TileMaker::bounds`].
+    pub(super) fn is_smooth(&self) -> bool {
+        self.smooth
+    }
+
+    /// Levels of tiles.
+    pub(super) fn tile_levels(&self) -> u8 {
+        self.level.saturating_sub(TILE_LEVELS) + 1
+    }
+
+    /// Side of a tile, and of its cells, in cells of the finest level.
+    fn sides(&self, tile_level: u8) -> [f64; 2] {
+        let cells = self.cells_of(tile_level);
+        [tile_level, cells].map(|level| f64::from(1u32 << (self.level - level)))
+    }
+
+    /// Side of the cells of tiles of a level, in cells of the finest one.
+    pub(super) fn cell_side(&self, tile_level: u8) -> f64 {
+        self.sides(tile_level)[1]
+    }
+
+    /// The level of the cells of tiles of a level.
+    fn cells_of(&self, tile_level: u8) -> u8 {
+        self.level - (self.tile_levels() - 1 - tile_level)
+    }
+
+    /// The box around a tile's surface and those of its descendants, in cells of the finest level.
+    pub(super) fn bounds(&self, tile: Tile) -> [[f64; 3]; 2] {
+        let [side, cell] = self.sides(tile.level);
+        let least = tile.place().map(|at| f64::from(at) * side);
+        self.with_reach(least, least.map(|at| at + side), cell)
+    }
+
+    /// The box around the surfaces of all tiles.
+    pub(super) fn all_bounds(&self) -> [[f64; 3]; 2] {
+        // The coarsest cells reach furthest.
+        let cell = self.cell_side(0);
+        self.with_reach([0.0; 3], self.extent().map(|cells| (cells / cell).ceil() * cell), cell)
+    }
+
+    /// A box of cells of the given side, with what surfaces have beyond them.
+    fn with_reach(&self, least: [f64; 3], most: [f64; 3], cell: f64) -> [[f64; 3]; 2] {
+        // The quadrangles around a cell's edges have corners in the two cells before it, and, beyond the space, in half a
+        // cell behind.
+        let (before, behind) = if self.smooth { (1.5 * cell, 0.5 * cell) } else { (0.0, 0.0) };
+        [least.map(|at| at - before), most.map(|at| at + behind)]
+    }
+
+    /// Cells of which only the shape is asked, for [`TileMaker::wants`].
+    pub(super) fn shape(&self) -> Result<Blocks<'a>> {
+        self.tree.cell_blocks(self.level, Carry::Nothing)
+    }
+
+    /// Whether a surface may pass through a tile.
+    pub(super) fn wants(&self, shape: &mut Blocks<'a>, tile: Tile) -> Result<bool> {
+        let node = tile.place();
+        if !self.smooth {
+            return Reach::Faces.wants(&mut **shape, tile.level, node);
+        }
+        // The last tiles have what lies beyond the space, too.
+        let ends = node.map(|cell| cell + 1 == 1 << tile.level);
+        for step in (0..8).filter(|step| (0..3).all(|axis| step >> axis & 1 == 0 || ends[axis])) {
+            let node = [0, 1, 2].map(|axis| node[axis] + (step >> axis & 1));
+            if Reach::Nets.wants(&mut **shape, tile.level, node)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Hands out the tiles that a surface may pass through, each before its descendants, in Z order.
+    pub(super) fn visit(&self, progress: &dyn Progress, mut each: impl FnMut(Tile)) -> Result<()> {
+        let mut shape = self.shape()?;
+        // The last is on top.
+        let mut pending = vec![Tile::ROOT];
+        while let Some(tile) = pending.pop() {
+            progress.check()?;
+            if !self.wants(&mut shape, tile)? {
+                continue;
+            }
+            each(tile);
+            if tile.level + 1 < self.tile_levels() {
+                let first = pending.len();
+                pending.extend(tile.children());
+                pending[first..].reverse();
+            }
+        }
+        Ok(())
+    }
+
+    /// The tiles of the finest level, in Z order.
+    pub(super) fn finest(&self, progress: &dyn Progress) -> Result<Vec<Tile>> {
+        let mut finest = Vec::new();
+        self.visit(progress, |tile| {
+            if tile.level + 1 == self.tile_levels() {
+                finest.push(tile);
+            }
+        })?;
+        Ok(finest)
+    }
+
+    /// The triangles of a tile; its thread takes blocks of the level from the pool.
+    pub(super) fn mesh(&self, pool: &Pool<Blocks<'a>>, tile: Tile) -> Result<TileMesh> {
+        let make = || self.tree.cell_blocks(self.cells_of(tile.level), self.carry);
+        pool.with(make, |blocks| {
+            let mut cells = TileCells { blocks: &mut **blocks, level: tile.level, node: tile.place() };
+            TileMesh::of(&mut cells, self.smooth, self.attribute != TileAttribute::None)
+        })
+    }
+
+    /// Adds a tile to a file whose coordinates are cells of the finest level.
+    pub(super) fn push(&self, glb: &mut Glb<'_>, tile: Tile, mesh: &TileMesh) {
+        let [side, cell] = self.sides(tile.level);
+        glb.push(mesh, tile.place().map(|at| f64::from(at) * side), cell);
+    }
+}

@@ -1,0 +1,235 @@
+//! Isosurfaces: where the values of an octree, which go straight from one cell's centre to the next, are equal to a level.
+//!
+//! They are made in tiles of 64 x 64 x 64 cubes between the centres of eight neighbouring cells (`tile.rs`), by marching cubes (`cube.rs`), on
+//! all threads. Tiles whose extremes exclude the level are not read, or only their first layers of cells (`walk.rs`). Tiles come in Z order, and points on edges that
+//! tiles share are remembered until the last of these is done, as those of other surfaces are: memory goes with the edge of what is
+//! done.
+
+mod cube;
+mod tile;
+mod walk;
+
+use self::tile::{MOST_SURFACE_BYTES, TILE, TILE_BYTES, TileCells, TileSurface};
+use self::walk::{IsosurfaceGround, TileWalk};
+use super::arrays::Arrays;
+use super::numbers::{Shared, z_order};
+use super::sink::{Mesh, Vertex};
+use super::{FaceAttribute, MeshFormat, Precision, SurfaceMesh, sink_of};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result, parallel};
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::{ContourLevels, ContourNodata, ContourRequest, Levels};
+
+/// Size of isosurfaces, and what was read for them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct IsosurfaceSummary {
+    /// Surfaces: one for each value, which may be empty.
+    pub surfaces: u64,
+    /// Vertices, each counted once.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+    /// Tiles of 64 x 64 x 64 cells that there are, once for each surface.
+    pub tiles: u64,
+    /// Tiles that were read: those whose extremes do not exclude the surface. Of the ones behind these only the first layers of cells may
+    /// have been read.
+    pub tiles_read: u64,
+}
+
+/// Writes surfaces of equal values of an octree's first channel, at any level of detail, in the coordinates of its world.
+///
+/// Values go straight from one cell's centre to the next. One that is equal to a level counts as above it; four cells that make a saddle, by
+/// their mean: a surface crosses the plane through the centres of a layer of cells where
+/// [contours](Dataset::contours) of this layer are. Triangles are counterclockwise seen from where values are lower: what is enclosed is higher.
+/// Every vertex but a few in the middle of cubes lies on a line between the centres of neighbouring cells, at least a millionth of a cell
+/// away from these. Every edge has two triangles, which pass it in opposite directions, or one where the surface ends.
+///
+/// Surfaces end ([`ContourNodata::Open`]) at the centres of the last cells, and where one of eight cells is VOID, or no finite number; or they
+/// are closed there ([`ContourNodata::Close`]), midway between cells that have a value and cells that have none, as if these were lower than
+/// everything. In trees of [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) VOID, and all outside, is 0, so that surfaces of solids are closed.
+///
+/// Several surfaces are written one after the other, from the lowest value on: as objects in OBJ (`o level_0.5`), as a property `level` of
+/// faces in PLY; other formats hold one. Reads only where the tree's statistics cannot exclude a surface, on all threads of the current pool; the
+/// file's bytes depend on the tree alone. Besides `request.memory`, memory goes with the points where the surface leaves what
+/// is done; [`ContourRequest::folder`] does not matter.
+///
+/// ```
+/// use spinney::export::mesh::{MeshFormat, export_isosurfaces};
+/// use spinney::io::Output;
+/// use spinney::query::{ContourLevels, ContourNodata, ContourRequest};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("ball.ply");
+/// let ball = spinney::open("fixtures/v1/ball.goblin")?;
+/// // Around the cells that have a value.
+/// let mut request = ContourRequest::new(ContourLevels::At(vec![127.5]));
+/// request.nodata = ContourNodata::Close;
+/// let found = export_isosurfaces(&ball, &request, Output::create(&path)?, MeshFormat::Ply, &())?;
+/// assert!(found.surfaces == 1 && found.triangles > 0);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the tree is a quadtree, has no such level, or is damaged; if its frame is flat; if values are none, no finite numbers, or far too many; if
+/// surfaces are to go on to the edge of cells ([`ContourNodata::Extend`]); if the format cannot hold so many faces, such coordinates or several
+/// surfaces; if the output cannot be written; or on interruption.
+pub fn export_isosurfaces(
+    tree: &Dataset,
+    request: &ContourRequest,
+    output: Output,
+    format: MeshFormat,
+    progress: &dyn Progress,
+) -> Result<IsosurfaceSummary> {
+    let values = values(tree, request)?;
+    let attribute = match format {
+        _ if values.len() <= 1 => FaceAttribute::None,
+        MeshFormat::Ply => FaceAttribute::Level,
+        MeshFormat::Obj => FaceAttribute::None,
+        _ => {
+            let advice = "write PLY or OBJ, or one level at a time";
+            return Err(Error::unsupported(
+                output.path(),
+                "several surfaces in a format that holds one",
+                advice,
+            ));
+        }
+    };
+    let level = request.level.unwrap_or(tree.depth());
+    let frame = tree.metadata().frame.coarser(tree.depth() - level);
+    let sink = sink_of(output, format, attribute, Precision::of(&frame, level)?)?;
+    write(tree, request, &values, Mesh::new(sink, &frame, true), progress)
+}
+
+/// Surfaces of equal values as triangles in memory, otherwise as [`export_isosurfaces`] writes them, all in one.
+///
+/// # Errors
+/// Those of [`export_isosurfaces`]; also if there are more than 2^32 vertices.
+pub fn isosurface_mesh(
+    tree: &Dataset,
+    request: &ContourRequest,
+    progress: &dyn Progress,
+) -> Result<SurfaceMesh> {
+    let values = values(tree, request)?;
+    let level = request.level.unwrap_or(tree.depth());
+    let frame = tree.metadata().frame.coarser(tree.depth() - level);
+    Precision::of(&frame, level)?;
+    let (sink, made) = Arrays::new();
+    write(tree, request, &values, Mesh::new(Box::new(sink), &frame, true), progress)?;
+    Ok(Arrays::take(made))
+}
+
+/// Checks a request, and tells the values of its surfaces, from the lowest on.
+fn values(tree: &Dataset, request: &ContourRequest) -> Result<Vec<f64>> {
+    let levels = Levels::new(&request.levels)?;
+    if tree.header().form.axes() != 3 {
+        let advice = "its contours are lines: `spinney contours` with another format, or Dataset::contours";
+        return Err(Error::unsupported(tree.path(), "isosurfaces of a quadtree", advice));
+    }
+    if request.nodata == ContourNodata::Extend {
+        let expected = "open or close: only lines of quadtrees extend to the edge of the last cells";
+        return Err(Error::invalid("nodata", "extend", expected));
+    }
+    spinney_engine::query::check_level(request.level.unwrap_or(tree.depth()), tree.depth())?;
+    // (Given levels need none.)
+    let bounds = match request.levels {
+        ContourLevels::Every { .. } => tree.value_bounds()?.first().copied().unwrap_or((0.0, 0.0)),
+        ContourLevels::At(_) => (0.0, 0.0),
+    };
+    levels.reached(bounds)
+}
+
+/// Writes the surfaces of values.
+fn write(
+    tree: &Dataset,
+    request: &ContourRequest,
+    values: &[f64],
+    mesh: Mesh<'_>,
+    progress: &dyn Progress,
+) -> Result<IsosurfaceSummary> {
+    let level = request.level.unwrap_or(tree.depth());
+    let relief = tree.relief(level);
+    let none = match request.nodata {
+        _ if relief.has_zeros => 0.0,
+        ContourNodata::Close => f64::NEG_INFINITY,
+        ContourNodata::Open | ContourNodata::Extend => f64::NAN,
+    };
+    let ground = IsosurfaceGround { relief: &relief, level, whole: tree.extent_at(level).max, none };
+    let surfaces = values.len() as u64;
+    let tiles = ground.tiles().iter().fold(surfaces, |all, tiles| all.saturating_mul(*tiles));
+    let total = ground.cells(0, [0; 3]).saturating_mul(surfaces);
+    // What is known of the first is that it may be anything; then, that neighbours are much alike.
+    let mut surface_bytes = MOST_SURFACE_BYTES;
+    let mut writer = Writer { mesh, shared: Default::default(), attribute: 0 };
+    let mut tiles_read = 0;
+    for value in values {
+        if surfaces > 1 {
+            writer.mesh.part(&format!("level_{value}"))?;
+            writer.attribute = (*value as f32).to_bits();
+        }
+        let mut walk = TileWalk::new(&ground, *value);
+        loop {
+            let batch = request.memory / 2 / (TILE_BYTES + surface_bytes);
+            let wanted = walk.next(batch.clamp(1, 1 << 10) as usize, total, progress)?;
+            if wanted.is_empty() {
+                break;
+            }
+            let made = parallel::map(&wanted, |tile| {
+                progress.check()?;
+                Ok(TileCells::read(&ground, tile)?.surface(*value))
+            });
+            surface_bytes = 0;
+            for (tile, surface) in wanted.iter().zip(made) {
+                progress.check()?;
+                let surface = surface?;
+                surface_bytes = surface_bytes.max(surface.bytes());
+                writer.add(tile.at, &surface)?;
+                progress.advance(ground.cells_of_tile(tile.at), total);
+                tiles_read += u64::from(tile.is_crossed);
+            }
+        }
+        writer.shared = Default::default();
+    }
+    progress.check()?;
+    tree.check_unchanged()?;
+    let summary = writer.mesh.finish()?;
+    let (vertices, triangles) = (summary.vertices, summary.faces);
+    Ok(IsosurfaceSummary { surfaces, vertices, triangles, tiles, tiles_read })
+}
+
+/// Surfaces of tiles on their way to a mesh.
+struct Writer<'a> {
+    mesh: Mesh<'a>,
+    /// Points on edges along each axis that other tiles have, too.
+    shared: [Shared; 3],
+    /// That of faces.
+    attribute: u32,
+}
+
+impl Writer<'_> {
+    /// Writes the surface of a tile.
+    fn add(&mut self, tile: [u32; 3], surface: &TileSurface) -> Result<()> {
+        let mut vertices: Vec<Vertex> = Vec::with_capacity(surface.points.len());
+        for point in &surface.points {
+            let Some((axis, cell)) = point.shared else {
+                vertices.push(self.mesh.vertex(point.at)?);
+                continue;
+            };
+            if let Some(known) = self.shared[axis].get(cell) {
+                vertices.push(known);
+                continue;
+            }
+            let vertex = self.mesh.vertex(point.at)?;
+            // The last tile that may ask for it is that of the cube which begins there.
+            let last = z_order(cell.map(|cell| cell.wrapping_add(1) >> TILE));
+            self.shared[axis].put(cell, vertex, last);
+            vertices.push(vertex);
+        }
+        for triangle in &surface.triangles {
+            let corners = triangle.iter().map(|corner| vertices[*corner as usize]);
+            self.mesh.face(corners, self.attribute)?;
+        }
+        self.shared.iter_mut().for_each(|shared| shared.done(z_order(tile)));
+        Ok(())
+    }
+}

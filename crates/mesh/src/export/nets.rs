@@ -1,0 +1,287 @@
+//! Surface nets: a vertex in each cube of eight neighbouring cells' centres that the surface passes through,
+//! and a quadrangle across each edge between two centres that it crosses.
+//!
+//! A cube is named by its last corner, so that all it needs lies in its block and in the layer of cells
+//! before that, and the quadrangles that a cube closes join cubes that were there before it.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::net_normals::NetNormals;
+use super::numbers::{Shared, z_order};
+use super::sink::{Mesh, Vertex};
+use super::visit::{Reach, visit};
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::query::cell_blocks::{Block, CellBlocks, SIDE};
+
+/// Cells along an edge of a block, as an index.
+const CELLS: usize = SIDE as usize;
+/// Cells along an edge of a block and the layer before them.
+const WIDE: usize = CELLS + 1;
+/// Coverage, from 0 to 255, at the surface: no cell's own.
+const HALF: f64 = 127.5;
+
+/// Writes the smooth surface. Cells are full or empty unless their coverage is carried.
+pub(super) fn write(
+    blocks: &mut dyn CellBlocks,
+    has_coverage: bool,
+    mesh: &mut Mesh<'_>,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let mut nets = Nets {
+        mesh,
+        has_coverage,
+        shared: Shared::default(),
+        vertices: vec![0; CELLS * CELLS * CELLS],
+        found: Vec::new(),
+        used: Vec::new(),
+        before: HashMap::new(),
+    };
+    visit(blocks, Reach::Nets, progress, |blocks, block| nets.write_block(blocks, block))
+}
+
+struct Nets<'a, 'b> {
+    mesh: &'a mut Mesh<'b>,
+    has_coverage: bool,
+    /// Vertices of cubes in the last layers of blocks.
+    shared: Shared,
+    /// Vertices by cube of the block: 0 for no vertex, else its index in `found` plus 1.
+    vertices: Vec<u32>,
+    found: Vec<Vertex>,
+    /// Indices of the cubes that have a vertex.
+    used: Vec<usize>,
+    /// Blocks before those of a part, whose vertices belong to its surface as well.
+    before: HashMap<[i64; 3], CellLayer>,
+}
+
+/// A block and the layer of cells before it.
+struct CellLayer {
+    /// A block and its neighbours, by step: those before it along the axes whose bit is set.
+    blocks: Vec<Arc<Block>>,
+    /// Solid cells: bit x of row `z * WIDE + y`.
+    solid: Vec<u64>,
+    has_coverage: bool,
+    /// Normals of vertices, if they are wanted.
+    normals: Option<NetNormals>,
+}
+
+impl CellLayer {
+    fn read(
+        blocks: &mut dyn CellBlocks,
+        at: [i64; 3],
+        has_coverage: bool,
+        with_normals: bool,
+    ) -> Result<CellLayer> {
+        let normals = if with_normals { Some(NetNormals::read(blocks, at, has_coverage)?) } else { None };
+        let before = |step: i64| [0, 1, 2].map(|axis: usize| at[axis] - (step >> axis & 1));
+        let blocks: Result<Vec<_>> = (0..8).map(|step| blocks.block(before(step))).collect();
+        let blocks = blocks?;
+        let mut solid = vec![0; WIDE * WIDE];
+        for z in 0..WIDE {
+            for y in 0..WIDE {
+                let step = usize::from(y == 0) << 1 | usize::from(z == 0) << 2;
+                let row = (z + CELLS - 1) % CELLS * CELLS + (y + CELLS - 1) % CELLS;
+                let (own, before) = (blocks[step].solid[row], blocks[step | 1].solid[row]);
+                solid[z * WIDE + y] = u64::from(own) << 1 | u64::from(before >> (CELLS - 1));
+            }
+        }
+        Ok(CellLayer { blocks, solid, has_coverage, normals })
+    }
+
+    fn is_solid(&self, [x, y, z]: [usize; 3]) -> bool {
+        self.solid[z * WIDE + y] >> x & 1 > 0
+    }
+
+    /// The block that a cell lies in, and its coordinates there.
+    fn locate(&self, cell: [usize; 3]) -> (&Block, [u32; 3]) {
+        let step = (0..3).fold(0, |step, axis| step | usize::from(cell[axis] == 0) << axis);
+        (&self.blocks[step], cell.map(|cell| ((cell + CELLS - 1) % CELLS) as u32))
+    }
+
+    /// The attribute of a cell.
+    fn attribute(&self, cell: [usize; 3]) -> u32 {
+        let (block, cell) = self.locate(cell);
+        block.attribute(cell)
+    }
+
+    /// Coverage of a cell, 0 to 255.
+    fn coverage(&self, cell: [usize; 3]) -> f64 {
+        match self.has_coverage {
+            true => f64::from(self.attribute(cell)),
+            false if self.is_solid(cell) => 255.0,
+            false => 0.0,
+        }
+    }
+
+    /// Bits of the cubes of a row that have both solid and empty corners.
+    fn mixed(&self, y: usize, z: usize) -> u32 {
+        let rows = [z * WIDE + y, z * WIDE + y + 1, (z + 1) * WIDE + y, (z + 1) * WIDE + y + 1];
+        let [a, b, c, d] = rows.map(|row| self.solid[row]);
+        // Each bit stands for a cell, shifted ones for the next along x: a cube is mixed if any of its eight
+        // corners is solid and not all are.
+        let (any, all) = (a | b | c | d, a & b & c & d);
+        ((any | any >> 1) & !(all & all >> 1)) as u32
+    }
+
+    /// The mean of the points where a cube's edges cross half coverage, interpolated linearly; from its first
+    /// corner, in cells.
+    fn middle(&self, first: [usize; 3]) -> [f64; 3] {
+        let corner = |i: usize| [0, 1, 2].map(|axis| first[axis] + (i >> axis & 1));
+        let coverage: [f64; 8] = std::array::from_fn(|i| self.coverage(corner(i)));
+        let mut sum = [0.0; 3];
+        let mut crossings = 0.0;
+        for axis in 0..3 {
+            for from in (0..8).filter(|corner| corner >> axis & 1 == 0) {
+                let (a, b) = (coverage[from], coverage[from | 1 << axis]);
+                if (a > HALF) != (b > HALF) {
+                    crossings += 1.0;
+                    for (i, sum) in sum.iter_mut().enumerate() {
+                        *sum += if i == axis { (HALF - a) / (b - a) } else { (from >> i & 1) as f64 };
+                    }
+                }
+            }
+        }
+        sum.map(|sum| sum / crossings)
+    }
+}
+
+impl Nets<'_, '_> {
+    fn write_block(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3]) -> Result<()> {
+        let field =
+            CellLayer::read(blocks, block.map(i64::from), self.has_coverage, self.mesh.wants_normals())?;
+        for z in 0..CELLS {
+            for y in 0..CELLS {
+                let mut mixed = field.mixed(y, z);
+                while mixed != 0 {
+                    let x = mixed.trailing_zeros() as usize;
+                    mixed &= mixed - 1;
+                    self.write_vertex(&field, block, [x, y, z])?;
+                    self.write_faces(blocks, &field, block, [x, y, z])?;
+                }
+            }
+        }
+        self.used.drain(..).for_each(|cube| self.vertices[cube] = 0);
+        self.found.clear();
+        self.shared.done(z_order(block));
+        Ok(())
+    }
+
+    fn write_vertex(&mut self, field: &CellLayer, block: [u32; 3], cube: [usize; 3]) -> Result<()> {
+        let name = name(block, cube.map(|cube| cube as i64));
+        let vertex = self.vertex_at(field, name, cube)?;
+        self.found.push(vertex);
+        let index = index_of(cube);
+        self.vertices[index] = self.found.len() as u32;
+        self.used.push(index);
+        // Only cubes in the last layers have neighbours in later blocks; the last of these is the one after
+        // them along all axes in which they are last.
+        if cube.contains(&(CELLS - 1)) {
+            self.shared.put(name, vertex, z_order(name.map(|cell| (cell + 1) / SIDE)));
+        }
+        Ok(())
+    }
+
+    /// Writes the vertex of a cube with a name, which is one of the field's.
+    fn vertex_at(&mut self, field: &CellLayer, name: [u32; 3], cube: [usize; 3]) -> Result<Vertex> {
+        let middle = field.middle(cube);
+        // The first corner is the centre of the cell before the one that gives the name. (-1 is 2^32 - 1.)
+        let at = std::array::from_fn(|axis| f64::from(name[axis] as i32) - 0.5 + middle[axis]);
+        if let Some(normals) = &field.normals {
+            self.mesh.normal(normals.at(cube))?;
+        }
+        self.mesh.vertex(at)
+    }
+
+    /// The quadrangles around the edges that meet in a cube's first corner: all cubes around them are there.
+    fn write_faces(
+        &mut self,
+        blocks: &mut dyn CellBlocks,
+        field: &CellLayer,
+        block: [u32; 3],
+        cube: [usize; 3],
+    ) -> Result<()> {
+        let is_solid = field.is_solid(cube);
+        for axis in 0..3 {
+            let mut end = cube;
+            end[axis] += 1;
+            if field.is_solid(end) == is_solid {
+                continue;
+            }
+            let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
+            let mut around = |back: [i64; 2]| {
+                let mut cube = cube.map(|cube| cube as i64);
+                cube[b] -= back[0];
+                cube[c] -= back[1];
+                self.vertex(blocks, block, cube)
+            };
+            let ring = [around([1, 1])?, around([0, 1])?, around([0, 0])?, around([1, 0])?];
+            let attribute = field.attribute(if is_solid { cube } else { end });
+            self.write_face(ring, is_solid, attribute)?;
+        }
+        Ok(())
+    }
+
+    /// A quadrangle, to be turned round unless the solid lies before it along its axis.
+    fn write_face(&mut self, mut ring: [Vertex; 4], up: bool, attribute: u32) -> Result<()> {
+        if !up {
+            ring.reverse();
+        }
+        if !self.mesh.triangles {
+            return self.mesh.face(ring.into_iter(), attribute);
+        }
+        // Along the shorter diagonal.
+        let distance = |a: Vertex, b: Vertex| DVec3::from(a.at).distance_squared(DVec3::from(b.at));
+        let [a, b, c, d] = ring;
+        let triangles =
+            if distance(a, c) <= distance(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
+        triangles.into_iter().try_for_each(|triangle| self.mesh.face(triangle.into_iter(), attribute))
+    }
+
+    /// The vertex of a cube that was there before, or lies before the blocks of a part.
+    fn vertex(&mut self, blocks: &mut dyn CellBlocks, block: [u32; 3], cube: [i64; 3]) -> Result<Vertex> {
+        let known = if cube.contains(&-1) {
+            let name = name(block, cube);
+            match self.shared.get(name) {
+                None if name.contains(&u32::MAX) => Some(self.vertex_before(blocks, block, cube, name)?),
+                known => known,
+            }
+        } else {
+            let known = self.vertices[index_of(cube.map(|cube| cube as usize))].checked_sub(1);
+            known.map(|known| self.found[known as usize])
+        };
+        // Only a source that gives other cells when asked again can get here.
+        known.ok_or_else(|| Error::invalid("tree", "cells that change while they are read", "others"))
+    }
+
+    /// Writes the vertex of a cube in a block before those of a part. (Cubes beside the first block of the space are empty.)
+    fn vertex_before(
+        &mut self,
+        blocks: &mut dyn CellBlocks,
+        block: [u32; 3],
+        cube: [i64; 3],
+        name: [u32; 3],
+    ) -> Result<Vertex> {
+        let at = std::array::from_fn(|axis| i64::from(block[axis]) - i64::from(cube[axis] < 0));
+        let field = match self.before.remove(&at) {
+            Some(field) => field,
+            None => CellLayer::read(blocks, at, self.has_coverage, self.mesh.wants_normals())?,
+        };
+        let cube = cube.map(|cube| cube.rem_euclid(CELLS as i64) as usize);
+        let vertex = self.vertex_at(&field, name, cube)?;
+        self.before.insert(at, field);
+        self.shared.put(name, vertex, u64::MAX);
+        Ok(vertex)
+    }
+}
+
+/// The cell that gives a cube its name: its last corner; -1 is 2^32 - 1.
+fn name(block: [u32; 3], cube: [i64; 3]) -> [u32; 3] {
+    std::array::from_fn(|axis| (i64::from(block[axis] * SIDE) + cube[axis]) as u32)
+}
+
+/// Index of a cube of the block in [`Nets::vertices`].
+fn index_of([x, y, z]: [usize; 3]) -> usize {
+    (z * CELLS + y) * CELLS + x
+}

@@ -1,0 +1,148 @@
+//! PLY, binary little-endian.
+
+use std::io::Write;
+
+use super::sink::{Sink, Spill, Vertex, failed};
+use spinney_base::io::Output;
+use spinney_base::{Error, Result};
+
+/// Property of each face: an attribute of the cell behind it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FaceAttribute {
+    /// Nothing.
+    None,
+    /// Its colour: properties `red`, `green`, `blue`.
+    Colour,
+    /// Its value, a byte: property `value`.
+    Byte,
+    /// Its value, of two bytes: property `value`.
+    Short,
+    /// The value of the surface that it belongs to, as the bits of an f32: property `level`.
+    Level,
+}
+
+/// The numbers of vertices and faces stand before them: both wait in temporary files.
+pub(super) struct Ply {
+    output: Output,
+    attribute: FaceAttribute,
+    double: bool,
+    has_vertex_colours: bool,
+    /// Whether faces may have more than 255 corners.
+    is_wide: bool,
+    vertices: u64,
+    faces: u64,
+    vertex_spill: Spill,
+    face_spill: Spill,
+    bytes: Vec<u8>,
+}
+
+impl Ply {
+    /// Starts a file, with coordinates of double precision, or of single.
+    pub(super) fn new(output: Output, attribute: FaceAttribute, double: bool) -> Result<Ply> {
+        let (vertex_spill, face_spill) = (Spill::new(&output)?, Spill::new(&output)?);
+        Ok(Ply {
+            output,
+            attribute,
+            double,
+            has_vertex_colours: false,
+            is_wide: false,
+            vertices: 0,
+            faces: 0,
+            vertex_spill,
+            face_spill,
+            bytes: Vec::new(),
+        })
+    }
+
+    /// Starts a file with coordinates of double precision, for faces of at most so many corners.
+    pub(super) fn of_polygons(
+        output: Output,
+        attribute: FaceAttribute,
+        has_vertex_colours: bool,
+        most_corners: usize,
+    ) -> Result<Ply> {
+        let is_wide = most_corners > usize::from(u8::MAX);
+        Ok(Ply { has_vertex_colours, is_wide, ..Ply::new(output, attribute, true)? })
+    }
+
+    fn header(&self) -> String {
+        let number = if self.double { "double" } else { "float" };
+        // Some readers know signed indices only: indices are declared as such as long as they fit.
+        let index = if self.vertices > i32::MAX as u64 { "uint" } else { "int" };
+        let length = if self.is_wide { "uint" } else { "uchar" };
+        let colour = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        let of_vertices = if self.has_vertex_colours { colour } else { "" };
+        let attribute = match self.attribute {
+            FaceAttribute::None => "",
+            FaceAttribute::Colour => colour,
+            FaceAttribute::Byte => "property uchar value\n",
+            FaceAttribute::Short => "property ushort value\n",
+            FaceAttribute::Level => "property float level\n",
+        };
+        format!(
+            "ply\nformat binary_little_endian 1.0\ncomment made by spinney\nelement vertex {}\n\
+             property {number} x\nproperty {number} y\nproperty {number} z\n{of_vertices}element face {}\n\
+             property list {length} {index} vertex_indices\n{attribute}end_header\n",
+            self.vertices, self.faces
+        )
+    }
+}
+
+impl Sink for Ply {
+    fn vertex(&mut self, at: [f64; 3]) -> Result<()> {
+        if self.vertices > u64::from(u32::MAX) {
+            let advice = "write a coarser level, or parts of the tree (--view window=...)";
+            return Err(Error::unsupported(
+                self.output.path(),
+                "a PLY file of more than 2^32 vertices",
+                advice,
+            ));
+        }
+        self.vertices += 1;
+        self.bytes.clear();
+        for number in at {
+            if self.double {
+                self.bytes.extend(number.to_le_bytes());
+            } else {
+                self.bytes.extend((number as f32).to_le_bytes());
+            }
+        }
+        self.vertex_spill.write(&self.bytes)
+    }
+
+    fn coloured_vertex(&mut self, at: [f64; 3], colour: [u8; 3]) -> Result<()> {
+        self.vertex(at)?;
+        self.vertex_spill.write(&colour)
+    }
+
+    fn face(&mut self, corners: &[Vertex], attribute: u32) -> Result<()> {
+        self.faces += 1;
+        self.bytes.clear();
+        if self.is_wide {
+            self.bytes.extend((corners.len() as u32).to_le_bytes());
+        } else {
+            self.bytes.push(corners.len() as u8); // a ring around 32 x 32 cells has 128 points at most
+        }
+        for corner in corners {
+            self.bytes.extend((corner.index as u32).to_le_bytes());
+        }
+        match self.attribute {
+            FaceAttribute::None => {}
+            FaceAttribute::Colour => self.bytes.extend(&attribute.to_be_bytes()[1..]),
+            FaceAttribute::Byte => self.bytes.push(attribute as u8),
+            FaceAttribute::Short => self.bytes.extend((attribute as u16).to_le_bytes()),
+            FaceAttribute::Level => self.bytes.extend(attribute.to_le_bytes()),
+        }
+        self.face_spill.write(&self.bytes)
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        let header = self.header();
+        let Ply { mut output, vertex_spill, face_spill, .. } = *self;
+        let path = output.path().to_path_buf();
+        output.write_all(header.as_bytes()).map_err(failed(&path))?;
+        vertex_spill.copy_to(&mut output)?;
+        face_spill.copy_to(&mut output)?;
+        output.commit()
+    }
+}

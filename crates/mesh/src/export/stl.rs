@@ -1,0 +1,59 @@
+//! STL, binary.
+
+use std::io::Write;
+
+use glam::DVec3;
+
+use super::sink::{Sink, Spill, Vertex, failed};
+use spinney_base::io::Output;
+use spinney_base::{Error, Result};
+
+/// The number of triangles stands before them: they wait in a temporary file.
+pub(super) struct Stl {
+    output: Output,
+    triangles: u64,
+    spill: Spill,
+}
+
+impl Stl {
+    pub(super) fn new(output: Output) -> Result<Stl> {
+        let spill = Spill::new(&output)?;
+        Ok(Stl { output, triangles: 0, spill })
+    }
+}
+
+impl Sink for Stl {
+    fn vertex(&mut self, _: [f64; 3]) -> Result<()> {
+        Ok(())
+    }
+
+    fn face(&mut self, corners: &[Vertex], _: u32) -> Result<()> {
+        let [a, b, c] = corners else { unreachable!("faces come as triangles") };
+        if self.triangles == u64::from(u32::MAX) {
+            let advice = "write PLY or OBJ, a coarser level, or parts of the tree (--view window=...)";
+            let found = "an STL file of more than 2^32 triangles";
+            return Err(Error::unsupported(self.output.path(), found, advice));
+        }
+        self.triangles += 1;
+        let to = |point: &Vertex| DVec3::from(point.at) - DVec3::from(a.at);
+        let normal = to(b).cross(to(c)).normalize_or_zero().to_array();
+        let mut bytes = [0; 50];
+        let numbers = normal.iter().chain(&a.at).chain(&b.at).chain(&c.at);
+        for (field, number) in bytes.chunks_exact_mut(4).zip(numbers) {
+            field.copy_from_slice(&(*number as f32).to_le_bytes());
+        }
+        self.spill.write(&bytes)
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        let Stl { mut output, triangles, spill } = *self;
+        // It must not begin with `solid`, by which readers know the text format.
+        let mut header = [b' '; 84];
+        header[..15].copy_from_slice(b"made by spinney");
+        header[80..].copy_from_slice(&(triangles as u32).to_le_bytes());
+        let path = output.path().to_path_buf();
+        output.write_all(&header).map_err(failed(&path))?;
+        spill.copy_to(&mut output)?;
+        output.commit()
+    }
+}

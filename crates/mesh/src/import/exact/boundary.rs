@@ -1,0 +1,173 @@
+//! The boundary of an open surface: edges that have a face on one side only, in loops.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::super::solid::closure::edge_number;
+use spinney_base::io::Sorter;
+use spinney_base::{Error, Result};
+use spinney_brep::geometry::Triangulator;
+
+/// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face.
+const EDGE: usize = 8 + 24 + 4 + 4;
+
+/// Collects edges.
+pub(super) struct Boundary {
+    sorter: Sorter,
+}
+
+/// Edges that follow each other around a hole; a face that closes it has them in this order.
+pub(super) struct Loop {
+    pub(super) points: Vec<[i32; 3]>,
+    /// The part of a face beside it.
+    pub(super) part: u32,
+}
+
+impl Boundary {
+    /// No edges yet; about `memory` bytes are used before they go to a temporary file in a folder.
+    pub(super) fn new(folder: &Path, memory: u64) -> Boundary {
+        Boundary { sorter: Sorter::new(folder, EDGE, memory) }
+    }
+
+    /// Adds an edge of a face.
+    pub(super) fn add(&mut self, from: [i32; 3], to: [i32; 3], part: u32) -> Result<()> {
+        let (number, is_forward) = edge_number(from, to);
+        let (low, high) = if is_forward { (from, to) } else { (to, from) };
+        let mut item = Vec::with_capacity(EDGE);
+        item.extend_from_slice(&number.to_le_bytes());
+        low.iter().chain(&high).for_each(|at| item.extend_from_slice(&at.to_le_bytes()));
+        item.extend_from_slice(&u32::from(is_forward).to_le_bytes());
+        item.extend_from_slice(&part.to_le_bytes());
+        self.sorter.push(number, item)
+    }
+
+    /// The loops of the edges that have no partner; they may take so many bytes of memory.
+    pub(super) fn loops(self, path: &Path, memory: u64) -> Result<Vec<Loop>> {
+        // Edges that a face which closes the surface would have: from, to, part.
+        let mut open: Vec<([i32; 3], [i32; 3], u32)> = Vec::new();
+        let most = (memory / 160).max(1 << 12) as usize;
+        let too_many = || Error::TooLarge {
+            path: path.to_path_buf(),
+            what: "the boundary of the surface".into(),
+            needed: 160 * most as u64 + 1,
+            limit: memory,
+            advice: "allow more with --memory".into(),
+        };
+        let mut same: Vec<(u64, [[i32; 3]; 2], bool, u32)> = Vec::new();
+        let mut settle = |same: &mut Vec<(u64, [[i32; 3]; 2], bool, u32)>| {
+            // (Different edges with one number are next to impossible, and do no harm.)
+            same.sort_unstable_by_key(|(_, ends, forward, part)| (*ends, *forward, *part));
+            for edges in same.chunk_by(|a, b| a.1 == b.1) {
+                let forward = edges.iter().filter(|edge| edge.2).count();
+                let backward = edges.len() - forward;
+                let (_, [low, high], _, part) = edges[0];
+                for _ in backward..forward {
+                    open.push((high, low, part));
+                }
+                for _ in forward..backward {
+                    open.push((low, high, part));
+                }
+            }
+            same.clear();
+            if open.len() > most { Err(too_many()) } else { Ok(()) }
+        };
+        self.sorter.finish(|item| {
+            let number = |at: usize| u32::from_le_bytes(item[at..at + 4].try_into().expect("four bytes"));
+            let key = u64::from_le_bytes(item[..8].try_into().expect("eight bytes"));
+            let point = |at: usize| [0, 4, 8].map(|axis| number(at + axis) as i32);
+            if same.first().is_some_and(|edge| edge.0 != key) {
+                settle(&mut same)?;
+            }
+            same.push((key, [point(8), point(20)], number(32) == 1, number(36)));
+            Ok(())
+        })?;
+        settle(&mut same)?;
+        Ok(chain(open))
+    }
+}
+
+/// Joins edges to loops: as many begin as end in each point.
+fn chain(edges: Vec<([i32; 3], [i32; 3], u32)>) -> Vec<Loop> {
+    let mut from: BTreeMap<[i32; 3], Vec<([i32; 3], u32)>> = BTreeMap::new();
+    for (start, end, part) in edges {
+        from.entry(start).or_default().push((end, part));
+    }
+    from.values_mut().for_each(|ends| ends.sort_unstable_by(|a, b| b.cmp(a)));
+    let mut loops = Vec::new();
+    while let Some((&start, _)) = from.first_key_value() {
+        let mut points = vec![start];
+        let mut places = BTreeMap::from([(start, 0)]);
+        let mut part = 0;
+        let mut at = start;
+        while let Some((next, of)) = from.get_mut(&at).and_then(Vec::pop) {
+            part = of;
+            // A point that was passed before ends a loop of its own.
+            if let Some(&place) = places.get(&next) {
+                let ring: Vec<[i32; 3]> = points.drain(place..).collect();
+                for point in &ring {
+                    places.remove(point);
+                }
+                if ring.len() > 2 {
+                    loops.push(Loop { points: ring, part });
+                }
+                if place == 0 {
+                    break;
+                }
+            }
+            places.insert(next, points.len());
+            points.push(next);
+            at = next;
+        }
+        from.retain(|_, ends| !ends.is_empty());
+        if points.len() > 2 && at != start {
+            loops.push(Loop { points, part });
+        }
+    }
+    loops
+}
+
+impl Loop {
+    /// Triangles that close the hole: as it is seen along the axis from which it is largest, or a fan where it
+    /// crosses itself there.
+    pub(super) fn triangles(&self) -> Vec<[[i32; 3]; 3]> {
+        let wide: Vec<[i64; 3]> = self.points.iter().map(|point| point.map(i64::from)).collect();
+        let mut triangles = Vec::new();
+        if !Triangulator::new().triangulate(&wide, &[wide.len()], &mut triangles) {
+            triangles.extend((2..wide.len() as u32).map(|corner| [0, corner - 1, corner]));
+        }
+        let corners = |triangle: [u32; 3]| triangle.map(|corner| self.points[corner as usize]);
+        triangles.into_iter().map(corners).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edges_without_partners_become_loops() {
+        let square = |z: i32| [[0, 0, z], [4, 0, z], [4, 4, z], [0, 4, z]];
+        let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+        for z in [0, 9] {
+            // A square, and a triangle that shares an edge with it.
+            let ring = square(z);
+            (0..4).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 4], 7).unwrap());
+            let wing = [ring[1], ring[0], [2, -3, z]];
+            (0..3).for_each(|i| boundary.add(wing[i], wing[(i + 1) % 3], 7).unwrap());
+        }
+        let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
+        assert_eq!(loops.iter().map(|hole| (hole.points.len(), hole.part)).collect::<Vec<_>>(), [(5, 7); 2]);
+        assert_eq!(loops[0].triangles().len(), 3);
+    }
+
+    /// Two loops that share a corner are two.
+    #[test]
+    fn loops_that_touch_are_taken_apart() {
+        let mut boundary = Boundary::new(&std::env::temp_dir(), 1 << 20);
+        for ring in [[[0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0, 0, 0], [-4, 0, 0], [0, -4, 0]]] {
+            (0..3).for_each(|i| boundary.add(ring[i], ring[(i + 1) % 3], 0).unwrap());
+        }
+        let loops = boundary.loops(Path::new("x"), 1 << 20).unwrap();
+        assert_eq!(loops.iter().map(|hole| hole.points.len()).collect::<Vec<_>>(), [3, 3]);
+    }
+}

@@ -1,0 +1,357 @@
+//! Exact models from meshes: faces are moved to a grid, checked, and handed to the builder of files.
+
+mod boundary;
+mod repair;
+mod snap;
+
+use std::path::{Path, PathBuf};
+
+use self::boundary::{Boundary, Loop};
+use self::repair::repair;
+use self::snap::Snapper;
+use super::Model;
+use super::solid::closure::Closure;
+use super::solid::{bounds, common_crs, provenance};
+use spinney_base::io::{Output, folder};
+use spinney_base::space::Up;
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::attributes::DOMAIN;
+use spinney_brep::show_place;
+use spinney_brep::{Attributes, BOOLEAN_FACES, BuildReport, Face, FaceList, Faces, Grid, ModelBuilder};
+use spinney_container::{Metadata, TagScope};
+use spinney_crs::Crs;
+
+pub use self::repair::Repair;
+
+/// Options for building an exact model.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct ExactOptions {
+    /// Width of the grid's steps, in units of the models; otherwise that of the files' own grid, if they have one
+    /// (CityJSON, exact models) that is not too fine, or the least power of two with which the longest side has at most
+    /// about 2^26 steps.
+    pub grid: Option<f64>,
+    /// Whether open surfaces are closed by triangles over their boundaries.
+    pub close: bool,
+    /// Whether a surface that passes through itself or lies on itself is resolved: what it goes around once or more is
+    /// inside. The faces are then held in memory.
+    pub repair: bool,
+    /// Faces that a cell may have and end, whatever their planes have in common: see
+    /// [`ModelBuilder::boolean_faces`].
+    pub boolean_faces: usize,
+    /// Axis of the models that points up; y is turned to z.
+    pub up: Up,
+    /// Unit of length of the models' coordinates, to be kept in the file.
+    pub unit: Option<String>,
+    /// The coordinate system; otherwise the models'.
+    pub crs: Option<Crs>,
+    /// Bytes of memory for everything.
+    pub memory: u64,
+}
+
+impl Default for ExactOptions {
+    fn default() -> Self {
+        let (grid, close, repair, up, unit, crs) = (None, false, false, Up::default(), None, None);
+        let (boolean_faces, memory) = (BOOLEAN_FACES, super::DEFAULT_MEMORY);
+        ExactOptions { grid, close, repair, boolean_faces, up, unit, crs, memory }
+    }
+}
+
+impl ExactOptions {
+    /// Faces as they are, on the finest grid.
+    pub fn new() -> ExactOptions {
+        ExactOptions::default()
+    }
+}
+
+/// Counts of an exact model that was built.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ExactReport {
+    /// Faces that were read.
+    pub read: u64,
+    /// Faces of the model.
+    pub faces: u64,
+    /// Faces that were left out: on the grid they are points or lines whose edges cancel.
+    pub collapsed: u64,
+    /// Faces of the model that have no area on the grid; they keep their neighbours together.
+    pub slivers: u64,
+    /// Faces whose corners do not lie in one plane on the grid, which were cut into triangles.
+    pub cut: u64,
+    /// Faces whose rings cross, which were cut into fans of triangles.
+    pub fanned: u64,
+    /// Parts with attributes, and the number of parts or files whose attributes are not kept, since there are too many: see
+    /// [`Attributes::MOST_BYTES`].
+    pub attributes: (u64, u64),
+    /// Boundaries that were closed, and the triangles that close them.
+    pub closed: (u64, u64),
+    /// Counts of the repair, if one was wanted.
+    pub repair: Option<Repair>,
+    /// The furthest that a corner was moved to the grid, in the models' unit.
+    pub displacement: f64,
+    /// The grid.
+    pub grid: Grid,
+    /// The models' unit of length, where it is known: "mm".
+    pub unit: Option<String>,
+    /// Counts of the octree.
+    pub built: BuildReport,
+}
+
+/// Builds a file of an exact model from models, which become one. Progress counts faces; what does not fit into the
+/// memory goes to a temporary file in the output's folder.
+///
+/// ```
+/// use spinney::import::mesh::{ExactOptions, import_exact, open_all};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let [mesh, path] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+/// let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// std::fs::write(&mesh, text).unwrap();
+/// let models = open_all(&[mesh], 64 << 20)?;
+/// let report = import_exact(models, &ExactOptions::new(), Output::create(&path)?, &())?;
+/// assert_eq!((report.faces, report.displacement), (4, 0.0));
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// [`Error::NoBody`] if the surface is open, passes through itself or is inside out; and if the models cannot be
+/// read, the file cannot be written, or on interruption. There is no file then.
+pub fn import_exact(
+    mut models: Vec<Box<dyn Model>>,
+    options: &ExactOptions,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<ExactReport> {
+    let Some(first) = models.first() else {
+        return Err(Error::invalid("models", "none", "one or more"));
+    };
+    let path = first.info().path.clone();
+    let crs = match &options.crs {
+        Some(crs) => Some(crs.clone()),
+        None => common_crs(&models, None)?,
+    };
+    let bounds = bounds(&mut models, options.up)?;
+    let grid = match options.grid {
+        Some(width) => Grid::over(bounds, Some(width))?,
+        // Files with a grid of their own keep it: coordinates then stay as they are.
+        None => match common_step(&models).map(|width| Grid::over(bounds, Some(width))) {
+            Some(Ok(grid)) => grid,
+            _ => Grid::over(bounds, None)?,
+        },
+    };
+    let place = folder(output.path()).to_path_buf();
+    let mut target = Target::new(output, &path, &grid, options)?;
+    let mut snapper = Snapper::new(grid.clone(), options.up);
+    let mut closure = Closure::default();
+    let mut parts = Vec::new();
+    read(&mut models, &mut snapper, progress, &mut |face| {
+        each_edge(face, |from, to| closure.add_edge(from, to));
+        target.push(face)
+    })?;
+    // (A name stands in the metadata with its number.)
+    let names = models.iter().flat_map(|model| &model.info().parts).map(|name| name.len() + 10);
+    let mut attributes = Attributes::beside(names.sum());
+    for model in &models {
+        attributes.append(&model.info().attributes, parts.len() as u32, model.info().parts.len() as u32);
+        parts.extend(model.info().parts.iter().cloned());
+    }
+    let counts = snapper.planar.counts;
+    let mut faces = counts.faces;
+    let mut closed = (0, 0);
+    if !closure.is_closed() {
+        let mut boundary = Boundary::new(&place, options.memory / 4);
+        let mut again = Snapper::new(grid.clone(), options.up);
+        read(&mut models, &mut again, progress, &mut |face| {
+            let mut added = Ok(());
+            each_edge(face, |from, to| {
+                if added.is_ok() {
+                    added = boundary.add(from, to, face.part);
+                }
+            });
+            added
+        })?;
+        let loops = boundary.loops(&path, options.memory / 4)?;
+        if !options.close {
+            return Err(open_surface(&path, &grid, &loops));
+        }
+        closed = target.close(&loops, &snapper)?;
+        faces += closed.1;
+    }
+    let (builder, repaired) = target.repaired(progress)?;
+    faces = repaired.as_ref().map_or(faces, |(faces, _)| *faces);
+    let repaired = repaired.map(|(_, done)| done);
+    let displacement = snapper.squared_displacement.sqrt();
+    let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };
+    metadata.class_names = (0..).zip(parts).collect();
+    metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
+    let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
+    let mut tags = vec![
+        (
+            "model.displacement",
+            repaired.map_or(displacement, |done| done.displacement.max(displacement)).to_string(),
+        ),
+        ("model.cut_faces", counts.cut.to_string()),
+        ("model.slivers", counts.slivers.to_string()),
+        ("model.closing_triangles", closed.1.to_string()),
+    ];
+    if let Some(done) = &repaired {
+        tags.push(("model.repaired_faces", (done.divided + done.removed).to_string()));
+    }
+    if attributes.lost() > 0 {
+        tags.push(("model.lost_attributes", attributes.lost().to_string()));
+    }
+    if !attributes.is_empty() {
+        let scope = TagScope { channel: None, domain: DOMAIN.into() };
+        metadata.scoped_tags.insert(scope, attributes.to_tags());
+    }
+    tags.extend(unit.iter().map(|unit| ("unit", unit.clone())));
+    metadata.tags = tags.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
+    let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
+    if built.defect_count > 0 {
+        let advice = match options.repair {
+            true => {
+                "on this grid it was not resolved: choose another one with --grid, or build cells of it (without \
+                 --exact)"
+            }
+            false => {
+                "resolve it with --repair, or build cells of it (without --exact), which take what is inside any of \
+                 its parts"
+            }
+        };
+        let what = "the surface passes through itself, or is inside out: it bounds no body";
+        return Err(built.error(&path, what, advice));
+    }
+    Ok(ExactReport {
+        read: snapper.read,
+        faces,
+        collapsed: counts.collapsed,
+        slivers: counts.slivers,
+        cut: counts.cut,
+        fanned: counts.fanned,
+        attributes: (attributes.parts().count() as u64, attributes.lost()),
+        closed,
+        repair: repaired,
+        displacement,
+        grid,
+        unit,
+        built,
+    })
+}
+
+/// Where faces on the grid go: straight into the file, or into a list if they are to be repaired first.
+struct Target {
+    builder: ModelBuilder,
+    held: Option<FaceList>,
+    /// Of the first model, for errors.
+    path: PathBuf,
+    memory: u64,
+}
+
+impl Target {
+    fn new(output: Output, path: &Path, grid: &Grid, options: &ExactOptions) -> Result<Target> {
+        // (Of what is held there are two lists at a time, and the builder has its own.)
+        let memory = if options.repair { options.memory / 2 } else { options.memory };
+        let builder = ModelBuilder::new(output, grid.clone(), memory)?.boolean_faces(options.boolean_faces);
+        let held = options.repair.then(|| FaceList::new(grid.clone(), Vec::new()));
+        Ok(Target { builder, held, path: path.to_path_buf(), memory })
+    }
+
+    fn push(&mut self, face: &Face<'_>) -> Result<()> {
+        let Some(list) = &mut self.held else { return self.builder.push(face) };
+        list.push(face);
+        if list.bytes() <= self.memory / 2 {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: self.path.clone(),
+            what: "the faces of a surface that is to be repaired".into(),
+            needed: list.bytes(),
+            limit: self.memory / 2,
+            advice: "allow more with --memory".into(),
+        })
+    }
+
+    /// Adds triangles over boundaries, after the faces that were counted; returns numbers of both.
+    fn close(&mut self, loops: &[Loop], snapper: &Snapper) -> Result<(u64, u64)> {
+        let colours = [[255; 3]; 3];
+        let colours = if snapper.planar.is_coloured { &colours[..] } else { &[] };
+        let mut triangles = 0;
+        for hole in loops {
+            for points in hole.triangles() {
+                let (number, part, source) =
+                    (snapper.planar.counts.faces + triangles, hole.part, snapper.read);
+                self.push(&Face { number, points: &points, ring_ends: &[3], colours, part, source })?;
+                triangles += 1;
+            }
+        }
+        Ok((loops.len() as u64, triangles))
+    }
+
+    /// The builder with all faces in it, and what was repaired: the number of faces, and counts.
+    fn repaired(mut self, progress: &dyn Progress) -> Result<(ModelBuilder, Option<(u64, Repair)>)> {
+        let Some(held) = self.held else { return Ok((self.builder, None)) };
+        let (list, done) = repair(held, &self.path, self.memory, progress)?;
+        list.each(&mut |face| self.builder.push(face))?;
+        Ok((self.builder, Some((list.len(), done))))
+    }
+}
+
+/// Width of the grid that all models have their coordinates on, where they tell it.
+fn common_step(models: &[Box<dyn Model>]) -> Option<f64> {
+    let first = models.first()?.info().step?;
+    models.iter().all(|model| model.info().step == Some(first)).then_some(first)
+}
+
+/// Reads all faces of all models, and hands them out as they are on the grid.
+fn read(
+    models: &mut [Box<dyn Model>],
+    snapper: &mut Snapper,
+    progress: &dyn Progress,
+    each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
+) -> Result<()> {
+    let mut first_part = 0;
+    snapper.planar.is_coloured = models.iter().any(|model| model.info().is_coloured);
+    for model in models.iter_mut() {
+        let path = model.info().path.clone();
+        let parts = model.info().parts.len() as u32;
+        model.faces(&mut |face| {
+            if snapper.read.is_multiple_of(1 << 12) {
+                progress.check()?;
+            }
+            snapper.face(&path, face, first_part, each)
+        })?;
+        first_part += parts;
+    }
+    if snapper.planar.counts.faces == 0 {
+        let path = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
+        return Err(Error::corrupt(path, "faces", "none that have an area on the grid", "a surface"));
+    }
+    Ok(())
+}
+
+/// The directed edges of a face.
+fn each_edge(face: &Face<'_>, mut each: impl FnMut([i32; 3], [i32; 3])) {
+    for ring in face.rings() {
+        let Some(mut from) = ring.last() else { continue };
+        for to in ring {
+            each(*from, *to);
+            from = to;
+        }
+    }
+}
+
+/// The error of an open surface.
+fn open_surface(path: &Path, grid: &Grid, loops: &[Loop]) -> Error {
+    let place = |hole: &Loop| {
+        let first = grid.to_world(hole.points[0]);
+        format!("a boundary of {} edges from {}", hole.points.len(), show_place(first))
+    };
+    Error::NoBody {
+        path: path.to_path_buf(),
+        what: "the surface is open: it bounds no body".into(),
+        places: loops.iter().take(100).map(place).collect(),
+        count: loops.len() as u64,
+        advice: "close it with --close, or build cells of it (without --exact)".into(),
+    }
+}

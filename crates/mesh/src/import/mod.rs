@@ -1,0 +1,14 @@
+//! Importers of solids: boundary representations, read face by face, become octrees of cells, or exact models.
+
+mod exact;
+mod model;
+mod read;
+mod solid;
+
+pub use exact::{ExactOptions, ExactReport, Repair, import_exact};
+pub use model::{MeshFace, Model, ModelInfo};
+pub use read::{is_model, open, open_all};
+pub use solid::{
+    Attribute, Boundary, DEFAULT_MEMORY, InsideTest, Resolution, SolidImport, SolidOptions, SolidReport,
+    plan_models,
+};

@@ -1,0 +1,525 @@
+//! CityJSON and CityJSONSeq: city objects whose surfaces are polygons with holes.
+//!
+//! Both are a sequence of JSON values (of one, for CityJSON), each of which is passed over without building
+//! anything of it: vertices go to their store, surfaces are handed out as they come.
+
+use std::fmt;
+
+use serde::de::{DeserializeSeed, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use serde_json::value::RawValue;
+
+use super::corners::{Corners, MOST_CORNERS};
+use super::model_file::ModelFile;
+use super::parts::Parts;
+use super::text::{line_number, shown};
+use super::vertices::{Coordinates, Table, VertexBounds, Vertices, VerticesBuilder};
+use super::{MeshFace, Model, ModelInfo};
+use spinney_base::{Error, Result};
+use spinney_brep::Attributes;
+use spinney_brep::attributes::{ObjectText, each_member};
+use spinney_crs::Crs;
+
+struct CityJson {
+    source: ModelFile,
+    info: ModelInfo,
+    memory: u64,
+    degenerate: u64,
+}
+
+/// A CityJSON file, or the first or another line of a CityJSONSeq.
+#[derive(Deserialize)]
+struct Document<'a> {
+    #[serde(rename = "type")]
+    kind: Option<String>,
+    version: Option<String>,
+    transform: Option<Transform>,
+    #[serde(borrow)]
+    metadata: Option<&'a RawValue>,
+    #[serde(borrow)]
+    extensions: Option<&'a RawValue>,
+    #[serde(borrow, rename = "CityObjects")]
+    objects: Option<&'a RawValue>,
+    #[serde(borrow)]
+    vertices: Option<&'a RawValue>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+struct Transform {
+    scale: [f64; 3],
+    translate: [f64; 3],
+}
+
+/// Goes through all values of a file; each comes with the transform that holds for it.
+fn documents(
+    source: &ModelFile,
+    mut each: impl FnMut(&Document<'_>, Option<Transform>) -> Result<()>,
+) -> Result<()> {
+    let mut transform = None;
+    let documents = serde_json::Deserializer::from_slice(source.bytes()).into_iter();
+    for (number, document) in documents.enumerate() {
+        let document: Document<'_> = document.map_err(|error| not_json(source, 1, &error))?;
+        let (kind, version) = (document.kind.as_deref(), document.version.as_deref());
+        let expected = if number == 0 { "CityJSON" } else { "CityJSONFeature" };
+        if kind != Some(expected) {
+            let found = format!("`type` {}", kind.map_or("missing".into(), |kind| shown(kind.as_bytes())));
+            return Err(source.corrupt(
+                format!("JSON value {}", number + 1),
+                found,
+                format!("\"{expected}\""),
+            ));
+        }
+        if number == 0 {
+            let version = version.unwrap_or("1.0");
+            if !["1", "2"].contains(&version.split('.').next().unwrap_or_default()) {
+                let found = format!("CityJSON version {}", shown(version.as_bytes()));
+                return Err(Error::unsupported(source.path(), found, "convert it to CityJSON 2.0"));
+            }
+            transform = document.transform;
+        }
+        each(&document, transform)?;
+    }
+    Ok(())
+}
+
+/// An error in JSON, found in a text that starts in some line of the file.
+fn not_json(source: &ModelFile, first_line: u64, error: &serde_json::Error) -> Error {
+    let text = error.to_string();
+    let what = text.rsplit_once(" at line").map_or(text.as_str(), |(what, _)| what);
+    let place = format!("line {}, column {}", first_line + (error.line() as u64).max(1) - 1, error.column());
+    let most = what.char_indices().nth(200).map_or(what.len(), |(at, _)| at);
+    source.corrupt(place, &what[..most], "CityJSON")
+}
+
+/// An error in a part of a file.
+fn not_json_there(source: &ModelFile, text: &RawValue, error: &serde_json::Error) -> Error {
+    let offset = text.get().as_ptr() as usize - source.bytes().as_ptr() as usize;
+    not_json(source, line_number(source.bytes(), offset), error)
+}
+
+/// Walks through a part of a file, which leaves errors that are not about JSON in `failure`.
+fn walk<'a>(
+    source: &ModelFile,
+    text: &'a RawValue,
+    failure: &mut Option<Error>,
+    seed: impl FnOnce(&mut Option<Error>, &mut Json<'a>) -> Result<(), serde_json::Error>,
+) -> Result<()> {
+    let outcome = seed(failure, &mut serde_json::Deserializer::from_str(text.get()));
+    match (failure.take(), outcome) {
+        (Some(error), _) => Err(error),
+        (None, Err(error)) => Err(not_json_there(source, text, &error)),
+        (None, Ok(())) => Ok(()),
+    }
+}
+
+type Json<'a> = serde_json::Deserializer<serde_json::de::StrRead<'a>>;
+
+/// Keeps an error of ours while serde passes up one of its own.
+fn keep<E: serde::de::Error>(failure: &mut Option<Error>, result: Result<()>) -> Result<(), E> {
+    result.map_err(|error| {
+        *failure = Some(error);
+        E::custom("stopped")
+    })
+}
+
+/// The list of vertices.
+struct ReadVertices<'a> {
+    source: &'a ModelFile,
+    transform: Option<Transform>,
+    bounds: &'a mut VertexBounds,
+    vertices: &'a mut VerticesBuilder,
+    failure: &'a mut Option<Error>,
+}
+
+impl<'de> Visitor<'de> for ReadVertices<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list of vertices")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<(), A::Error> {
+        let mut number = 0;
+        while let Some(mut point) = list.next_element::<[f64; 3]>()? {
+            if let Some(Transform { scale, translate }) = self.transform {
+                point = [0, 1, 2].map(|axis| point[axis] * scale[axis] + translate[axis]);
+            }
+            if !point.iter().all(|coordinate| coordinate.is_finite()) {
+                let place = format!("vertex {number}");
+                let error = self.source.corrupt(place, format!("{point:?}"), "finite coordinates");
+                keep(self.failure, Err(error))?;
+            }
+            self.bounds.add(point);
+            keep(self.failure, self.vertices.push(point, [0; 3]))?;
+            number += 1;
+        }
+        Ok(())
+    }
+}
+
+fn read_vertices(
+    source: &ModelFile,
+    document: &Document<'_>,
+    transform: Option<Transform>,
+    bounds: &mut VertexBounds,
+    memory: u64,
+) -> Result<Vertices> {
+    let mut vertices = VerticesBuilder::new(source.path(), Coordinates::F64, false, memory);
+    if let Some(text) = document.vertices {
+        walk(source, text, &mut None, |failure, json| {
+            json.deserialize_seq(ReadVertices { source, transform, bounds, vertices: &mut vertices, failure })
+        })?;
+    }
+    vertices.finish()
+}
+
+/// Metadata of a file: the reference system, and its other metadata and extensions.
+fn read_metadata(
+    source: &ModelFile,
+    document: &Document<'_>,
+    attributes: &mut Attributes,
+) -> Result<Option<Crs>> {
+    let (mut of_file, mut metadata) = (ObjectText::default(), ObjectText::default());
+    let mut reference = None;
+    if let Some(text) = document.metadata.filter(|text| text.get() != "null") {
+        each_member(text.get(), |key, value| match key {
+            "referenceSystem" => reference = Some(serde_json::from_str::<Option<String>>(value)),
+            // (That of the model is another one when corners have moved, or files come together.)
+            "geographicalExtent" => {}
+            _ => metadata.push(key, value),
+        })
+        .map_err(|error| not_json_there(source, text, &error))?;
+    }
+    let reference = reference.transpose().map_err(|error| not_json(source, 1, &error))?.flatten();
+    if !metadata.is_empty() {
+        of_file.push("metadata", &metadata.to_string());
+    }
+    if let Some(text) = document.extensions {
+        of_file.push("extensions", text.get());
+    }
+    if !of_file.is_empty() {
+        attributes.push_file(&of_file);
+    }
+    Ok(reference.and_then(|reference| Crs::parse(&reference).ok()))
+}
+
+/// The names and attributes of all city objects.
+struct ReadNames<'a> {
+    source: &'a ModelFile,
+    parts: &'a mut Parts,
+    attributes: &'a mut Attributes,
+    /// The part that the next object is.
+    part: &'a mut u32,
+    failure: &'a mut Option<Error>,
+}
+
+impl<'de> Visitor<'de> for ReadNames<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("city objects by name")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        while let Some((name, object)) = map.next_entry::<String, &'de RawValue>()? {
+            keep(self.failure, self.parts.push(self.source, name))?;
+            let mut text = ObjectText::default();
+            // The type that objects have whose type is not known says nothing.
+            let mut is_plain = true;
+            let members = each_member(object.get(), |key, value| {
+                if key != "geometry" {
+                    is_plain &= key == "type" && value == "\"GenericCityObject\"";
+                    text.push(key, value);
+                }
+            });
+            let members = members.map_err(|error| not_json_there(self.source, object, &error));
+            keep(self.failure, members)?;
+            if !is_plain {
+                self.attributes.push_part(*self.part, &text);
+            }
+            *self.part += 1;
+        }
+        Ok(())
+    }
+}
+
+#[derive(Deserialize)]
+struct CityObject<'a> {
+    #[serde(borrow)]
+    geometry: Option<Geometries<'a>>,
+}
+
+#[derive(Deserialize)]
+struct Geometry<'a> {
+    #[serde(rename = "type")]
+    kind: String,
+    lod: Option<Lod>,
+    #[serde(borrow)]
+    boundaries: Option<&'a RawValue>,
+}
+
+/// Level of detail: text since version 1.1, a number before.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Lod {
+    Number(f64),
+    Text(String),
+}
+
+/// Geometries of an object that have surfaces, at the highest level of detail.
+#[derive(Default)]
+struct Geometries<'a> {
+    lod: Option<f64>,
+    /// Nesting depth of the surfaces, and the JSON of the lists.
+    boundaries: Vec<(u8, &'a RawValue)>,
+    /// Whether some of them are made of a template.
+    has_template: bool,
+}
+
+/// Most geometries of an object with the same level of detail.
+const MOST_GEOMETRIES: usize = 1 << 16;
+
+impl<'a> Geometries<'a> {
+    fn add<E: serde::de::Error>(&mut self, geometry: Geometry<'a>) -> Result<(), E> {
+        let depth = match geometry.kind.as_str() {
+            "MultiSurface" | "CompositeSurface" => 3,
+            "Solid" => 4,
+            "MultiSolid" | "CompositeSolid" => 5,
+            "GeometryInstance" => {
+                self.has_template = true;
+                return Ok(());
+            }
+            _ => return Ok(()),
+        };
+        let lod = match geometry.lod {
+            Some(Lod::Number(number)) => number,
+            Some(Lod::Text(text)) => {
+                text.parse().map_err(|_| E::custom("a level of detail that is no number"))?
+            }
+            None => f64::NEG_INFINITY,
+        };
+        if self.lod.is_none_or(|best| lod > best) {
+            self.lod = Some(lod);
+            self.boundaries.clear();
+        }
+        // Where an object has both at the same level, its surfaces are the solid's once more.
+        let deepest = self.boundaries.first().map_or(0, |(depth, _)| *depth);
+        if self.lod == Some(lod) && (depth > 3) >= (deepest > 3) {
+            if depth > 3 && deepest == 3 {
+                self.boundaries.clear();
+            }
+            if self.boundaries.len() == MOST_GEOMETRIES {
+                return Err(E::custom("more than 65536 geometries of an object"));
+            }
+            self.boundaries.extend(geometry.boundaries.map(|text| (depth, text)));
+        }
+        Ok(())
+    }
+}
+
+impl<'de: 'a, 'a> Deserialize<'de> for Geometries<'a> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Choose;
+
+        impl<'de> Visitor<'de> for Choose {
+            type Value = Geometries<'de>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list of geometries")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Geometries<'de>, A::Error> {
+                let mut geometries = Geometries::default();
+                while let Some(geometry) = list.next_element()? {
+                    geometries.add(geometry)?;
+                }
+                Ok(geometries)
+            }
+        }
+
+        deserializer.deserialize_seq(Choose)
+    }
+}
+
+/// Hands out the surfaces of all city objects.
+struct ReadObjects<'a, 'b> {
+    source: &'a ModelFile,
+    vertices: Table<'a>,
+    corners: &'b mut Corners,
+    /// The part that the next object is.
+    part: &'b mut u32,
+    each: &'b mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
+    failure: &'b mut Option<Error>,
+}
+
+impl<'de> Visitor<'de> for ReadObjects<'_, '_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("city objects by name")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        while let Some((name, object)) = map.next_entry::<String, CityObject<'de>>()? {
+            let geometries = object.geometry.unwrap_or_default();
+            if geometries.has_template {
+                let found = format!("a geometry template (in the object {})", shown(name.as_bytes()));
+                let advice = "replace instances of templates by what they stand for";
+                let error = Error::unsupported(self.source.path(), found, advice);
+                keep(self.failure, Err(error))?;
+            }
+            for (level, text) in geometries.boundaries {
+                let (source, vertices, part) = (self.source, self.vertices, *self.part);
+                let (corners, each) = (&mut *self.corners, &mut *self.each);
+                let walked = walk(source, text, &mut None, |failure, json| {
+                    let name = &name;
+                    Boundaries { source, name, vertices, corners, part, each, failure, level }
+                        .deserialize(json)
+                });
+                keep(self.failure, walked)?;
+            }
+            *self.part += 1;
+        }
+        Ok(())
+    }
+}
+
+/// Lists of lists down to the numbers of vertices: level 1 is a ring, 2 a surface, beyond that are shells and
+/// solids.
+struct Boundaries<'a, 'b> {
+    source: &'a ModelFile,
+    name: &'b str,
+    vertices: Table<'a>,
+    corners: &'b mut Corners,
+    part: u32,
+    each: &'b mut dyn FnMut(&MeshFace<'_>) -> Result<()>,
+    failure: &'b mut Option<Error>,
+    level: u8,
+}
+
+impl<'de> DeserializeSeed<'de> for Boundaries<'_, '_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Boundaries<'_, '_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.level {
+            1 => "a ring of vertices",
+            2 => "a list of rings",
+            _ => "a list of surfaces or shells",
+        })
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<(), A::Error> {
+        if self.level == 1 {
+            while let Some(index) = list.next_element::<u64>()? {
+                let place = || format!("object {}", shown(self.name.as_bytes()));
+                if index >= self.vertices.len() || self.corners.len() >= MOST_CORNERS {
+                    let found = format!("vertex {index} of {} in a face", self.vertices.len());
+                    let expected = "at most 2^20 corners that are in the list of vertices";
+                    keep(self.failure, Err(self.source.corrupt(place(), found, expected)))?;
+                }
+                self.corners.push(self.vertices.position(index));
+            }
+            self.corners.end_ring();
+            return Ok(());
+        }
+        if self.level == 2 {
+            self.corners.clear();
+        }
+        loop {
+            let inner = Boundaries {
+                corners: &mut *self.corners,
+                each: &mut *self.each,
+                failure: &mut *self.failure,
+                level: self.level - 1,
+                ..self
+            };
+            if list.next_element_seed(inner)?.is_none() {
+                break;
+            }
+        }
+        if self.level == 2 {
+            keep(self.failure, self.corners.hand_out(self.part, self.each))?;
+        }
+        Ok(())
+    }
+}
+
+pub(super) fn open(source: ModelFile, memory: u64) -> Result<Box<dyn Model>> {
+    let mut bounds = VertexBounds::new();
+    let mut parts = Parts::new(memory);
+    let mut attributes = Attributes::default();
+    let (mut count, mut part, mut version, mut crs) = (0, 0, None, None);
+    // One grid for all axes and all documents.
+    let mut step: Option<Option<f64>> = None;
+    documents(&source, |document, transform| {
+        count += 1;
+        let own = transform
+            .map(|Transform { scale: [x, y, z], .. }| (x, x == y && y == z && x.is_normal() && x > 0.0));
+        let own = own.and_then(|(width, is_one)| is_one.then_some(width));
+        step = Some(own.filter(|_| step.is_none_or(|step| step == own)));
+        read_vertices(&source, document, transform, &mut bounds, memory)?;
+        if count == 1 {
+            version.clone_from(&document.version);
+            crs = read_metadata(&source, document, &mut attributes)?;
+        }
+        let Some(text) = document.objects else { return Ok(()) };
+        walk(&source, text, &mut None, |failure, json| {
+            let (source, parts, attributes) = (&source, &mut parts, &mut attributes);
+            json.deserialize_map(ReadNames { source, parts, attributes, part: &mut part, failure })
+        })
+    })?;
+    let bounds = bounds.get().ok_or_else(|| source.no_vertices())?;
+    let kind = if count > 1 { "CityJSONSeq" } else { "CityJSON" };
+    let info = ModelInfo {
+        path: source.path().to_path_buf(),
+        format: format!("{kind} {}", version.unwrap_or_default()).trim_end().into(),
+        faces: None,
+        bounds,
+        crs,
+        unit: Some("m".into()),
+        step: step.flatten(),
+        parts: parts.names(),
+        attributes,
+        is_coloured: false,
+        bytes: source.bytes().len() as u64,
+    };
+    Ok(Box::new(CityJson { source, info, memory, degenerate: 0 }))
+}
+
+impl Model for CityJson {
+    fn info(&self) -> &ModelInfo {
+        &self.info
+    }
+
+    fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
+        let (source, mut corners, mut part) = (&self.source, Corners::default(), 0);
+        documents(source, |document, transform| {
+            let vertices = read_vertices(source, document, transform, &mut VertexBounds::new(), self.memory)?;
+            let Some(text) = document.objects else { return Ok(()) };
+            walk(source, text, &mut None, |failure, json| {
+                json.deserialize_map(ReadObjects {
+                    source,
+                    vertices: vertices.table(),
+                    corners: &mut corners,
+                    part: &mut part,
+                    each: &mut *each,
+                    failure,
+                })
+            })
+        })?;
+        self.degenerate = corners.degenerate;
+        Ok(())
+    }
+
+    fn degenerate(&self) -> u64 {
+        self.degenerate
+    }
+}

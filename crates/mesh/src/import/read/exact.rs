@@ -1,0 +1,60 @@
+//! Exact models as models to build others of: files of Spinney's own.
+
+use std::path::Path;
+
+use super::{MeshFace, Model, ModelInfo};
+use spinney_base::{Error, Result};
+use spinney_brep::{ExactModel, Faces, is_model_file};
+use spinney_container::OpenOptions;
+
+/// Opens the file of an exact model; `None` if it is none.
+pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
+    if !is_model_file(path) {
+        return Ok(None);
+    }
+    let model = ExactModel::open(path, &OpenOptions::new())?;
+    if model.is_unbounded() {
+        let expected = "one that has not: take the complement with `combine not`";
+        let found = format!("{}: a body that has all that is far away", path.display());
+        return Err(Error::invalid("model", found, expected));
+    }
+    let frame = &model.metadata().frame;
+    let most = [(1 << model.grid().bits) - 1; 3];
+    let info = ModelInfo {
+        path: path.to_path_buf(),
+        format: "exact model".into(),
+        faces: Some(model.len()),
+        // (Of the grid, whose least coordinates are the model's.)
+        bounds: [model.grid().to_world([0; 3]), model.grid().to_world(most)],
+        crs: frame.crs.clone(),
+        unit: model.metadata().tags.get("unit").cloned(),
+        step: Some(model.grid().width()),
+        parts: model.parts().to_vec(),
+        attributes: model.attributes(),
+        is_coloured: model.is_coloured()?,
+        bytes: model.file_size(),
+    };
+    Ok(Some(Box::new(Exact { model, info })))
+}
+
+struct Exact {
+    model: ExactModel,
+    info: ModelInfo,
+}
+
+impl Model for Exact {
+    fn info(&self) -> &ModelInfo {
+        &self.info
+    }
+
+    fn faces(&mut self, each: &mut dyn FnMut(&MeshFace<'_>) -> Result<()>) -> Result<()> {
+        let grid = self.model.grid().clone();
+        let mut points = Vec::new();
+        self.model.each(&mut |face| {
+            points.clear();
+            points.extend(face.points.iter().map(|point| grid.to_world(*point)));
+            let (ring_ends, colours, part) = (face.ring_ends, face.colours, face.part);
+            each(&MeshFace { points: &points, ring_ends, colours, part })
+        })
+    }
+}

@@ -1,0 +1,101 @@
+//! Readers of meshes, one file or folder for each format, and what they share.
+
+mod cityjson;
+mod corners;
+mod exact;
+mod model_file;
+mod obj;
+mod off;
+mod parts;
+mod ply;
+mod stl;
+mod text;
+mod vertices;
+
+use std::path::{Path, PathBuf};
+
+use self::model_file::ModelFile;
+use super::{MeshFace, Model, ModelInfo};
+use spinney_base::{Error, Result};
+
+/// Opens a boundary representation, whose format is recognised by its first bytes, and from its name only
+/// where those leave it open.
+///
+/// About `memory` bytes are used at most. What does not fit, such as the vertices of a large text file, goes
+/// to an unnamed temporary file in the system's folder for those (`TMPDIR`). The file itself is mapped: it
+/// must not be truncated while the model is in use.
+///
+/// # Errors
+/// If the file cannot be read, is of no format that is read here, is damaged, or uses something unsupported.
+pub fn open(path: &Path, memory: u64) -> Result<Box<dyn Model>> {
+    if let Some(model) = exact::open(path)? {
+        return Ok(model);
+    }
+    let mut source = ModelFile::open(path)?;
+    // The first 80 bytes of a binary STL file are free, and may be a text with such a mark.
+    if !stl::is_binary(source.bytes()) {
+        source.skip_byte_order_mark();
+    }
+    match format(&source) {
+        Some(Format::Ply) => ply::open(source, memory),
+        Some(Format::Stl) => stl::open(source, memory),
+        Some(Format::Off) => off::open(source, memory),
+        Some(Format::CityJson) => cityjson::open(source, memory),
+        Some(Format::Obj) => obj::open(source, memory),
+        None => Err(Error::unsupported(
+            path,
+            "a mesh of this format",
+            "convert it to PLY, OBJ, STL, OFF, CityJSON or CityJSONSeq",
+        )),
+    }
+}
+
+/// The formats that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    Ply,
+    Stl,
+    Off,
+    CityJson,
+    Obj,
+}
+
+fn format(source: &ModelFile) -> Option<Format> {
+    let bytes = source.bytes();
+    let extension = source.path().extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    if matches!(bytes, [b'p', b'l', b'y', b'\r' | b'\n' | b' ', ..]) {
+        return Some(Format::Ply);
+    }
+    if off::keyword(bytes).is_some() {
+        return Some(Format::Off);
+    }
+    if bytes.trim_ascii_start().starts_with(b"{") && extension != "stl" {
+        return Some(Format::CityJson);
+    }
+    if stl::is_binary(bytes) || stl::is_text(bytes) {
+        return Some(Format::Stl);
+    }
+    match extension.as_str() {
+        "ply" => Some(Format::Ply),
+        "stl" => Some(Format::Stl),
+        "off" => Some(Format::Off),
+        "obj" => Some(Format::Obj),
+        _ => obj::is_likely(bytes).then_some(Format::Obj),
+    }
+}
+
+/// Opens several, with `memory` bytes for all that building a solid of them will take.
+///
+/// # Errors
+/// If one of them cannot be read.
+pub fn open_all(paths: &[PathBuf], memory: u64) -> Result<Vec<Box<dyn Model>>> {
+    let share = memory / 4 / paths.len().max(1) as u64;
+    paths.iter().map(|path| open(path, share)).collect()
+}
+
+/// Whether a path looks like a model's, or is that of an exact model.
+pub fn is_model(path: &Path) -> bool {
+    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
+    let names = ["ply", "obj", "stl", "off", "json", "jsonl", "cityjson"];
+    names.iter().any(|name| extension.eq_ignore_ascii_case(name)) || spinney_brep::is_model_file(path)
+}

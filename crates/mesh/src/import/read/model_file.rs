@@ -1,0 +1,79 @@
+//! The file behind a model: its bytes, and errors that name it.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use spinney_base::io::{Mapped, ReadBackend};
+use spinney_base::{Error, Result};
+
+/// Bytes that some programs put before a text in UTF-8; they are no part of it.
+pub(super) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// A mapped file that is not empty.
+pub(super) struct ModelFile {
+    path: PathBuf,
+    map: Mapped,
+    /// Bytes before the model's first.
+    skipped: usize,
+}
+
+impl ModelFile {
+    pub(super) fn open(path: &Path) -> Result<ModelFile> {
+        let about = fs::metadata(path).map_err(Error::io(path, "open"))?;
+        if about.is_dir() {
+            return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
+        }
+        if !about.is_file() {
+            return Err(Error::unsupported(
+                path,
+                "a mesh from a pipe or device",
+                "write it to a file first: meshes are read more than once",
+            ));
+        }
+        if about.len() == 0 {
+            return Err(Error::corrupt(path, "the whole file", "no bytes", "a mesh"));
+        }
+        Ok(ModelFile { path: path.to_path_buf(), map: Mapped::open(path)?, skipped: 0 })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        self.map.bytes().and_then(|bytes| bytes.get(self.skipped..)).unwrap_or_default()
+    }
+
+    /// Makes the bytes begin behind a byte order mark, if there is one.
+    pub(super) fn skip_byte_order_mark(&mut self) {
+        if self.bytes().starts_with(BYTE_ORDER_MARK) {
+            self.skipped = BYTE_ORDER_MARK.len();
+        }
+    }
+
+    /// Reports each line, vertex or face that is read, in order: the mapping releases its pages from time to
+    /// time, so that the file does not fill the memory.
+    #[inline]
+    pub(super) fn passed(&self, number: u64) {
+        const OFTEN: u64 = 1 << 17;
+        if number.is_multiple_of(OFTEN) && number > 0 {
+            self.map.release_pages();
+        }
+    }
+
+    /// An error at a location in the file.
+    pub(super) fn corrupt(
+        &self,
+        place: impl Into<String>,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Error {
+        Error::corrupt(&self.path, place, found, expected)
+    }
+
+    /// The error for a file without a single vertex.
+    pub(super) fn no_vertices(&self) -> Error {
+        self.corrupt("the whole file", "no vertices", "a mesh")
+    }
+}

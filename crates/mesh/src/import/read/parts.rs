@@ -1,0 +1,66 @@
+//! Names of a model's parts.
+
+use std::collections::HashMap;
+
+use super::model_file::ModelFile;
+use spinney_base::{Error, Result};
+
+/// Names, each once, numbered in the order in which they come first.
+pub(super) struct Parts {
+    names: Vec<String>,
+    numbers: HashMap<String, u32>,
+    bytes: u64,
+    limit: u64,
+}
+
+impl Parts {
+    /// An empty list for names that take up to about `memory` bytes, or a megabyte.
+    pub(super) fn new(memory: u64) -> Parts {
+        Parts { names: Vec::new(), numbers: HashMap::new(), bytes: 0, limit: memory.max(1 << 20) }
+    }
+
+    fn make_room(&mut self, source: &ModelFile, copies: u64, name: &str) -> Result<()> {
+        // The text and what the containers take for it.
+        self.bytes += copies * (name.len() as u64 + 48);
+        if self.bytes > self.limit || self.names.len() >= u32::MAX as usize {
+            return Err(Error::TooLarge {
+                path: source.path().to_path_buf(),
+                what: format!("a list of the names of {} parts or more", self.names.len() + 1),
+                needed: self.bytes,
+                limit: self.limit,
+                advice: "allow more memory, or join parts or split the file".into(),
+            });
+        }
+        Ok(())
+    }
+
+    /// The number of the part with a name; a new one if there is none.
+    pub(super) fn number(&mut self, source: &ModelFile, name: &[u8]) -> Result<u32> {
+        let name = String::from_utf8_lossy(name);
+        if let Some(number) = self.numbers.get(&*name) {
+            return Ok(*number);
+        }
+        self.make_room(source, 2, &name)?;
+        let number = self.names.len() as u32;
+        self.numbers.insert(name.clone().into_owned(), number);
+        self.names.push(name.into_owned());
+        Ok(number)
+    }
+
+    /// The number of a part that is there.
+    pub(super) fn get(&self, name: &[u8]) -> Option<u32> {
+        self.numbers.get(&*String::from_utf8_lossy(name)).copied()
+    }
+
+    /// A part that is not the same as any other, even if they share the name.
+    pub(super) fn push(&mut self, source: &ModelFile, name: String) -> Result<()> {
+        self.make_room(source, 1, &name)?;
+        self.names.push(name);
+        Ok(())
+    }
+
+    /// All names, or a single one for a model without parts.
+    pub(super) fn names(&self) -> Vec<String> {
+        if self.names.is_empty() { vec!["mesh".into()] } else { self.names.clone() }
+    }
+}

@@ -1,0 +1,220 @@
+//! The header of a PLY file: which elements with which properties follow.
+
+use super::super::model_file::ModelFile;
+use super::super::text::{Lines, shown, whole, words};
+use spinney_base::{Error, Result};
+
+/// Encoding of the numbers behind the header.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    Little,
+    Big,
+}
+
+/// Type of a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn parse(word: &[u8]) -> Option<Scalar> {
+        Some(match word {
+            b"char" | b"int8" => Scalar::I8,
+            b"uchar" | b"uint8" => Scalar::U8,
+            b"short" | b"int16" => Scalar::I16,
+            b"ushort" | b"uint16" => Scalar::U16,
+            b"int" | b"int32" => Scalar::I32,
+            b"uint" | b"uint32" => Scalar::U32,
+            b"float" | b"float32" => Scalar::F32,
+            b"double" | b"float64" => Scalar::F64,
+            _ => return None,
+        })
+    }
+
+    /// Bytes of a number.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Scalar::I8 | Scalar::U8 => 1,
+            Scalar::I16 | Scalar::U16 => 2,
+            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
+            Scalar::F64 => 8,
+        }
+    }
+
+    pub(super) fn is_whole(self) -> bool {
+        !matches!(self, Scalar::F32 | Scalar::F64)
+    }
+}
+
+/// Property of an element.
+#[derive(Clone, Debug)]
+pub(super) struct Property {
+    pub(super) name: String,
+    /// Type of the length of a list; `None` for a single number.
+    pub(super) length: Option<Scalar>,
+    /// The type of the number or of the list's items.
+    pub(super) scalar: Scalar,
+}
+
+/// Element of the file: `count` records with the same properties.
+#[derive(Clone, Debug)]
+pub(super) struct Element {
+    pub(super) name: String,
+    pub(super) count: u64,
+    pub(super) properties: Vec<Property>,
+}
+
+impl Element {
+    /// Index of a property that is a single number, by any of its names.
+    pub(super) fn number(&self, names: &[&str]) -> Option<usize> {
+        self.properties.iter().position(|p| p.length.is_none() && names.contains(&p.name.as_str()))
+    }
+
+    /// Indices of red, green and blue.
+    pub(super) fn colour(&self) -> Option<[usize; 3]> {
+        Some([
+            self.number(&["red", "diffuse_red"])?,
+            self.number(&["green", "diffuse_green"])?,
+            self.number(&["blue", "diffuse_blue"])?,
+        ])
+    }
+
+    /// Bytes of one in a binary file, unless there are lists.
+    pub(super) fn fixed_size(&self) -> Option<usize> {
+        self.properties.iter().map(|p| p.length.is_none().then_some(p.scalar.size())).sum()
+    }
+
+    /// The least number of bytes that one can have.
+    fn least_size(&self, encoding: Encoding) -> u64 {
+        match encoding {
+            // A digit and something that separates it from the next number.
+            Encoding::Ascii => 2 * self.properties.len() as u64,
+            _ => self.properties.iter().map(|p| p.length.unwrap_or(p.scalar).size() as u64).sum(),
+        }
+    }
+}
+
+/// A PLY header.
+#[derive(Debug)]
+pub(super) struct PlyHeader {
+    pub(super) encoding: Encoding,
+    pub(super) elements: Vec<Element>,
+    /// Offset of the first element in the file.
+    pub(super) body: usize,
+}
+
+/// Longest header; with it the elements and properties are bounded.
+const MOST_BYTES: usize = 1 << 20;
+
+impl PlyHeader {
+    pub(super) fn read(source: &ModelFile) -> Result<PlyHeader> {
+        let start = &source.bytes()[..source.bytes().len().min(MOST_BYTES)];
+        let mut lines = Lines::new(start, 0);
+        lines.next();
+        let mut encoding = None;
+        let mut elements: Vec<Element> = Vec::new();
+        let mut number = 1;
+        loop {
+            number += 1;
+            let line_start = lines.offset;
+            let line = lines.next();
+            let place = || format!("PLY header, line {number}");
+            let wrong = |expected: &str| source.corrupt(place(), shown(line.unwrap_or_default()), expected);
+            let Some(line) = line else {
+                let expected = "`end_header` within the first megabyte";
+                return Err(source.corrupt(place(), "the end of the header's room", expected));
+            };
+            let mut words = words(line);
+            let mut next = || words.next().unwrap_or_default();
+            match next() {
+                b"" | b"comment" | b"obj_info" => {}
+                b"format" => {
+                    encoding = Some(match next() {
+                        b"ascii" => Encoding::Ascii,
+                        b"binary_little_endian" => Encoding::Little,
+                        b"binary_big_endian" => Encoding::Big,
+                        _ => {
+                            return Err(wrong(
+                                "`format ascii`, `binary_little_endian` or `binary_big_endian`",
+                            ));
+                        }
+                    });
+                    let version = next();
+                    if version != b"1.0" {
+                        let found = format!("PLY version {}", shown(version));
+                        return Err(Error::unsupported(source.path(), found, "convert it to PLY 1.0"));
+                    }
+                }
+                b"element" => {
+                    let (name, count) = (name(next()), whole(next()).and_then(|n| u64::try_from(n).ok()));
+                    let (Some(name), Some(count)) = (name, count) else {
+                        return Err(wrong("`element`, a name and a number"));
+                    };
+                    elements.push(Element { name, count, properties: Vec::new() });
+                }
+                b"property" => {
+                    let Some(element) = elements.last_mut() else { return Err(wrong("an element first")) };
+                    let expected = "`property`, a type or `list` and two types, and a name";
+                    let (length, scalar) = match next() {
+                        b"list" => {
+                            let Some(length) = Scalar::parse(next()).filter(|length| length.is_whole())
+                            else {
+                                return Err(wrong("a type of whole numbers for the list's length"));
+                            };
+                            (Some(length), Scalar::parse(next()))
+                        }
+                        word => (None, Scalar::parse(word)),
+                    };
+                    let (Some(scalar), Some(name)) = (scalar, name(next())) else {
+                        return Err(wrong(expected));
+                    };
+                    element.properties.push(Property { name, length, scalar });
+                }
+                b"end_header" => {
+                    let encoding = encoding.ok_or_else(|| wrong("a `format` line before it"))?;
+                    // Where the lines end with CR alone, a LF that follows is a number's first byte.
+                    let is_bare = start.get(3) == Some(&b'\r') && start.get(4) != Some(&b'\n');
+                    let body = if is_bare { line_start + line.len() + 1 } else { lines.offset };
+                    let header = PlyHeader { encoding, elements, body: body.min(source.bytes().len()) };
+                    header.check_size(source)?;
+                    return Ok(header);
+                }
+                _ => return Err(wrong("`comment`, `element`, `property` or `end_header`")),
+            }
+        }
+    }
+
+    /// Whether the file can hold as many elements as it says: later on, counts are as good as the file is
+    /// long.
+    fn check_size(&self, source: &ModelFile) -> Result<()> {
+        let there = (source.bytes().len() - self.body) as u128;
+        let mut needed = 0;
+        for element in &self.elements {
+            needed += u128::from(element.count) * u128::from(element.least_size(self.encoding));
+            // The last number of a text need not be followed by anything.
+            if needed > there + u128::from(self.encoding == Encoding::Ascii) {
+                let found = format!("{there} bytes");
+                let expected = format!("at least {needed} for {} x `{}`", element.count, element.name);
+                return Err(source.corrupt("PLY, behind the header", found, expected));
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn element(&self, name: &str) -> Option<usize> {
+        self.elements.iter().position(|element| element.name == name)
+    }
+}
+
+fn name(word: &[u8]) -> Option<String> {
+    (!word.is_empty()).then(|| String::from_utf8_lossy(word).into_owned())
+}

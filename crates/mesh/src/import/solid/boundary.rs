@@ -1,0 +1,252 @@
+//! The faces in a cell that bound the inside of a solid: those with inside on one side only.
+//!
+//! Where bodies overlap, parts of their faces lie within other bodies. Faces are cut where others meet them, so that
+//! each part has one winding number on either side, and a line through it tells which: lines lead from the cell's
+//! centre, whose winding number is known, and crossings on them are told exactly.
+
+use super::coverage::Faces;
+use super::crossing::Projected;
+use super::fill::change;
+use super::grid::Triangle;
+use super::inside::Inside;
+use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip, range};
+
+/// Triangles that are compared with each other at most.
+const MOST_TRIANGLES: usize = 48;
+/// Parts of a cell's faces at most.
+const MOST_PARTS: usize = 2048;
+/// Crossings of a line that are nearer to each other than this many grid steps are at one point.
+const AT_ONE_POINT: f64 = 1e-3;
+/// Distances, in cells, that are as good as none.
+const NEAR: f64 = 1e-9;
+
+/// A cell, and all triangles that reach into it.
+pub(super) struct Neighbourhood<'a> {
+    pub(super) triangles: &'a [Triangle],
+    /// The grid point at which the cell begins.
+    pub(super) min: [i32; 3],
+    /// Grid steps along the cell.
+    pub(super) cell: i32,
+    /// The winding number at the cell's centre.
+    pub(super) winding: i32,
+}
+
+/// A part of a triangle in a cell, in cells from its corner.
+struct Part {
+    triangle: usize,
+    polygon: ClippedPolygon,
+    /// Least and greatest coordinate along each axis.
+    ranges: [(f64, f64); 3],
+    plane: Plane,
+}
+
+/// A plane with a normal of length 1.
+struct Plane {
+    normal: Point,
+    offset: f64,
+}
+
+impl Plane {
+    fn new(normal: Point, through: Point) -> Plane {
+        let length = dot(normal, normal).sqrt();
+        let normal = normal.map(|n| n / length);
+        Plane { normal, offset: dot(normal, through) }
+    }
+
+    fn distance(&self, point: &Point) -> f64 {
+        let distance = dot(self.normal, *point) - self.offset;
+        if distance.abs() < NEAR { 0.0 } else { distance }
+    }
+
+    /// Least and greatest distance of a polygon's corners.
+    fn distances(&self, polygon: &ClippedPolygon) -> (f64, f64) {
+        range(polygon.points().iter().map(|point| self.distance(point)))
+    }
+}
+
+fn dot(a: Point, b: Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+impl Neighbourhood<'_> {
+    fn centre(&self) -> [i32; 3] {
+        self.min.map(|min| min + self.cell / 2)
+    }
+
+    /// The winding number at a grid point in the cell.
+    pub(super) fn winding_at(&self, point: [i32; 3]) -> i32 {
+        let mut at = self.centre();
+        self.winding
+            + change::<2>(self.triangles, &mut at, point)
+            + change::<1>(self.triangles, &mut at, point)
+            + change::<0>(self.triangles, &mut at, point)
+    }
+
+    /// The change of inside everywhere in the cell where the winding number goes up by one: 1, -1 or 0. `None` if
+    /// that differs, or cannot be told at a glance.
+    ///
+    /// Where no two faces are turned against each other along any axis, one may walk along the axes, and up all the
+    /// time, from one corner of the cell by any point of it to the corner opposite: all winding numbers lie between
+    /// those of the two corners.
+    pub(super) fn weight(&self, inside: &Inside) -> Option<f64> {
+        if matches!(inside, Inside::Parity) {
+            return None;
+        }
+        let (mut up, mut down) = ([false; 3], [false; 3]);
+        for triangle in self.triangles {
+            for (axis, normal) in triangle.normal().into_iter().enumerate() {
+                up[axis] |= normal > 0;
+                down[axis] |= normal < 0;
+            }
+        }
+        if (0..3).any(|axis| up[axis] && down[axis]) {
+            return None;
+        }
+        // Faces that look up an axis are left on the way up: outside is up.
+        let corner = |outside: bool| {
+            let last = self.cell - 1;
+            self.winding_at(std::array::from_fn(|axis| {
+                self.min[axis] + if up[axis] == outside { last } else { 0 }
+            }))
+        };
+        match (corner(true), corner(false)) {
+            (0, 1) => Some(1.0),
+            (-1, 0) => Some(-1.0),
+            (least, most) if least == most || least > 0 || most < 0 => Some(0.0),
+            _ => None,
+        }
+    }
+
+    /// Sums over the parts of faces that bound the inside; `None` if there are too many of them.
+    pub(super) fn bounding_faces(&self, inside: &Inside) -> Option<Faces> {
+        if self.triangles.len() > MOST_TRIANGLES {
+            return None;
+        }
+        let mut parts = Vec::with_capacity(self.triangles.len());
+        for (triangle, it) in self.triangles.iter().enumerate() {
+            clip(ClippedPolygon::of_triangle(&it.corners, self.min, self.cell), 1, &mut |polygon, _, _| {
+                let plane = Plane::new(it.normal().map(|n| n as f64), polygon.points()[0]);
+                let ranges = [0, 1, 2].map(|axis| polygon.range(axis));
+                parts.push(Part { triangle, polygon: *polygon, ranges, plane });
+            });
+        }
+        let mut faces = Faces::default();
+        let mut count = 0;
+        for part in &parts {
+            let cut = self.cut(part, &parts)?;
+            count += cut.len();
+            if count > MOST_PARTS {
+                return None;
+            }
+            for polygon in &cut {
+                let weight = self.weight_at(part.triangle, polygon.middle(), inside);
+                if let Some(weight) = weight.filter(|weight| *weight != 0) {
+                    faces.add(polygon, [0; 3], f64::from(weight));
+                }
+            }
+        }
+        Some(faces)
+    }
+
+    /// A part of a face, cut wherever another meets it.
+    fn cut(&self, part: &Part, others: &[Part]) -> Option<Vec<ClippedPolygon>> {
+        let mut pieces = vec![part.polygon];
+        for other in others.iter().filter(|other| other.triangle != part.triangle) {
+            let is_beside =
+                part.ranges.iter().zip(&other.ranges).any(|(a, b)| a.0 > b.1 + NEAR || b.0 > a.1 + NEAR);
+            if is_beside {
+                continue;
+            }
+            let (low, high) = part.plane.distances(&other.polygon);
+            if low > 0.0 || high < 0.0 {
+                continue;
+            }
+            if low == 0.0 && high == 0.0 {
+                // In one plane: cut at the other's edges.
+                let points = other.polygon.points();
+                for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
+                    let along: Point = std::array::from_fn(|axis| b[axis] - a[axis]);
+                    let across = cross(along, part.plane.normal);
+                    if dot(across, across) > NEAR * NEAR {
+                        pieces = split(pieces, &Plane::new(across, *a))?;
+                    }
+                }
+            } else if is_crossed(&part.polygon, &other.plane) {
+                pieces = split(pieces, &other.plane)?;
+            }
+        }
+        Some(pieces)
+    }
+
+    /// The change of inside at a point of a triangle where the winding number goes up by one; `None` if the triangle is
+    /// too small there to be met.
+    fn weight_at(&self, triangle: usize, at: Point, inside: &Inside) -> Option<i32> {
+        let normal = self.triangles[triangle].normal().map(i64::unsigned_abs);
+        match (0..3).max_by_key(|axis| normal[*axis]) {
+            Some(0) => self.weight_along::<0>(triangle, at, inside),
+            Some(1) => self.weight_along::<1>(triangle, at, inside),
+            _ => self.weight_along::<2>(triangle, at, inside),
+        }
+    }
+
+    fn weight_along<const D: usize>(&self, triangle: usize, at: Point, inside: &Inside) -> Option<i32> {
+        let mut from: [i32; 3] = std::array::from_fn(|axis| {
+            self.min[axis] + ((at[axis] * f64::from(self.cell)) as i32).clamp(0, self.cell - 1)
+        });
+        from[D] = self.centre()[D];
+        let met: Vec<(usize, Projected<D>)> = (0..)
+            .zip(self.triangles)
+            .filter_map(|(number, triangle)| Some((number, Projected::<D>::new(triangle)?)))
+            .filter(|(_, projected)| projected.is_met(from))
+            .collect();
+        let here = met.iter().find(|(number, _)| *number == triangle)?;
+        let place = |(number, projected): &(usize, Projected<D>)| {
+            (projected.height_over(from), projected.change(), *number)
+        };
+        let this = place(here);
+        // Bodies that touch are left before the next is entered; what is at one point is in the same order on
+        // all lines.
+        let is_before = |other: (f64, i32, usize)| {
+            if (other.0 - this.0).abs() > AT_ONE_POINT {
+                other.0 < this.0
+            } else {
+                (other.1, other.2) < (this.1, this.2)
+            }
+        };
+        let starts_beyond = here.1.is_beyond(from);
+        let mut before = self.winding_at(from);
+        for other in &met {
+            let passes = other.1.is_beyond(from) == starts_beyond && is_before(place(other)) != starts_beyond;
+            if passes {
+                before += if starts_beyond { -other.1.change() } else { other.1.change() };
+            }
+        }
+        let change = here.1.change();
+        let is_inside = |winding: i32| i32::from(inside.has(winding));
+        Some((is_inside(before + change) - is_inside(before)) * change)
+    }
+}
+
+/// Whether a polygon has corners on both sides of a plane.
+fn is_crossed(polygon: &ClippedPolygon, plane: &Plane) -> bool {
+    let (low, high) = plane.distances(polygon);
+    low < 0.0 && high > 0.0
+}
+
+/// Cuts polygons by a plane; `None` if there are too many.
+fn split(polygons: Vec<ClippedPolygon>, plane: &Plane) -> Option<Vec<ClippedPolygon>> {
+    let mut cut = Vec::with_capacity(polygons.len() + 1);
+    for polygon in polygons.iter().flat_map(ClippedPolygon::halves) {
+        if is_crossed(&polygon, plane) {
+            let (below, above) = polygon.split_by(|point| plane.distance(point), |_| ());
+            cut.extend([below, above].into_iter().filter(|polygon| polygon.points().len() > 2));
+        } else {
+            cut.push(polygon);
+        }
+    }
+    (cut.len() <= MOST_PARTS).then_some(cut)
+}
+
+fn cross(a: Point, b: Point) -> Point {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}

@@ -1,0 +1,375 @@
+//! Building of a tree from the models of a plan.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::Ordering;
+
+use super::closure::Closure;
+use super::field::WindingField;
+use super::grid::Triangle;
+use super::inside::{Attribute, FillOptions, Inside};
+use super::plan::SolidImport;
+use super::source::{Solid, Surface};
+use super::triangles::{Collector, Triangles};
+use super::units::Units;
+use crate::import::{MeshFace, ModelInfo};
+use spinney_base::Form;
+use spinney_base::io::{Output, folder};
+use spinney_base::space::Dimension;
+use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::geometry::{Stages, Triangulator};
+use spinney_container::Metadata;
+use spinney_engine::store::{BuildOptions, build_with};
+
+/// Counts and measures of a solid that was built.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolidReport {
+    /// Faces that were read.
+    pub faces: u64,
+    /// Faces besides those that have fewer than three different corners.
+    pub degenerate: u64,
+    /// Polygons among them that cross themselves, or lost their area on the grid: they count as fans of
+    /// triangles.
+    pub repaired: u64,
+    /// Triangles that are there more than once, for each time but the first: they count once if the surface
+    /// is not closed with them.
+    pub duplicates: u64,
+    /// Triangles they were made of, without those that have no area on the grid.
+    pub triangles: u64,
+    /// Those among them that are of open objects; what is closed beside these is as it would be without them.
+    pub open_triangles: u64,
+    /// The furthest that a vertex was moved to the grid, in the models' unit.
+    pub displacement: f64,
+    /// The models' unit of length, where it is known: "mm".
+    pub unit: Option<String>,
+    /// Test that decided what lies inside.
+    pub inside: InsideTest,
+    /// Cells far from the surface that lie in its holes, where the answer is a guess.
+    pub undecided: u64,
+    /// Cells that were built: none where the surface encloses nothing, or nothing as wide as a cell.
+    pub cells: u64,
+    /// By which tests triangles were found to cut octants above the blocks of cells, or not.
+    pub stages: Stages,
+}
+
+/// Test that decided what lies inside a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InsideTest {
+    /// None: only the surface was wanted.
+    Surface,
+    /// The surface is closed: exactly, by winding numbers other than zero.
+    Closed,
+    /// Every edge has its partners, but not every face is turned the right way: exactly, by even and odd.
+    Flipped,
+    /// The surface is open in places: open objects, each by a winding field of its own; the others by the tests
+    /// above.
+    Open,
+}
+
+impl InsideTest {
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            InsideTest::Surface => "only its surface",
+            InsideTest::Closed => "closed: inside is where the winding number is not zero",
+            InsideTest::Flipped => {
+                "closed, but with faces turned inside out: inside is where rays cross it an odd number of times"
+            }
+            InsideTest::Open => {
+                "open or loose: inside is where the winding field of what is open is at least one half"
+            }
+        }
+    }
+}
+
+/// Bytes of a triangle in memory, with what lists it.
+const TRIANGLE: u64 = size_of::<Triangle>() as u64 + 12;
+
+impl SolidImport {
+    /// Builds the tree, on the threads of the current rayon pool; progress counts cells.
+    ///
+    /// Faces are read once. Triangles beyond a half of the memory go to a temporary file in the output's
+    /// folder.
+    ///
+    /// # Errors
+    /// If a model cannot be read or the output not be written, or on interruption; nothing is left behind
+    /// then.
+    pub fn build(mut self, output: Output, progress: &dyn Progress) -> Result<SolidReport> {
+        let folder = folder(output.path()).to_path_buf();
+        let mut read = self.read(&folder, progress)?;
+        let (surfaces, decided) = self.inside(&mut read, progress)?;
+        let options = &self.options;
+        let fill = FillOptions {
+            grid: self.grid.clone(),
+            lattice: self.lattice,
+            boundary: options.boundary,
+            attribute: options.attribute,
+            surface: options.surface,
+            progress,
+        };
+        let is_open = |surface: &&Surface| matches!(surface.inside, Inside::Field(_));
+        let count = |surface: &Surface| surface.triangles.len() as u64;
+        let report = SolidReport {
+            faces: read.faces,
+            degenerate: self.models.iter().map(|model| model.degenerate()).sum(),
+            repaired: read.repaired,
+            duplicates: read.duplicates,
+            triangles: surfaces.iter().map(count).sum(),
+            open_triangles: surfaces.iter().filter(is_open).map(count).sum(),
+            displacement: read.displacement,
+            unit: options.unit.clone(),
+            inside: decided,
+            undecided: 0,
+            cells: 0,
+            stages: Stages::default(),
+        };
+        let parts = self.parts();
+        let held = (options.memory / 4 / TRIANGLE) as usize;
+        let (value, value_of) = values(options.attribute, parts.len());
+        let form = Form::new(Dimension::Oct, value);
+        let solid = Solid::new(form, fill, surfaces, held, value_of)?;
+        self.store(&solid, report, parts, output, progress)
+    }
+
+    /// Stores a solid, and completes the report on it.
+    fn store(
+        &self,
+        solid: &Solid<'_>,
+        mut report: SolidReport,
+        parts: Vec<String>,
+        output: Output,
+        progress: &dyn Progress,
+    ) -> Result<SolidReport> {
+        let (kind, rule) = match self.options.attribute {
+            Attribute::Occupancy => (Kind::Continuous, Rule::Occupancy),
+            Attribute::Colour => (Kind::Continuous, Rule::Mean),
+            Attribute::Part => (Kind::Categorical, Rule::Majority),
+        };
+        let mut metadata = Metadata { frame: self.grid.frame.clone(), ..Metadata::default() };
+        if self.options.attribute == Attribute::Part {
+            let names = parts.into_iter().enumerate().filter(|(_, name)| !name.is_empty());
+            metadata.class_names = names.map(|(i, name)| (i as i64 + 1, name)).collect();
+        }
+        metadata.provenance = self.models.iter().map(|model| provenance(model.info())).collect();
+        let options = BuildOptions::new(kind, self.grid.depth)
+            .rule(rule)
+            .memory(self.options.memory / 4)
+            .metadata(metadata)
+            .share(self.options.share);
+        let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
+            report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
+            report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
+            metadata.tags = tags(self, &report);
+        })?;
+        report.cells = tally.cells;
+        Ok(report)
+    }
+
+    /// Names of the parts of all models; their numbers begin at 1.
+    fn parts(&self) -> Vec<String> {
+        self.models.iter().flat_map(|model| model.info().parts.iter().cloned()).collect()
+    }
+
+    /// Triangles that are kept in memory.
+    fn held(&self) -> usize {
+        (self.options.memory / 2 / TRIANGLE) as usize
+    }
+
+    /// Snaps and triangulates all faces.
+    fn read(&mut self, folder: &Path, progress: &dyn Progress) -> Result<Read> {
+        let mut collectors = [Collector::new(self.held(), folder), Collector::new(self.held() / 8, folder)];
+        let mut read = Reading::default();
+        let mut first_part = 1;
+        let mut models = std::mem::take(&mut self.models);
+        for model in &mut models {
+            let info = model.info().clone();
+            model.faces(&mut |face| {
+                if read.faces.is_multiple_of(1 << 12) {
+                    progress.check()?;
+                }
+                read.face(self, &info, face, first_part, &mut collectors)
+            })?;
+            first_part += info.parts.len() as u32;
+        }
+        self.models = models;
+        let [triangles, slivers] = collectors;
+        let (triangles, slivers) = (triangles.finish()?, slivers.finish()?);
+        if triangles.is_empty() {
+            let name = &self.models[0].info().path;
+            return Err(Error::corrupt(
+                name,
+                "faces",
+                "none that have an area on the grid of cells",
+                "a surface",
+            ));
+        }
+        let Reading { faces, displacement, closure, repaired, .. } = read;
+        Ok(Read { triangles, slivers, faces, repaired, duplicates: 0, displacement, closure })
+    }
+
+    /// Chooses the test for what lies inside: one for all if it holds for all, or each for some of the surface.
+    fn inside(&self, read: &mut Read, progress: &dyn Progress) -> Result<(Vec<Surface>, InsideTest)> {
+        let whole = |inside, test| Ok((vec![Surface::new(inside, read.triangles.clone())], test));
+        if self.options.surface {
+            return whole(Inside::Winding, InsideTest::Surface);
+        }
+        if read.closure.is_closed() {
+            return whole(Inside::Winding, InsideTest::Closed);
+        }
+        if read.closure.is_even() {
+            return whole(Inside::Parity, InsideTest::Flipped);
+        }
+        let count = read.triangles.len() + read.slivers.len();
+        let needed = WindingField::memory(count).max(Units::memory(count));
+        if needed > self.options.memory {
+            return Err(Error::TooLarge {
+                path: self.models[0].info().path.clone(),
+                what: "the winding field of a surface that is not closed".into(),
+                needed,
+                limit: self.options.memory,
+                advice: "give more with --memory, close the surface, or build it with --surface".into(),
+            });
+        }
+        let mut all = read.triangles.all()?.to_vec();
+        all.extend_from_slice(&read.slivers.all()?);
+        read.triangles = Triangles::of(Vec::new());
+        let units = Units::of(all, progress)?;
+        read.duplicates = units.duplicates;
+        let test = match (units.even.is_empty(), units.open.is_empty()) {
+            (_, false) => InsideTest::Open,
+            (false, true) => InsideTest::Flipped,
+            (true, true) => InsideTest::Closed,
+        };
+        let exact = [(Inside::Winding, units.closed), (Inside::Parity, units.even)];
+        let exact = exact.into_iter().filter(|(_, triangles)| !triangles.is_empty());
+        let mut surfaces: Vec<Surface> =
+            exact.map(|(inside, triangles)| Surface::new(inside, Triangles::of(triangles))).collect();
+        for triangles in units.open {
+            let field = WindingField::new(&triangles, progress)?;
+            surfaces.push(Surface::new(Inside::Field(field.into()), Triangles::of(triangles)));
+        }
+        Ok((surfaces, test))
+    }
+}
+
+/// Triangles of all models, and counts of their faces.
+struct Read {
+    triangles: Triangles,
+    /// Those that have no area on the grid, but edges that others end at.
+    slivers: Triangles,
+    faces: u64,
+    repaired: u64,
+    duplicates: u64,
+    displacement: f64,
+    closure: Closure,
+}
+
+/// State of the reading of faces, with buffers that are used again for each face.
+#[derive(Default)]
+struct Reading {
+    faces: u64,
+    displacement: f64,
+    closure: Closure,
+    snapped: Vec<[i32; 3]>,
+    triangulator: Triangulator,
+    repaired: u64,
+}
+
+impl Reading {
+    fn face(
+        &mut self,
+        import: &SolidImport,
+        info: &ModelInfo,
+        face: &MeshFace<'_>,
+        first_part: u32,
+        [triangles, slivers]: &mut [Collector; 2],
+    ) -> Result<()> {
+        self.faces += 1;
+        self.snapped.clear();
+        for point in face.points {
+            let point = import.turn(*point);
+            let snapped = import.grid.snap(&info.path, point)?;
+            self.displacement = self.displacement.max(import.grid.displacement(point, snapped));
+            self.snapped.push(snapped);
+        }
+        let part = first_part + face.part;
+        let attribute = match import.options.attribute {
+            Attribute::Occupancy => 0,
+            Attribute::Colour => mean_colour(face.colours),
+            Attribute::Part => part,
+        };
+        let mut push = |corners: [[i32; 3]; 3]| {
+            self.closure.add(corners);
+            let triangle = Triangle { corners, attribute, part };
+            if triangle.normal() != [0; 3] {
+                return triangles.push(triangle);
+            }
+            // Two corners at one point leave an edge and its opposite, which is none.
+            let [a, b, c] = corners;
+            if a == b || b == c || c == a { Ok(()) } else { slivers.push(triangle) }
+        };
+        if let [a, b, c] = self.snapped[..] {
+            return push([a, b, c]);
+        }
+        let wide: Vec<[i64; 3]> = self.snapped.iter().map(|point| point.map(i64::from)).collect();
+        let mut cut = Vec::new();
+        if !self.triangulator.triangulate(&wide, face.ring_ends, &mut cut) {
+            // A face that crosses itself or has no area: fans have its boundary, too, so that what is closed
+            // stays so.
+            self.repaired += 1;
+            let mut first = 0;
+            for end in face.ring_ends.iter().map(|end| *end as u32) {
+                cut.extend((first + 2..end).map(|corner| [first, corner - 1, corner]));
+                first = end;
+            }
+        }
+        cut.into_iter().try_for_each(|corners| push(corners.map(|corner| self.snapped[corner as usize])))
+    }
+}
+
+/// The mean of a face's colours, as 0x00RRGGBB.
+fn mean_colour(colours: &[[u8; 3]]) -> u32 {
+    let count = colours.len().max(1) as u32;
+    let mean = |channel: usize| {
+        let sum: u32 = colours.iter().map(|colour| u32::from(colour[channel])).sum();
+        (sum + count / 2) / count
+    };
+    mean(0) << 16 | mean(1) << 8 | mean(2)
+}
+
+/// Type of the values of a solid with this number of parts, and the function from attributes to values.
+fn values(attribute: Attribute, parts: usize) -> (ValueType, fn(u32) -> Value) {
+    match attribute {
+        Attribute::Occupancy => (ValueType::new(SampleType::U8, 1), |value| Value::from([value as u8])),
+        Attribute::Colour => (ValueType::new(SampleType::U8, 3), |value| {
+            let [blue, green, red, _] = value.to_le_bytes();
+            Value::from([red, green, blue])
+        }),
+        Attribute::Part => match parts {
+            0..=255 => (ValueType::new(SampleType::U8, 1), |value| Value::from([value as u8])),
+            256..=65535 => (ValueType::new(SampleType::U16, 1), |value| Value::from([value as u16])),
+            _ => (ValueType::new(SampleType::U32, 1), |value| Value::from([value])),
+        },
+    }
+}
+
+pub(in crate::import) fn provenance(info: &ModelInfo) -> String {
+    format!("mesh {} ({})", info.path.display(), info.format)
+}
+
+/// Tags of the tree's file that record a report.
+fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> {
+    let boundary = if import.options.surface { "surface" } else { import.options.boundary.name() };
+    let tags = [
+        ("solid.boundary", boundary.to_string()),
+        ("solid.surface", report.inside.text().to_string()),
+        ("solid.triangles", report.triangles.to_string()),
+        ("solid.displacement", report.displacement.to_string()),
+        ("solid.doubled_triangles", report.duplicates.to_string()),
+        ("solid.repaired_faces", report.repaired.to_string()),
+        ("solid.undecided_cells", report.undecided.to_string()),
+    ];
+    let unit = import.options.unit.iter().map(|unit| ("unit", unit.clone()));
+    tags.into_iter().chain(unit).map(|(key, value)| (key.to_string(), value)).collect()
+}

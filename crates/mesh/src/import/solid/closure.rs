@@ -1,0 +1,97 @@
+//! Test whether triangles form a closed surface, in one pass and constant memory.
+//!
+//! The boundary of a surface is the sum of its triangles' directed edges, where opposite edges cancel; a
+//! surface is closed if its boundary is nothing. Instead of keeping the edges, each is turned into a 64-bit
+//! random number that depends on its ends alone, added for one direction and taken off for the other: the sum
+//! is zero if all edges cancel, and is not but by a chance of 2^-64. Without regard to direction, by
+//! exclusive or, it tells whether every edge occurs an even number of times.
+
+/// The boundary of the triangles that were added.
+#[derive(Clone, Copy, Debug, Default)]
+pub(in crate::import) struct Closure {
+    directed: u64,
+    undirected: u64,
+}
+
+impl Closure {
+    /// Adds a triangle.
+    pub(super) fn add(&mut self, [a, b, c]: [[i32; 3]; 3]) {
+        self.add_edge(a, b);
+        self.add_edge(b, c);
+        self.add_edge(c, a);
+    }
+
+    /// Adds an edge of a face.
+    #[inline]
+    pub(in crate::import) fn add_edge(&mut self, from: [i32; 3], to: [i32; 3]) {
+        if from == to {
+            return;
+        }
+        let (number, is_forward) = edge_number(from, to);
+        self.directed = self.directed.wrapping_add(if is_forward { number } else { number.wrapping_neg() });
+        self.undirected ^= number;
+    }
+
+    /// Whether every edge has its opposite: winding numbers are then whole and exact.
+    pub(in crate::import) fn is_closed(&self) -> bool {
+        self.directed == 0
+    }
+
+    /// Whether every edge occurs an even number of times, whatever its direction: counting crossings by even
+    /// and odd is then exact.
+    pub(super) fn is_even(&self) -> bool {
+        self.undirected == 0
+    }
+}
+
+/// The number of an edge, whatever its direction, and whether it goes from the lesser end to the greater.
+pub(in crate::import) fn edge_number(from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
+    let is_forward = from < to;
+    (if is_forward { number(from, to) } else { number(to, from) }, is_forward)
+}
+
+fn number(from: [i32; 3], to: [i32; 3]) -> u64 {
+    let pair = |a: i32, b: i32| u64::from(a as u32) << 32 | u64::from(b as u32);
+    [pair(from[0], from[1]), pair(from[2], to[0]), pair(to[1], to[2])]
+        .into_iter()
+        .fold(0, |sum, word| mix(sum ^ word))
+}
+
+/// A permutation of 64-bit numbers that looks random (the finaliser of Stafford, "Better bit mixing", variant
+/// 13).
+fn mix(mut x: u64) -> u64 {
+    x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: [i32; 3] = [0, 0, 0];
+    const B: [i32; 3] = [8, 0, 0];
+    const C: [i32; 3] = [0, 8, 0];
+    const D: [i32; 3] = [0, 0, 8];
+
+    fn of(triangles: &[[[i32; 3]; 3]]) -> Closure {
+        let mut closure = Closure::default();
+        triangles.iter().for_each(|triangle| closure.add(*triangle));
+        closure
+    }
+
+    #[test]
+    fn tells_closed_from_flipped_from_open() {
+        let tetrahedron = [[A, C, B], [A, B, D], [B, C, D], [C, A, D]];
+        assert!(of(&tetrahedron).is_closed() && of(&tetrahedron).is_even());
+        let mut flipped = tetrahedron;
+        flipped[1].swap(0, 1);
+        assert!(!of(&flipped).is_closed() && of(&flipped).is_even());
+        assert!(!of(&tetrahedron[..3]).is_closed() && !of(&tetrahedron[..3]).is_even());
+        let doubled = [&tetrahedron[..], &tetrahedron[..1]].concat();
+        assert!(!of(&doubled).is_closed() && !of(&doubled).is_even());
+        // Degenerate triangles have no boundary.
+        assert!(of(&[[A, A, B], [A, B, B], [C, C, C]]).is_closed());
+    }
+}

@@ -1,0 +1,123 @@
+//! The fixed-point grid that vertices are snapped to, so that every decision after that is integer
+//! arithmetic.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use spinney_base::{Error, Result};
+use spinney_crs::Frame;
+
+/// Bits of a coordinate in the tree's space, cells and fraction together. Vertices may lie outside by as much
+/// as the space is wide, differences then have 31 bits, and products of two differences fit an `i64`.
+const BITS: u8 = 29;
+
+/// Bits of the fraction at most: finer than a millionth of a cell serves nobody.
+const FRACTION: u8 = 20;
+
+/// A triangle on the grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Triangle {
+    /// Counterclockwise seen from outside the solid.
+    pub(super) corners: [[i32; 3]; 3],
+    /// Value of the cells behind it: a part's number, or a colour as 0x00RRGGBB; 0 for occupancy.
+    pub(super) attribute: u32,
+    /// Number of the part that it belongs to, from 1.
+    pub(super) part: u32,
+}
+
+impl Triangle {
+    /// The middle of its corners.
+    pub(super) fn middle(&self) -> DVec3 {
+        self.corners.iter().map(|corner| DVec3::from_array(corner.map(f64::from))).sum::<DVec3>() / 3.0
+    }
+
+    /// The normal, twice as long as the triangle is large.
+    #[inline]
+    pub(super) fn normal(&self) -> [i64; 3] {
+        let [a, b, c] = self.corners;
+        let u: [i64; 3] = std::array::from_fn(|axis| b[axis] as i64 - a[axis] as i64);
+        let v: [i64; 3] = std::array::from_fn(|axis| c[axis] as i64 - a[axis] as i64);
+        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    }
+
+    /// Least coordinate along an axis.
+    #[inline]
+    pub(super) fn min(&self, axis: usize) -> i32 {
+        let [a, b, c] = self.corners;
+        a[axis].min(b[axis]).min(c[axis])
+    }
+
+    /// Greatest coordinate along an axis.
+    #[inline]
+    pub(super) fn max(&self, axis: usize) -> i32 {
+        let [a, b, c] = self.corners;
+        a[axis].max(b[axis]).max(c[axis])
+    }
+}
+
+/// The grid over a tree's space: `2^fraction` steps along a cell.
+#[derive(Clone, Debug)]
+pub(super) struct Grid {
+    pub(super) depth: u8,
+    pub(super) fraction: u8,
+    pub(super) frame: Frame,
+    /// Rows of the map from the world to grid steps.
+    matrix: [[f64; 4]; 3],
+}
+
+impl Grid {
+    pub(super) fn new(depth: u8, frame: Frame) -> Result<Grid> {
+        let fraction = (BITS - depth).min(FRACTION);
+        let steps = (1u64 << fraction) as f64;
+        let unmappable =
+            || Error::invalid("frame", format!("{:?}", frame.matrix), "a map that can be inverted");
+        let origin = frame.to_cells([0.0; 3]).ok_or_else(unmappable)?;
+        let mut matrix = [[0.0; 4]; 3];
+        for axis in 0..3 {
+            let mut unit = [0.0; 3];
+            unit[axis] = 1.0;
+            let image = frame.to_cells(unit).ok_or_else(unmappable)?;
+            for row in 0..3 {
+                matrix[row][axis] = (image[row] - origin[row]) * steps;
+            }
+        }
+        // Where cells lie along the world's axes the origin must come out exactly, or boxes on the grid would
+        // not.
+        for row in 0..3 {
+            matrix[row][3] = origin[row] * steps;
+        }
+        Ok(Grid { depth, fraction, frame, matrix })
+    }
+
+    /// Grid steps along a cell.
+    pub(super) fn cell(&self) -> i32 {
+        1 << self.fraction
+    }
+
+    /// The grid point nearest to a vertex.
+    ///
+    /// # Errors
+    /// If it lies outside the space by more than the space is wide.
+    #[inline]
+    pub(super) fn snap(&self, path: &Path, [x, y, z]: [f64; 3]) -> Result<[i32; 3]> {
+        let space = (1i64 << (self.depth + self.fraction)) as f64;
+        let at = self.matrix.map(|m| (m[0] * x + m[1] * y + m[2] * z + m[3]).round_ties_even());
+        if at.iter().all(|at| -space <= *at && *at <= 2.0 * space) {
+            return Ok(at.map(|at| at as i32));
+        }
+        Err(Error::corrupt(
+            path,
+            "vertices",
+            format!("a vertex at {x}, {y}, {z}"),
+            "vertices in or near the tree's space: leave --like away, or choose a tree that is larger",
+        ))
+    }
+
+    /// How far a vertex was moved, in the models' unit.
+    pub(super) fn displacement(&self, vertex: [f64; 3], snapped: [i32; 3]) -> f64 {
+        let cell = f64::from(self.cell());
+        let there = self.frame.to_world(snapped.map(|at| f64::from(at) / cell));
+        (0..3).map(|axis| (there[axis] - vertex[axis]).powi(2)).sum::<f64>().sqrt()
+    }
+}

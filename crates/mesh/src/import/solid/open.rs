@@ -1,0 +1,395 @@
+//! Fills one block of cells inside a surface that is not closed.
+//!
+//! A surface without the edges of its holes is closed as far as one can see from within a cube: without the steps that
+//! the surface's crossings tell, its winding field is smooth there. In cubes away from such edges it is found at some
+//! cells, interpolated, and the steps are added again. Other cubes are divided, down to cubes of 8 x 8 x 8 cells in which
+//! it is found at each cell.
+//!
+//! Cells whose winding field differs from one half by less than a hundredth may be inside or outside: see
+//! [`local`](super::local).
+
+use glam::DVec3;
+
+use super::bits::{Bits, Cells};
+use super::coverage::{Cube, Test};
+use super::crossing::Lattice;
+use super::cubic::{ALL, Cubic, NODES, interpolate};
+use super::field::{DOUBT, WindingField, wide};
+use super::fill::{Painter, change, cut_cells, occupancy, windings_at_centres};
+use super::grid::Triangle;
+use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
+use super::local::{LocalField, Range};
+use super::rim::Rim;
+use spinney_base::Result;
+use spinney_brep::geometry::triangle;
+
+/// Bound of the error of interpolation up to which a cube is not divided.
+const TOLERANCE: f64 = 0.01;
+/// Cells along an axis for which near triangles are found together.
+const TOGETHER: usize = 4;
+/// Points of a cell along an axis by which coverage is told where it cannot be exact.
+const SAMPLES: usize = 4;
+
+/// The cells of a block by a winding field; also how many cells without a face it could not tell apart from
+/// others for sure.
+pub(super) fn block(
+    fill: &FillOptions<'_>,
+    field: &WindingField,
+    triangles: &[Triangle],
+    min: [i32; 3],
+    height: u8,
+) -> Result<(Cells, u64)> {
+    let mut painter = Painter::new(fill, height);
+    if fill.boundary == Boundary::Coverage {
+        painter.values = Some(vec![0; 1 << (3 * height)]);
+    }
+    let cubics = (Cubic::LEAST..=height).map(Cubic::new).collect();
+    let mut open = Open { fill, field, min, painter, cubics, undecided: 0 };
+    let place = open.place([0; 3], height);
+    let (middle, half) = open.middle(place);
+    let rim = field.rims.around(middle, half);
+    open.cube(&field.local(middle, half, fill.cell()), &rim, triangles, place)?;
+    let Open { mut painter, undecided, .. } = open;
+    painter.surface(triangles, min)?;
+    Ok((painter.finish(), undecided))
+}
+
+struct Open<'a> {
+    fill: &'a FillOptions<'a>,
+    field: &'a WindingField,
+    min: [i32; 3],
+    painter: Painter<'a>,
+    /// Interpolation in cubes, from the least on.
+    cubics: Vec<Cubic>,
+    undecided: u64,
+}
+
+/// A cube of cells of the block.
+#[derive(Clone, Copy)]
+struct Place {
+    /// The cell at which it begins.
+    at: [usize; 3],
+    height: u8,
+    /// The grid point at which it begins.
+    corner: [i32; 3],
+}
+
+impl Place {
+    /// The cell with a number in the cube, x fastest, then y, then z.
+    fn cell(&self, number: usize) -> [usize; 3] {
+        let mask = (1usize << self.height) - 1;
+        [number & mask, number >> self.height & mask, number >> (2 * self.height)]
+    }
+}
+
+/// The field at the cells of a cube.
+struct Fields {
+    values: Vec<f32>,
+    place: Place,
+}
+
+impl Fields {
+    /// The values of a part of the cube.
+    fn part(&self, part: Place) -> Vec<f32> {
+        let height = self.place.height;
+        let first: [usize; 3] = std::array::from_fn(|axis| part.at[axis] - self.place.at[axis]);
+        let of = |number: usize| {
+            let cell = part.cell(number);
+            let [x, y, z] = std::array::from_fn(|axis| first[axis] + cell[axis]);
+            self.values[(z << height | y) << height | x]
+        };
+        (0..1 << (3 * part.height)).map(of).collect()
+    }
+}
+
+impl Open<'_> {
+    fn place(&self, at: [usize; 3], height: u8) -> Place {
+        let corner = std::array::from_fn(|axis| self.min[axis] + at[axis] as i32 * self.fill.cell());
+        Place { at, height, corner }
+    }
+
+    /// The cube of one cell of a cube.
+    fn cell(&self, place: Place, number: usize) -> Place {
+        let cell = place.cell(number);
+        self.place(std::array::from_fn(|axis| place.at[axis] + cell[axis]), 0)
+    }
+
+    /// The middle of a cube, and half of its width.
+    fn middle(&self, place: Place) -> (DVec3, f64) {
+        let half = f64::from(self.fill.cell() << place.height) / 2.0;
+        (wide(place.corner) + half, half)
+    }
+
+    /// Fills a cube of cells, from the triangles that reach into it and the field in it.
+    fn cube(
+        &mut self,
+        local: &LocalField<'_>,
+        rim: &Rim,
+        triangles: &[Triangle],
+        place: Place,
+    ) -> Result<()> {
+        self.fill.progress.check()?;
+        let Place { height, corner, .. } = place;
+        if self.field.is_beside(corner, self.fill.cell() << height) {
+            return Ok(());
+        }
+        if height < Cubic::LEAST {
+            return self.near(local, rim, triangles, place);
+        }
+        let (middle, half) = self.middle(place);
+        let spread = self.cubic(height).spread;
+        let error = spread * rim.bend(middle, half, TOLERANCE / spread);
+        if error <= TOLERANCE && self.smooth(local, triangles, place, error)? {
+            return Ok(());
+        }
+        if height == Cubic::LEAST {
+            return self.near(local, rim, triangles, place);
+        }
+        let rim = rim.narrow(&self.field.rims, middle, half);
+        for (place, inner) in self.parts(place, triangles) {
+            let (middle, half) = self.middle(place);
+            self.cube(&local.narrow(middle, half), &rim, &inner, place)?;
+        }
+        Ok(())
+    }
+
+    fn cubic(&self, height: u8) -> &Cubic {
+        &self.cubics[usize::from(height - Cubic::LEAST)]
+    }
+
+    /// Fills a cube without rims near it, by interpolation of the field without the surface's steps; `false` if it has to
+    /// be divided.
+    fn smooth(
+        &mut self,
+        local: &LocalField<'_>,
+        triangles: &[Triangle],
+        place: Place,
+        error: f64,
+    ) -> Result<bool> {
+        let Place { height, corner, .. } = place;
+        let (lattice, progress) = (&self.fill.lattice, self.fill.progress);
+        // Winding numbers against that of the first cell.
+        let mut windings =
+            windings_at_centres(lattice, triangles, corner, height, State::default(), progress)?;
+        let cubic = self.cubic(height);
+        let axes = self.centres(place).map(|axis| cubic.cells.map(|cell| axis[cell]));
+        let mut nodes: [f32; ALL] = [0.0; ALL];
+        nodes.copy_from_slice(&local.at_lattice([&axes[0], &axes[1], &axes[2]], NODES / 2, progress)?);
+        for (number, node) in nodes.iter_mut().enumerate() {
+            let cell = [number % NODES, number / NODES % NODES, number / NODES / NODES];
+            let [x, y, z] = cell.map(|node| cubic.cells[node]);
+            *node -= windings[(z << height | y) << height | x] as f32;
+        }
+        let range = Range::of(&nodes, cubic.sum, error);
+        let is_covered = self.fill.boundary == Boundary::Coverage && !triangles.is_empty();
+        if range.distance_from_half() > DOUBT as f32 {
+            let off = range.middle.round() as i32;
+            windings.iter_mut().for_each(|winding| *winding += off);
+            if is_covered {
+                self.cover(triangles, &windings, place)?;
+            } else {
+                self.whole(&windings, triangles, place);
+            }
+        } else if is_covered && height > Cubic::LEAST {
+            return Ok(false);
+        } else {
+            let mut values = cubic.values(&nodes);
+            for (value, winding) in values.iter_mut().zip(&windings) {
+                *value += *winding as f32;
+            }
+            let counts = if is_covered { self.sampled(&nodes, triangles, place)? } else { Vec::new() };
+            self.fields(&values, triangles, &|_, number| Ok(usize::from(counts[number])), place)?;
+        }
+        Ok(true)
+    }
+
+    /// Coordinates of the centres of a cube's cells.
+    fn centres(&self, place: Place) -> [Vec<i32>; 3] {
+        let cell = self.fill.cell();
+        place.corner.map(|corner| (0..1 << place.height).map(|at| corner + at * cell + cell / 2).collect())
+    }
+
+    /// Fills a cube by winding numbers.
+    fn whole(&mut self, windings: &[i32], triangles: &[Triangle], place: Place) {
+        let number = windings.iter().position(|winding| *winding != 0);
+        let Some(number) = number else { return };
+        // All of a cube without faces is behind the same one, as far as that can be said.
+        let middle = self.middle(place).0;
+        let attribute = triangles.is_empty().then(|| self.attribute(middle, windings[number] < 0));
+        for (number, winding) in windings.iter().enumerate().filter(|(_, winding)| **winding != 0) {
+            self.set(self.cell(place, number), FULL, attribute, *winding < 0);
+        }
+    }
+
+    /// Fills a cube of cells with their coverage.
+    fn cover(&mut self, triangles: &[Triangle], windings: &[i32], place: Place) -> Result<()> {
+        let cube = Cube { triangles, min: place.corner, cell: self.fill.cell(), height: place.height };
+        let test = Test { inside: &Inside::Winding, progress: self.fill.progress };
+        let values = cube.shares(windings, test)?.into_iter().map(occupancy);
+        for (number, value) in values.enumerate().filter(|(_, value)| *value > 0) {
+            self.set(self.cell(place, number), value, None, windings[number] < 0);
+        }
+        Ok(())
+    }
+
+    /// Fills a cube by the field at each cell.
+    fn near(
+        &mut self,
+        local: &LocalField<'_>,
+        rim: &Rim,
+        triangles: &[Triangle],
+        place: Place,
+    ) -> Result<()> {
+        let [x, y, z] = self.centres(place);
+        let values = local.at_lattice([&x, &y, &z], TOGETHER, self.fill.progress)?;
+        if self.fill.boundary == Boundary::Coverage {
+            return self.covered(local, rim, &Fields { values, place }, triangles, place);
+        }
+        self.fields(&values, triangles, &|_, _| Ok(0), place)
+    }
+
+    /// Fills a part of a cube with the cells' coverage, from the field at each cell: exactly where no rim is and the field
+    /// is nearly whole, and by points of the field in other cells that are cut.
+    fn covered(
+        &mut self,
+        local: &LocalField<'_>,
+        rim: &Rim,
+        fields: &Fields,
+        triangles: &[Triangle],
+        place: Place,
+    ) -> Result<()> {
+        let values = fields.part(place);
+        if triangles.is_empty() || place.height == 0 {
+            let sample = |open: &Self, number: usize| {
+                let cell = open.cell(place, number);
+                let axes = cell.corner.map(|corner| open.samples(corner, 1));
+                let values = local.at_lattice([&axes[0], &axes[1], &axes[2]], SAMPLES, open.fill.progress)?;
+                Ok(values.iter().filter(|value| value.abs() >= 0.5).count())
+            };
+            return self.fields(&values, triangles, &sample, place);
+        }
+        let (middle, half) = self.middle(place);
+        let rim = rim.narrow(&self.field.rims, middle, half);
+        if !rim.is_within() {
+            let (lattice, progress) = (&self.fill.lattice, self.fill.progress);
+            let state = State::default();
+            let mut windings =
+                windings_at_centres(lattice, triangles, place.corner, place.height, state, progress)?;
+            let off = (values[0] - windings[0] as f32).round();
+            let is_whole = |(value, winding): (&f32, &i32)| {
+                (value - *winding as f32 - off).abs() <= (0.5 - DOUBT) as f32
+            };
+            if values.iter().zip(&windings).all(is_whole) {
+                windings.iter_mut().for_each(|winding| *winding += off as i32);
+                return self.cover(triangles, &windings, place);
+            }
+        }
+        for (part, inner) in self.parts(place, triangles) {
+            self.covered(local, &rim, fields, &inner, part)?;
+        }
+        Ok(())
+    }
+
+    /// The eight parts of a cube, with the triangles that reach into them.
+    fn parts(&self, place: Place, triangles: &[Triangle]) -> [(Place, Vec<Triangle>); 8] {
+        std::array::from_fn(|child| {
+            let height = place.height - 1;
+            let part = self
+                .place(std::array::from_fn(|axis| place.at[axis] + ((child >> axis & 1) << height)), height);
+            let (low, width) = (part.corner.map(i64::from), i64::from(self.fill.cell() << height));
+            let high = low.map(|low| low + width);
+            let reaches = |triangle: &&Triangle| {
+                triangle::cuts(&triangle.corners.map(|corner| corner.map(i64::from)), low, high)
+            };
+            (part, triangles.iter().filter(reaches).copied().collect())
+        })
+    }
+
+    /// Coordinates of the points by which the coverage of some cells in a row is told.
+    fn samples(&self, corner: i32, cells: usize) -> Vec<i32> {
+        let step = self.fill.cell() / SAMPLES as i32;
+        (0..cells * SAMPLES).map(|at| corner + at as i32 * step + step / 2).collect()
+    }
+
+    /// The winding field without the surface's steps, from its values at nodes, with them again at the points by which
+    /// the coverage of a cube's cells is told: for each cell the number of those that are inside.
+    fn sampled(&self, nodes: &[f32; ALL], triangles: &[Triangle], place: Place) -> Result<Vec<u8>> {
+        let Place { height, corner, .. } = place;
+        let cell = self.fill.cell();
+        let lattice = Lattice { per_cell: [0; 3], step: [cell / SAMPLES as i32; 3] };
+        let fine = height + SAMPLES.ilog2() as u8;
+        // Against the same cell as at the nodes.
+        let mut at = corner.map(|corner| corner + cell / 2);
+        let first = lattice.first(corner);
+        let winding = change::<0>(triangles, &mut at, first)
+            + change::<1>(triangles, &mut at, first)
+            + change::<2>(triangles, &mut at, first);
+        let state = State { winding, ..State::default() };
+        let windings = windings_at_centres(&lattice, triangles, corner, fine, state, self.fill.progress)?;
+        let finer = self.cubic(height).finer(SAMPLES);
+        let mut counts = vec![0; 1 << (3 * height)];
+        for (number, value) in interpolate(nodes, [&finer; 3]).into_iter().enumerate() {
+            let [x, y, z] = Place { height: fine, ..place }.cell(number).map(|at| at / SAMPLES);
+            counts[(z << height | y) << height | x] +=
+                u8::from((value + windings[number] as f32).abs() >= 0.5);
+        }
+        Ok(counts)
+    }
+
+    /// Fills a cube from the field at its cells; of those that are cut, coverage is told by how many of their points are
+    /// inside.
+    fn fields(
+        &mut self,
+        values: &[f32],
+        triangles: &[Triangle],
+        samples: &dyn Fn(&Self, usize) -> Result<usize>,
+        place: Place,
+    ) -> Result<()> {
+        let cell = self.fill.cell();
+        let is_doubtful = |value: &f32| (value.abs() - 0.5).abs() < DOUBT as f32;
+        let is_covered = self.fill.boundary == Boundary::Coverage;
+        let mut cut = Bits::new(place.height);
+        if is_covered || values.iter().any(is_doubtful) {
+            cut = cut_cells(triangles, place.corner, cell, place.height, self.fill.progress)?;
+        }
+        for (number, value) in values.iter().enumerate() {
+            let is_cut = cut.get(place.cell(number));
+            let (is_inside, is_open) = (value.abs() >= 0.5, !is_cut && is_doubtful(value));
+            if !(is_inside || is_open || is_covered && is_cut) {
+                continue;
+            }
+            let cell = self.cell(place, number);
+            if self.field.is_beside(cell.corner, self.fill.cell()) {
+                continue;
+            }
+            self.undecided += u64::from(is_open);
+            if is_covered && is_cut {
+                let count = samples(self, number)? as u32;
+                if count > 0 {
+                    let all = (SAMPLES * SAMPLES * SAMPLES) as u32;
+                    self.set(cell, (count * FULL + all / 2) / all, None, *value < 0.0);
+                }
+            } else if is_inside {
+                self.set(cell, FULL, None, *value < 0.0);
+            }
+        }
+        Ok(())
+    }
+
+    /// The attribute at a point: that of the nearest face.
+    fn attribute(&self, point: DVec3, is_inverted: bool) -> u32 {
+        if self.fill.attribute == Attribute::Occupancy { 0 } else { self.field.attribute(point, is_inverted) }
+    }
+
+    /// Gives a cell its occupancy, or an attribute: that at its middle if none is known.
+    fn set(&mut self, cell: Place, occupancy: u32, attribute: Option<u32>, is_inverted: bool) {
+        let (height, [x, y, z]) = (self.painter.cells.height, cell.at);
+        self.painter.cells.set(cell.at);
+        let is_occupancy = self.fill.attribute == Attribute::Occupancy;
+        let nearest = || self.attribute(self.middle(cell).0, is_inverted);
+        let value = if is_occupancy { occupancy } else { attribute.unwrap_or_else(nearest) };
+        if let Some(values) = &mut self.painter.values {
+            values[(z << height | y) << height | x] = value;
+        }
+    }
+}

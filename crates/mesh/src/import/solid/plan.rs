@@ -1,0 +1,284 @@
+//! Plans of solids: from models and options to the grid of cells.
+
+use super::crossing::Lattice;
+use super::grid::Grid;
+use super::inside::{Attribute, Boundary};
+use crate::import::Model;
+use spinney_base::space::{Dimension, Up};
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, Frame};
+use spinney_engine::store::depth_for;
+
+/// Bytes of memory used if nothing is said.
+pub const DEFAULT_MEMORY: u64 = 256 << 20;
+
+/// Resolution of the cells.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Resolution {
+    /// Number of cells along the longest side of the models' box.
+    Cells(u64),
+    /// Cells of this width, in units of the models; walls between cells lie at its multiples, so that all
+    /// trees of one width fit together.
+    Cell(f64),
+    /// Depth of the tree, which is as wide as the models.
+    Depth(u8),
+    /// The cells of another tree: its frame and depth.
+    Like(Frame, u8),
+}
+
+/// Options for building a solid.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct SolidOptions {
+    /// Resolution of the cells.
+    pub resolution: Resolution,
+    /// Rule for the cells that the surface cuts.
+    pub boundary: Boundary,
+    /// Meaning of the cells' values.
+    pub attribute: Attribute,
+    /// Only the cells that the surface cuts, instead of the whole solid.
+    pub surface: bool,
+    /// Axis of the models that points up; y is turned to z.
+    pub up: Up,
+    /// Unit of length of the models' coordinates, to be kept in the file.
+    pub unit: Option<String>,
+    /// The coordinate system; otherwise the models'.
+    pub crs: Option<Crs>,
+    /// Bytes of memory for everything.
+    pub memory: u64,
+    /// Whether equal subtrees are stored once, in Autumnal files.
+    pub share: bool,
+}
+
+impl Default for SolidOptions {
+    fn default() -> Self {
+        SolidOptions {
+            resolution: Resolution::Cells(256),
+            boundary: Boundary::default(),
+            attribute: Attribute::default(),
+            surface: false,
+            up: Up::default(),
+            unit: None,
+            crs: None,
+            memory: DEFAULT_MEMORY,
+            share: false,
+        }
+    }
+}
+
+impl SolidOptions {
+    /// A solid whose longest side has 256 cells.
+    pub fn new() -> SolidOptions {
+        SolidOptions::default()
+    }
+
+    /// Whether all cells count that the surface cuts.
+    pub(super) fn marks_cut_cells(&self) -> bool {
+        self.surface || self.boundary == Boundary::Full
+    }
+}
+
+/// Models that are open and understood, ready to be built: see [`SolidImport::build`].
+pub struct SolidImport {
+    pub(super) models: Vec<Box<dyn Model>>,
+    pub(super) options: SolidOptions,
+    pub(super) grid: Grid,
+    pub(super) lattice: Lattice,
+    /// Cells along each axis that can be other than VOID.
+    pub(super) extent: [u64; 3],
+    description: Vec<(&'static str, String)>,
+}
+
+impl SolidImport {
+    /// Description of the plan: pairs of a heading and its text.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// A point of a model, as it lies in the world.
+    pub(super) fn turn(&self, point: [f64; 3]) -> [f64; 3] {
+        self.options.up.to_z_up(point)
+    }
+}
+
+/// Decides how the tree of some models is built. Several models become one solid.
+///
+/// ```
+/// use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let [model, tree] = ["tetrahedron.off", "tetrahedron.goblin"].map(|name| folder.path().join(name));
+/// let text = "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+/// std::fs::write(&model, text).unwrap();
+/// let mut options = SolidOptions::new();
+/// options.resolution = Resolution::Cells(64);
+/// plan_models(open_all(&[model], 64 << 20)?, &options)?.build(Output::create(&tree)?, &())?;
+/// assert_eq!(spinney::open(&tree)?.depth(), 6);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the options do not fit the models, or these cannot be read or have no faces: all are read, for the box
+/// around them.
+pub fn plan_models(mut models: Vec<Box<dyn Model>>, options: &SolidOptions) -> Result<SolidImport> {
+    let colourless = models.iter().find(|model| !model.info().is_coloured);
+    if let (Attribute::Colour, Some(model)) = (options.attribute, colourless) {
+        let advice = "leave --attribute colour away, or choose --attribute part";
+        return Err(Error::unsupported(&model.info().path, "colour of a model that has none", advice));
+    }
+    if options.attribute != Attribute::Occupancy && options.boundary == Boundary::Coverage {
+        let expected = "full or centre: cells with colours or parts are there or not";
+        return Err(Error::invalid("boundary", "coverage", expected));
+    }
+    let bounds = bounds(&mut models, options.up)?;
+    let Fitted { frame, depth, extent } = fit(bounds, options)?;
+    let crs = match &options.crs {
+        Some(crs) => Some(crs.clone()),
+        None => common_crs(&models, frame.crs)?,
+    };
+    let frame = Frame { crs, ..frame };
+    let grid = Grid::new(depth, frame)?;
+    let lattice = Lattice::new([0; 3], grid.fraction);
+    let description = describe(&models, options, &grid, extent);
+    Ok(SolidImport { models, options: options.clone(), grid, lattice, extent, description })
+}
+
+/// The coordinate system of all models, or that of the tree that they are to be like.
+pub(in crate::import) fn common_crs(models: &[Box<dyn Model>], like: Option<Crs>) -> Result<Option<Crs>> {
+    let mut known = like.map(|crs| ("the tree to be like".to_string(), crs));
+    for info in models.iter().map(|model| model.info()) {
+        let name = info.path.display().to_string();
+        match (&known, &info.crs) {
+            (Some((first, crs)), Some(other)) => Crs::check_same((first, Some(crs)), (&name, Some(other)))?,
+            (None, Some(crs)) => known = Some((name, crs.clone())),
+            // Most formats cannot tell one: coordinates are then those of the others.
+            (_, None) => {}
+        }
+    }
+    Ok(known.map(|(_, crs)| crs))
+}
+
+/// The box around the faces of all models: a vertex far away that no face uses would make all cells large.
+pub(in crate::import) fn bounds(models: &mut [Box<dyn Model>], up: Up) -> Result<[[f64; 3]; 2]> {
+    let mut all = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for model in models.iter_mut() {
+        model.faces(&mut |face| {
+            for corner in face.points.iter().map(|corner| up.to_z_up(*corner)) {
+                for axis in 0..3 {
+                    all[0][axis] = all[0][axis].min(corner[axis]);
+                    all[1][axis] = all[1][axis].max(corner[axis]);
+                }
+            }
+            Ok(())
+        })?;
+    }
+    let is_box = (0..3).all(|axis| all[0][axis].is_finite() && all[1][axis].is_finite());
+    let name = models.first().map(|model| model.info().path.clone()).unwrap_or_default();
+    if !is_box {
+        return Err(Error::corrupt(name, "faces", "none that cover anything", "a model with faces"));
+    }
+    if all[0] == all[1] {
+        return Err(Error::corrupt(name, "vertices", "all in one point", "a model that takes up space"));
+    }
+    Ok(all)
+}
+
+/// Cells over a model.
+struct Fitted {
+    frame: Frame,
+    depth: u8,
+    extent: [u64; 3],
+}
+
+/// Lays cells over a box.
+fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
+    let size: [f64; 3] = std::array::from_fn(|axis| max[axis] - min[axis]);
+    let longest = size.into_iter().fold(0.0, f64::max);
+    let most = 1u64 << Dimension::Oct.max_depth();
+    let count = |cells: u64| {
+        if (1..=most).contains(&cells) {
+            return Ok(cells);
+        }
+        Err(Error::invalid("cells along the longest side", cells.to_string(), format!("1 to {most} (2^19)")))
+    };
+    // What a model reaches into a cell by less than this is rounding.
+    const TOUCH: f64 = 1e-6;
+    // A flat surface in a wall between cells would cut none: it is laid through the middle of its cells.
+    let around = |cell: f64| -> [f64; 3] {
+        let is_moved = |axis: usize| options.marks_cut_cells() && size[axis] == 0.0;
+        std::array::from_fn(|axis| min[axis] - if is_moved(axis) { cell / 2.0 } else { 0.0 })
+    };
+    let (cell, origin, longest_cells) = match &options.resolution {
+        Resolution::Cells(cells) => {
+            let cell = longest / count(*cells)? as f64;
+            (cell, around(cell), *cells)
+        }
+        Resolution::Depth(depth) => {
+            if !(1..=Dimension::Oct.max_depth()).contains(depth) {
+                return Err(Error::invalid("depth", depth.to_string(), "1 to 19 for octrees"));
+            }
+            let cell = longest / (1u64 << depth) as f64;
+            (cell, around(cell), 1 << depth)
+        }
+        Resolution::Cell(cell) => {
+            if !(cell.is_finite() && *cell > 0.0) {
+                return Err(Error::invalid("cell", cell.to_string(), "a width above zero"));
+            }
+            let origin = min.map(|min| (min / cell + TOUCH).floor() * cell);
+            let along =
+                |axis: usize| ((max[axis] - origin[axis]) / cell - TOUCH).ceil().clamp(1.0, 1e18) as u64;
+            (*cell, origin, count((0..3).map(along).max().unwrap_or(1))?)
+        }
+        Resolution::Like(frame, depth) => {
+            let extent = [1 << depth; 3];
+            return Ok(Fitted { frame: frame.clone(), depth: *depth, extent });
+        }
+    };
+    let extent = std::array::from_fn(|axis| {
+        (((max[axis] - origin[axis]) / cell - TOUCH).ceil().max(1.0) as u64).min(longest_cells)
+    });
+    let mut frame = Frame::identity();
+    for (axis, row) in frame.matrix.iter_mut().enumerate() {
+        row[axis] = cell;
+        row[3] = origin[axis];
+    }
+    Ok(Fitted { frame, depth: depth_for(extent).max(1), extent })
+}
+
+fn describe(
+    models: &[Box<dyn Model>],
+    options: &SolidOptions,
+    grid: &Grid,
+    extent: [u64; 3],
+) -> Vec<(&'static str, String)> {
+    let mut lines = Vec::new();
+    for model in models {
+        let info = model.info();
+        let faces = info.faces.map_or(String::new(), |faces| format!(", {faces} faces"));
+        lines.push(("input", format!("{} ({}{faces})", info.path.display(), info.format)));
+    }
+    let [x, y, z] = extent;
+    let cell = grid.frame.matrix.map(|row| row[..3].iter().map(|x| x * x).sum::<f64>().sqrt());
+    let cell =
+        if cell[0] == cell[1] && cell[1] == cell[2] { format!("{}", cell[0]) } else { format!("{cell:?}") };
+    let unit = options.unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
+    lines.push((
+        "cells",
+        format!("{x} x {y} x {z} in a tree of depth {}, each {cell}{unit} wide", grid.depth),
+    ));
+    let what = if options.surface { "the surface" } else { "the solid" };
+    let boundary = match options.boundary {
+        _ if options.surface => "cells that it cuts",
+        Boundary::Full => "cells inside or cut by the surface",
+        Boundary::Centre => "cells whose centre is inside",
+        Boundary::Coverage => "cells as far as they are inside",
+    };
+    let attribute = match options.attribute {
+        Attribute::Occupancy => "",
+        Attribute::Colour => ", with colours",
+        Attribute::Part => ", with part numbers",
+    };
+    lines.push(("fill", format!("{what}: {boundary}{attribute}")));
+    lines
+}

@@ -1,0 +1,469 @@
+//! A solid bounded by triangles, as a source: space is divided until no triangle is left in a node, or down
+//! to blocks of cells.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+
+use glam::DVec3;
+
+use super::bits::{Bits, Cells, Content, Pyramid};
+use super::crossing::Projected;
+use super::fill;
+use super::grid::Triangle;
+use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
+use super::open;
+use super::triangles::{OctantSorter, Triangles};
+use spinney_base::Form;
+use spinney_base::Result;
+use spinney_base::value::Value;
+use spinney_brep::geometry::triangle;
+use spinney_brep::geometry::{Intersection, Stage, Stages};
+use spinney_engine::store::builder::ReusableSource;
+use spinney_engine::tree::{Child, Children, Source};
+
+/// Counters of a walk through a solid, shared by all threads.
+#[derive(Debug, Default)]
+pub(super) struct Counters {
+    /// Cells inside a surface that is not closed there, by the winding field.
+    pub(super) undecided: AtomicU64,
+    /// By which tests triangles were found to cut octants or not.
+    pub(super) stages: Mutex<Stages>,
+}
+
+/// A surface that is inside or outside for itself: the solid is what any of them encloses. Where several do, the
+/// first gives the value.
+pub(super) struct Surface {
+    pub(super) inside: Inside,
+    pub(super) triangles: Triangles,
+}
+
+impl Surface {
+    pub(super) fn new(inside: Inside, triangles: Triangles) -> Surface {
+        Surface { inside, triangles }
+    }
+}
+
+/// A solid, or its surface, of values made from attributes.
+pub(super) struct Solid<'a> {
+    form: Form,
+    pub(super) fill: FillOptions<'a>,
+    /// Tests of the surfaces.
+    tests: Vec<Inside>,
+    /// Triangles that are taken to memory at once.
+    held: usize,
+    root: UpperNode,
+    /// The value of an attribute.
+    value: fn(u32) -> Value,
+    pub(super) counters: Counters,
+}
+
+/// A node above the blocks.
+#[derive(Clone, Debug)]
+pub(super) struct UpperNode {
+    level: u8,
+    /// Position among the nodes of its level.
+    position: [u32; 3],
+    /// The part of each surface that has one here, in the order of the surfaces.
+    sheets: Vec<Sheet>,
+}
+
+impl UpperNode {
+    /// Triangles of all surfaces.
+    fn triangles(&self) -> usize {
+        self.sheets.iter().map(|sheet| sheet.triangles.len()).sum()
+    }
+}
+
+/// A surface in a node.
+#[derive(Clone, Debug)]
+struct Sheet {
+    /// Number of the surface.
+    surface: usize,
+    triangles: Triangles,
+    /// State at the node's first lattice point.
+    state: State,
+}
+
+/// A node of a solid.
+#[derive(Clone)]
+pub(super) enum Node {
+    Region(Arc<UpperNode>),
+    /// Node of a block of cells: `above` levels over them, and its position among the block's nodes there.
+    Cells {
+        block: Arc<Pyramid>,
+        above: u8,
+        at: [u8; 3],
+    },
+}
+
+impl std::fmt::Debug for Node {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Node::Region(region) => write!(f, "{} {:?}", region.level, region.position),
+            Node::Cells { above, at, .. } => write!(f, "{above} above {at:?}"),
+        }
+    }
+}
+
+/// Levels of cells in a block.
+const BLOCK: u8 = 6;
+
+impl<'a> Solid<'a> {
+    /// The solid of these surfaces; up to `held` triangles are taken to memory at once.
+    pub(super) fn new(
+        form: Form,
+        fill: FillOptions<'a>,
+        surfaces: Vec<Surface>,
+        held: usize,
+        value: fn(u32) -> Value,
+    ) -> Result<Self> {
+        let root = UpperNode { level: 0, position: [0; 3], sheets: Vec::new() };
+        let mut solid =
+            Solid { form, fill, tests: Vec::new(), held, root, value, counters: Counters::default() };
+        for (number, Surface { inside, triangles }) in surfaces.into_iter().enumerate() {
+            let state = match inside {
+                _ if solid.fill.surface => State::default(),
+                Inside::Field(_) => State::default(),
+                Inside::Winding | Inside::Parity => solid.outside_in(&triangles, State::outside(&inside))?,
+            };
+            solid.root.sheets.push(Sheet { surface: number, triangles, state });
+            solid.tests.push(inside);
+        }
+        Ok(solid)
+    }
+
+    /// The state of the root's first lattice point, coming along x from outside.
+    fn outside_in(&self, triangles: &Triangles, outside: State) -> Result<State> {
+        let first = self.fill.lattice.first([0; 3]);
+        let mut events = Events::default();
+        triangles.each(|_, triangle| {
+            self.fill.progress.check()?;
+            if let Some(projected) = Projected::<0>::new(triangle)
+                .filter(|projected| projected.is_met(first) && projected.is_beyond(first))
+            {
+                events.push(0, &projected, first, triangle.attribute);
+            }
+            Ok(())
+        })?;
+        let mut states = [outside; 8];
+        events.apply(&mut states, |_| (0, 0));
+        Ok(states[0])
+    }
+
+    /// Whether crossings decide what is inside a surface.
+    fn is_crossed(&self, sheet: &Sheet) -> bool {
+        !self.fill.surface && !matches!(self.tests[sheet.surface], Inside::Field(_))
+    }
+
+    /// Grid coordinates of a region's first corner, and its width.
+    fn bounds(&self, region: &UpperNode) -> ([i32; 3], i32) {
+        let width = self.fill.cell() << (self.fill.grid.depth - region.level);
+        (region.position.map(|position| (i64::from(position) * i64::from(width)) as i32), width)
+    }
+
+    /// Whether a region is divided into regions and not filled as a block: as long as it is too large for
+    /// one, or has more triangles than fit into memory.
+    fn is_split(&self, region: &UpperNode) -> bool {
+        let height = self.fill.grid.depth - region.level;
+        height > BLOCK || (height > 1 && region.triangles() > self.held)
+    }
+
+    /// The eight regions of a region.
+    fn split(&self, region: &UpperNode) -> Result<Vec<UpperNode>> {
+        let child = |child: u32| UpperNode {
+            level: region.level + 1,
+            position: std::array::from_fn(|axis| 2 * region.position[axis] + (child >> axis & 1)),
+            sheets: Vec::new(),
+        };
+        let mut regions: Vec<UpperNode> = (0..8).map(child).collect();
+        let is_held = region.triangles() <= self.held;
+        for sheet in &region.sheets {
+            for (region, sheet) in regions.iter_mut().zip(self.split_sheet(region, sheet, is_held)?) {
+                region.sheets.push(sheet);
+            }
+        }
+        Ok(regions)
+    }
+
+    /// The parts of a surface in the eight regions of a region; its triangles come to memory if they are to be held.
+    fn split_sheet(&self, region: &UpperNode, sheet: &Sheet, is_held: bool) -> Result<Vec<Sheet>> {
+        let triangles = if is_held { sheet.triangles.clone().held()? } else { sheet.triangles.clone() };
+        let is_crossed = self.is_crossed(sheet);
+        let (min, width) = self.bounds(region);
+        let half = width / 2;
+        let middle = min.map(|min| min + half);
+        let lines = Lines::new(self.fill.lattice.first(min), half);
+        let mut events = Events::default();
+        let mut sorter = OctantSorter::of(&triangles);
+        let mut stages = Stages::default();
+        let wide = |at: [i32; 3]| at.map(i64::from);
+        triangles.each(|number, triangle| {
+            self.fill.progress.check()?;
+            if is_crossed {
+                lines.meet(triangle, &mut events);
+            }
+            // Which halves it reaches into: walls belong to neither.
+            let halves: [[bool; 2]; 3] = std::array::from_fn(|axis| {
+                let (low, high) = (triangle.min(axis), triangle.max(axis));
+                let end = min[axis] + width;
+                [low < middle[axis] && high > min[axis], low < end && high > middle[axis]]
+            });
+            let reached = halves.map(|[low, high]| u8::from(low) + u8::from(high));
+            // In one half along each axis, its box is within one child: what cuts the region cuts that child,
+            // untested.
+            let alone = reached.iter().all(|halves| *halves <= 1);
+            for child in 0..8 {
+                let found = if (0..3).any(|axis| !halves[axis][child >> axis & 1]) {
+                    Intersection { cuts: false, stage: Stage::Boxes }
+                } else if alone {
+                    Intersection { cuts: true, stage: Stage::Boxes }
+                } else {
+                    let low: [i32; 3] =
+                        std::array::from_fn(|axis| min[axis] + (child >> axis & 1) as i32 * half);
+                    let high = low.map(|low| low + half);
+                    triangle::intersect(&triangle.corners.map(wide), wide(low), wide(high))
+                };
+                stages.count(found);
+                if found.cuts {
+                    sorter.push(child, number, triangle)?;
+                }
+            }
+            Ok(())
+        })?;
+        self.counters.stages.lock().expect("nobody panics with this lock").add(&stages);
+        let mut states = [sheet.state; 8];
+        events.apply(&mut states, Lines::leads);
+        let of = |(child, triangles)| Sheet { triangles, state: states[child], ..*sheet };
+        Ok(sorter.finish()?.into_iter().enumerate().map(of).collect())
+    }
+
+    /// Node of a region as its parent has it: void, a leaf, or an inner node.
+    fn child(&self, mut region: UpperNode) -> Result<Child<Node>> {
+        let mut sheets = Vec::new();
+        for sheet in std::mem::take(&mut region.sheets) {
+            match self.uniform(&region, &sheet)? {
+                Some(None) => {}
+                // What comes after it changes nothing.
+                Some(Some(attribute)) if sheets.is_empty() => return Ok(Child::Leaf(self.full(attribute))),
+                Some(Some(_)) => {
+                    sheets.push(sheet);
+                    break;
+                }
+                None => sheets.push(sheet),
+            }
+        }
+        if sheets.is_empty() {
+            return Ok(Child::Void);
+        }
+        Ok(self.inner(Node::Region(Arc::new(UpperNode { sheets, ..region }))))
+    }
+
+    /// Whether all of a region is outside a surface, or all of it inside, with its attribute; `None` if it is
+    /// divided or in doubt.
+    fn uniform(&self, region: &UpperNode, sheet: &Sheet) -> Result<Option<Option<u32>>> {
+        let inside = &self.tests[sheet.surface];
+        if !sheet.triangles.is_empty() {
+            return Ok(None);
+        }
+        if self.fill.surface {
+            return Ok(Some(None));
+        }
+        let Inside::Field(field) = inside else {
+            return Ok(Some(inside.has(sheet.state.winding).then_some(sheet.state.attribute)));
+        };
+        let (min, width) = self.bounds(region);
+        if field.is_beside(min, width) {
+            return Ok(Some(None));
+        }
+        let value = field.uniform(min, width, self.fill.cell(), self.fill.progress)?;
+        let middle = DVec3::from_array(min.map(f64::from)) + f64::from(width) / 2.0;
+        let attribute = |value: f32| {
+            if self.fill.attribute == Attribute::Occupancy { 0 } else { field.attribute(middle, value < 0.0) }
+        };
+        Ok(value.map(|value| (value.abs() >= 0.5).then(|| attribute(value))))
+    }
+
+    fn full(&self, attribute: u32) -> Value {
+        (self.value)(if self.fill.attribute == Attribute::Occupancy { FULL } else { attribute })
+    }
+
+    /// A node that is asked for its children. What stands for it is not known before all of them are, and
+    /// what stores the tree works it out.
+    fn inner(&self, node: Node) -> Child<Node> {
+        Child::Inner { representative: self.full(0), node }
+    }
+
+    /// The block of a region.
+    fn block(&self, region: &UpperNode) -> Result<Pyramid> {
+        let (min, _) = self.bounds(region);
+        let height = self.fill.grid.depth - region.level;
+        let join = |one: u32, other: u32| {
+            if self.fill.boundary == Boundary::Coverage { one.max(other) } else { one }
+        };
+        let mut all: Option<Cells> = None;
+        for sheet in &region.sheets {
+            let mut triangles: Vec<Triangle> = Vec::with_capacity(sheet.triangles.len());
+            sheet.triangles.each(|_, triangle| {
+                triangles.push(*triangle);
+                Ok(())
+            })?;
+            let cells = match &self.tests[sheet.surface] {
+                Inside::Field(field) if !self.fill.surface => {
+                    let (cells, undecided) = open::block(&self.fill, field, &triangles, min, height)?;
+                    self.counters.undecided.fetch_add(undecided, Ordering::Relaxed);
+                    cells
+                }
+                inside => fill::block((&self.fill, inside), &triangles, min, height, sheet.state)?,
+            };
+            match &mut all {
+                Some(all) => all.add(&cells, join),
+                none => *none = Some(cells),
+            }
+        }
+        Ok(Pyramid::new(all.unwrap_or_else(|| Cells { bits: Bits::new(height), values: None })))
+    }
+
+    fn in_block(&self, block: &Arc<Pyramid>, above: u8, at: [u8; 3]) -> Child<Node> {
+        match block.node(above, at.map(usize::from)) {
+            Content::Nothing => Child::Void,
+            Content::Uniform(value) => Child::Leaf((self.value)(value.unwrap_or(FULL))),
+            Content::Mixed => self.inner(Node::Cells { block: block.clone(), above, at }),
+        }
+    }
+}
+
+impl Source for Solid<'_> {
+    type Node = Node;
+
+    fn form(&self) -> Form {
+        self.form
+    }
+
+    fn depth(&self) -> u8 {
+        self.fill.grid.depth
+    }
+
+    fn root(&self) -> Result<Child<Node>> {
+        self.child(self.root.clone())
+    }
+
+    fn children(&self, node: &Node, children: &mut Children<Node>) -> Result<()> {
+        let (block, above, at) = match node {
+            Node::Region(region) if self.is_split(region) => {
+                for (child, region) in children.iter_mut().zip(self.split(region)?) {
+                    *child = self.child(region)?;
+                }
+                return Ok(());
+            }
+            Node::Region(region) => {
+                (&Arc::new(self.block(region)?), self.fill.grid.depth - region.level, [0; 3])
+            }
+            Node::Cells { block, above, at } => (block, *above, *at),
+        };
+        for (step, child) in (0..).zip(children) {
+            let at = std::array::from_fn(|axis| 2 * at[axis] + (step >> axis & 1));
+            *child = self.in_block(block, above - 1, at);
+        }
+        Ok(())
+    }
+}
+
+impl ReusableSource for Solid<'_> {}
+
+/// The lines between the first lattice points of a region's eight children: four along x, two along y, one
+/// along z, from each child to one of those that differ along one axis only.
+struct Lines {
+    first: [i32; 3],
+    half: i32,
+}
+
+impl Lines {
+    fn new(first: [i32; 3], half: i32) -> Lines {
+        Lines { first, half }
+    }
+
+    /// The children that a line leads from and to. Lines are in such an order that what they lead from is
+    /// known.
+    fn leads(line: usize) -> (usize, usize) {
+        [(0, 4), (0, 2), (4, 6), (0, 1), (2, 3), (4, 5), (6, 7)][line]
+    }
+
+    /// The lines that a triangle meets.
+    #[inline]
+    fn meet(&self, triangle: &Triangle, events: &mut Events) {
+        let near = |axis: usize, up: bool| {
+            let at = self.first[axis] + if up { self.half } else { 0 };
+            triangle.min(axis) <= at && at <= triangle.max(axis)
+        };
+        let (y, z) = ([near(1, false), near(1, true)], [near(2, false), near(2, true)]);
+        let x = near(0, false);
+        if x && y[0] {
+            self.meet_along::<2>(triangle, 0, [0, 0, 0], events);
+        }
+        for up in [0, 1] {
+            if x && z[up] {
+                self.meet_along::<1>(triangle, 1 + up, [0, 0, up], events);
+            }
+        }
+        for line in 0..4 {
+            if y[line & 1] && z[line >> 1] {
+                self.meet_along::<0>(triangle, 3 + line, [0, line & 1, line >> 1], events);
+            }
+        }
+    }
+
+    fn meet_along<const D: usize>(
+        &self,
+        triangle: &Triangle,
+        line: usize,
+        from: [usize; 3],
+        events: &mut Events,
+    ) {
+        let from: [i32; 3] = std::array::from_fn(|axis| self.first[axis] + from[axis] as i32 * self.half);
+        let mut to = from;
+        to[D] += self.half;
+        let projected = Projected::<D>::new(triangle);
+        if let Some(projected) = projected.filter(|projected| {
+            projected.is_met(from) && !projected.is_beyond(from) && projected.is_beyond(to)
+        }) {
+            events.push(line, &projected, from, triangle.attribute);
+        }
+    }
+}
+
+/// Crossings of some lines with triangles.
+#[derive(Default)]
+struct Events {
+    /// Line, height on it, change, attribute.
+    passed: Vec<(usize, f64, i32, u32)>,
+}
+
+impl Events {
+    fn push<const D: usize>(
+        &mut self,
+        line: usize,
+        projected: &Projected<D>,
+        from: [i32; 3],
+        attribute: u32,
+    ) {
+        self.passed.push((line, projected.height_over(from), projected.change(), attribute));
+    }
+
+    /// Goes along all lines, in order: of a line that leads from one point to another, the state of the
+    /// second follows from that of the first.
+    fn apply(mut self, states: &mut [State; 8], leads: impl Fn(usize) -> (usize, usize)) {
+        // At equal heights changes of -1 come first: touching bodies are left before the next is entered. The
+        // attribute makes the order independent of that of the triangles.
+        self.passed
+            .sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3)));
+        let mut passed = self.passed.into_iter().peekable();
+        for line in 0..7 {
+            let (from, to) = leads(line);
+            let mut state = states[from];
+            while let Some((_, _, change, attribute)) = passed.next_if(|event| event.0 == line) {
+                state.pass(change, attribute);
+            }
+            states[to] = state;
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! Division of a surface that is not closed into what each is inside or outside for itself: what is closed, what
+//! is closed but for the way in which faces are turned, and the objects that are open.
+//!
+//! Objects that are closed by themselves are taken as they are, whatever they touch. What is left falls apart
+//! into components, whose triangles share edges. Components that are not closed belong together if they are
+//! of one object.
+
+use std::collections::{HashMap, HashSet};
+
+use super::closure::{Closure, edge_number};
+use super::field::WindingField;
+use super::grid::Triangle;
+use spinney_base::{Progress, Result};
+
+/// A surface, divided. Triangles have the order in which they came.
+#[derive(Debug, Default)]
+pub(super) struct Units {
+    /// All that is closed.
+    pub(super) closed: Vec<Triangle>,
+    /// All whose edges have their partners, but not in the opposite direction.
+    pub(super) even: Vec<Triangle>,
+    /// Each open object, or several that have edges in common.
+    pub(super) open: Vec<Vec<Triangle>>,
+    /// Triangles that were there more than once in what was not closed.
+    pub(super) duplicates: u64,
+}
+
+impl Units {
+    /// Bytes of memory that dividing this number of triangles takes: they and what they become, their edges and
+    /// the sets they are in.
+    pub(super) fn memory(triangles: usize) -> u64 {
+        (triangles * (3 * size_of::<Triangle>() + size_of::<Component>() + 40)) as u64
+    }
+
+    /// Divides triangles, of which those without an area count for what is closed, and are left out then.
+    pub(super) fn of(triangles: Vec<Triangle>, progress: &dyn Progress) -> Result<Units> {
+        let mut objects: HashMap<u32, Closure> = HashMap::new();
+        for triangle in &triangles {
+            progress.check()?;
+            objects.entry(triangle.part).or_default().add(triangle.corners);
+        }
+        let (mut closed, rest): (Vec<Triangle>, Vec<Triangle>) =
+            triangles.into_iter().partition(|triangle| objects[&triangle.part].is_closed());
+        closed.retain(has_area);
+        let single = without_duplicates(&rest, progress)?;
+        let count = |triangles: &[Triangle]| triangles.iter().filter(|triangle| has_area(triangle)).count();
+        let duplicates = (count(&rest) - count(&single)) as u64;
+        drop(rest);
+        let mut units = Units { closed, duplicates, ..Units::default() };
+        units.add_components(&single, progress)?;
+        Ok(units)
+    }
+
+    /// Divides triangles of objects that are not closed.
+    fn add_components(&mut self, triangles: &[Triangle], progress: &dyn Progress) -> Result<()> {
+        let mut sets = Sets::new(triangles.len());
+        join_by_edges(triangles, &mut sets);
+        progress.check()?;
+        let mut components = vec![Component::default(); triangles.len()];
+        for (number, triangle) in (0..).zip(triangles) {
+            components[sets.root(number) as usize].add(triangle);
+        }
+        progress.check()?;
+        let hollow = self.hollow(triangles, &components, &mut sets, progress)?;
+        let is_open = |root: u32| !components[root as usize].closure.is_even() || hollow.contains(&root);
+        // Components in order, so that units come in that of their first triangles.
+        let roots: Vec<u32> = (0..triangles.len() as u32).map(|number| sets.root(number)).collect();
+        let mut objects: HashMap<u32, u32> = HashMap::new();
+        for (number, triangle) in (0..).zip(triangles).filter(|(number, _)| is_open(roots[*number as usize]))
+        {
+            let first = *objects.entry(triangle.part).or_insert(number);
+            sets.join(first, number);
+        }
+        let mut places: HashMap<u32, usize> = HashMap::new();
+        for ((number, triangle), root) in (0..).zip(triangles).zip(roots).filter(|((_, it), _)| has_area(it))
+        {
+            let list = if is_open(root) {
+                let place = *places.entry(sets.root(number)).or_insert(self.open.len());
+                if place == self.open.len() {
+                    self.open.push(Vec::new());
+                }
+                &mut self.open[place]
+            } else if components[root as usize].closure.is_closed() {
+                &mut self.closed
+            } else {
+                &mut self.even
+            };
+            list.push(*triangle);
+        }
+        Ok(())
+    }
+
+    /// Closed components that a cavity binds to an open one, by their roots: cavities of what is open, and what has
+    /// an open cavity. A cavity is a component turned inside out; it takes away from bodies of its object only.
+    fn hollow(
+        &self,
+        triangles: &[Triangle],
+        components: &[Component],
+        sets: &mut Sets,
+        progress: &dyn Progress,
+    ) -> Result<HashSet<u32>> {
+        let mut outward = self.closed.clone();
+        let mut open_parts = HashSet::new();
+        // One triangle of each component that is turned inside out.
+        let (mut closed, mut open) = (HashMap::new(), HashMap::new());
+        for (number, triangle) in (0..).zip(triangles).filter(|(_, triangle)| has_area(triangle)) {
+            let root = sets.root(number);
+            let component = &components[root as usize];
+            let is_inverted = component.volume < 0;
+            if !component.closure.is_even() {
+                open_parts.insert(triangle.part);
+                if is_inverted {
+                    open.entry(root).or_insert(triangle);
+                }
+            } else if component.closure.is_closed() {
+                if is_inverted {
+                    closed.entry(root).or_insert(triangle);
+                } else {
+                    outward.push(*triangle);
+                }
+            }
+        }
+        closed.retain(|_, triangle| open_parts.contains(&triangle.part));
+        if closed.is_empty() && open.is_empty() {
+            return Ok(HashSet::new());
+        }
+        let field = WindingField::new(&outward, progress)?;
+        let is_within = |triangle: &Triangle| field.at(triangle.middle()).abs() >= 0.5;
+        let hollow_parts: HashSet<u32> =
+            open.values().filter(|triangle| is_within(triangle)).map(|triangle| triangle.part).collect();
+        let mut hollow: HashSet<u32> =
+            closed.iter().filter(|(_, triangle)| !is_within(triangle)).map(|(root, _)| *root).collect();
+        for (number, triangle) in (0..).zip(triangles) {
+            if hollow_parts.contains(&triangle.part) {
+                hollow.insert(sets.root(number));
+            }
+        }
+        Ok(hollow)
+    }
+}
+
+fn has_area(triangle: &Triangle) -> bool {
+    triangle.normal() != [0; 3]
+}
+
+/// Knowledge of a component.
+#[derive(Clone, Copy, Default)]
+struct Component {
+    closure: Closure,
+    /// A corner of it.
+    from: Option<[i32; 3]>,
+    /// Six times the volume of the cone from that corner to it: of what it encloses, nearly so where it is open.
+    /// Negative if it is turned inside out.
+    volume: i128,
+}
+
+impl Component {
+    fn add(&mut self, triangle: &Triangle) {
+        self.closure.add(triangle.corners);
+        let from = *self.from.get_or_insert(triangle.corners[0]);
+        let normal = triangle.normal();
+        let along = |axis: usize| i128::from(triangle.corners[0][axis]) - i128::from(from[axis]);
+        self.volume += (0..3).map(|axis| along(axis) * i128::from(normal[axis])).sum::<i128>();
+    }
+}
+
+/// Joins triangles that have an edge in common, in either direction.
+fn join_by_edges(triangles: &[Triangle], sets: &mut Sets) {
+    let mut edges: Vec<(u64, u32)> = Vec::with_capacity(3 * triangles.len());
+    for (number, triangle) in (0..).zip(triangles) {
+        let [a, b, c] = triangle.corners;
+        edges.extend([(a, b), (b, c), (c, a)].map(|(from, to)| (edge_number(from, to).0, number)));
+    }
+    edges.sort_unstable();
+    for pair in edges.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+        sets.join(pair[0].1, pair[1].1);
+    }
+}
+
+/// The triangles without those that are there a second time.
+fn without_duplicates(triangles: &[Triangle], progress: &dyn Progress) -> Result<Vec<Triangle>> {
+    let mut seen = HashSet::with_capacity(triangles.len());
+    let mut single = Vec::new();
+    for triangle in triangles {
+        progress.check()?;
+        let mut corners = triangle.corners;
+        let least = (0..3).min_by_key(|corner| corners[*corner]).unwrap_or(0);
+        // Rotated, not sorted: triangles that turn the other way are no duplicates.
+        corners.rotate_left(least);
+        if seen.insert(corners) {
+            single.push(*triangle);
+        }
+    }
+    Ok(single)
+}
+
+/// Disjoint sets of numbers; a set's root is the least of its numbers.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn new(count: usize) -> Sets {
+        Sets((0..count as u32).collect())
+    }
+
+    fn root(&mut self, mut number: u32) -> u32 {
+        while self.0[number as usize] != number {
+            // Half of the way is left out next time.
+            let above = self.0[self.0[number as usize] as usize];
+            self.0[number as usize] = above;
+            number = above;
+        }
+        number
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tetrahedron of a part.
+    fn tetrahedron([x, y, z]: [i32; 3], size: i32, part: u32) -> Vec<Triangle> {
+        let [a, b, c, d] = [[x, y, z], [x + size, y, z], [x, y + size, z], [x, y, z + size]];
+        let of = |corners| Triangle { corners, attribute: 0, part };
+        [[a, c, b], [a, b, d], [b, c, d], [c, a, d]].map(of).to_vec()
+    }
+
+    fn counts(triangles: &[Triangle]) -> (usize, usize, Vec<usize>, u64) {
+        let units = Units::of(triangles.to_vec(), &()).unwrap();
+        let open = units.open.iter().map(Vec::len).collect();
+        (units.closed.len(), units.even.len(), open, units.duplicates)
+    }
+
+    #[test]
+    fn objects_and_components_are_told_apart() {
+        let (a, b) = (tetrahedron([0; 3], 90, 0), tetrahedron([200, 0, 0], 90, 1));
+        assert_eq!(counts(&[&a[..], &b].concat()), (8, 0, vec![], 0));
+        assert_eq!(counts(&[&a[1..], &b].concat()), (4, 0, vec![3], 0));
+        // Two components of one object, one of them open; both open, and another object beside them.
+        let c = tetrahedron([0, 200, 0], 90, 0);
+        assert_eq!(counts(&[&a[..], &c[1..]].concat()), (4, 0, vec![3], 0));
+        assert_eq!(counts(&[&a[1..], &b[1..], &c[1..]].concat()), (0, 0, vec![6, 3], 0));
+        // Objects that share an edge; triangles that are there twice; faces turned round.
+        let touching = Triangle { part: 2, ..a[0] };
+        assert_eq!(counts(&[&a[..], &[touching]].concat()), (4, 0, vec![1], 0));
+        assert_eq!(counts(&[&a[..], &a[..2]].concat()), (4, 0, vec![], 2));
+        let mut flipped = c.clone();
+        flipped[0].corners.swap(0, 1);
+        assert_eq!(counts(&[&b[1..], &flipped].concat()), (0, 4, vec![3], 0));
+    }
+
+    #[test]
+    fn triangles_without_area_close_what_they_join() {
+        // An edge of the tetrahedron whose middle is a corner of one of its two faces.
+        let mut joined = tetrahedron([0; 3], 90, 0);
+        let [a, b, c, middle] = [[0, 0, 0], [90, 0, 0], [0, 90, 0], [45, 0, 0]];
+        let of = |corners| Triangle { corners, attribute: 0, part: 0 };
+        joined.splice(..1, [of([a, c, middle]), of([c, b, middle])]);
+        assert_eq!(counts(&joined), (0, 0, vec![5], 0));
+        joined.push(of([a, middle, b]));
+        assert_eq!(counts(&joined), (5, 0, vec![], 0));
+        let other = tetrahedron([200; 3], 90, 0);
+        assert_eq!(counts(&[&joined[..], &other[1..]].concat()), (5, 0, vec![3], 0));
+    }
+
+    #[test]
+    fn cavities_stay_with_what_they_are_in() {
+        let outer = tetrahedron([0; 3], 900, 0);
+        let mut cavity = tetrahedron([50; 3], 90, 0);
+        cavity.iter_mut().for_each(|triangle| triangle.corners.swap(0, 1));
+        assert_eq!(counts(&[&outer[1..], &cavity].concat()), (0, 0, vec![7], 0));
+        // A cavity that is open binds the body to it.
+        assert_eq!(counts(&[&outer[..], &cavity[1..]].concat()), (0, 0, vec![7], 0));
+        let object = |part: u32, it: &[Triangle]| -> Vec<Triangle> {
+            it.iter().map(|triangle| Triangle { part, ..*triangle }).collect()
+        };
+        assert_eq!(
+            counts(&[&outer[..], &object(1, &cavity[1..])].concat()),
+            (4, 0, vec![3], 0),
+            "another object"
+        );
+        let elsewhere = tetrahedron([2000; 3], 90, 0);
+        assert_eq!(counts(&[&outer[..], &cavity, &elsewhere[1..]].concat()), (8, 0, vec![3], 0));
+    }
+}

@@ -1,0 +1,110 @@
+//! A box of an octree as an array of three dimensions, streamed in slabs.
+
+use std::io::Write;
+
+use super::image::{Format, array_header};
+use super::window::{DEFAULT_MEMORY, fill_for};
+use spinney_base::io::Output;
+use spinney_base::space::Bounds;
+use spinney_base::value::Rule;
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::dataset::Dataset;
+
+/// A box of an octree, and its level of detail.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ArrayRequest {
+    /// Cells of `level`.
+    pub bounds: Bounds,
+    /// Level of the cells.
+    pub level: u8,
+    /// The number for VOID cells; by default 0 in trees of [`Rule::Occupancy`], else as for pictures: see
+    /// [`fill_for`].
+    pub nodata: Option<f64>,
+    /// Bytes to hold at a time; what one row of cells needs must fit.
+    pub memory: u64,
+}
+
+impl ArrayRequest {
+    /// A box of a level's cells, written with 64 MiB of memory.
+    pub fn new(bounds: Bounds, level: u8) -> ArrayRequest {
+        ArrayRequest { bounds, level, nodata: None, memory: DEFAULT_MEMORY }
+    }
+}
+
+/// Writes a box of an octree as NPY (an array of shape z, y, x) or as its samples alone, x fastest, then y,
+/// then z. Such NPY files are what `import::volume` reads.
+///
+/// # Errors
+/// If the tree is a quadtree or has no such level, the box is empty or sticks out of the space of the tree,
+/// one row of it needs more memory than is allowed, the format is another one, the tree is damaged, or on
+/// interruption.
+pub fn export_array(
+    tree: &Dataset,
+    request: &ArrayRequest,
+    mut output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let ArrayRequest { bounds, level, nodata, memory } = *request;
+    let header = tree.header();
+    if header.form.axes() != 3 {
+        return Err(Error::invalid("tree", "a quadtree", "an octree: there are no boxes in a plane"));
+    }
+    if level > tree.depth() {
+        return Err(Error::invalid("level", level.to_string(), format!("0 to {}", tree.depth())));
+    }
+    let inside = tree.extent_at(level);
+    if bounds.is_empty() || !inside.contains(&bounds) {
+        let ([x, y, z], [w, h, d], [a, b, c]) = (bounds.min, bounds.size(), inside.max);
+        let found = format!("{w} x {h} x {d} cells from {x},{y},{z}");
+        return Err(Error::invalid(
+            "box",
+            found,
+            format!("some of the {a} x {b} x {c} cells of level {level}"),
+        ));
+    }
+    let [width, height, depth] = bounds.size();
+    match format {
+        Format::Npy => {
+            let header = array_header(header.form.value, &[depth, height, width]);
+            output.write_all(&header).map_err(Error::io(output.path(), "write"))?;
+        }
+        Format::Raw => {}
+        _ => return Err(Error::unsupported(output.path(), "a box in a picture file", "write .npy or .raw")),
+    }
+    // One byte more than the value: whether the cell has one.
+    let row = width * (header.form.value.size() as u64 + 1);
+    if row > memory {
+        return Err(Error::TooLarge {
+            path: tree.path().to_path_buf(),
+            what: format!("a row of {width} cells"),
+            needed: row,
+            limit: memory,
+            advice: "ask for a smaller box or a coarser level".into(),
+        });
+    }
+    let fill = match nodata {
+        Some(number) => number,
+        None if header.rule == Rule::Occupancy => 0.0,
+        None => fill_for(tree)?.unwrap_or(0.0),
+    };
+    // Whole planes, or rows of one.
+    let rows = (memory / row).clamp(1, height);
+    let planes = if rows == height { (memory / (row * height)).clamp(1, 64) } else { 1 };
+    for z in (bounds.min[2]..bounds.max[2]).step_by(planes as usize) {
+        for y in (bounds.min[1]..bounds.max[1]).step_by(rows as usize) {
+            progress.check()?;
+            let part = Bounds {
+                min: [bounds.min[0], y, z],
+                max: [bounds.max[0], bounds.max[1].min(y + rows), bounds.max[2].min(z + planes)],
+            };
+            let mut bytes = vec![0; part.volume() as usize * header.form.value.size()];
+            tree.window(level, &part, fill, &mut bytes, None)?;
+            output.write_all(&bytes).map_err(Error::io(output.path(), "write"))?;
+            progress.advance(part.volume(), bounds.volume());
+        }
+    }
+    tree.check_unchanged()?;
+    output.commit()
+}

@@ -1,0 +1,76 @@
+//! Cells as rows of NumPy arrays.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::super::npy::Header;
+use super::coordinate;
+use spinney_base::{Error, Result};
+use spinney_engine::ops::CellValue;
+
+/// Decoder of one number of a type.
+type Decode = fn(&[u8]) -> f64;
+
+macro_rules! decoders {
+    ($($name:literal $type:ty),*) => {
+        &[$(($name, size_of::<$type>(), |bytes| <$type>::from_le_bytes(bytes.try_into().expect("as long")) as f64)),*]
+    };
+}
+
+const TYPES: &[(&str, usize, Decode)] = decoders!(
+    "|u1" u8, "|i1" i8, "<u2" u16, "<i2" i16, "<u4" u32, "<i4" i32, "<u8" u64, "<i8" i64, "<f4" f32, "<f8" f64
+);
+
+/// A cell per row; the array must have two dimensions, and coordinates before values. Values that are not
+/// numbers are VOID.
+pub(super) fn rows<R: Read>(
+    mut input: R,
+    path: &Path,
+    axes: usize,
+    channels: usize,
+) -> Result<impl Iterator<Item = Result<CellValue>> + use<R>> {
+    let unsupported = |found: String| {
+        let advice = format!("give rows of {} numbers, in C order, little-endian", axes + channels);
+        Error::unsupported(path, found, advice)
+    };
+    let header = Header::read(&mut input, path)?;
+    let Some((_, size, decode)) = TYPES.iter().find(|(known, _, _)| *known == header.descr) else {
+        return Err(unsupported(format!("an array of type `{}`", header.descr)));
+    };
+    let columns = axes + channels;
+    let count = match header.shape[..] {
+        [rows, width] if width == columns as u64 && !header.fortran_order => rows,
+        _ => return Err(unsupported(format!("an array of shape {}", header.shape_text()))),
+    };
+    let (path, size, decode) = (path.to_path_buf(), *size, *decode);
+    let mut row = vec![0; columns * size];
+    let mut number = 0;
+    Ok(std::iter::from_fn(move || {
+        if number == count {
+            return None;
+        }
+        number += 1;
+        if let Err(error) = input.read_exact(&mut row) {
+            number = count;
+            return Some(Err(Error::io(&path, "read")(error)));
+        }
+        let numbers: Vec<f64> = row.chunks(size).map(decode).collect();
+        let mut cell = [0; 3];
+        for (axis, found) in cell[..axes].iter_mut().zip(&numbers) {
+            match coordinate(*found) {
+                Some(found) => *axis = found,
+                None => {
+                    let place = format!("row {}", number - 1);
+                    return Some(Err(Error::corrupt(
+                        &path,
+                        place,
+                        found.to_string(),
+                        "a cell, counted from 0",
+                    )));
+                }
+            }
+        }
+        let values = numbers[axes..].to_vec();
+        Some(Ok((cell, Some(values).filter(|values| !values.iter().any(|value| value.is_nan())))))
+    }))
+}

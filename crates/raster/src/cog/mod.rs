@@ -1,0 +1,302 @@
+//! Cloud-optimized GeoTIFF: all levels of a quadtree in tiles, laid out so that any of them is read from afar with few
+//! requests.
+//!
+//! The overviews are the tree's own levels, so that they have what the tree's rule says, and nothing is made anew. The file
+//! is as GDAL's driver COG lays it out: directories, then the tables of tiles, then tiles, those of the smallest overview
+//! first; each with its length before it, and its last bytes again behind it. Tiles without any value are not stored.
+
+mod encode;
+mod layout;
+
+use self::encode::{EncodedTile, Encoder};
+use self::layout::{LevelTiles, StoredTiles, Tables, lay_out};
+use super::image::seekable::Seekable;
+use super::image::tiff::BIG_BYTES;
+use super::image::tiff_coding::{Coder, Coding};
+use super::image::tiff_tags::word;
+use super::image::{Format, ImageSpec, write_sidecar};
+use super::window::{DEFAULT_MEMORY, Detail, OutputGrid, VoidCells, WindowRequest, image_spec};
+use spinney_base::io::Output;
+use spinney_base::parallel;
+use spinney_base::value::Kind;
+use spinney_base::{Error, Progress, Result};
+use spinney_container::{Metadata, TagScope};
+use spinney_engine::dataset::Dataset;
+
+/// Tiles, compression and nodata of a cloud-optimized GeoTIFF.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct CogRequest {
+    /// Columns and rows of a tile: a multiple of 16, from 64 to 4096.
+    pub tile_size: u32,
+    /// Compression of tiles.
+    pub compression: CogCompression,
+    /// The number for VOID cells; chosen if not given: see [`fill_for`](super::fill_for). Where every number is in use, the
+    /// file gets a mask instead.
+    pub nodata: Option<f64>,
+    /// Bytes to hold at a time; one tile must fit.
+    pub memory: u64,
+}
+
+impl CogRequest {
+    /// Tiles of 512 x 512 pixels, written with 64 MiB of memory.
+    pub fn new() -> CogRequest {
+        let compression = CogCompression::default();
+        CogRequest { tile_size: 512, compression, nodata: None, memory: DEFAULT_MEMORY }
+    }
+}
+
+impl Default for CogRequest {
+    fn default() -> CogRequest {
+        CogRequest::new()
+    }
+}
+
+/// Compression of a cloud-optimized GeoTIFF; none loses anything.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CogCompression {
+    /// Deflate: what every reader of TIFF knows.
+    #[default]
+    Deflate,
+    /// Zstandard: smaller and faster, for readers with libtiff 4.0.10 or newer.
+    Zstd,
+    /// Samples as they are.
+    None,
+}
+
+/// Size of a written file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CogSummary {
+    /// Overviews: levels above the deepest.
+    pub overviews: usize,
+    /// Tiles of all levels that are stored.
+    pub tiles: u64,
+    /// Tiles that are not, since all of their cells are VOID.
+    pub sparse_tiles: u64,
+    /// Whether masks say which cells are VOID.
+    pub has_masks: bool,
+}
+
+/// Writes a quadtree, or a view of one, as a cloud-optimized GeoTIFF: the deepest level and, as overviews, all above it that
+/// are larger than a tile, and one more. Each pixel is the node of its level. Statistics, palette, names and coordinate
+/// system go along; names of values also into a sidecar, for programs that do not find them in the file.
+///
+/// ```
+/// use spinney::export::{CogRequest, export_cog};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("map.tif");
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let summary = export_cog(&map, &CogRequest::new(), Output::create(&path)?, &())?;
+/// assert_eq!(summary.overviews, 0);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the tree is an octree, its picture is empty, tiles have a size that TIFF does not know or need more memory than is
+/// allowed, the table of tiles alone needs more room than there is, the tree is damaged or was changed meanwhile, the output
+/// cannot be written, or on interruption.
+pub fn export_cog(
+    tree: &Dataset,
+    request: &CogRequest,
+    output: Output,
+    progress: &dyn Progress,
+) -> Result<CogSummary> {
+    if tree.header().form.axes() != 2 {
+        let advice = "write slices of it with `spinney get`, or a mesh";
+        return Err(Error::unsupported(output.path(), "an octree as a cloud-optimized GeoTIFF", advice));
+    }
+    if !request.tile_size.is_multiple_of(16) || !(64..=4096).contains(&request.tile_size) {
+        let expected = "a multiple of 16, from 64 to 4096";
+        return Err(Error::invalid("tile size", request.tile_size.to_string(), expected));
+    }
+    let (spec, fill) = picture(tree, request)?;
+    let has_masks = spec.void && !spec.alpha && fill.is_none();
+    let value = spec.value;
+    let side = u64::from(request.tile_size);
+    let tile_bytes = side * side * value.size() as u64;
+    // Cells, which of them are VOID, and what becomes of them.
+    let needed = 3 * tile_bytes + 2 * side * side;
+    if needed > request.memory {
+        return Err(Error::TooLarge {
+            path: tree.path().to_path_buf(),
+            what: format!("a tile of {side} x {side} cells"),
+            needed,
+            limit: request.memory,
+            advice: "ask for smaller tiles".into(),
+        });
+    }
+    let coder = match request.compression {
+        CogCompression::Deflate => Coder::Deflate { level: 6 },
+        CogCompression::Zstd => Coder::Zstd { level: 6 },
+        CogCompression::None => Coder::Stored,
+    };
+    let has_labels = spec.metadata.palette.is_some() || tree.header().kind == Kind::Categorical;
+    let coding = Coding::new(value, side as usize * value.size(), has_labels, coder);
+    let levels = levels(tree, side);
+    let tiles: u64 = levels.iter().map(LevelTiles::count).sum();
+    let most = tiles.saturating_mul(tile_bytes + tile_bytes / 64 + side * side / 8 + 4096);
+    let file = lay_out(&spec, &coding, &levels, request.tile_size, has_masks, most > BIG_BYTES);
+    output.check_room(file.end)?;
+    let path = output.path().to_path_buf();
+    let mut writer = Writer {
+        output: Seekable::new(output)?,
+        big: file.big,
+        encoder: Encoder::new(tree, &spec, fill.unwrap_or(0.0), coding, side, has_masks),
+        batch: (request.memory / needed).min(1 << 10),
+        cells: levels.iter().map(LevelTiles::cells).sum(),
+        progress,
+        stored: 0,
+    };
+    writer.output.append(&file.bytes)?;
+    writer.reserve(file.end)?;
+    let mut above: Option<StoredTiles<'_>> = None;
+    for (level, tables) in levels.iter().zip(&file.tables).rev() {
+        above = Some(writer.write_level(level, tables, above.as_ref())?);
+    }
+    tree.check_unchanged()?;
+    let stored = writer.stored;
+    writer.output.commit()?;
+    write_sidecar(&path, Format::Tiff, &spec.metadata, progress)?;
+    let overviews = levels.len() - 1;
+    Ok(CogSummary { overviews, tiles: stored, sparse_tiles: tiles - stored, has_masks })
+}
+
+/// The picture of a tree's deepest level, with the tree's statistics among what is known of it, and the number for VOID.
+fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, Option<f64>)> {
+    let mut window = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
+    window.nodata = request.nodata;
+    let grid = OutputGrid::of(tree, &window)?;
+    let void = VoidCells::of(tree, &window)?;
+    let mut spec = image_spec(tree, &grid, &void);
+    add_statistics(&mut spec.metadata, tree)?;
+    Ok((spec, void.fill))
+}
+
+/// Adds the tree's exact statistics as GDAL names them.
+fn add_statistics(metadata: &mut Metadata, tree: &Dataset) -> Result<()> {
+    let statistics = tree.statistics(None)?;
+    let cells = statistics.cells + statistics.void_cells;
+    for (number, channel) in statistics.channels.iter().enumerate().filter(|(_, channel)| channel.cells > 0) {
+        let numbers = [
+            ("STATISTICS_MAXIMUM", channel.max),
+            ("STATISTICS_MEAN", channel.mean),
+            ("STATISTICS_MINIMUM", channel.min),
+            ("STATISTICS_STDDEV", channel.standard_deviation),
+            ("STATISTICS_VALID_PERCENT", 100.0 * channel.cells as f64 / cells as f64),
+        ];
+        if numbers.iter().all(|(_, number)| number.is_finite()) {
+            let scope = TagScope { channel: Some(number as u16), domain: String::new() };
+            let texts = numbers.map(|(name, number)| (name.into(), number.to_string()));
+            metadata.scoped_tags.entry(scope).or_default().extend(texts);
+        }
+    }
+    Ok(())
+}
+
+/// The levels that are written, the deepest first: the last is the first that fits into a tile.
+fn levels(tree: &Dataset, side: u64) -> Vec<LevelTiles> {
+    let mut levels = Vec::new();
+    for level in (0..=tree.depth()).rev() {
+        let [width, height, _] = tree.extent_at(level).max;
+        levels.push(LevelTiles { level, width, height, side });
+        if width.max(height) <= side {
+            break;
+        }
+    }
+    levels
+}
+
+/// Writes tiles one behind the other, and their places into tables.
+struct Writer<'a> {
+    output: Seekable,
+    big: bool,
+    encoder: Encoder<'a>,
+    /// Tiles that are encoded at a time.
+    batch: u64,
+    /// Cells of all levels.
+    cells: u64,
+    progress: &'a dyn Progress,
+    stored: u64,
+}
+
+impl Writer<'_> {
+    /// Makes room up to `end`.
+    fn reserve(&mut self, end: u64) -> Result<()> {
+        let zeros = [0; 1 << 16];
+        while self.output.position() < end {
+            self.progress.check()?;
+            let count = (end - self.output.position()).min(zeros.len() as u64);
+            self.output.append(&zeros[..count as usize])?;
+        }
+        Ok(())
+    }
+
+    /// Writes the tiles of a level, given those of the level above it.
+    fn write_level<'l>(
+        &mut self,
+        level: &'l LevelTiles,
+        tables: &Tables,
+        above: Option<&StoredTiles<'_>>,
+    ) -> Result<StoredTiles<'l>> {
+        let mut stored_tiles = StoredTiles::new(level);
+        for first in (0..level.count()).step_by(self.batch as usize) {
+            let numbers: Vec<u64> = (first..level.count().min(first + self.batch)).collect();
+            let tiles = parallel::map(&numbers, |number| {
+                self.progress.check()?;
+                // Where the level above has nothing, there is nothing below.
+                let may_be = above.is_none_or(|above| above.is_above(level, *number));
+                let tile = if may_be { self.encoder.encode(level, *number)? } else { None };
+                self.progress.advance(level.cells_of(*number), self.cells);
+                Ok(tile)
+            });
+            let tiles = tiles.into_iter().collect::<Result<Vec<Option<EncodedTile>>>>()?;
+            let (mut places, mut mask_places) = (Vec::new(), Vec::new());
+            for (number, tile) in numbers.iter().zip(&tiles) {
+                let stored = tile.as_ref().map(|tile| &tile.cells);
+                places.push(self.append(stored.map(|cells| cells.as_slice()))?);
+                let mask = tile.as_ref().and_then(|tile| tile.mask.as_ref());
+                if tables.mask.is_some() {
+                    mask_places.push(self.append(mask.map(|mask| mask.as_slice()))?);
+                }
+                if tile.is_some() {
+                    self.stored += 1;
+                    stored_tiles.insert(*number);
+                }
+            }
+            self.enter(&places, tables.cells, first)?;
+            if let Some(table) = tables.mask {
+                self.enter(&mask_places, table, first)?;
+            }
+        }
+        Ok(stored_tiles)
+    }
+
+    /// Appends a tile with its length before it and its last four bytes again behind it; returns its place and length, which
+    /// are 0 if there is none.
+    fn append(&mut self, tile: Option<&[u8]>) -> Result<(u64, u32)> {
+        let Some(tile) = tile else { return Ok((0, 0)) };
+        let length = tile.len() as u32;
+        self.output.append(&length.to_le_bytes())?;
+        let place = self.output.position();
+        self.output.append(tile)?;
+        let mut trailer = [0; 4];
+        let end = &tile[tile.len().saturating_sub(4)..];
+        trailer[..end.len()].copy_from_slice(end);
+        self.output.append(&trailer)?;
+        Ok((place, length))
+    }
+
+    /// Writes places and lengths of tiles, of which the first has this number, into their table.
+    fn enter(&mut self, tiles: &[(u64, u32)], table: layout::Table, first: u64) -> Result<()> {
+        if tiles.iter().all(|(_, length)| *length == 0) {
+            return Ok(());
+        }
+        let offsets: Vec<u8> = tiles.iter().flat_map(|(place, _)| word(*place, self.big)).collect();
+        let lengths: Vec<u8> = tiles.iter().flat_map(|(_, length)| length.to_le_bytes()).collect();
+        let width = if self.big { 8 } else { 4 };
+        self.output.patch(table.offsets + first * width, &offsets)?;
+        self.output.patch(table.lengths + first * 4, &lengths)
+    }
+}

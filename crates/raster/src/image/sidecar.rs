@@ -1,0 +1,55 @@
+//! The sidecar of a picture: GDAL's file `.aux.xml` beside it, with what has no room in it.
+
+use std::io::Write as _;
+use std::path::Path;
+
+use super::tiff_tags::geo_keys;
+use super::{Format, gdal_xml};
+use spinney_base::io::{Output, sidecar_of};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
+
+/// Writes what a GeoTIFF file cannot hold into a sidecar, as GDAL does: a coordinate system that no keys define, which is
+/// told, and the names of values. Where there is nothing to write, one of an earlier picture of that name is removed, and
+/// that is told, since programs would take what it says for that of the new picture.
+///
+/// # Errors
+/// If it cannot be written.
+pub(crate) fn write(
+    picture: &Path,
+    format: Format,
+    metadata: &Metadata,
+    progress: &dyn Progress,
+) -> Result<()> {
+    if format != Format::Tiff {
+        return Ok(());
+    }
+    let crs = match &metadata.control_points {
+        Some(points) => points.crs.as_ref(),
+        None => metadata.frame.crs.as_ref(),
+    };
+    let crs = crs.filter(|crs| geo_keys(crs).is_none());
+    if picture == Path::new("-") {
+        if crs.is_some() {
+            let text = "has no coordinate system: GeoTIFF has no keys for its definition, and files beside standard \
+                        output there are none";
+            progress.warn(picture, text);
+        }
+        return Ok(());
+    }
+    let path = sidecar_of(picture);
+    let Some(xml) = gdal_xml::sidecar(metadata, crs) else {
+        if path.exists() {
+            std::fs::remove_file(&path).map_err(Error::io(&path, "remove"))?;
+            progress.warn(&path, "was of an earlier picture of that name, and is removed");
+        }
+        return Ok(());
+    };
+    let mut output = Output::create(&path)?;
+    output.write_all(xml.as_bytes()).map_err(Error::io(&path, "write"))?;
+    output.commit()?;
+    if crs.is_some() {
+        progress.warn(&path, "has the coordinate system of the picture, for which GeoTIFF has no keys");
+    }
+    Ok(())
+}

@@ -1,0 +1,129 @@
+//! Samples as strips and tiles of TIFF files hold them: predicted, then compressed.
+
+use std::io::Write;
+
+use flate2::Compression as DeflateLevel;
+use flate2::write::ZlibEncoder;
+
+use super::tiff_tags::tag_value;
+use spinney_base::value::ValueType;
+
+/// Compression of strips or tiles, without loss.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Coder {
+    Stored,
+    Deflate { level: u32 },
+    Zstd { level: i32 },
+}
+
+impl Coder {
+    /// The number of the tag for compression.
+    pub(crate) fn number(self) -> u16 {
+        match self {
+            Coder::Stored => tag_value::COMPRESSION_NONE,
+            Coder::Deflate { .. } => tag_value::COMPRESSION_DEFLATE,
+            Coder::Zstd { .. } => tag_value::COMPRESSION_ZSTD,
+        }
+    }
+
+    /// Bytes as they stand in the file.
+    pub(crate) fn compress(self, bytes: Vec<u8>) -> Vec<u8> {
+        match self {
+            Coder::Stored => bytes,
+            Coder::Deflate { level } => {
+                let room = Vec::with_capacity(bytes.len() / 2);
+                let mut encoder = ZlibEncoder::new(room, DeflateLevel::new(level));
+                encoder.write_all(&bytes).and_then(|()| encoder.finish()).expect("a Vec takes all bytes")
+            }
+            Coder::Zstd { level } => zstd::bulk::compress(&bytes, level).expect("the room is as asked for"),
+        }
+    }
+}
+
+/// Transform of rows before compression.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Predictor {
+    None = 1,
+    /// Samples become differences to their left neighbours.
+    Horizontal = 2,
+    /// Bytes of equal weight come together, then become differences.
+    Float = 3,
+}
+
+/// The way from rows of samples to a strip or tile.
+#[derive(Clone, Copy)]
+pub(crate) struct Coding {
+    pub(crate) coder: Coder,
+    pub(crate) predictor: Predictor,
+    sample: usize,
+    channels: usize,
+    pub(crate) row_bytes: usize,
+}
+
+impl Coding {
+    /// Coding of rows of so many bytes. Where values are `labels`, differences of them mean nothing; and nothing is gained by
+    /// them without compression.
+    pub(crate) fn new(value: ValueType, row_bytes: usize, labels: bool, coder: Coder) -> Coding {
+        let predictor = match value.sample {
+            _ if labels || coder == Coder::Stored => Predictor::None,
+            sample if sample.is_float() => Predictor::Float,
+            _ => Predictor::Horizontal,
+        };
+        Coding {
+            coder,
+            predictor,
+            sample: value.sample.size(),
+            channels: usize::from(value.channels),
+            row_bytes,
+        }
+    }
+
+    /// A strip or tile as it stands in the file.
+    pub(crate) fn compress(&self, mut rows: Vec<u8>) -> Vec<u8> {
+        if self.predictor != Predictor::None {
+            rows.chunks_exact_mut(self.row_bytes).for_each(|row| self.predict(row));
+        }
+        self.coder.compress(rows)
+    }
+
+    fn predict(&self, row: &mut [u8]) {
+        let samples = self.row_bytes / self.sample;
+        match (self.predictor, self.sample) {
+            (Predictor::None, _) => {}
+            (Predictor::Float, _) => {
+                // Adobe's predictor 3 (TIFF Technical Note 3): all most significant bytes of the row first,
+                // and so on, then differences of bytes at a distance of one pixel.
+                let mut planes = vec![0; row.len()];
+                for (i, sample) in row.chunks_exact(self.sample).enumerate() {
+                    for (weight, byte) in sample.iter().rev().enumerate() {
+                        planes[weight * samples + i] = *byte;
+                    }
+                }
+                row.copy_from_slice(&planes);
+                differences(row, self.channels);
+            }
+            (Predictor::Horizontal, 1) => differences(row, self.channels),
+            (Predictor::Horizontal, 2) => {
+                let row = row.as_chunks_mut::<2>().0;
+                for i in (self.channels..samples).rev() {
+                    let left = u16::from_le_bytes(row[i - self.channels]);
+                    row[i] = u16::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
+                }
+            }
+            (Predictor::Horizontal, _) => {
+                let row = row.as_chunks_mut::<4>().0;
+                for i in (self.channels..samples).rev() {
+                    let left = u32::from_le_bytes(row[i - self.channels]);
+                    row[i] = u32::from_le_bytes(row[i]).wrapping_sub(left).to_le_bytes();
+                }
+            }
+        }
+    }
+}
+
+/// Subtracts from each byte the one `distance` before it, from the end, so that that one is still as it was.
+fn differences(bytes: &mut [u8], distance: usize) {
+    for i in (distance..bytes.len()).rev() {
+        bytes[i] = bytes[i].wrapping_sub(bytes[i - distance]);
+    }
+}

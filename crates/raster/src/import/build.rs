@@ -1,0 +1,136 @@
+//! Building of the tree of an import.
+
+use super::plan::RasterImport;
+use super::slabs::BLOCK;
+use super::{Order, RasterInfo, RasterSlabs, spill};
+use std::sync::Arc;
+
+use spinney_base::Form;
+use spinney_base::io::{Output, folder};
+use spinney_base::space::Dimension;
+use spinney_base::{Error, PartOfWork, Progress, Result};
+use spinney_container::OpenOptions;
+use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, warp};
+use spinney_engine::store::build_slabs;
+
+impl RasterImport {
+    /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
+    ///
+    /// A picture that comes from the top down and is too wide for the memory goes to a temporary file in the
+    /// output's folder first.
+    ///
+    /// # Errors
+    /// If the input cannot be read or the output not be written, or on interruption; nothing is left behind
+    /// then.
+    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
+        let half = self.memory / 2;
+        let in_bands = self.info().order == Order::Bands;
+        let raster = if in_bands && bands_memory(self.raster.info(), self.value.size()) > half {
+            spill(self.raster, folder(output.path()), half / 2, progress)?
+        } else {
+            self.raster
+        };
+        let mut slabs = RasterSlabs::new(raster, half / 2);
+        let nodata = self.nodata.and_then(|number| self.value.splat(number));
+        let form = Form::new(Dimension::Quad, self.value);
+        build_slabs(form, &mut slabs, nodata, &self.options, output, progress)
+    }
+
+    /// Builds the tree on the grid of web maps: see [`WarpGrid::web_mercator`]. The tree of the picture itself goes to a temporary
+    /// file in the output's folder first, so that it may come in any order.
+    ///
+    /// # Errors
+    /// Those of [`RasterImport::build`]; also if the picture's coordinate system is not known or cannot be computed.
+    pub fn build_web_mercator(
+        mut self,
+        max_zoom: Option<u8>,
+        options: &WarpOptions,
+        output: Output,
+        progress: &dyn Progress,
+    ) -> Result<WebMercatorBuilt> {
+        let info = self.raster.info();
+        let (cells, extent) = (info.width * info.height, [info.width, info.height, 1]);
+        let (memory, share) = (self.memory / 4, self.options.share);
+        // Before anything is done: whether there is such a grid.
+        let frame = self.options.metadata.frame.clone();
+        let grid = WarpGrid::web_mercator(max_zoom, &frame, extent, options.allow_ballpark)?;
+        let near = folder(output.path());
+        let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
+        let temporary = temporary.map_err(Error::io(near, "make a temporary folder in"))?;
+        let native = temporary.path().join("native.goblin");
+        self.options.share = false;
+        self.build(Output::create(&native)?, &PartOfWork::new(progress, cells, 2 * cells))?;
+        let file = Arc::new(TreeFile::open(&native, &OpenOptions::default())?);
+        let warped = Warped::new(file, &frame, &grid, options)?;
+        let resampling = warped.resampling();
+        warp(warped, share, output, memory, &PartOfWork::new(progress, cells, 2 * cells))?;
+        let max_zoom = grid.extent[0].trailing_zeros() as u8 - 8;
+        Ok(WebMercatorBuilt { max_zoom, resampling })
+    }
+}
+
+/// Properties of a tree that was built on the grid of web maps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WebMercatorBuilt {
+    /// The zoom of the deepest tiles, of 256 x 256 cells.
+    pub max_zoom: u8,
+    /// The way cells got their values.
+    pub resampling: Resampling,
+}
+
+/// Bytes that building from bands of rows takes: two bands, and the parts of the tree along the width that
+/// wait for the rows below them.
+///
+/// Of each block no more than 4096 records wait. A row of blocks waits at the lowest level, two rows merged
+/// at the next one, and so on: above the second level segments have been cut off, so that each level up has a
+/// quarter of the records. Together that is at most four rows of blocks.
+fn bands_memory(info: &RasterInfo, value_size: usize) -> u64 {
+    const WAITING: u64 = 4 * 4096;
+    // Four values, states and a link.
+    let record = 4 * value_size as u64 + 4;
+    let band = info.width * BLOCK * (info.pixel_bytes() as u64 + 1);
+    2 * band + info.width.div_ceil(BLOCK) * WAITING * record
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::fake::Fake;
+    use super::super::{DEFAULT_MEMORY, Raster};
+    use super::*;
+    use spinney_base::value::{Kind, SampleType, ValueType};
+    use spinney_engine::store::BuildOptions;
+
+    fn bytes_of(raster: Box<dyn Raster>, memory: u64, path: &Path) -> Vec<u8> {
+        let options = BuildOptions::new(Kind::Continuous, 11).memory(memory);
+        let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
+        let output = Output::create(path).unwrap();
+        build_slabs(form, &mut RasterSlabs::new(raster, memory), None, &options, output, &()).unwrap();
+        std::fs::read(path).unwrap()
+    }
+
+    #[test]
+    fn spilling_and_memory_do_not_change_the_bytes() {
+        let (width, height) = (1500, 1100);
+        let fake = |order| -> Box<dyn Raster> {
+            let info = RasterInfo { order, ..RasterInfo::plain([width, height], SampleType::U8, 1) };
+            let pixel = |i: u64| ((i % width) * (i / width) / 900) as u8;
+            Box::new(Fake::new(info, (0..width * height).map(pixel).collect()))
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.goblin");
+        let direct = bytes_of(fake(Order::Anywhere), 64 << 20, &path);
+        for memory in [0, 1 << 20, 64 << 20] {
+            let spilled = spill(fake(Order::Bands), folder.path(), memory, &()).unwrap();
+            assert!(bytes_of(spilled, memory, &path) == direct, "{memory}");
+        }
+    }
+
+    #[test]
+    fn wide_pictures_need_more_than_narrow_ones() {
+        let needed = |width| bands_memory(&RasterInfo::plain([width, 10], SampleType::U8, 1), 1);
+        assert_eq!(needed(256), 2 * 256 * 256 * 2 + 4 * 4096 * 8);
+        assert!(needed(43200) < DEFAULT_MEMORY / 2 && needed(1 << 20) > DEFAULT_MEMORY / 2);
+    }
+}

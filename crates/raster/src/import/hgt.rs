@@ -1,0 +1,111 @@
+//! SRTM elevation tiles: bare big-endian i16 samples, placed by the file's name.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+use super::{Pixels, Raster, RasterInfo};
+use spinney_base::space::Region;
+use spinney_base::value::{Kind, SampleType};
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, Frame};
+
+struct Hgt {
+    path: PathBuf,
+    file: File,
+    info: RasterInfo,
+}
+
+pub(super) fn open(path: &Path) -> Result<Box<dyn Raster>> {
+    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    let bytes = file.metadata().map_err(Error::io(path, "read the size of"))?.len();
+    let side = match bytes {
+        25_934_402 => 3601,
+        2_884_802 => 1201,
+        _ => {
+            let expected = "25934402 (3601 x 3601 samples) or 2884802 (1201 x 1201)";
+            return Err(Error::corrupt(path, "the whole file", format!("{bytes} bytes"), expected));
+        }
+    };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let [west, south] = corner(&name).ok_or_else(|| {
+        let advice = "rename it to its south-west corner, as in N46E008.hgt";
+        Error::unsupported(path, "an .hgt file whose name does not say where it lies", advice)
+    })?;
+
+    // Samples are points on a grid that includes both edges of the degree; the first pixel's area reaches
+    // half a step beyond it.
+    let step = 1.0 / (side - 1) as f64;
+    let mut frame = Frame::planar([step, 0.0, west - step / 2.0, 0.0, -step, south + 1.0 + step / 2.0]);
+    frame.crs = Some(Crs::epsg(4326));
+    frame.pixel_is_point = true;
+    let info = RasterInfo {
+        frame,
+        nodata: Some(-32768.0),
+        kind: Some(Kind::Continuous),
+        layout: "SRTM .hgt, rows".into(),
+        ..RasterInfo::plain([side, side], SampleType::I16, 1)
+    };
+    Ok(Box::new(Hgt { path: path.to_path_buf(), file, info }))
+}
+
+/// West and south edge in degrees from a name that starts like `N46E008`.
+fn corner(name: &str) -> Option<[f64; 2]> {
+    let degrees = |at: std::ops::Range<usize>, limit: i32, negative: u8, positive: u8| {
+        let digits = name.get(at.start + 1..at.end)?;
+        let number: i32 = digits.bytes().all(|b| b.is_ascii_digit()).then(|| digits.parse().ok())??;
+        let sign = name.as_bytes()[at.start].to_ascii_uppercase();
+        let number = if sign == negative { -number } else { number };
+        let known = sign == negative || sign == positive;
+        (known && (-limit..limit).contains(&number)).then_some(f64::from(number))
+    };
+    let ends_there = name.as_bytes().get(7).is_some_and(|b| !b.is_ascii_alphanumeric());
+    Some([degrees(3..7, 180, b'W', b'E')?, degrees(0..3, 90, b'S', b'N')?]).filter(|_| ends_there)
+}
+
+impl Raster for Hgt {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.info.check(region)?;
+        pixels.valid = None;
+        pixels.bytes.clear();
+        pixels.bytes.resize(region.area() as usize * 2, 0);
+        let row_bytes = region.width as usize * 2;
+        for (y, row) in (region.y..).zip(pixels.bytes.chunks_exact_mut(row_bytes.max(1))) {
+            let start = (y * self.info.width + region.x) * 2;
+            self.file.seek(SeekFrom::Start(start)).map_err(Error::io(&self.path, "read"))?;
+            self.file.read_exact(row).map_err(Error::io(&self.path, "read"))?;
+            row.as_chunks_mut::<2>().0.iter_mut().for_each(|sample| sample.reverse());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::corner;
+
+    #[test]
+    fn names() {
+        assert_eq!(corner("N46E008.hgt"), Some([8.0, 46.0]));
+        assert_eq!(corner("s01w122.SRTMGL1.hgt"), Some([-122.0, -1.0]));
+        for name in [
+            "",
+            "N46E08.hgt",
+            "N46E0081.hgt",
+            "X46E008.hgt",
+            "N4\u{e9}E008.hgt",
+            "N+6E008.hgt",
+            "N95E008.hgt",
+        ] {
+            assert_eq!(corner(name), None, "{name}");
+        }
+    }
+}

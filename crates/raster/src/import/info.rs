@@ -1,0 +1,69 @@
+//! Checks and defaults that most readers share.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::{Order, RasterInfo, RasterOptions};
+use spinney_base::space::Region;
+use spinney_base::value::SampleType;
+use spinney_base::{Error, Result};
+use spinney_crs::Frame;
+
+impl RasterInfo {
+    /// A raster about which nothing more is known.
+    pub(super) fn plain(size: [u64; 2], sample: SampleType, channels: usize) -> RasterInfo {
+        RasterInfo {
+            width: size[0],
+            height: size[1],
+            sample,
+            stored_sample: sample.name().into(),
+            channels,
+            alpha: None,
+            keeps_transparent: false,
+            frame: Frame::identity(),
+            nodata: None,
+            palette: None,
+            class_names: Vec::new(),
+            class_channel: 0,
+            band_names: vec![String::new(); channels],
+            scale_offset: vec![(1.0, 0.0); channels],
+            units: vec![String::new(); channels],
+            kind: None,
+            layout: String::new(),
+            tags: BTreeMap::new(),
+            scoped_tags: BTreeMap::new(),
+            control_points: None,
+            order: Order::Anywhere,
+        }
+    }
+
+    /// Bytes of one pixel as [`super::Raster::read`] gives it.
+    pub(super) fn pixel_bytes(&self) -> usize {
+        self.sample.size() * self.channels
+    }
+
+    /// Fails if a region is not within the raster.
+    pub(super) fn check(&self, region: Region) -> Result<()> {
+        if Region::new(0, 0, self.width, self.height).contains(&region) {
+            return Ok(());
+        }
+        let size = format!("something within {} x {} pixels", self.width, self.height);
+        Err(Error::invalid("region to read", format!("{region:?}"), size))
+    }
+}
+
+impl RasterOptions {
+    /// Fails if `needed` bytes for `what` are more than allowed.
+    pub(super) fn check_memory(&self, path: &Path, what: &str, needed: u64) -> Result<()> {
+        if needed <= self.memory {
+            return Ok(());
+        }
+        Err(Error::TooLarge {
+            path: path.to_path_buf(),
+            what: what.into(),
+            needed,
+            limit: self.memory,
+            advice: "allow more with --memory, or convert the file to tiled TIFF".into(),
+        })
+    }
+}

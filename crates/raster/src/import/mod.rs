@@ -1,0 +1,187 @@
+//! Raster files as input: one trait, one reader per format, mosaics of several.
+
+mod bands;
+mod build;
+mod exr;
+#[cfg(test)]
+mod fake;
+mod gdal;
+mod hgt;
+mod info;
+mod mosaic;
+mod picture;
+mod plan;
+mod png;
+mod sidecar;
+mod slabs;
+mod spill;
+mod tiff;
+mod validity;
+mod worldfile;
+mod xml;
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+pub use self::bands::{select, value_type};
+pub use self::build::WebMercatorBuilt;
+pub use self::mosaic::mosaic;
+pub use self::plan::{DEFAULT_MEMORY, ImportOptions, RasterImport, plan};
+pub(super) use self::plan::{depth_of, nodata_text};
+pub use self::slabs::RasterSlabs;
+pub use self::spill::spill;
+pub(super) use self::tiff::SampleFormat;
+pub(super) use self::validity::as_stored;
+use spinney_base::space::Region;
+use spinney_base::value::{Kind, Palette, SampleType};
+use spinney_base::{Error, Result};
+use spinney_container::ScopedTags;
+use spinney_crs::{ControlPoints, Frame};
+
+/// Properties of a raster, from the header of its file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RasterInfo {
+    /// Columns.
+    pub width: u64,
+    /// Rows.
+    pub height: u64,
+    /// Type of the samples that [`Raster::read`] gives: the file's own, or the next wider one that Spinney
+    /// has (1 to 7 bits become u8, i8 becomes i16, half becomes f32, 64-bit integers become f64).
+    pub sample: SampleType,
+    /// Type of the samples as the file has them, in words: "uint12", "int8", "half".
+    pub stored_sample: String,
+    /// Samples per pixel, any number.
+    pub channels: usize,
+    /// Index of the opacity channel (0 is transparent), if there is one.
+    pub alpha: Option<usize>,
+    /// Whether transparent pixels are pixels like all others; else they are VOID.
+    pub keeps_transparent: bool,
+    /// Map from pixels to the world.
+    pub frame: Frame,
+    /// The number that marks missing samples.
+    pub nodata: Option<f64>,
+    /// Colours of the values of a one-channel picture.
+    pub palette: Option<Palette>,
+    /// Names of values, by value.
+    pub class_names: Vec<(i64, String)>,
+    /// Index of the channel whose values these are.
+    pub class_channel: usize,
+    /// A name per channel where the file has them, else empty strings.
+    pub band_names: Vec<String>,
+    /// Scale and offset per channel: factor and summand from samples to physical units.
+    pub scale_offset: Vec<(f64, f64)>,
+    /// Unit per channel of what scale and offset make; empty where the file does not tell.
+    pub units: Vec<String>,
+    /// Kind of the samples, continuous or categorical, where the file tells.
+    pub kind: Option<Kind>,
+    /// The format and how the pixels lie in the file, in words: "GeoTIFF, 512x512 tiles, zstd".
+    pub layout: String,
+    /// Other things worth keeping, by name.
+    pub tags: BTreeMap<String, String>,
+    /// Texts about single channels, and in domains.
+    pub scoped_tags: ScopedTags,
+    /// Ground control points.
+    pub control_points: Option<ControlPoints>,
+    /// Order in which regions are cheap to read.
+    pub order: Order,
+}
+
+/// Order in which regions of a raster are cheap to read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Full-width bands from the top down, each row asked for once; for some formats nothing else is
+    /// possible.
+    Bands,
+    /// Any region at any time.
+    Anywhere,
+}
+
+/// Samples of a region: rows from the top, pixels from the left, a pixel's channels together, little-endian.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pixels {
+    /// `height * width * channels` samples.
+    pub bytes: Vec<u8>,
+    /// One flag per pixel where the file has a mask of its own: `false` is VOID. (Opacity and nodata are not
+    /// in it: the samples themselves have them.)
+    pub valid: Option<Vec<bool>>,
+}
+
+/// A raster file that is open for reading, whatever its format.
+pub trait Raster: Send {
+    /// Properties of the raster.
+    fn info(&self) -> &RasterInfo;
+
+    /// The file, for messages.
+    fn path(&self) -> &Path;
+
+    /// Reads a region that lies within the raster into `pixels`, replacing what was there.
+    ///
+    /// With [`Order::Bands`], regions must be full-width and follow each other from the top without a gap.
+    ///
+    /// # Errors
+    /// If the file is damaged there, cannot be read, or decoding would need more memory than `open` allowed.
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()>;
+}
+
+/// Options for opening a raster.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct RasterOptions {
+    /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
+    /// no other way.
+    pub memory: u64,
+    /// The EXR layer to read, by name; the first one if not given.
+    pub layer: Option<String>,
+}
+
+impl Default for RasterOptions {
+    fn default() -> Self {
+        RasterOptions { memory: 192 << 20, layer: None }
+    }
+}
+
+impl RasterOptions {
+    /// The first layer, read with 192 MiB of memory.
+    pub fn new() -> RasterOptions {
+        RasterOptions::default()
+    }
+}
+
+/// Opens a raster file, whose format is recognised by its first bytes (`.hgt` files from their name), with what a
+/// sidecar (`.aux.xml`) beside it tells.
+///
+/// # Errors
+/// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
+pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
+    let magic = first_bytes(path)?;
+    let raster = match magic.as_slice() {
+        [b'I', b'I', b'*' | b'+', 0, ..] | [b'M', b'M', 0, b'*' | b'+', ..] => tiff::open(path, options),
+        [0x89, b'P', b'N', b'G', ..] => png::open(path, options),
+        [0xff, 0xd8, 0xff, ..] => picture::open_jpeg(path, options),
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P'] => picture::open_webp(path, options),
+        [0x76, 0x2f, 0x31, 0x01, ..] => exr::open(path, options),
+        _ if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hgt")) => hgt::open(path),
+        _ => Err(Error::unsupported(
+            path,
+            "a file of this format",
+            "convert it to TIFF, PNG, JPEG, WebP, OpenEXR or .hgt",
+        )),
+    };
+    sidecar::describe(raster?)
+}
+
+/// Enough of a file's start to tell its format.
+fn first_bytes(path: &Path) -> Result<Vec<u8>> {
+    if path.is_dir() {
+        return Err(Error::io(path, "open")(io::Error::from(io::ErrorKind::IsADirectory)));
+    }
+    let file = File::open(path).map_err(Error::io(path, "open"))?;
+    let mut magic = Vec::new();
+    file.take(12).read_to_end(&mut magic).map_err(Error::io(path, "read"))?;
+    if magic.is_empty() {
+        return Err(Error::corrupt(path, "the whole file", "no bytes", "a raster"));
+    }
+    Ok(magic)
+}

@@ -1,0 +1,285 @@
+//! Several rasters on one grid as one.
+
+use std::path::Path;
+
+use super::validity::Validity;
+use super::{Order, Pixels, Raster, RasterInfo};
+use spinney_base::space::Region;
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, Frame};
+
+/// Largest distance of a raster's pixels from the grid of the first one, in pixels.
+const TOLERANCE: f64 = 1e-3;
+
+/// Several rasters on one grid.
+struct Mosaic {
+    inputs: Vec<Input>,
+    info: RasterInfo,
+    /// Whether inputs mark VOID with different numbers, so that flags must tell.
+    flag_all: bool,
+    part: Pixels,
+}
+
+struct Input {
+    raster: Box<dyn Raster>,
+    /// Its pixels in the mosaic.
+    region: Region,
+    validity: Validity,
+}
+
+/// Several rasters as one that covers them all; the last one lies on top, and where it is VOID those below
+/// show.
+///
+/// They must have the same kind of pixels, and their pixels must lie on one grid. Everything else (palette,
+/// names, tags) is the first one's. If they mark VOID with different numbers, the mosaic has none and flags
+/// VOID pixels instead. One raster is given back as it is.
+///
+/// # Errors
+/// If they do not fit together, or there are none.
+pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
+    match rasters.len() {
+        0 => return Err(Error::invalid("inputs", "none", "at least one raster")),
+        1 => return Ok(rasters.remove(0)),
+        _ => {}
+    }
+    let first = &*rasters[0];
+    let offsets = rasters.iter().map(|raster| offset(first, &**raster)).collect::<Result<Vec<_>>>()?;
+    let corner: [i64; 2] =
+        std::array::from_fn(|axis| offsets.iter().map(|offset| offset[axis]).min().unwrap_or(0));
+    let mut info = first.info().clone();
+    let first_cell = Frame::identity().shifted([corner[0] as f64, corner[1] as f64, 0.0]);
+    info.frame = info.frame.shifted([corner[0] as f64, corner[1] as f64, 0.0]);
+    info.control_points = info.control_points.and_then(|points| points.seen_through(&first_cell));
+    let flag_all = rasters.iter().any(|raster| !same_number(raster.info().nodata, info.nodata));
+    if flag_all {
+        info.nodata = None;
+    }
+    if rasters.iter().any(|raster| raster.info().order == Order::Bands) {
+        info.order = Order::Bands;
+    }
+    info.layout = format!("mosaic of {}, the first: {}", rasters.len(), info.layout);
+    let input = |(raster, offset): (Box<dyn Raster>, [i64; 2])| {
+        let found = raster.info();
+        let (x, y) = ((offset[0] - corner[0]) as u64, (offset[1] - corner[1]) as u64);
+        Input {
+            region: Region::new(x, y, found.width, found.height),
+            validity: Validity::by_all(found),
+            raster,
+        }
+    };
+    let inputs: Vec<Input> = rasters.into_iter().zip(offsets).map(input).collect();
+    info.width = inputs.iter().map(|input| input.region.right()).max().unwrap_or(0);
+    info.height = inputs.iter().map(|input| input.region.bottom()).max().unwrap_or(0);
+    Ok(Box::new(Mosaic { inputs, info, flag_all, part: Pixels::default() }))
+}
+
+fn same_number(a: Option<f64>, b: Option<f64>) -> bool {
+    a == b || matches!((a, b), (Some(a), Some(b)) if a.is_nan() && b.is_nan())
+}
+
+/// Offset of a raster's first pixel in the pixels of another one.
+fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
+    let both = || format!("{} and {} for one mosaic", first.path().display(), other.path().display());
+    let (a, b) = (first.info(), other.info());
+    let pixels = |info: &RasterInfo| (info.sample, info.channels, info.alpha);
+    if pixels(a) != pixels(b) || a.scale_offset != b.scale_offset {
+        let name = |info: &RasterInfo| {
+            let alpha = if info.alpha.is_some() { " with opacity" } else { "" };
+            format!("{} x {}{alpha}, scale {:?}", info.channels, info.sample.name(), info.scale_offset)
+        };
+        return Err(Error::invalid(
+            both(),
+            format!("{} and {}", name(a), name(b)),
+            "the same kind of pixels",
+        ));
+    }
+    let [here, there] = [first, other].map(|raster| raster.path().display().to_string());
+    Crs::check_same((&here, a.frame.crs.as_ref()), (&there, b.frame.crs.as_ref()))?;
+    // If three corners lie on the grid, all pixels do.
+    let (width, height) = (b.width as f64, b.height as f64);
+    let shift = |[x, y]: [f64; 2]| {
+        let [column, row, _] = a.frame.to_cells(b.frame.to_world([x, y, 0.0]))?;
+        Some([column - x, row - y])
+    };
+    let expected = shift([0.0, 0.0]).map(|shift| shift.map(f64::round));
+    let on_grid = |corner| match (shift(corner), expected) {
+        (Some(found), Some(expected)) => {
+            found.iter().zip(expected).all(|(a, b)| (a - b).abs() <= TOLERANCE && b.abs() < 1e15)
+        }
+        _ => false,
+    };
+    match expected.filter(|_| [[0.0, 0.0], [width, 0.0], [0.0, height]].into_iter().all(on_grid)) {
+        Some(shift) => Ok(shift.map(|pixels| pixels as i64)),
+        None => {
+            let found = format!("transforms {:?} and {:?}", a.frame.affine(), b.frame.affine());
+            Err(Error::invalid(both(), found, "pixels of one size, a whole number of pixels apart"))
+        }
+    }
+}
+
+impl Raster for Mosaic {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        self.inputs[0].raster.path()
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.info.check(region)?;
+        let touched = |input: &&mut Input| !input.region.intersect(&region).is_empty();
+        let mut inputs: Vec<&mut Input> = self.inputs.iter_mut().filter(touched).collect();
+        // The usual case: one input has it all.
+        if let [input] = inputs.as_mut_slice()
+            && input.region.contains(&region)
+        {
+            input.read(region, pixels)?;
+            if self.flag_all {
+                input.validity.apply(pixels);
+            }
+            return Ok(());
+        }
+        let size = self.info.pixel_bytes();
+        pixels.bytes.clear();
+        pixels.bytes.resize(region.area() as usize * size, 0);
+        let mut valid = vec![false; region.area() as usize];
+        for input in inputs {
+            let part = input.region.intersect(&region);
+            input.read(part, &mut self.part)?;
+            input.validity.apply(&mut self.part);
+            for row in 0..part.height {
+                let from = (row * part.width) as usize..((row + 1) * part.width) as usize;
+                let to = ((part.y - region.y + row) * region.width + part.x - region.x) as usize;
+                let to = to..to + from.len();
+                let flags = self.part.valid.as_ref().map(|flags| &flags[from.clone()]);
+                let samples = &self.part.bytes[from.start * size..from.end * size];
+                let target = &mut pixels.bytes[to.start * size..to.end * size];
+                paint(target, &mut valid[to], samples, flags, size);
+            }
+        }
+        pixels.valid = valid.contains(&false).then_some(valid);
+        Ok(())
+    }
+}
+
+impl Input {
+    /// Reads a region of the mosaic that lies within the input.
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        let Region { x, y, width, height } = region;
+        self.raster.read(Region::new(x - self.region.x, y - self.region.y, width, height), pixels)
+    }
+}
+
+/// Puts those pixels of a row that are not VOID over what is there.
+fn paint(target: &mut [u8], valid: &mut [bool], samples: &[u8], flags: Option<&[bool]>, size: usize) {
+    let Some(flags) = flags else {
+        target.copy_from_slice(samples);
+        valid.fill(true);
+        return;
+    };
+    let pixels = target.chunks_exact_mut(size).zip(samples.chunks_exact(size));
+    for (((target, sample), valid), _) in pixels.zip(valid).zip(flags).filter(|(_, flag)| **flag) {
+        target.copy_from_slice(sample);
+        *valid = true;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::fake::Fake;
+    use super::*;
+    use spinney_base::value::SampleType;
+
+    fn info(at: [i64; 2], size: [u64; 2]) -> RasterInfo {
+        let frame =
+            Frame::planar([0.5, 0.0, 100.0 + 0.5 * at[0] as f64, 0.0, -0.5, 50.0 - 0.5 * at[1] as f64]);
+        RasterInfo { frame, nodata: Some(0.0), ..RasterInfo::plain(size, SampleType::U8, 1) }
+    }
+
+    /// A picture at an offset whose pixels are 0 (VOID) to 3, and whether it wants bands and has another
+    /// nodata.
+    type Picture = ([i64; 2], [u64; 2], Vec<u8>, bool, bool);
+
+    fn picture() -> impl Strategy<Value = Picture> {
+        let size = (1u64..9, 1u64..9);
+        let offset = (-6i64..6, -6i64..6);
+        (offset, size, any::<bool>(), any::<bool>()).prop_flat_map(
+            |((x, y), (width, height), bands, other)| {
+                let pixels = prop::collection::vec(0u8..4, (width * height) as usize);
+                pixels.prop_map(move |pixels| ([x, y], [width, height], pixels, bands, other))
+            },
+        )
+    }
+
+    proptest! {
+        #[test]
+        fn a_mosaic_is_what_overlaying_gives(pictures in prop::collection::vec(picture(), 1..5), band in 1u64..5) {
+            let raster = |(at, size, pixels, bands, other): &Picture| -> Box<dyn Raster> {
+                let mut info = info(*at, *size);
+                info.order = if *bands { Order::Bands } else { Order::Anywhere };
+                info.nodata = Some(if *other { 3.0 } else { 0.0 });
+                Box::new(Fake::new(info, pixels.clone()))
+            };
+            let mut mosaic = mosaic(pictures.iter().map(raster).collect()).unwrap();
+            let info = mosaic.info().clone();
+            let [west, north] = [0, 1].map(|axis| pictures.iter().map(|picture| picture.0[axis]).min().unwrap());
+            prop_assert_eq!(info.frame.to_world([0.0; 3])[..2].to_vec(), vec![
+                100.0 + 0.5 * west as f64,
+                50.0 - 0.5 * north as f64,
+            ]);
+            let expected = |x: i64, y: i64| {
+                pictures.iter().rev().find_map(|(at, size, pixels, _, other)| {
+                    let (x, y) = ((x - at[0]) as u64, (y - at[1]) as u64);
+                    let inside = x < size[0] && y < size[1];
+                    let pixel = inside.then(|| pixels[(y * size[0] + x) as usize]);
+                    pixel.filter(|pixel| *pixel != if *other { 3 } else { 0 })
+                })
+            };
+            let mut pixels = Pixels::default();
+            for y in (0..info.height).step_by(band as usize) {
+                let region = Region::new(0, y, info.width, band.min(info.height - y));
+                mosaic.read(region, &mut pixels).unwrap();
+                for i in 0..region.area() {
+                    let (column, row) = (i % info.width, y + i / info.width);
+                    let pixel = pixels.bytes[i as usize];
+                    let flag = pixels.valid.as_ref().is_none_or(|valid| valid[i as usize]);
+                    let found = (flag && info.nodata != Some(pixel.into())).then_some(pixel);
+                    prop_assert_eq!(found, expected(column as i64 + west, row as i64 + north));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn rasters_that_do_not_fit_are_refused() {
+        let refused = |change: &dyn Fn(&mut RasterInfo)| {
+            let mut other = info([5, 0], [4, 4]);
+            change(&mut other);
+            let (pixels, size) = (vec![1; 4 * 4 * other.pixel_bytes()], other);
+            let one: Box<dyn Raster> = Box::new(Fake::new(info([0, 0], [4, 4]), vec![1; 16]));
+            mosaic(vec![one, Box::new(Fake::new(size, pixels))]).err().map(|error| error.to_string())
+        };
+        assert_eq!(refused(&|_| {}), None);
+        assert_eq!(refused(&|info| info.frame.matrix[0][3] += 0.5 * 0.0009), None);
+        let names = |error: Option<String>, what: &str| error.is_some_and(|error| error.contains(what));
+        assert!(names(refused(&|info| info.frame.matrix[0][3] += 0.5 * 0.002), "102.5"));
+        assert!(names(refused(&|info| info.frame.matrix[0][0] *= 1.001), "transforms"));
+        assert!(names(refused(&|info| info.frame.matrix[1][1] *= -1.0), "transforms"));
+        assert!(names(refused(&|info| info.frame.crs = Some(Crs::epsg(4326))), "EPSG:4326"));
+        assert!(names(refused(&|info| info.sample = SampleType::I16), "i16"));
+        assert!(names(refused(&|info| info.frame.matrix[0][3] = f64::NAN), "transforms"));
+    }
+
+    #[test]
+    fn masks_of_inputs_count() {
+        let below: Box<dyn Raster> = Box::new(Fake::new(info([0, 0], [2, 1]), vec![1, 2]));
+        let above = Fake::new(info([0, 0], [2, 1]), vec![3, 4]).with_mask(vec![false, true]);
+        let mut mosaic = mosaic(vec![below, Box::new(above)]).unwrap();
+        let mut pixels = Pixels::default();
+        mosaic.read(Region::new(0, 0, 2, 1), &mut pixels).unwrap();
+        assert_eq!(pixels, Pixels { bytes: vec![1, 4], valid: None });
+    }
+}

@@ -1,0 +1,332 @@
+//! Plans of imports: from raster files and options to the tree that will be built.
+
+use std::fmt::Display;
+use std::path::PathBuf;
+
+use super::sidecar::Described;
+use super::validity::as_stored;
+use super::{Raster, RasterInfo, RasterOptions, bands, mosaic, open};
+use spinney_base::space::Dimension;
+use spinney_base::value::{Kind, Rule, SampleType, ValueType};
+use spinney_base::{Error, Result};
+use spinney_container::Metadata;
+use spinney_crs::{Crs, Frame};
+use spinney_engine::store::{BuildOptions, depth_for};
+
+/// Bytes of memory used if nothing is said: what it takes for whole JPEG and WebP pictures of a usual size.
+pub const DEFAULT_MEMORY: u64 = 256 << 20;
+
+/// Options for an import; the files decide those that are `None`.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct ImportOptions {
+    /// Kind of the samples: continuous or categorical.
+    pub kind: Option<Kind>,
+    /// Rule for the representatives of inner nodes.
+    pub rule: Option<Rule>,
+    /// Channels to take, counted from 1.
+    pub bands: Option<Vec<usize>>,
+    /// The number that means VOID.
+    pub nodata: Option<f64>,
+    /// Levels of the tree, at least as many as the picture needs.
+    pub depth: Option<u8>,
+    /// The coordinate system.
+    pub crs: Option<Crs>,
+    /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
+    pub transform: Option<[f64; 6]>,
+    /// The layer of OpenEXR files.
+    pub layer: Option<String>,
+    /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
+    /// not said.
+    pub memory: Option<u64>,
+    /// Whether pixels of opacity 0 become cells, with their colours; else they become VOID.
+    pub keep_transparent: bool,
+    /// Whether equal subtrees are stored once, in Autumnal files.
+    pub share: bool,
+}
+
+impl ImportOptions {
+    /// All that the files say.
+    pub fn new() -> ImportOptions {
+        ImportOptions::default()
+    }
+}
+
+/// Files that are open and understood, ready to be built: see [`RasterImport::build`].
+pub struct RasterImport {
+    pub(super) raster: Box<dyn Raster>,
+    pub(super) value: ValueType,
+    pub(super) nodata: Option<f64>,
+    pub(super) options: BuildOptions,
+    pub(super) memory: u64,
+    description: Vec<(&'static str, String)>,
+}
+
+impl RasterImport {
+    /// Description of the plan: pairs of a heading and its text.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// The picture as it will be read.
+    pub fn info(&self) -> &RasterInfo {
+        self.raster.info()
+    }
+
+    /// Options for building the tree.
+    pub fn options(&self) -> &BuildOptions {
+        &self.options
+    }
+
+    /// Type of the tree's values.
+    pub fn value_type(&self) -> ValueType {
+        self.value
+    }
+
+    /// Bytes of all samples, as they would be without compression.
+    pub fn raw_bytes(&self) -> u64 {
+        self.info().width * self.info().height * self.value.size() as u64
+    }
+}
+
+/// Opens raster files and decides how their tree is built. Several files become one picture: see
+/// [`mosaic`](super::mosaic).
+///
+/// ```
+/// use spinney::import::raster::{ImportOptions, plan};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("island.goblin");
+/// let import = plan(&["fixtures/island_elevation.tif".into()], &ImportOptions::default())?;
+/// import.build(Output::create(&path)?, &())?;
+/// assert_eq!(spinney::open(&path)?.depth(), 8);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If a file cannot be read, the files do not fit together, or the options do not fit them.
+pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport> {
+    let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
+    let mut overruled = None;
+    let raster = mosaic(open_inputs(inputs, options, memory, &mut overruled)?)?;
+    let info = raster.info();
+    // Beside opacity nothing is missing: what has no value is transparent there.
+    let missing = info.nodata.filter(|_| info.alpha.is_none());
+    let value = bands::value_type(raster.path(), info)?;
+    let value = missing.map_or(value, |nodata| value.with_missing(nodata));
+    let frame = frame(info, options)?;
+    let (kind, kind_reason) = kind(info, options);
+    let rule = options.rule.unwrap_or(kind.default_rule());
+    let size = format!("{} x {} pixels", info.width, info.height);
+    let depth = depth_of(Dimension::Quad, [info.width, info.height, 1], &size, options.depth)?;
+    let choices = Choices { value, kind, kind_reason, rule, depth };
+    let metadata = metadata(frame, inputs, info, options);
+    let description = describe(inputs, info, options, &choices, &metadata, overruled);
+    let nodata = info.nodata;
+    let options = BuildOptions::new(kind, choices.depth)
+        .rule(rule)
+        .memory(memory / 4)
+        .metadata(metadata)
+        .share(options.share);
+    Ok(RasterImport { raster, value, nodata, options, memory, description })
+}
+
+/// Opens all inputs, with the channels, nodata number and coordinate system that the user chose.
+///
+/// `overruled` becomes the first coordinate system that a file tells and that is not the one that the user chose.
+fn open_inputs(
+    inputs: &[PathBuf],
+    options: &ImportOptions,
+    memory: u64,
+    overruled: &mut Option<Crs>,
+) -> Result<Vec<Box<dyn Raster>>> {
+    // Readers rarely need their share, but all together must not need more than half of the memory.
+    let share = memory / 2 / inputs.len().max(1) as u64;
+    let open_options = RasterOptions { memory: share, layer: options.layer.clone() };
+    let open_one = |path: &PathBuf| -> Result<Box<dyn Raster>> {
+        let raster = open(path, &open_options)?;
+        let raster = match &options.bands {
+            Some(chosen) => bands::select(raster, chosen)?,
+            None => raster,
+        };
+        let mut info = raster.info().clone();
+        info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
+        info.keeps_transparent = options.keep_transparent;
+        if let Some(chosen) = &options.crs {
+            let told = match &mut info.control_points {
+                Some(points) => points.crs.replace(chosen.clone()),
+                None => info.frame.crs.replace(chosen.clone()),
+            };
+            *overruled = overruled.take().or(told.filter(|told| !told.is_same(chosen)));
+        }
+        Ok(Box::new(Described { raster, info }))
+    };
+    inputs.iter().map(open_one).collect()
+}
+
+/// Properties of the tree that follow from the raster and the options.
+struct Choices {
+    value: ValueType,
+    kind: Kind,
+    /// Reason for the kind, in words.
+    kind_reason: &'static str,
+    rule: Rule,
+    depth: u8,
+}
+
+/// Metadata of the tree's file.
+fn metadata(frame: Frame, inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Metadata {
+    // Control points are for pictures that nothing else places.
+    let control_points = info.control_points.clone().filter(|_| frame.is_identity());
+    Metadata {
+        frame,
+        control_points,
+        nodata: info.nodata,
+        palette: info.palette.clone(),
+        class_names: info.class_names.iter().cloned().collect(),
+        band_names: if info.band_names.iter().all(String::is_empty) {
+            Vec::new()
+        } else {
+            info.band_names.clone()
+        },
+        scale_offset: if info.scale_offset.iter().all(|pair| *pair == (1.0, 0.0)) {
+            Vec::new()
+        } else {
+            info.scale_offset.clone()
+        },
+        alpha: info.alpha.map(|alpha| alpha as u8),
+        provenance: provenance(inputs, info, options),
+        units: if info.units.iter().all(String::is_empty) { Vec::new() } else { info.units.clone() },
+        tags: info.tags.clone(),
+        scoped_tags: info.scoped_tags.clone(),
+        ..Metadata::default()
+    }
+}
+
+/// Lines of [`RasterImport::description`].
+fn describe(
+    inputs: &[PathBuf],
+    info: &RasterInfo,
+    options: &ImportOptions,
+    choices: &Choices,
+    metadata: &Metadata,
+    overruled: Option<Crs>,
+) -> Vec<(&'static str, String)> {
+    let Choices { value, kind, kind_reason, rule, depth } = choices;
+    let plural = if value.channels == 1 { "" } else { "s" };
+    let stored = &info.stored_sample;
+    let nodata = nodata_text(options.nodata, info.nodata, value.sample);
+    let crs = match (&metadata.frame.crs, overruled) {
+        (None, _) => "none".into(),
+        (Some(crs), None) => crs.to_string(),
+        (Some(crs), Some(told)) => format!("{crs}, as you said; the input says {told}"),
+    };
+    let affine = metadata.frame.affine().map(|number| number.to_string()).join(", ");
+    let mut lines = vec![
+        ("input", inputs.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")),
+        ("layout", info.layout.clone()),
+        ("size", format!("{} x {} pixels", info.width, info.height)),
+        (
+            "samples",
+            format!("{} channel{plural} of {} (stored as {stored})", value.channels, value.sample.name()),
+        ),
+        ("CRS", crs),
+        ("transform", if metadata.frame.is_identity() { "none".into() } else { affine }),
+        ("nodata", nodata),
+    ];
+    if let Some(points) = &metadata.control_points {
+        let crs = points.crs.as_ref().map_or("none".into(), Crs::to_string);
+        lines.push(("points", format!("{} ground control points, CRS {crs}", points.points.len())));
+    }
+    if let Some(palette) = &metadata.palette {
+        lines.push(("palette", format!("{} colours", palette.colours.len())));
+    }
+    lines.push(("kind", format!("{kind}: {kind_reason}")));
+    let default = if options.rule.is_some() { "as you said".into() } else { format!("usual for {kind}") };
+    lines.push(("rule", format!("{rule}, {default}")));
+    lines.push(("depth", format!("{depth} levels, {0} x {0} cells", 1u64 << depth)));
+    lines
+}
+
+fn frame(info: &RasterInfo, options: &ImportOptions) -> Result<Frame> {
+    let mut frame = info.frame.clone();
+    if let Some(transform) = options.transform {
+        frame.matrix = Frame::planar(transform).matrix;
+        if transform.iter().any(|number| !number.is_finite()) || frame.to_cells([0.0; 3]).is_none() {
+            let expected = "six numbers that map columns and rows to a plane: a,b,c,d,e,f";
+            return Err(Error::invalid("transform", format!("{transform:?}"), expected));
+        }
+    }
+    Ok(frame)
+}
+
+fn kind(info: &RasterInfo, options: &ImportOptions) -> (Kind, &'static str) {
+    let small = matches!(info.sample, SampleType::U8) && info.channels == 1;
+    let has_classes = info.channels == 1 && !info.sample.is_float() && !info.class_names.is_empty();
+    match (options.kind, info.kind) {
+        (Some(kind), _) => (kind, "as you said"),
+        (None, Some(kind @ Kind::Categorical)) if info.palette.is_some() => (kind, "it has a palette"),
+        (None, _) if has_classes => (Kind::Categorical, "its values have names"),
+        (None, Some(kind)) => (kind, "as the file's samples tell"),
+        (None, None) if small => (Kind::Continuous, "8-bit grey; for classes say --kind categorical"),
+        (None, None) => (Kind::Continuous, "the usual for such samples"),
+    }
+}
+
+/// The nodata number in words: what was asked for or is told, and what samples of the tree's type hold of that.
+pub(crate) fn nodata_text(asked: Option<f64>, held: Option<f64>, sample: SampleType) -> String {
+    match (asked, held) {
+        (Some(number), None) => format!("none: {} cannot hold {number}", sample.name()),
+        (Some(_), Some(number)) => format!("{number}, as you said"),
+        (None, Some(number)) => number.to_string(),
+        (None, None) => "none".into(),
+    }
+}
+
+/// Levels of a tree: as asked for, else as few as hold its cells, whose size is `size` in words.
+///
+/// # Errors
+/// If no tree is that large, or the tree asked for is not.
+pub(crate) fn depth_of(dimension: Dimension, extent: [u64; 3], size: &str, asked: Option<u8>) -> Result<u8> {
+    let (least, most) = (depth_for(extent), dimension.max_depth());
+    if least > most {
+        return Err(Error::invalid("size", size, format!("at most 2^{most} cells along a side")));
+    }
+    match asked {
+        None => Ok(least),
+        Some(depth) if (least..=most).contains(&depth) => Ok(depth),
+        Some(depth) => {
+            Err(Error::invalid("depth", depth.to_string(), format!("{least} to {most} for {size}")))
+        }
+    }
+}
+
+/// A line per input, and one for what the user said.
+fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Vec<String> {
+    let mut lines: Vec<String> =
+        inputs.iter().map(|path| format!("raster {} ({})", path.display(), info.layout)).collect();
+    let mut said = Vec::new();
+    let mut say = |name: &str, value: Option<&dyn Display>| {
+        said.extend(value.map(|value| format!("{name} {value}")));
+    };
+    let numbers = |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+    let bands =
+        options.bands.as_ref().map(|bands| bands.iter().map(usize::to_string).collect::<Vec<_>>().join(","));
+    let transform = options.transform.map(|transform| numbers(&transform));
+    say("kind", options.kind.as_ref().map(|kind| kind as _));
+    say("rule", options.rule.as_ref().map(|rule| rule as _));
+    say("bands", bands.as_ref().map(|bands| bands as _));
+    say("nodata", options.nodata.as_ref().map(|nodata| nodata as _));
+    say("depth", options.depth.as_ref().map(|depth| depth as _));
+    say("crs", options.crs.as_ref().map(|crs| crs as _));
+    say("transform", transform.as_ref().map(|transform| transform as _));
+    say("layer", options.layer.as_ref().map(|layer| layer as _));
+    if options.keep_transparent {
+        said.push("transparent pixels kept".into());
+    }
+    if !said.is_empty() {
+        lines.push(format!("imported with {}", said.join(", ")));
+    }
+    lines
+}

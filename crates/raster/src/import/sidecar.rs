@@ -1,0 +1,262 @@
+//! Sidecars: the `.aux.xml` files in which GDAL keeps what is said about a picture and has no room in it.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+use super::xml::XmlElement;
+use super::{Pixels, Raster, RasterInfo, gdal, worldfile};
+use spinney_base::io::sidecar_of;
+use spinney_base::space::Region;
+use spinney_base::value::{Kind, Palette};
+use spinney_base::{Error, Result};
+use spinney_crs::{ControlPoint, ControlPoints, Frame};
+
+/// Bytes of a sidecar: as much as a tree's metadata may have.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// A raster about which more is known than its file tells.
+pub(super) struct Described {
+    pub(super) raster: Box<dyn Raster>,
+    pub(super) info: RasterInfo,
+}
+
+impl Raster for Described {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        self.raster.path()
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        self.raster.read(region, pixels)
+    }
+}
+
+/// The raster with what files beside it say, if there are any. What a sidecar says goes before what the file itself
+/// says, as for GDAL, which writes sidecars of files that it cannot change; but for its place, which a sidecar or a
+/// world file tells where the file itself does not.
+pub(super) fn describe(raster: Box<dyn Raster>) -> Result<Box<dyn Raster>> {
+    let mut info = raster.info().clone();
+    apply_sidecar(sidecar_of(raster.path()), &mut info)?;
+    worldfile::place(raster.path(), &mut info.frame)?;
+    Ok(Box::new(Described { raster, info }))
+}
+
+/// Takes over what a sidecar says, if it is there.
+fn apply_sidecar(path: PathBuf, info: &mut RasterInfo) -> Result<()> {
+    let file = match File::open(&path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(Error::io(path, "open")(error)),
+    };
+    let mut bytes = Vec::new();
+    file.take(MAX_BYTES + 1).read_to_end(&mut bytes).map_err(Error::io(&path, "read"))?;
+    let found = if bytes.len() as u64 > MAX_BYTES { "more than 16 MiB" } else { "something else" };
+    let text = String::from_utf8_lossy(&bytes);
+    let root = XmlElement::document(&text).named("PAMDataset").next();
+    let Some(root) = root.filter(|_| bytes.len() as u64 <= MAX_BYTES) else {
+        let expected =
+            "GDAL's metadata in XML, <PAMDataset>; move the file away to read the picture without it";
+        return Err(Error::corrupt(path, "sidecar", found, expected));
+    };
+    apply(&path, &root, info)
+}
+
+fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()> {
+    for element in root.children() {
+        match element.name {
+            "SRS" if info.frame.crs.is_none() => info.frame.crs = worldfile::crs(path, &element.text())?,
+            "GeoTransform" if info.frame.is_identity() => {
+                info.frame.matrix = geo_transform(path, &element.text())?.matrix;
+            }
+            "Metadata" => apply_metadata(&element, None, info),
+            "GCPList" => {
+                info.control_points = control_points(path, &element)?.or(info.control_points.take());
+            }
+            "PAMRasterBand" => {
+                let number = element.attribute("band").and_then(|number| number.parse::<usize>().ok());
+                if let Some(channel) = number.and_then(|number| number.checked_sub(1))
+                    && channel < info.channels
+                {
+                    apply_band(&element, channel, info);
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
+    let mut nodata = None;
+    for element in band.children() {
+        match element.name {
+            "Description" => info.band_names[channel] = element.text(),
+            "UnitType" => info.units[channel] = element.text(),
+            "Scale" => gdal::set_number(&mut info.scale_offset[channel].0, &element.text()),
+            "Offset" => gdal::set_number(&mut info.scale_offset[channel].1, &element.text()),
+            "NoDataValue" => nodata = gdal::nodata(&element.text(), info.sample),
+            "CategoryNames" => gdal::take_class_names(info, channel, categories(&element)),
+            "GDALRasterAttributeTable" if info.class_names.is_empty() => {
+                gdal::take_class_names(info, channel, gdal::class_names(&element));
+            }
+            "ColorTable" if info.channels == 1 => {
+                if let Some(palette) = palette(&element) {
+                    // Colours are for classes, as in a picture that has them in itself.
+                    (info.palette, info.kind) = (Some(palette), Some(Kind::Categorical));
+                }
+            }
+            "Metadata" => apply_metadata(&element, Some(channel), info),
+            _ => {}
+        }
+    }
+    // (Of several channels the first counts: a picture has one number.)
+    if channel == 0 || info.nodata.is_none() {
+        info.nodata = nodata.or(info.nodata);
+    }
+}
+
+fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut RasterInfo) {
+    let domain = metadata.attribute("domain").unwrap_or_default();
+    if metadata.attribute("format").is_some_and(|format| format == "xml") {
+        // The content is a document, which has the name that it has in a TIFF file.
+        gdal::put_tag(info, channel, &domain, "doc".into(), metadata.content.trim().into());
+        return;
+    }
+    for item in metadata.named("MDI") {
+        if let Some(name) = item.attribute("key") {
+            gdal::put_tag(info, channel, &domain, name, item.text());
+        }
+    }
+}
+
+/// Names of the values from 0 on; those of values in gaps are empty.
+fn categories(list: &XmlElement<'_>) -> Vec<(i64, String)> {
+    let names = list.named("Category").map(|name| name.text());
+    (0..).zip(names).collect()
+}
+
+/// Colours of the values from 0 on; nothing if there are none, or more than 16 bits can tell.
+fn palette(table: &XmlElement<'_>) -> Option<Palette> {
+    const MOST: usize = 1 << 16;
+    let level = |entry: &XmlElement<'_>, name: &str| entry.attribute(name)?.trim().parse::<u8>().ok();
+    let colour = |entry: XmlElement<'_>| {
+        let channel = |name| level(&entry, name).unwrap_or(0);
+        [channel("c1"), channel("c2"), channel("c3"), level(&entry, "c4").unwrap_or(u8::MAX)]
+    };
+    let colours: Vec<_> = table.named("Entry").take(MOST + 1).map(colour).collect();
+    (1..=MOST).contains(&colours.len()).then_some(Palette { colours })
+}
+
+/// The frame from GDAL's six numbers, which stand in the order c, a, b, f, d, e.
+fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
+    let numbers: Vec<f64> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
+    let frame = <[f64; 6]>::try_from(numbers).map(|[c, a, b, f, d, e]| Frame::planar([a, b, c, d, e, f]));
+    frame
+        .ok()
+        .filter(|frame| {
+            frame.affine().iter().all(|number| number.is_finite()) && frame.to_cells([0.0; 3]).is_some()
+        })
+        .ok_or_else(|| {
+            Error::corrupt(path, "GeoTransform", "something else", "six numbers that make an invertible map")
+        })
+}
+
+fn control_points(path: &Path, list: &XmlElement<'_>) -> Result<Option<ControlPoints>> {
+    let point = |point: XmlElement<'_>| {
+        let number = |name| point.attribute(name).and_then(|text| text.trim().parse::<f64>().ok());
+        let numbers =
+            [number("Pixel")?, number("Line")?, number("X")?, number("Y")?, number("Z").unwrap_or(0.0)];
+        let [column, row, x, y, z] = numbers;
+        numbers
+            .iter()
+            .all(|number| number.is_finite())
+            .then_some(ControlPoint { cell: [column, row], world: [x, y, z] })
+    };
+    let points: Vec<_> = list.named("GCP").filter_map(point).collect();
+    let crs = worldfile::crs(path, &list.attribute("Projection").unwrap_or_default())?;
+    Ok((!points.is_empty()).then_some(ControlPoints { crs, points }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_base::value::SampleType;
+    use spinney_container::TagScope;
+    use spinney_crs::Crs;
+
+    fn described(xml: &str, channels: usize) -> RasterInfo {
+        let mut info = RasterInfo::plain([4, 4], SampleType::I16, channels);
+        info.tags.insert("A".into(), "of the file".into());
+        apply(Path::new("a.aux.xml"), &XmlElement::document(xml).children().next().unwrap(), &mut info)
+            .unwrap();
+        info
+    }
+
+    #[test]
+    fn everything_that_gdal_keeps_beside_a_picture() {
+        let info = described(
+            "<PAMDataset>
+              <GCPList Projection=\"GEOGCS[&quot;WGS 84&quot;,DATUM[&quot;WGS_1984&quot;,AUTHORITY[&quot;EPSG&quot;,&quot;6326&quot;]],AUTHORITY[&quot;EPSG&quot;,&quot;4326&quot;]]\">
+                <GCP Id=\"1\" Info=\"\" Pixel=\"0.5\" Line=\"2\" X=\"10\" Y=\"5e1\" Z=\"3\"/><GCP Pixel=\"x\"/>
+              </GCPList>
+              <Metadata><MDI key=\"A\">of the sidecar</MDI><MDI key=\"b &lt;\">c &amp; d</MDI></Metadata>
+              <Metadata domain=\"D\"><MDI key=\"k\">v</MDI></Metadata>
+              <Metadata domain=\"IMAGE_STRUCTURE\"><MDI key=\"NBITS\">7</MDI></Metadata>
+              <Metadata domain=\"xml:X\" format=\"xml\"> <a>t &amp; u</a> </Metadata>
+              <PAMRasterBand band=\"2\">
+                <Description>near &lt; infrared</Description><NoDataValue>-9.99900000000000E+03</NoDataValue>
+                <UnitType>°C</UnitType><Offset>-273.15</Offset><Scale>0.5</Scale>
+                <CategoryNames><Category>sea</Category><Category/><Category>a &amp; b</Category></CategoryNames>
+                <Histograms><HistItem><HistMin>0</HistMin></HistItem></Histograms>
+                <Metadata><MDI key=\"STATISTICS_MEAN\">1</MDI><MDI key=\"wave\">550</MDI></Metadata>
+              </PAMRasterBand>
+              <PAMRasterBand band=\"3\"><Description>not there</Description></PAMRasterBand>
+            </PAMDataset>",
+            2,
+        );
+        assert_eq!(info.band_names, ["", "near < infrared"]);
+        assert_eq!(info.units, ["", "°C"]);
+        assert_eq!(info.scale_offset, [(1.0, 0.0), (0.5, -273.15)]);
+        assert_eq!(info.nodata, Some(-9999.0));
+        assert_eq!(
+            (info.class_names, info.class_channel),
+            (vec![(0, "sea".into()), (1, "".into()), (2, "a & b".into())], 1)
+        );
+        let tags = |pairs: &[(&str, &str)]| -> std::collections::BTreeMap<String, String> {
+            pairs.iter().map(|(name, value)| (name.to_string(), value.to_string())).collect()
+        };
+        assert_eq!(info.tags, tags(&[("A", "of the sidecar"), ("b <", "c & d")]));
+        let scope = |channel, domain: &str| TagScope { channel, domain: domain.into() };
+        let scoped = [
+            (scope(None, "D"), tags(&[("k", "v")])),
+            (scope(None, "xml:X"), tags(&[("doc", "<a>t &amp; u</a>")])),
+            (scope(Some(1), ""), tags(&[("wave", "550")])),
+        ];
+        assert_eq!(info.scoped_tags, scoped.into());
+        let points = info.control_points.unwrap();
+        assert_eq!(points.points, [ControlPoint { cell: [0.5, 2.0], world: [10.0, 50.0, 3.0] }]);
+        assert_eq!(points.crs.as_ref().and_then(Crs::numbers), Crs::epsg(4326).numbers());
+    }
+
+    #[test]
+    fn colours_and_attribute_tables() {
+        let info = described(
+            "<PAMDataset><PAMRasterBand band=\"1\">
+              <ColorTable><Entry c1=\"1\" c2=\"2\" c3=\"3\" c4=\"255\"/><Entry c1=\"4\" c2=\"5\" c3=\"6\"/></ColorTable>
+              <GDALRasterAttributeTable tableType=\"thematic\">
+                <FieldDefn index=\"0\"><Name>V</Name><Type>0</Type><Usage>5</Usage></FieldDefn>
+                <FieldDefn index=\"1\"><Name>N</Name><Type>2</Type><Usage>2</Usage></FieldDefn>
+                <Row index=\"0\"><F>-7</F><F>minus seven</F></Row>
+              </GDALRasterAttributeTable>
+            </PAMRasterBand></PAMDataset>",
+            1,
+        );
+        assert_eq!(info.palette, Some(Palette { colours: vec![[1, 2, 3, 255], [4, 5, 6, 255]] }));
+        assert_eq!(info.kind, Some(Kind::Categorical));
+        assert_eq!(info.class_names, [(-7, "minus seven".into())]);
+    }
+}

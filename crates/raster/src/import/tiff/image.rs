@@ -1,0 +1,370 @@
+//! The pixels of one image of the file: chunks are read, decoded, and put where they belong.
+
+use std::sync::{Arc, Mutex};
+
+use rayon::prelude::*;
+
+use super::cache::{ChunkCache, ChunkKey};
+use super::codec::{ChunkShape, Compression, States};
+use super::colour::{Colour, Yuv};
+use super::ifd::{Directory, Input};
+use super::layout::{ChunkLayout, ChunkLocation};
+use super::predictor::{self, Predictor};
+use super::samples::SampleFormat;
+use super::spec::{photometric, tag};
+use spinney_base::space::Region;
+use spinney_base::{Error, Result};
+
+/// One image of the file.
+pub(super) struct Image {
+    pub(super) layout: ChunkLayout,
+    pub(super) sample_format: SampleFormat,
+    /// Samples of a pixel as [`Image::read`] gives them.
+    pub(super) channels: usize,
+    pub(super) codec: Compression,
+    pub(super) photometric: u64,
+    pub(super) colour: Colour,
+    /// The sample of chunks that were never written.
+    pub(super) hole: Vec<u8>,
+    /// Samples of a pixel in the file.
+    samples: usize,
+    predictor: Predictor,
+    /// Bits stand in bytes from the lowest up.
+    lowest_first: bool,
+    cache: Mutex<ChunkCache>,
+    workers: Mutex<Vec<Worker>>,
+    /// Chunks that may be decoded at once.
+    parallel: usize,
+    /// Chunks that were decoded.
+    #[cfg(test)]
+    pub(super) decoded: std::sync::atomic::AtomicU64,
+}
+
+/// Decoder states and buffers of one thread.
+#[derive(Default)]
+struct Worker {
+    states: States,
+    raw: Vec<u8>,
+    chunk: Vec<u8>,
+    row: Vec<u8>,
+}
+
+/// A chunk's part of a request: where its rows go.
+struct Job<'a> {
+    across: u64,
+    down: u64,
+    /// The pixels to give.
+    part: Region,
+    /// Whether the part is the whole chunk.
+    whole: bool,
+    rows: Vec<&'a mut [u8]>,
+}
+
+impl Image {
+    /// Understands an image from its tags.
+    pub(super) fn new(input: &Input, directory: &Directory<'_>) -> Result<Image> {
+        let first = |tag, default| Ok::<u64, Error>(directory.number(tag)?.unwrap_or(default));
+        let same = |tag, default| match directory.numbers(tag)?.unwrap_or_default().as_slice() {
+            [] => Ok(default),
+            [value, rest @ ..] if rest.iter().all(|other| other == value) => Ok(*value),
+            values => {
+                let some = &values[..values.len().min(8)];
+                Err(input.odd_samples(format!("a mix of samples (tag {tag}: {some:?})")))
+            }
+        };
+        let refuse = |what| input.unsupported(what);
+        let samples = match first(tag::SAMPLES_PER_PIXEL, 1)? {
+            samples @ 1..=0xffff => samples as usize,
+            samples => {
+                let tag = tag::SAMPLES_PER_PIXEL;
+                return Err(input.corrupt(format!("tag {tag}"), format!("{samples} samples"), "1 to 65535"));
+            }
+        };
+        let mut sample_format =
+            SampleFormat::new(same(tag::SAMPLE_FORMAT, 1)?, same(tag::BITS_PER_SAMPLE, 1)?)
+                .map_err(|what| input.odd_samples(what))?;
+        let codec = Compression::new(first(tag::COMPRESSION, 1)?, directory.bytes(tag::JPEG_TABLES)?)
+            .map_err(refuse)?;
+        let photometric = first(tag::PHOTOMETRIC_INTERPRETATION, photometric::BLACK_IS_ZERO)?;
+        let planar = samples > 1 && first(tag::PLANAR_CONFIGURATION, 1)? == 2;
+        let predictor = match first(tag::PREDICTOR, 1)? {
+            _ if !codec.has_predictor() => Predictor::None,
+            1 => Predictor::None,
+            2 if matches!(sample_format.bits(), 8 | 16 | 32 | 64) => Predictor::Horizontal,
+            3 if matches!(sample_format, SampleFormat::Float(_)) => Predictor::Float,
+            other => return Err(refuse(format!("predictor {other} for {} samples", sample_format.name()))),
+        };
+        let colour = colour(input, directory, &codec, photometric, sample_format, samples, planar)?;
+        if colour != Colour::Keep {
+            // A sign has no meaning for colours.
+            sample_format = SampleFormat::Uint(8);
+        }
+        match codec {
+            Compression::Jpeg(_) | Compression::WebP if !matches!(sample_format.bits(), 8) => {
+                return Err(refuse(format!("{} of {} samples", codec.name(), sample_format.name())));
+            }
+            Compression::Fax4 if (sample_format, samples) != (SampleFormat::Uint(1), 1) => {
+                return Err(refuse(format!("fax of {samples} {} samples", sample_format.name())));
+            }
+            _ => {}
+        }
+
+        let (planes, together) = if planar { (samples, 1) } else { (1, samples) };
+        let row_bits = |pixels: u64| pixels * (sample_format.bits() * together) as u64;
+        let raw = codec == Compression::None && !matches!(colour, Colour::Blocks(..));
+        let layout = ChunkLayout::read(input, directory, planes as u64, raw, row_bits)?;
+        if codec == Compression::Fax4 && layout.chunk_width.max(layout.chunk_height) > u16::MAX.into() {
+            return Err(refuse("fax of more than 65535 columns, or rows in a strip,".into()));
+        }
+        let chunk = row_bits(layout.chunk_width).div_ceil(8).saturating_mul(layout.chunk_height);
+        if chunk > input.memory {
+            let what = if layout.tiled { "a decoded tile" } else { "a decoded strip" };
+            return Err(input.too_large(what, chunk));
+        }
+        let threads = rayon::current_num_threads() as u64;
+        Ok(Image {
+            cache: Mutex::new(ChunkCache::new(input.memory / 4)),
+            workers: Mutex::default(),
+            parallel: (input.memory / 2 / chunk.max(1)).clamp(1, threads) as usize,
+            channels: colour.channels(samples),
+            #[cfg(test)]
+            decoded: Default::default(),
+            hole: vec![0; sample_format.sample().size()],
+            lowest_first: first(tag::FILL_ORDER, 1)? == 2 && !codec.ignores_fill_order(),
+            layout,
+            sample_format,
+            codec,
+            photometric,
+            colour,
+            samples,
+            predictor,
+        })
+    }
+
+    /// Bytes of a pixel as [`Image::read`] gives it.
+    pub(super) fn pixel_bytes(&self) -> usize {
+        self.sample_format.sample().size() * self.channels
+    }
+
+    /// Reads a region within the image into `out`, which has just room for it.
+    pub(super) fn read(&self, input: &Input, region: Region, out: &mut [u8]) -> Result<()> {
+        let mut jobs = self.jobs(region, out);
+        if jobs.len() == 1 || self.parallel == 1 {
+            return jobs.into_iter().try_for_each(|job| self.run(input, job));
+        }
+        if self.parallel == rayon::current_num_threads() {
+            return jobs.into_par_iter().try_for_each(|job| self.run(input, job));
+        }
+        // Every job at work holds a decoded chunk: as many at a time as the memory allows.
+        while !jobs.is_empty() {
+            let few = jobs.split_off(jobs.len().saturating_sub(self.parallel));
+            few.into_par_iter().try_for_each(|job| self.run(input, job))?;
+        }
+        Ok(())
+    }
+
+    /// The chunks that a region touches, each with the rows of `out` that it fills.
+    fn jobs<'a>(&self, region: Region, out: &'a mut [u8]) -> Vec<Job<'a>> {
+        let ChunkLayout { chunk_width, chunk_height, .. } = self.layout;
+        let columns = region.x / chunk_width..region.right().div_ceil(chunk_width);
+        let mut rows = out.chunks_exact_mut(region.width as usize * self.pixel_bytes());
+        let mut jobs = Vec::new();
+        for down in region.y / chunk_height..region.bottom().div_ceil(chunk_height) {
+            let first = jobs.len();
+            jobs.extend(columns.clone().map(|across| {
+                let chunk = self.layout.region(across, down);
+                let part = chunk.intersect(&region);
+                let rows = Vec::with_capacity(part.height as usize);
+                Job { across, down, part, whole: part == chunk, rows }
+            }));
+            for mut rest in rows.by_ref().take(jobs[first].part.height as usize) {
+                for job in &mut jobs[first..] {
+                    let (row, right) = rest.split_at_mut(job.part.width as usize * self.pixel_bytes());
+                    job.rows.push(row);
+                    rest = right;
+                }
+            }
+        }
+        jobs
+    }
+
+    /// Fills the rows of one job.
+    fn run(&self, input: &Input, mut job: Job<'_>) -> Result<()> {
+        let mut worker = self.workers.lock().expect("no panic while held").pop().unwrap_or_default();
+        let planes = self.layout.planes;
+        let result = (0..planes).try_for_each(|plane| self.fill(input, &mut worker, &mut job, plane));
+        self.workers.lock().expect("no panic while held").push(worker);
+        result
+    }
+
+    fn fill(&self, input: &Input, worker: &mut Worker, job: &mut Job<'_>, plane: u64) -> Result<()> {
+        let ChunkLocation::At(offset, count) = self.layout.location(plane, job.across, job.down) else {
+            for pixel in job.rows.iter_mut().flat_map(|row| row.chunks_exact_mut(self.pixel_bytes())) {
+                let samples = pixel.chunks_exact_mut(self.hole.len());
+                samples.for_each(|sample| sample.copy_from_slice(&self.hole));
+            }
+            return Ok(());
+        };
+        let key = (offset, count, self.layout.region(job.across, job.down).height);
+        let cached = self.cache.lock().expect("no panic while held").get(key);
+        if let Some(chunk) = cached {
+            return self.copy(input, &chunk, &mut worker.row, job, plane);
+        }
+        self.decode(input, worker, job, plane, key)?;
+        self.copy(input, &worker.chunk, &mut worker.row, job, plane)?;
+        // What is asked for in parts, or is there several times, will likely be asked for again.
+        if !job.whole || self.layout.repeats {
+            let chunk = Arc::new(std::mem::take(&mut worker.chunk));
+            worker.chunk = self.cache.lock().expect("no panic while held").put(key, chunk);
+        }
+        Ok(())
+    }
+
+    /// Decodes a chunk into `worker.chunk`.
+    fn decode(
+        &self,
+        input: &Input,
+        worker: &mut Worker,
+        job: &Job<'_>,
+        plane: u64,
+        (offset, count, rows): ChunkKey,
+    ) -> Result<()> {
+        #[cfg(test)]
+        self.decoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let place = || self.layout.name(plane, job.across, job.down);
+        let width = self.layout.chunk_width as usize;
+        // Tiles at the bottom should have rows beyond the image, but some writers leave them out.
+        let rows = rows as usize;
+        let samples = if self.layout.planes > 1 { 1 } else { self.samples };
+        let row_bytes = (width * samples * self.sample_format.bits()).div_ceil(8);
+        let (packed_rows, packed_row_bytes) = self.colour.packed(width, rows, row_bytes);
+        let Worker { states, raw, chunk, .. } = worker;
+        set_len(chunk, packed_rows * packed_row_bytes);
+        if self.codec == Compression::None {
+            if let Some(count) = count.filter(|count| *count < chunk.len() as u64) {
+                let found = format!("{count} bytes");
+                return Err(input.corrupt(place(), found, format!("{} bytes of samples", chunk.len())));
+            }
+            input.read_at(offset, chunk, place)?;
+            if self.lowest_first {
+                chunk.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
+            }
+        } else {
+            let count = count.unwrap_or(input.len.saturating_sub(offset));
+            input.check(offset, count, place)?;
+            if count > input.memory {
+                return Err(input.too_large(place(), count));
+            }
+            set_len(raw, count as usize);
+            input.read_at(offset, raw, place)?;
+            if self.lowest_first {
+                raw.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
+            }
+            let max_rows = self.layout.chunk_height as usize;
+            let shape =
+                ChunkShape { width, rows: packed_rows, max_rows, samples, row_bytes: packed_row_bytes };
+            self.codec.decode(states, raw, shape, chunk).map_err(|found| {
+                input.corrupt(place(), found, format!("{} bytes of samples", chunk.len()))
+            })?;
+        }
+        if let Some(size) = self.sample_format.bytes() {
+            predictor::restore(self.predictor, chunk, packed_row_bytes, size, samples, input.big_endian);
+        }
+        self.colour.convert(chunk, width, rows, samples);
+        Ok(())
+    }
+
+    /// Widens the wanted samples of a decoded chunk into the rows of a job.
+    fn copy(
+        &self,
+        input: &Input,
+        chunk: &[u8],
+        buffer: &mut Vec<u8>,
+        job: &mut Job<'_>,
+        plane: u64,
+    ) -> Result<()> {
+        let planar = self.layout.planes > 1;
+        let samples = if planar { 1 } else { self.channels };
+        let row_bytes = (self.layout.chunk_width as usize * samples * self.sample_format.bits()).div_ceil(8);
+        let left = (job.part.x - job.across * self.layout.chunk_width) as usize * samples;
+        let top = (job.part.y - job.down * self.layout.chunk_height) as usize;
+        let size = self.sample_format.sample().size();
+        for (from, to) in chunk.chunks_exact(row_bytes).skip(top).zip(&mut job.rows) {
+            let done = if planar {
+                set_len(buffer, job.part.width as usize * size);
+                let done = self.sample_format.widen(from, left, buffer);
+                let targets = to.chunks_exact_mut(size).skip(plane as usize).step_by(self.channels);
+                buffer
+                    .chunks_exact(size)
+                    .zip(targets)
+                    .for_each(|(sample, target)| target.copy_from_slice(sample));
+                done
+            } else {
+                self.sample_format.widen(from, left, to)
+            };
+            done.map_err(|number| {
+                let place = self.layout.name(plane, job.across, job.down);
+                input.odd_samples(format!("the number {number} ({place}), which f64 cannot hold,"))
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Gives a buffer a length; what it holds is to be overwritten.
+fn set_len(buffer: &mut Vec<u8>, len: usize) {
+    if buffer.capacity() < len {
+        *buffer = vec![0; len];
+    }
+    buffer.resize(len, 0);
+}
+
+/// Decides which samples become RGB.
+fn colour(
+    input: &Input,
+    directory: &Directory<'_>,
+    codec: &Compression,
+    photometric: u64,
+    sample_format: SampleFormat,
+    samples: usize,
+    planar: bool,
+) -> Result<Colour> {
+    let bytes = matches!(sample_format, SampleFormat::Uint(8) | SampleFormat::Int(8));
+    let refuse = |what: &str| Err(input.unsupported(what));
+    match photometric {
+        photometric::YCBCR if samples == 3 && bytes && !planar => {
+            if matches!(codec, Compression::Jpeg(_)) {
+                return Ok(Colour::Jpeg);
+            }
+            let (h, v) = match directory.numbers(tag::YCBCR_SUB_SAMPLING)?.as_deref() {
+                None => (2, 2),
+                Some(&[h @ (1 | 2 | 4), v @ (1 | 2 | 4), ..]) => (h as usize, v as usize),
+                Some(other) => {
+                    let tag = tag::YCBCR_SUB_SAMPLING;
+                    return Err(input.corrupt(
+                        format!("tag {tag}"),
+                        format!("{other:?}"),
+                        "1, 2 or 4, twice",
+                    ));
+                }
+            };
+            if codec.has_predictor() && directory.number(tag::PREDICTOR)?.unwrap_or(1) != 1 {
+                return refuse("subsampled colour with a predictor");
+            }
+            let range = directory.doubles(tag::REFERENCE_BLACK_WHITE)?;
+            if !range.is_empty() && range != [0.0, 255.0, 128.0, 255.0, 128.0, 255.0] {
+                return refuse("colour that does not use the full range (tag 532)");
+            }
+            let shares = match directory.doubles(tag::YCBCR_COEFFICIENTS)?.as_slice() {
+                &[red, green, blue] if green != 0.0 => [red, green, blue].map(|share| share as f32),
+                _ => [0.299, 0.587, 0.114],
+            };
+            Ok(Colour::Blocks(Yuv::new(shares), h, v))
+        }
+        photometric::YCBCR => refuse("luma and chroma other than 3 samples of 8 bits"),
+        photometric::SEPARATED if samples >= 4 && bytes && planar => refuse("inks in planes of their own"),
+        photometric::SEPARATED if samples >= 4 && bytes => Ok(Colour::Cmyk),
+        photometric::CIELAB..=photometric::ITULAB => refuse("CIE L*a*b* colour"),
+        _ => Ok(Colour::Keep),
+    }
+}

@@ -1,0 +1,167 @@
+//! Division of an image into chunks (strips or tiles), and their locations in the file.
+
+use super::ifd::{Directory, Input};
+use super::spec::tag;
+use spinney_base::Result;
+use spinney_base::space::Region;
+
+/// Strips without compression are read in pieces of about this many bytes, as they may be of any size.
+const PIECE: u64 = 1 << 20;
+
+/// The grid of chunks of an image.
+pub(super) struct ChunkLayout {
+    pub(super) width: u64,
+    pub(super) height: u64,
+    /// Columns and rows of a chunk; tiles may reach over the image's edges.
+    pub(super) chunk_width: u64,
+    pub(super) chunk_height: u64,
+    pub(super) tiled: bool,
+    /// Planes that each have their own chunks: 1, or the samples of a pixel.
+    pub(super) planes: u64,
+    /// Chunks that each strip is cut into; 1 unless strips are uncompressed and large.
+    pieces: u64,
+    piece_bytes: u64,
+    offsets: Vec<u64>,
+    counts: Option<Vec<u64>>,
+    /// Whether several chunks are made of the same bytes.
+    pub(super) repeats: bool,
+}
+
+/// Location of a chunk's bytes in the file.
+pub(super) enum ChunkLocation {
+    /// Offset, and number of bytes where the file tells.
+    At(u64, Option<u64>),
+    /// None: the chunk was never written.
+    Hole,
+}
+
+impl ChunkLayout {
+    /// Reads the size and the chunk tables. `row_bits` gives the bits of a number of pixels in
+    /// a row of one plane.
+    pub(super) fn read(
+        input: &Input,
+        directory: &Directory<'_>,
+        planes: u64,
+        raw: bool,
+        row_bits: impl Fn(u64) -> u64,
+    ) -> Result<ChunkLayout> {
+        let size = |tag: u16, name: &str| -> Result<u64> {
+            match directory.number(tag)? {
+                Some(n @ 1..=0x7fff_ffff) => Ok(n),
+                n => {
+                    let found = n.map_or("nothing".into(), |n| n.to_string());
+                    Err(input.corrupt(format!("tag {tag} ({name})"), found, "1 to 2147483647"))
+                }
+            }
+        };
+        let (width, height) =
+            (size(tag::IMAGE_WIDTH, "image width")?, size(tag::IMAGE_LENGTH, "image length")?);
+        let tiled = directory.has(tag::TILE_WIDTH);
+        let (chunk_width, rows) = if tiled {
+            (size(tag::TILE_WIDTH, "tile width")?, size(tag::TILE_LENGTH, "tile length")?)
+        } else {
+            let rows = directory.number(tag::ROWS_PER_STRIP)?.unwrap_or(height).min(height);
+            if rows == 0 {
+                let place = format!("tag {} (rows per strip)", tag::ROWS_PER_STRIP);
+                return Err(input.corrupt(place, "0", "at least 1"));
+            }
+            (width, rows)
+        };
+        // Some writers put the tables of tiles into the tags meant for strips.
+        let table = |tile: u16, strip: u16| if tiled && directory.has(tile) { tile } else { strip };
+        let Some(offsets) = directory.numbers(table(tag::TILE_OFFSETS, tag::STRIP_OFFSETS))? else {
+            let expected = format!("tag {} or {}", tag::STRIP_OFFSETS, tag::TILE_OFFSETS);
+            return Err(input.corrupt("directory", "no chunk offsets", expected));
+        };
+        let counts = directory.numbers(table(tag::TILE_BYTE_COUNTS, tag::STRIP_BYTE_COUNTS))?;
+        // Old writers of a single strip saw no need to tell its length.
+        let counts = counts.filter(|counts| offsets.len() > 1 || offsets == [0] || counts != &[0]);
+
+        let row_bytes = row_bits(chunk_width).div_ceil(8);
+        let chunk_height = if raw && !tiled { piece_rows(rows, row_bytes, rows == height) } else { rows };
+        let layout = ChunkLayout {
+            width,
+            height,
+            chunk_width,
+            chunk_height,
+            tiled,
+            planes,
+            pieces: rows.div_ceil(chunk_height),
+            piece_bytes: row_bytes.saturating_mul(chunk_height),
+            repeats: repeats(&offsets),
+            offsets,
+            counts,
+        };
+        let strips = layout.across() * height.div_ceil(rows);
+        let chunks = strips.saturating_mul(planes);
+        let tables = [("offsets", Some(&layout.offsets)), ("byte counts", layout.counts.as_ref())];
+        for (name, table) in tables {
+            if let Some(table) = table.filter(|table| (table.len() as u64) < chunks) {
+                return Err(input.corrupt(
+                    format!("table of chunk {name}"),
+                    format!("{} {name}", table.len()),
+                    format!("{chunks}, as {width}x{height} pixels take"),
+                ));
+            }
+        }
+        Ok(layout)
+    }
+
+    /// Chunks side by side.
+    pub(super) fn across(&self) -> u64 {
+        self.width.div_ceil(self.chunk_width)
+    }
+
+    /// Chunks above each other.
+    fn down(&self) -> u64 {
+        self.height.div_ceil(self.chunk_height)
+    }
+
+    /// The pixels of a chunk, as far as they are in the image.
+    pub(super) fn region(&self, across: u64, down: u64) -> Region {
+        let (x, y) = (across * self.chunk_width, down * self.chunk_height);
+        Region::new(x, y, self.chunk_width.min(self.width - x), self.chunk_height.min(self.height - y))
+    }
+
+    /// Location of a chunk in the file.
+    pub(super) fn location(&self, plane: u64, across: u64, down: u64) -> ChunkLocation {
+        let strips_down = if self.pieces == 1 { self.down() } else { self.down().div_ceil(self.pieces) };
+        let strip = (plane * strips_down + down / self.pieces) * self.across() + across;
+        let offset = self.offsets[strip as usize];
+        let count = self.counts.as_ref().map(|counts| counts[strip as usize]);
+        if count == Some(0) || offset == 0 && count.is_none() {
+            return ChunkLocation::Hole;
+        }
+        let skip = (down % self.pieces).saturating_mul(self.piece_bytes);
+        ChunkLocation::At(offset.saturating_add(skip), count.map(|count| count.saturating_sub(skip)))
+    }
+
+    /// The chunk in words, for messages.
+    pub(super) fn name(&self, plane: u64, across: u64, down: u64) -> String {
+        let kind = if self.tiled { "tile" } else { "strip" };
+        let region = self.region(across, down);
+        let plane = if self.planes > 1 { format!(" of plane {plane}") } else { String::new() };
+        format!("{kind} at column {}, row {}{plane}", region.x, region.y)
+    }
+}
+
+/// Whether an offset other than 0, which means that there is no chunk, is there twice.
+fn repeats(offsets: &[u64]) -> bool {
+    // Mostly they grow.
+    if offsets.windows(2).all(|pair| pair[0] < pair[1]) {
+        return false;
+    }
+    let mut sorted: Vec<u64> = offsets.iter().copied().filter(|offset| *offset != 0).collect();
+    sorted.sort_unstable();
+    sorted.windows(2).any(|pair| pair[0] == pair[1])
+}
+
+/// Rows to read at once from strips of `rows` rows. They divide the strips evenly, unless there is only one.
+fn piece_rows(rows: u64, row_bytes: u64, single: bool) -> u64 {
+    let limit = (PIECE / row_bytes.max(1)).max(1);
+    match limit {
+        _ if rows <= limit => rows,
+        _ if single => limit,
+        _ => (1..=limit).rev().find(|piece| rows.is_multiple_of(*piece)).unwrap_or(1),
+    }
+}

@@ -1,0 +1,290 @@
+//! TIFF and GeoTIFF files of any layout, read in parallel chunk by chunk.
+
+mod cache;
+mod codec;
+mod colour;
+mod geokeys;
+mod ifd;
+mod image;
+mod layout;
+mod predictor;
+mod samples;
+mod spec;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use self::colour::Colour;
+use self::geokeys::Place;
+use self::ifd::{Directory, Input};
+use self::image::Image;
+pub(crate) use self::samples::SampleFormat;
+use self::spec::{photometric, tag};
+use super::validity::sample_bytes;
+use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, gdal};
+use spinney_base::space::Region;
+use spinney_base::value::{Kind, Palette};
+use spinney_base::{Error, Result};
+
+/// Opens a TIFF file, of which the first image counts.
+pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
+    let (input, first) = Input::open(path, options.memory)?;
+    let (directory, next) = input.directory(first)?;
+    let mut image = Image::new(&input, &directory)?;
+    let info = info(&directory, &image)?;
+    if let Some(nodata) = info.nodata {
+        image.hole = sample_bytes(nodata, info.sample).unwrap_or(image.hole);
+    }
+    let mask = mask(&input, next, &image)?;
+    drop(directory);
+    Ok(Box::new(Tiff { input, image, mask, info }))
+}
+
+/// An open TIFF file.
+struct Tiff {
+    input: Input,
+    image: Image,
+    mask: Option<Image>,
+    info: RasterInfo,
+}
+
+impl Raster for Tiff {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
+
+    fn path(&self) -> &Path {
+        &self.input.path
+    }
+
+    fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
+        if !Region::new(0, 0, self.info.width, self.info.height).contains(&region) {
+            return Err(Error::invalid(
+                "region",
+                format!("{region:?}"),
+                format!("a part of {}x{} pixels", self.info.width, self.info.height),
+            ));
+        }
+        self.resize(&mut pixels.bytes, region, self.image.pixel_bytes())?;
+        pixels.valid = None;
+        if region.is_empty() {
+            return Ok(());
+        }
+        self.image.read(&self.input, region, &mut pixels.bytes)?;
+        if let Some(mask) = &self.mask {
+            let mut samples = Vec::new();
+            self.resize(&mut samples, region, mask.pixel_bytes())?;
+            mask.read(&self.input, region, &mut samples)?;
+            let flags = samples.chunks_exact(mask.channels);
+            pixels.valid = Some(flags.map(|flags| flags.iter().any(|flag| *flag != 0)).collect());
+        }
+        Ok(())
+    }
+}
+
+impl Tiff {
+    /// Makes room for a region, if there is enough memory at all.
+    fn resize(&self, bytes: &mut Vec<u8>, region: Region, pixel: usize) -> Result<()> {
+        let needed = region.area().saturating_mul(pixel as u64);
+        let room = usize::try_from(needed)
+            .ok()
+            .filter(|needed| bytes.try_reserve_exact(needed.saturating_sub(bytes.len())).is_ok());
+        let room = room.ok_or_else(|| self.input.too_large("the region asked for", needed))?;
+        // What is left in it from before is overwritten.
+        bytes.resize(room, 0);
+        Ok(())
+    }
+}
+
+/// The mask that belongs to an image, from the directories that follow.
+fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
+    for directory in input.chain(next) {
+        let directory = directory?;
+        let is = |tag, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
+        // Bit 2 of NewSubfileType is "mask", bit 0 "of an overview".
+        let wanted = is(tag::NEW_SUBFILE_TYPE, 4)?
+            && is(tag::IMAGE_WIDTH, image.layout.width)?
+            && is(tag::IMAGE_LENGTH, image.layout.height)?;
+        if wanted {
+            let mask = Image::new(input, &directory)?;
+            return match mask.sample_format {
+                SampleFormat::Uint(1..=8) => Ok(Some(mask)),
+                format => Err(input.unsupported(format!("a mask of {} samples", format.name()))),
+            };
+        }
+    }
+    Ok(None)
+}
+
+fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
+    let Image { layout, sample_format, channels, .. } = image;
+    let nodata =
+        directory.text(tag::GDAL_NODATA)?.and_then(|text| gdal::nodata(&text, sample_format.sample()));
+    let colours = if *channels == 1 { colour_map(directory, *sample_format)? } else { None };
+    let kind = match (sample_format, image.photometric) {
+        _ if colours.is_some() => Some(Kind::Categorical),
+        (SampleFormat::Uint(1), _) => Some(Kind::Categorical),
+        (
+            SampleFormat::Uint(2..=8) | SampleFormat::Int(8),
+            photometric::WHITE_IS_ZERO
+            | photometric::BLACK_IS_ZERO
+            | photometric::RGB_PALETTE
+            | photometric::TRANSPARENCY_MASK,
+        ) => None,
+        _ => Some(Kind::Continuous),
+    };
+    let mut palette = colours.or_else(|| ramp(image));
+    if let (Some(palette), Some(nodata)) = (&mut palette, nodata)
+        && nodata >= 0.0
+        && let Some(colour) = palette.colours.get_mut(nodata as usize)
+    {
+        colour[3] = 0;
+    }
+    let chunks = if layout.tiled {
+        format!("{}x{} tiles", layout.chunk_width, layout.chunk_height)
+    } else {
+        "strips".into()
+    };
+    let Place { frame, control_points } = Place::read(directory)?;
+    let format = if frame.is_identity() && frame.crs.is_none() { "TIFF" } else { "GeoTIFF" };
+    let mut info = RasterInfo {
+        stored_sample: sample_format.name(),
+        alpha: alpha(directory, image)?,
+        frame,
+        nodata,
+        palette,
+        kind,
+        layout: format!("{format}, {chunks}, {}", image.codec.name()),
+        tags: tags(directory)?,
+        control_points,
+        order: if layout.tiled { Order::Anywhere } else { Order::Bands },
+        ..RasterInfo::plain([layout.width, layout.height], sample_format.sample(), *channels)
+    };
+    gdal::apply(&directory.text(tag::GDAL_METADATA)?.unwrap_or_default(), &mut info);
+    Ok(info)
+}
+
+/// The channel that is opacity.
+fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
+    if image.colour == Colour::Cmyk {
+        return Ok(Some(3));
+    }
+    let extra = directory.numbers(tag::EXTRA_SAMPLES)?.unwrap_or_default();
+    // Extra samples are the last ones of a pixel; 1 and 2 are opacity, multiplied in or not.
+    let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
+    Ok(index.and_then(|index| (image.channels + index).checked_sub(extra.len())))
+}
+
+/// The colours of a one-channel image, if it has a colour map.
+fn colour_map(directory: &Directory<'_>, sample_format: SampleFormat) -> Result<Option<Palette>> {
+    let map = match (sample_format, directory.numbers(tag::COLOR_MAP)?) {
+        (SampleFormat::Uint(bits @ 1..=16), Some(map)) if map.len() == 3 << bits => map,
+        _ => return Ok(None),
+    };
+    // The map has 16 bits; some writers put 8 there, or shift them up.
+    let divisor = match map.iter().max() {
+        Some(0..=255) => 1,
+        _ if map.iter().all(|level| level % 256 == 0) => 256,
+        _ => 257,
+    };
+    let count = map.len() / 3;
+    let level = |channel: usize, i: usize| (map[channel * count + i] / divisor) as u8;
+    let colours = (0..count).map(|i| [level(0, i), level(1, i), level(2, i), 255]).collect();
+    Ok(Some(Palette { colours }))
+}
+
+/// Grey levels, where a viewer would get them wrong from the samples alone: when 0 is white, and bits.
+fn ramp(image: &Image) -> Option<Palette> {
+    let SampleFormat::Uint(bits @ 1..=8) = image.sample_format else { return None };
+    let white_is_zero = image.photometric == photometric::WHITE_IS_ZERO;
+    if image.channels != 1 || !(white_is_zero || bits == 1) {
+        return None;
+    }
+    let last = (1u32 << bits) - 1;
+    let level = |i: u32| (if white_is_zero { last - i } else { i } * 255 / last) as u8;
+    let colours = (0..=last).map(|i| [level(i), level(i), level(i), 255]).collect();
+    Some(Palette { colours })
+}
+
+/// Texts worth keeping, by GDAL's names.
+fn tags(directory: &Directory<'_>) -> Result<BTreeMap<String, String>> {
+    let mut tags = BTreeMap::new();
+    for (tag, name) in [
+        (tag::DOCUMENT_NAME, "TIFFTAG_DOCUMENTNAME"),
+        (tag::IMAGE_DESCRIPTION, "TIFFTAG_IMAGEDESCRIPTION"),
+        (tag::SOFTWARE, "TIFFTAG_SOFTWARE"),
+        (tag::DATE_TIME, "TIFFTAG_DATETIME"),
+        (tag::ARTIST, "TIFFTAG_ARTIST"),
+        (tag::HOST_COMPUTER, "TIFFTAG_HOSTCOMPUTER"),
+        (tag::COPYRIGHT, "TIFFTAG_COPYRIGHT"),
+    ] {
+        if let Some(text) = directory.text(tag)?.filter(|text| !text.is_empty()) {
+            tags.insert(name.to_string(), text);
+        }
+    }
+    Ok(tags)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use super::*;
+
+    /// A file of tiles of 16 x 16 bytes, all at one place; the strips' tags tell where.
+    fn repeated(tiles: u32) -> Vec<u8> {
+        let side = tiles * 16;
+        let data = 8u32;
+        let tags = data + 256;
+        let tables = tags + 2 + 9 * 12 + 4;
+        let mut bytes = b"II*\0".to_vec();
+        bytes.extend(tags.to_le_bytes());
+        bytes.extend((0..=255u8).map(|pixel| pixel / 3));
+        bytes.extend(9u16.to_le_bytes());
+        let count = tiles * tiles;
+        // Type 4 is a number of 32 bits.
+        for (tag, count, value) in [
+            (256u16, 1, side),
+            (257, 1, side),
+            (258, 1, 8),
+            (259, 1, 1),
+            (262, 1, 1),
+            (322, 1, 16),
+            (323, 1, 16),
+            (324, count, tables),
+            (325, count, tables + 4 * count),
+        ] {
+            bytes.extend(tag.to_le_bytes());
+            bytes.extend(4u16.to_le_bytes());
+            bytes.extend(u32::to_le_bytes(count));
+            bytes.extend(u32::to_le_bytes(value));
+        }
+        bytes.extend([0; 4]);
+        (0..count).for_each(|_| bytes.extend(data.to_le_bytes()));
+        (0..count).for_each(|_| bytes.extend(256u32.to_le_bytes()));
+        bytes
+    }
+
+    #[test]
+    fn tiles_of_the_same_bytes_are_decoded_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.tif");
+        let tiles = 200;
+        std::fs::write(&path, repeated(tiles)).unwrap();
+        let (input, first) = Input::open(&path, 1 << 20).unwrap();
+        let (directory, _) = input.directory(first).unwrap();
+        let image = Image::new(&input, &directory).unwrap();
+        let side = u64::from(tiles) * 16;
+        let mut rows = vec![0; side as usize * 64];
+        for y in (0..side).step_by(64) {
+            image.read(&input, Region::new(0, y, side, 64.min(side - y)), &mut rows).unwrap();
+            for (index, pixel) in rows.iter().enumerate() {
+                let (x, y) = (index as u64 % side, index as u64 / side);
+                assert_eq!(u64::from(*pixel), (x % 16 + y % 16 * 16) / 3, "{x}, {y}");
+            }
+        }
+        // Some threads may have been at it at the same time.
+        let most = rayon::current_num_threads() as u64;
+        assert!((1..=most).contains(&image.decoded.load(Ordering::Relaxed)));
+    }
+}

@@ -1,0 +1,146 @@
+//! Samples as files have them, and their way to the types that Spinney has.
+
+use spinney_base::value::SampleType;
+
+/// Type of a file's samples, with its number of bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum SampleFormat {
+    Uint(u8),
+    Int(u8),
+    Float(u8),
+}
+
+impl SampleFormat {
+    /// The format of the tags SampleFormat and BitsPerSample; the error names one that cannot be read.
+    pub(super) fn new(format: u64, bits: u64) -> Result<SampleFormat, String> {
+        match (format, bits) {
+            // 4 is "undefined", which readers take for unsigned.
+            (1 | 4, 1..=32 | 64) => Ok(SampleFormat::Uint(bits as u8)),
+            (2, 8 | 16 | 32 | 64) => Ok(SampleFormat::Int(bits as u8)),
+            (3, 16 | 24 | 32 | 64) => Ok(SampleFormat::Float(bits as u8)),
+            (5 | 6, _) => Err(format!("complex samples of {bits} bits")),
+            _ => Err(format!("samples of {bits} bits in format {format}")),
+        }
+    }
+
+    pub(crate) fn bits(self) -> usize {
+        let (SampleFormat::Uint(bits) | SampleFormat::Int(bits) | SampleFormat::Float(bits)) = self;
+        bits.into()
+    }
+
+    /// Bytes of a sample; `None` if samples are packed bit by bit, so that byte order and predictors have no
+    /// meaning. Integers of 24 bits are: their highest byte comes first in any file.
+    pub(super) fn bytes(self) -> Option<usize> {
+        match self {
+            SampleFormat::Uint(24) => None,
+            _ => self.bits().is_multiple_of(8).then_some(self.bits() / 8),
+        }
+    }
+
+    /// The type that holds all such samples.
+    pub(crate) fn sample(self) -> SampleType {
+        match self {
+            SampleFormat::Uint(1..=8) => SampleType::U8,
+            SampleFormat::Uint(9..=16) => SampleType::U16,
+            SampleFormat::Uint(17..=32) => SampleType::U32,
+            SampleFormat::Int(8 | 16) => SampleType::I16,
+            SampleFormat::Int(32) => SampleType::I32,
+            SampleFormat::Float(16 | 24 | 32) => SampleType::F32,
+            _ => SampleType::F64,
+        }
+    }
+
+    /// The type in words: "uint12".
+    pub(crate) fn name(self) -> String {
+        match self {
+            SampleFormat::Uint(bits) => format!("uint{bits}"),
+            SampleFormat::Int(bits) => format!("int{bits}"),
+            SampleFormat::Float(16) => "half".into(),
+            SampleFormat::Float(bits) => format!("float{bits}"),
+        }
+    }
+
+    /// Unpacks samples of a row, from sample `first` on, until `out` is full. Samples of whole bytes are
+    /// little-endian. Fails with the first number that `out`'s type cannot hold.
+    pub(crate) fn widen(self, row: &[u8], first: usize, out: &mut [u8]) -> Result<(), String> {
+        let count = out.len() / self.sample().size();
+        let row = match self.bytes() {
+            Some(size) => &row[first * size..(first + count) * size],
+            None => row,
+        };
+        match self {
+            SampleFormat::Uint(8 | 16 | 32) | SampleFormat::Int(16 | 32) | SampleFormat::Float(32 | 64) => {
+                out.copy_from_slice(row);
+            }
+            SampleFormat::Int(8) => each(row, out, |[byte]| (byte as i8 as i16).to_le_bytes()),
+            SampleFormat::Float(16) => {
+                each(row, out, |half| half::f16::from_le_bytes(half).to_f32().to_le_bytes());
+            }
+            SampleFormat::Float(24) => each(row, out, |[a, b, c]| float24(a, b, c).to_le_bytes()),
+            SampleFormat::Uint(64) | SampleFormat::Int(64) => return wide(self, row, out),
+            SampleFormat::Uint(bits) => unpack(row, bits.into(), first, out),
+            SampleFormat::Int(_) | SampleFormat::Float(_) => unreachable!("refused by SampleFormat::new"),
+        }
+        Ok(())
+    }
+}
+
+/// Maps samples of `N` bytes to samples of `M` bytes.
+fn each<const N: usize, const M: usize>(row: &[u8], out: &mut [u8], map: impl Fn([u8; N]) -> [u8; M]) {
+    for (from, to) in row.as_chunks::<N>().0.iter().zip(out.as_chunks_mut::<M>().0) {
+        *to = map(*from);
+    }
+}
+
+/// 64-bit integers become f64 where that loses nothing.
+fn wide(format: SampleFormat, row: &[u8], out: &mut [u8]) -> Result<(), String> {
+    for (from, to) in row.as_chunks::<8>().0.iter().zip(out.as_chunks_mut::<8>().0) {
+        // Through i128, as a cast from f64 saturates: u64::MAX would seem to survive the way there and back.
+        let exact = match format {
+            SampleFormat::Int(_) => i64::from_le_bytes(*from).into(),
+            _ => i128::from(u64::from_le_bytes(*from)),
+        };
+        let float = exact as f64;
+        if float as i128 != exact {
+            return Err(format!("{exact}"));
+        }
+        *to = float.to_le_bytes();
+    }
+    Ok(())
+}
+
+/// A number of 1 sign, 7 exponent and 16 mantissa bits, given from its lowest byte.
+fn float24(a: u8, b: u8, c: u8) -> f32 {
+    let bits = u32::from_le_bytes([a, b, c, 0]);
+    let (sign, exponent, mantissa) = (bits >> 23, bits >> 16 & 0x7f, bits & 0xffff);
+    let magnitude = match exponent {
+        // Below the smallest normal number, 2^-62, there are even steps; f32 has room for them all.
+        0 => mantissa as f32 * 2f32.powi(-62 - 16),
+        0x7f => f32::from_bits(0xff << 23 | mantissa << 7),
+        _ => f32::from_bits((exponent + 127 - 63) << 23 | mantissa << 7),
+    };
+    f32::from_bits(magnitude.to_bits() | sign << 31)
+}
+
+/// Samples of 1 to 31 bits, packed from the highest bit of each byte down.
+fn unpack(row: &[u8], bits: usize, first: usize, out: &mut [u8]) {
+    match bits {
+        1 | 2 | 4 => {
+            let mask = (1u8 << bits) - 1;
+            for (i, to) in out.iter_mut().enumerate() {
+                let bit = (first + i) * bits;
+                *to = row[bit / 8] >> (8 - bits - bit % 8) & mask;
+            }
+        }
+        _ => {
+            let size = bits.div_ceil(8).next_power_of_two();
+            for (i, to) in out.chunks_exact_mut(size).enumerate() {
+                let bit = (first + i) * bits;
+                let bytes = &row[bit / 8..(bit + bits).div_ceil(8)];
+                let joined = bytes.iter().fold(0u64, |n, byte| n << 8 | *byte as u64);
+                let value = joined >> (bytes.len() * 8 - bit % 8 - bits) & ((1 << bits) - 1);
+                to.copy_from_slice(&value.to_le_bytes()[..size]);
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! World files, six numbers in a text file beside a picture that tell where it lies, and the `.prj` files beside them.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+use spinney_base::{Error, Result};
+use spinney_crs::{Crs, Frame};
+
+/// Bytes of a `.prj` file that are read.
+const MOST: u64 = 4 << 20;
+
+/// Completes a picture's frame: its map from a world file, its coordinate system from the `.prj` file beside that.
+pub(super) fn place(picture: &Path, frame: &mut Frame) -> Result<()> {
+    if !frame.is_identity() {
+        return Ok(());
+    }
+    let Some(world) = frame_beside(picture)? else { return Ok(()) };
+    frame.matrix = world.matrix;
+    if frame.crs.is_none()
+        && let Some((path, text)) = read(picture.with_extension("prj"))?
+    {
+        frame.crs = crs(&path, &text)?;
+    }
+    Ok(())
+}
+
+/// The text of a file, if there is one, and its path.
+fn read(path: PathBuf) -> Result<Option<(PathBuf, String)>> {
+    let file = match File::open(&path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(Error::io(path, "open")(error)),
+    };
+    let mut text = Vec::new();
+    file.take(MOST).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
+    Ok(Some((path, String::from_utf8_lossy(&text).into_owned())))
+}
+
+/// The coordinate system of a definition in a file; nothing of an empty one.
+pub(super) fn crs(path: &Path, definition: &str) -> Result<Option<Crs>> {
+    if definition.trim().is_empty() {
+        return Ok(None);
+    }
+    Crs::parse(definition).map(Some).map_err(|error| {
+        let advice = "write it as WKT, or move the file away and tell the system with --crs";
+        Error::unsupported(path, format!("a definition that is no coordinate system ({error})"), advice)
+    })
+}
+
+/// The frame of a picture from the world file beside it, if there is one.
+fn frame_beside(picture: &Path) -> Result<Option<Frame>> {
+    for path in candidates(picture) {
+        match File::open(&path) {
+            Ok(file) => {
+                let mut text = Vec::new();
+                file.take(4096).read_to_end(&mut text).map_err(Error::io(&path, "read"))?;
+                return parse(&path, &text).map(Some);
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(Error::io(path, "open")(error)),
+        }
+    }
+    Ok(None)
+}
+
+/// `a.jpgw`, `a.jgw`, `a.wld` and `a.wf` for `a.jpg`.
+fn candidates(picture: &Path) -> Vec<PathBuf> {
+    let extension = picture.extension().unwrap_or_default().to_string_lossy();
+    let mut endings = vec![format!("{extension}w"), "wld".into(), "wf".into()];
+    if let (Some(first), Some(last)) = (extension.chars().next(), extension.chars().last()) {
+        endings.push(format!("{first}{last}w"));
+    }
+    endings.iter().map(|ending| picture.with_extension(ending)).collect()
+}
+
+fn parse(path: &Path, text: &[u8]) -> Result<Frame> {
+    let text = String::from_utf8_lossy(text);
+    let numbers: Vec<f64> = text.split_whitespace().map_while(|word| word.parse().ok()).collect();
+    let Ok([a, d, b, e, x, y]) = <[f64; 6]>::try_from(numbers) else {
+        return Err(Error::corrupt(path, "world file", "something else", "six numbers"));
+    };
+    // The last two are the centre of the first pixel; a frame starts at its corner.
+    let frame = Frame::planar([a, b, x - (a + b) / 2.0, d, e, y - (d + e) / 2.0]);
+    if frame.matrix.as_flattened().iter().all(|number| number.is_finite())
+        && frame.to_cells([0.0; 3]).is_some()
+    {
+        Ok(frame)
+    } else {
+        Err(Error::corrupt(path, "world file", "numbers that make no map", "an invertible affine map"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn centre_becomes_corner() {
+        let frame = parse(Path::new("a.pgw"), b"0.5\n0\n0\n-0.25\n10.25\n49.875\n").unwrap();
+        assert_eq!(frame.affine(), [0.5, 0.0, 10.0, 0.0, -0.25, 50.0]);
+    }
+
+    #[test]
+    fn nonsense_is_an_error() {
+        for text in ["", "1 2 3 4 5", "1 0 0 1 0 x", "0 0 0 0 0 0", "1 0 0 inf 0 0", "1 0 0 1 0 0 7"] {
+            assert!(parse(Path::new("a.pgw"), text.as_bytes()).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn names() {
+        let names = candidates(Path::new("dir/a.b.jpeg"));
+        assert!(
+            names.contains(&PathBuf::from("dir/a.b.jpegw")) && names.contains(&PathBuf::from("dir/a.b.jgw"))
+        );
+    }
+}

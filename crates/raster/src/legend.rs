@@ -1,0 +1,48 @@
+//! Legends as files.
+
+use std::io::Write as _;
+
+use super::image::{Format, ImageSpec, create};
+use crate::style::Legend;
+use spinney_base::io::Output;
+use spinney_base::value::{SampleType, ValueType};
+use spinney_base::{Error, Result};
+use spinney_container::Metadata;
+
+/// A file that a legend is written to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LegendFormat {
+    /// A picture, each dot of its font so many pixels wide (1 to 8).
+    Png(usize),
+    /// Lines and letters.
+    Svg,
+    /// Colours and labels, for programs.
+    Json,
+}
+
+/// Writes a legend.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn export_legend(legend: &Legend, mut output: Output, format: LegendFormat) -> Result<()> {
+    let text = match format {
+        LegendFormat::Svg => legend.svg(),
+        LegendFormat::Json => legend.json() + "\n",
+        LegendFormat::Png(dot) => {
+            let picture = legend.draw(dot);
+            let spec = ImageSpec {
+                width: picture.width as u64,
+                height: picture.height as u64,
+                value: ValueType::new(SampleType::U8, 4),
+                alpha: true,
+                void: false,
+                metadata: Metadata::default(),
+            };
+            let mut writer = create(output, Format::Png, &spec)?;
+            writer.write_rows(&picture.rgba, None)?;
+            return writer.finish();
+        }
+    };
+    output.write_all(text.as_bytes()).map_err(Error::io(output.path(), "write"))?;
+    output.commit()
+}

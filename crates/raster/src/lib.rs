@@ -1,0 +1,18 @@
+//! Pictures, volumes and lists of cells in; pictures, arrays, tiles and cloud-optimized GeoTIFF out; styles.
+
+mod array;
+pub mod cells;
+mod cog;
+pub mod image;
+pub mod import;
+mod legend;
+mod npy;
+pub mod style;
+pub mod tiles;
+pub mod volume;
+mod window;
+
+pub use array::{ArrayRequest, export_array};
+pub use cog::{CogCompression, CogRequest, CogSummary, export_cog};
+pub use legend::{LegendFormat, export_legend};
+pub use window::{Detail, TakeRows, WindowRequest, export_window, fill_for, void_number, window_rows};

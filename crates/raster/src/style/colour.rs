@@ -1,0 +1,73 @@
+//! Colours: as they are written, and how they are computed with.
+
+/// The colour of solids of which nothing else is known.
+pub const CLAY: [u8; 3] = [214, 194, 171];
+
+/// Reads `#rgb`, `#rgba`, `#rrggbb` or `#rrggbbaa`.
+pub(super) fn parse(text: &str) -> Option<[u8; 4]> {
+    let digits =
+        text.strip_prefix('#').filter(|digits| digits.bytes().all(|byte| byte.is_ascii_hexdigit()))?;
+    let number = u32::from_str_radix(digits, 16).ok()?;
+    let nibbles = |shifts: [u32; 3]| shifts.map(|shift| (number >> shift & 15) as u8 * 17);
+    let with = |[red, green, blue]: [u8; 3], alpha: u8| [red, green, blue, alpha];
+    match digits.len() {
+        3 => Some(with(nibbles([8, 4, 0]), 255)),
+        4 => Some(with(nibbles([12, 8, 4]), (number & 15) as u8 * 17)),
+        6 => Some((number << 8 | 255).to_be_bytes()),
+        8 => Some(number.to_be_bytes()),
+        _ => None,
+    }
+}
+
+/// A colour as `#rrggbb`, or `#rrggbbaa` if it is not opaque.
+pub(super) fn text([red, green, blue, alpha]: [u8; 4]) -> String {
+    let opacity = if alpha == 255 { String::new() } else { format!("{alpha:02x}") };
+    format!("#{red:02x}{green:02x}{blue:02x}{opacity}")
+}
+
+/// A colour for a class that has none: numbers that follow each other are far apart on the wheel, by the golden section of it.
+pub fn distinct(number: f64) -> [u8; 3] {
+    let hue = (number * 0.618_033_988_75).rem_euclid(1.0) * 6.0;
+    [5.0, 3.0, 1.0].map(|shift: f64| {
+        let sector = (shift + hue).rem_euclid(6.0);
+        (255.0 * (0.85 - 0.5 * sector.min(4.0 - sector).clamp(0.0, 1.0)) + 0.5) as u8
+    })
+}
+
+/// Converts an sRGB sample, 0 to 1, to linear light (IEC 61966-2-1).
+pub fn to_linear(number: f64) -> f64 {
+    if number <= 0.04045 { number / 12.92 } else { ((number + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Converts linear light to an sRGB sample, 0 to 255.
+pub fn to_srgb(linear: f64) -> u8 {
+    let linear = linear.clamp(0.0, 1.0);
+    let number = if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 };
+    (number * 255.0 + 0.5) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_are_read_and_written() {
+        for (short, long) in [("#f80", "#ff8800"), ("#f808", "#ff880088"), ("#12345678", "#12345678")] {
+            assert_eq!(parse(short).map(text).as_deref(), Some(long));
+        }
+        for wrong in ["", "#", "red", "#12", "#12345", "#1234567", "#123456789", "#gg0000", "#+12345", "#é12"]
+        {
+            assert_eq!(parse(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn neighbouring_classes_differ() {
+        for number in 0..1000 {
+            let [a, b] = [number, number + 1].map(|number| distinct(f64::from(number)));
+            let distance: i32 = (0..3).map(|i| (i32::from(a[i]) - i32::from(b[i])).abs()).sum();
+            assert!(distance > 60, "{number}: {a:?} {b:?}");
+        }
+        assert_eq!(distinct(f64::NAN), distinct(f64::NAN));
+    }
+}

@@ -1,0 +1,45 @@
+//! The style of trees for which nobody gave one.
+
+use serde_json::{Value, json};
+
+use super::{Style, parse};
+use spinney_base::value::{Kind, Rule, SampleType};
+use spinney_engine::dataset::Dataset;
+
+/// The style of a tree.
+pub(super) fn style(tree: &Dataset) -> Style {
+    parse::of_value(&document(tree)).expect("the document is right")
+}
+
+/// Greys or colours between two numbers.
+pub(super) fn stretched(tree: &Dataset, range: [f64; 2]) -> Style {
+    let document = match tree.header().form.value.channels {
+        3.. => json!({ "draw": "rgb", "domain": range }),
+        _ => json!({ "draw": "ramp", "ramp": "grey", "domain": range }),
+    };
+    // (Numbers that are none are no JSON: they are null.)
+    parse::of_value(&document).unwrap_or_else(|_| style(tree))
+}
+
+fn document(tree: &Dataset) -> Value {
+    let header = tree.header();
+    let value = header.form.value;
+    if tree.metadata().palette.is_some() {
+        return json!({ "draw": "palette" });
+    }
+    if value.channels >= 3 {
+        return match value.sample {
+            SampleType::U8 => json!({ "draw": "rgb", "domain": [0, 255] }),
+            _ => json!({ "draw": "rgb" }),
+        };
+    }
+    if header.rule == Rule::Occupancy {
+        return json!({ "draw": "ramp", "ramp": ["#d6c2ab00", "#d6c2abff"], "domain": [0, 255] });
+    }
+    match (header.kind, value.sample) {
+        (Kind::Categorical, _) => json!({ "draw": "palette" }),
+        (_, SampleType::U8) => json!({ "draw": "ramp", "ramp": "grey", "domain": [0, 255] }),
+        (_, SampleType::U16) => json!({ "draw": "ramp", "ramp": "grey" }),
+        _ => json!({ "draw": "ramp", "ramp": "viridis" }),
+    }
+}

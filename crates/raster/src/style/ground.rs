@@ -1,0 +1,99 @@
+//! Size of cells on the ground, in metres, wherever they are on a map.
+
+use spinney_crs::{Crs, Frame, WEB_MERCATOR};
+
+/// Size of a map's cells on the ground: what slopes and shades are computed with.
+///
+/// Degrees are metres on the ellipsoid of WGS 84, by latitude; web mercator is undone by its scale; feet and kilometres are
+/// converted; cells of unknown units count as metres.
+#[derive(Clone, Debug)]
+pub struct Ground {
+    /// Vectors of the world along a cell's column and row.
+    edges: [[f64; 2]; 2],
+    /// Northing of row 0 in the middle of the picture, and its growth by row.
+    northing: [f64; 2],
+    unit: Unit,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Unit {
+    Degrees,
+    Mercator,
+    Metres(f64),
+}
+
+/// Half axis and squared eccentricity of the ellipsoid of WGS 84.
+const AXIS: f64 = 6_378_137.0;
+const ECCENTRICITY: f64 = 0.006_694_379_990_141_316;
+/// Metres of the smallest cell: a pole is no point.
+const LEAST: f64 = 1e-3;
+
+impl Ground {
+    /// The ground under a picture with so many columns of a frame's cells.
+    pub fn new(frame: &Frame, columns: u64) -> Ground {
+        let [a, b, _, d, e, _] = frame.affine();
+        let middle = frame.to_world([columns as f64 / 2.0, 0.0, 0.0])[1];
+        let unit = match &frame.crs {
+            None => Unit::Metres(1.0),
+            Some(crs) if crs.is_same(&Crs::epsg(WEB_MERCATOR)) => Unit::Mercator,
+            Some(crs) => match crs.unit() {
+                Some("degrees") => Unit::Degrees,
+                Some("ft") => Unit::Metres(0.3048),
+                Some("us-ft") => Unit::Metres(1200.0 / 3937.0),
+                Some("km") => Unit::Metres(1000.0),
+                _ => Unit::Metres(1.0),
+            },
+        };
+        Ground { edges: [[a, d], [b, e]], northing: [middle, e], unit }
+    }
+
+    /// Metres along columns and rows of the cells in a row; any row counts, also beyond the picture.
+    pub fn cell(&self, row: f64) -> [f64; 2] {
+        let northing = self.northing[0] + (row + 0.5) * self.northing[1];
+        let [east, north] = match self.unit {
+            Unit::Metres(metres) => [metres; 2],
+            Unit::Mercator => [1.0 / (northing / AXIS).cosh(); 2],
+            Unit::Degrees => {
+                let latitude = northing.clamp(-90.0, 90.0).to_radians();
+                let flat = 1.0 - ECCENTRICITY * latitude.sin().powi(2);
+                let east = AXIS * latitude.cos() / flat.sqrt();
+                let north = AXIS * (1.0 - ECCENTRICITY) / flat.powf(1.5);
+                [east.to_radians(), north.to_radians()]
+            }
+        };
+        self.edges.map(|[x, y]| {
+            let metres = (x * east).hypot(y * north);
+            if metres.is_finite() { metres.max(LEAST) } else { 1.0 }
+        })
+    }
+
+    /// Metres of the cells of several rows, one after the other.
+    pub fn rows(&self, first: f64, count: usize) -> Vec<[f64; 2]> {
+        (0..count).map(|row| self.cell(first + row as f64)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spinney_crs::web_mercator;
+
+    #[test]
+    fn cells_have_a_size_everywhere() {
+        let planar = |crs, e: f64, f| Frame { crs, ..Frame::planar([-e, 0.0, 10.0, 0.0, e, f]) };
+        let close = |found: [f64; 2], expected: [f64; 2]| {
+            assert!((0..2).all(|i| (found[i] / expected[i] - 1.0).abs() < 1e-6), "{found:?} {expected:?}");
+        };
+        // Published lengths of a degree at the equator and at 45 degrees.
+        let degrees = Ground::new(&planar(Some(Crs::epsg(4326)), -1.0, 45.5), 10);
+        close(degrees.cell(0.0), [78_846.835, 111_131.778]);
+        close(degrees.cell(45.0), [111_319.491, 110_574.276]);
+        assert!(degrees.rows(-60.0, 200).iter().flatten().all(|metres| *metres > 0.0 && metres.is_finite()));
+        close(Ground::new(&planar(Some(Crs::epsg(2263)), -10.0, 0.0), 5).cell(0.0), [3.048_006_096; 2]);
+        close(Ground::new(&Frame::identity(), 5).cell(0.0), [1.0; 2]);
+        // At 60 degrees web mercator has twice the scale.
+        let mercator = Ground::new(&web_mercator(8), 256);
+        let row = (1.0 - 3f64.sqrt().asinh() / std::f64::consts::PI) * 128.0;
+        close(mercator.cell(row - 0.5), [2.0 * 20_037_508.342_789_244 / 256.0 / 2.0; 2]);
+    }
+}

@@ -1,0 +1,202 @@
+//! Legends: what the colours of a picture mean.
+
+mod draw;
+mod font;
+mod svg;
+mod ticks;
+
+use serde_json::json;
+
+pub use self::draw::LegendImage;
+use self::ticks::ticks;
+use super::coat::{Classes, Coat, Ink};
+use super::colour;
+use super::layer::{Encoding, SlopeUnit};
+use super::scale::Scale;
+use spinney_base::Result;
+use spinney_engine::dataset::Dataset;
+
+/// Meaning of a picture's colours: a section for each layer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Legend {
+    /// Title of the whole; may be empty.
+    pub title: String,
+    /// Sections, that of the highest layer first.
+    pub sections: Vec<LegendSection>,
+}
+
+/// A layer's part of a legend.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LegendSection {
+    /// Subject and unit; may be empty.
+    pub title: String,
+    /// The colours.
+    pub key: Key,
+}
+
+/// Colours and their meaning.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Key {
+    /// Some colours, each with its name.
+    Classes(Vec<([u8; 4], String)>),
+    /// A band of colours, evenly from one end to the other.
+    Ramp {
+        /// The colours.
+        colours: Vec<[u8; 4]>,
+        /// Places that are told, in ascending order.
+        ticks: Vec<Tick>,
+    },
+}
+
+/// A place on a band of colours.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tick {
+    /// 0 is one end, 1 the other.
+    pub at: f64,
+    /// The number there.
+    pub label: String,
+}
+
+/// Classes that a legend tells at most, and colours of a band.
+const MOST_CLASSES: usize = 256;
+const BAND: usize = 256;
+/// Steps that are told one by one.
+const MOST_STEPS: usize = 16;
+
+impl Legend {
+    /// The legend of what a painter paints of its tree.
+    ///
+    /// # Errors
+    /// If the tree is damaged.
+    pub(super) fn new(title: &str, coats: &[Coat], tree: &Dataset) -> Result<Legend> {
+        let sections = coats.iter().rev().map(|coat| section(coat, tree));
+        Ok(Legend { title: title.into(), sections: sections.collect::<Result<_>>()? })
+    }
+
+    /// The legend as JSON, for the metadata of archives.
+    pub fn json(&self) -> String {
+        let sections = self.sections.iter().map(|section| match &section.key {
+            Key::Classes(classes) => {
+                let classes =
+                    classes.iter().map(|(code, name)| json!({ "color": colour::text(*code), "name": name }));
+                json!({ "title": section.title, "classes": classes.collect::<Vec<_>>() })
+            }
+            Key::Ramp { colours, ticks } => {
+                let colours: Vec<String> = colours.iter().map(|code| colour::text(*code)).collect();
+                let ticks = ticks.iter().map(|tick| json!({ "at": tick.at, "label": tick.label }));
+                json!({ "title": section.title, "ramp": colours, "ticks": ticks.collect::<Vec<_>>() })
+            }
+        });
+        json!({ "title": self.title, "sections": sections.collect::<Vec<_>>() }).to_string()
+    }
+
+    /// The legend as a document in SVG.
+    pub fn svg(&self) -> String {
+        svg::document(self)
+    }
+
+    /// The legend as a picture, each dot of its font so many pixels wide (1 to 8).
+    pub fn draw(&self, dot: usize) -> LegendImage {
+        draw::picture(self, dot.clamp(1, 8))
+    }
+}
+
+fn section(coat: &Coat, tree: &Dataset) -> Result<LegendSection> {
+    let metadata = tree.metadata();
+    let text = |list: &[String]| list.get(coat.band).cloned().unwrap_or_default();
+    let (name, unit) = (text(&metadata.band_names), text(&metadata.units));
+    let with_unit = |name: &str, unit: &str| match (name.is_empty(), unit.is_empty()) {
+        (_, true) => name.to_string(),
+        (true, false) => unit.to_string(),
+        (false, false) => format!("{name} ({unit})"),
+    };
+    // Numbers are told as scale and offset make them.
+    let (factor, summand) = metadata.scale_offset.get(coat.band).copied().unwrap_or((1.0, 0.0));
+    let told = |number: f64| number * factor + summand;
+    let (title, key) = match &coat.ink {
+        Ink::Classes(classes) => (name, Key::Classes(named(classes, tree)?)),
+        Ink::Scale(scale) => (with_unit(&name, &unit), scale_key(scale, &told)),
+        Ink::Slope { unit, scale, .. } => {
+            let unit = if *unit == SlopeUnit::Degrees { "degrees" } else { "%" };
+            (with_unit("Slope", unit), scale_key(scale, &|slope| slope))
+        }
+        Ink::Aspect(scale) => {
+            let mut key = scale_key(scale, &|aspect| aspect);
+            if let Key::Ramp { ticks, .. } = &mut key {
+                *ticks = ["N", "E", "S", "W", "N"]
+                    .iter()
+                    .enumerate()
+                    .map(|(i, name)| Tick { at: i as f64 / 4.0, label: (*name).into() })
+                    .collect();
+            }
+            ("Aspect".into(), key)
+        }
+        Ink::Light { .. } => {
+            let greys = (0..BAND).map(|grey| [grey as u8, grey as u8, grey as u8, 255]).collect();
+            let tick = |at: f64, label: &str| Tick { at, label: label.into() };
+            let ticks = vec![tick(0.0, "shade"), tick(1.0, "light")];
+            ("Hillshade".into(), Key::Ramp { colours: greys, ticks })
+        }
+        Ink::Contours(lines) => {
+            let every = ticks::number(lines.interval * factor.abs());
+            let label =
+                if unit.is_empty() { format!("every {every}") } else { format!("every {every} {unit}") };
+            ("Contours".into(), Key::Classes(vec![(lines.colour, label)]))
+        }
+        Ink::Channels { bands, .. } => {
+            let colours = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]];
+            let label = |band: usize| match metadata.band_names.get(band).filter(|name| !name.is_empty()) {
+                Some(name) => name.clone(),
+                None => format!("Channel {}", band + 1),
+            };
+            (String::new(), Key::Classes(colours.into_iter().zip(bands.map(label)).collect()))
+        }
+        Ink::Heights { encoding, .. } => {
+            let name = if *encoding == Encoding::Mapbox { "Mapbox" } else { "Terrarium" };
+            (format!("Heights in Terrain-RGB ({name})"), Key::Classes(Vec::new()))
+        }
+    };
+    Ok(LegendSection { title, key })
+}
+
+/// The colours of a scale, whose numbers are told in some way.
+fn scale_key(scale: &Scale, told: &dyn Fn(f64) -> f64) -> Key {
+    let stops: Vec<(f64, [u8; 4])> = scale.stops().collect();
+    let (low, high) = (stops[0].0, stops[stops.len() - 1].0);
+    if scale.steps().is_some() && stops.len() <= MOST_STEPS {
+        let number = |number: f64| ticks::number(told(number));
+        let label = |i: usize| match (i, stops.get(i + 1)) {
+            (0, Some(next)) => format!("below {}", number(next.0)),
+            (_, Some(next)) => format!("{} to {}", number(stops[i].0), number(next.0)),
+            (_, None) => format!("{} and more", number(stops[i].0)),
+        };
+        return Key::Classes(stops.iter().enumerate().map(|(i, stop)| (stop.1, label(i))).collect());
+    }
+    let at = |i: usize| {
+        let share = i as f64 / (BAND - 1) as f64;
+        scale.colour(low * (1.0 - share) + high * share)
+    };
+    Key::Ramp { colours: (0..BAND).map(at).collect(), ticks: ticks(told(low), told(high)) }
+}
+
+/// The colours and names of classes: those given, those that have names, or else those that occur.
+fn named(classes: &Classes, tree: &Dataset) -> Result<Vec<([u8; 4], String)>> {
+    let names = &tree.metadata().class_names;
+    if !classes.names.is_empty() {
+        let told = classes.sparse.iter().zip(&classes.names);
+        let label = |value: f64, name: &str| if name.is_empty() { value.to_string() } else { name.into() };
+        return Ok(told.take(MOST_CLASSES).map(|(class, name)| (class.1, label(class.0, name))).collect());
+    }
+    if !names.is_empty() {
+        let told = names.iter().filter(|(_, name)| !name.is_empty()).take(MOST_CLASSES);
+        return Ok(told.map(|(value, name)| (classes.colour(*value as f64), name.clone())).collect());
+    }
+    let header = tree.header();
+    if header.counts_classes() && header.form.value.channels == 1 {
+        let occurring = tree.statistics(None)?.classes;
+        let told = occurring.iter().take(MOST_CLASSES);
+        return Ok(told.map(|(value, _)| (classes.colour(*value), value.to_string())).collect());
+    }
+    let told = classes.dense.iter().enumerate().take(MOST_CLASSES);
+    Ok(told.map(|(value, code)| (*code, value.to_string())).collect())
+}

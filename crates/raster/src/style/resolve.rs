@@ -1,0 +1,173 @@
+//! Styles made ready for a tree: names of things become numbers.
+
+use super::Style;
+use super::coat::{Classes, Coat, Ink, Lines};
+use super::domain::Percentiles;
+use super::layer::{Bound, Class, Contours, Draw, Interpolation, Layer, Ramp, RampColours};
+use super::relief::Lamp;
+use super::scale::Scale;
+use spinney_base::{Error, Progress, Result};
+use spinney_engine::dataset::Dataset;
+
+/// The layers of a style, from the lowest to the highest.
+///
+/// # Errors
+/// If the tree has no such channel or is damaged, or on interruption.
+pub(super) fn coats(style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<Vec<Coat>> {
+    let resolver = Resolver { tree, percentiles: Percentiles::new(tree, progress) };
+    let mut coats = Vec::new();
+    for layer in &style.layers {
+        if layer.draw == Draw::Auto {
+            let default = Style::default_for(tree);
+            for own in default.layers {
+                let Layer { opacity, blend, mask, .. } = layer.clone();
+                coats.push(resolver.coat(&Layer { opacity, blend, mask, ..own })?);
+            }
+        } else {
+            coats.push(resolver.coat(layer)?);
+        }
+    }
+    Ok(coats)
+}
+
+struct Resolver<'a> {
+    tree: &'a Dataset,
+    percentiles: Percentiles<'a>,
+}
+
+impl Resolver<'_> {
+    fn coat(&self, layer: &Layer) -> Result<Coat> {
+        let band = layer.band;
+        let bands = match layer.draw {
+            Draw::Rgb { bands, .. } => bands,
+            _ => [band; 3],
+        };
+        let channels = usize::from(self.tree.header().form.value.channels);
+        if let Some(band) = bands.into_iter().find(|band| *band >= channels) {
+            let found = format!("channel {}", band + 1);
+            return Err(Error::invalid(
+                "style",
+                found,
+                format!("channels 1 to {channels}, which the tree has"),
+            ));
+        }
+        let ink = match &layer.draw {
+            Draw::Auto | Draw::Palette { .. } => self.classes(&layer.draw),
+            Draw::Ramp(ramp) => Ink::Scale(self.scale(band, ramp)?),
+            Draw::Rgb { bands, domain } => {
+                let ends = |band: usize| -> Result<[f64; 2]> { self.ends(band, domain) };
+                Ink::Channels { bands: *bands, ends: [ends(bands[0])?, ends(bands[1])?, ends(bands[2])?] }
+            }
+            Draw::Hillshade(light) => {
+                Ink::Light { lamp: Lamp::new(light), height: light.z * self.metres(band)[0] }
+            }
+            Draw::Slope { unit, z, ramp } => {
+                let (height, scale) = (z * self.metres(band)[0], self.scale(band, ramp)?);
+                Ink::Slope { unit: *unit, height, scale }
+            }
+            Draw::Aspect { ramp } => Ink::Aspect(self.scale(band, ramp)?),
+            Draw::Contours(contours) => Ink::Contours(self.lines(band, contours)?),
+            Draw::TerrainRgb(encoding) => Ink::Heights { encoding: *encoding, metres: self.metres(band) },
+        };
+        let opacity = (layer.opacity * 255.0 + 0.5) as u8;
+        Ok(Coat { band, ink, opacity, blend: layer.blend, mask: layer.mask.clone() })
+    }
+
+    /// The factor and the summand that make metres of a channel's numbers.
+    fn metres(&self, band: usize) -> [f64; 2] {
+        let metadata = self.tree.metadata();
+        let (factor, summand) = metadata.scale_offset.get(band).copied().unwrap_or((1.0, 0.0));
+        let unit = metadata.units.get(band).map(|unit| unit.to_ascii_lowercase());
+        let unit = match unit.as_deref() {
+            Some("ft" | "foot" | "feet" | "international foot") => 0.3048,
+            Some("us-ft" | "us survey foot" | "ftus" | "sfoot") => 1200.0 / 3937.0,
+            Some("cm" | "centimetre" | "centimeter") => 0.01,
+            Some("mm" | "millimetre" | "millimeter") => 0.001,
+            Some("km" | "kilometre" | "kilometer") => 1000.0,
+            _ => 1.0,
+        };
+        [factor * unit, summand * unit]
+    }
+
+    /// The numbers of a channel that two bounds are; 0 and 1 if there are none.
+    fn ends(&self, band: usize, domain: &[Bound; 2]) -> Result<[f64; 2]> {
+        let [low, high] =
+            [self.percentiles.number(band, domain[0])?, self.percentiles.number(band, domain[1])?];
+        Ok([low.unwrap_or(0.0), high.unwrap_or(1.0)])
+    }
+
+    fn scale(&self, band: usize, ramp: &Ramp) -> Result<Scale> {
+        let stops = match &ramp.colours {
+            RampColours::Even(colours) => {
+                let mut ends = self.ends(band, &ramp.domain)?;
+                let mut colours = colours.clone();
+                if ends[0] > ends[1] {
+                    ends.reverse();
+                    colours.reverse();
+                }
+                // Colours that are not mixed have a part of the domain each, others begin and end it.
+                let parts = match ramp.interpolation {
+                    Interpolation::Discrete => colours.len(),
+                    _ => colours.len() - 1,
+                };
+                let place = |i: usize| {
+                    let share = i as f64 / parts as f64;
+                    ends[0] * (1.0 - share) + ends[1] * share
+                };
+                colours.into_iter().enumerate().map(|(i, colour)| (place(i), colour)).collect()
+            }
+            RampColours::Stops(stops) => {
+                let mut numbers: Vec<(f64, [u8; 4])> = Vec::with_capacity(stops.len());
+                for (index, (bound, colour)) in stops.iter().enumerate() {
+                    let number = self.percentiles.number(band, *bound)?.unwrap_or(index as f64);
+                    // (Numbers among percentiles may lie where they will: what has been passed counts no more.)
+                    let least = numbers.last().map_or(number, |last| last.0);
+                    numbers.push((number.max(least), *colour));
+                }
+                numbers
+            }
+        };
+        Ok(Scale::new(&stops, ramp.interpolation))
+    }
+
+    fn lines(&self, band: usize, contours: &Contours) -> Result<Lines> {
+        let interval = match contours.interval {
+            Some(interval) => interval,
+            None => {
+                let [low, high] = self.ends(band, &[Bound::Percent(2.0), Bound::Percent(98.0)])?;
+                round_step((high - low) / 15.0)
+            }
+        };
+        let Contours { base, colour, width, bold, .. } = *contours;
+        Ok(Lines { interval, base, colour, width, bold: f64::from(bold) })
+    }
+
+    /// The colours of given classes, or else of the tree's own.
+    fn classes(&self, draw: &Draw) -> Ink {
+        let (given, other): (&[Class], _) = match draw {
+            Draw::Palette { classes, other } => (classes, *other),
+            _ => (&[], None),
+        };
+        let mut classes = Classes { dense: Vec::new(), sparse: Vec::new(), names: Vec::new(), other };
+        if !given.is_empty() {
+            classes.sparse = given.iter().map(|class| (class.value, class.colour)).collect();
+            classes.names = given.iter().map(|class| class.name.clone()).collect();
+            classes.other = Some(other.unwrap_or([0; 4]));
+        } else if let Some(palette) = &self.tree.metadata().palette {
+            classes.dense.clone_from(&palette.colours);
+            // (As pictures with a palette have it.)
+            classes.other = Some(other.unwrap_or([0, 0, 0, 255]));
+        }
+        Ink::Classes(classes)
+    }
+}
+
+/// The round number next to a step: 1, 2 or 5 times a power of ten; 1 if it is none.
+pub(super) fn round_step(step: f64) -> f64 {
+    if !(step > 0.0 && step.is_finite()) {
+        return 1.0;
+    }
+    let power = 10f64.powf(step.log10().floor());
+    let factor = [1.0, 2.0, 5.0, 10.0].into_iter().find(|factor| factor * power >= step * 0.75);
+    factor.unwrap_or(10.0) * power
+}

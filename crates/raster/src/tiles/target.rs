@@ -1,0 +1,78 @@
+//! Where tiles go, by a name.
+
+use std::path::{Path, PathBuf};
+
+use super::encode::TileFormat;
+use super::folder::{FolderSink, TileFolder};
+use super::making::About;
+#[cfg(feature = "mbtiles")]
+use super::mbtiles::MbtilesSink;
+use super::pmtiles::PmtilesSink;
+use super::sink::TileSink;
+use spinney_base::io::Output;
+use spinney_base::{Error, Result};
+
+/// An archive, or a folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum TileTarget {
+    /// A `PMTiles` archive, version 3.
+    Pmtiles(PathBuf),
+    /// An `MBTiles` archive, version 1.3.
+    #[cfg(feature = "mbtiles")]
+    Mbtiles(PathBuf),
+    /// A file for each tile.
+    Folder(TileFolder),
+}
+
+impl TileTarget {
+    /// The target with a name, if it is one of tiles: `x.pmtiles`, `x/{z}/{x}/{y}.png`.
+    ///
+    /// # Errors
+    /// If it is a pattern that has not each field once.
+    pub fn of(path: &Path) -> Result<Option<TileTarget>> {
+        let text = path.to_str().unwrap_or_default();
+        if ["{z}", "{x}", "{y}"].iter().any(|field| text.contains(field)) {
+            return TileFolder::parse(text).map(|folder| Some(TileTarget::Folder(folder)));
+        }
+        let extension = path.extension().and_then(|end| end.to_str()).unwrap_or_default();
+        Ok(match extension.to_ascii_lowercase().as_str() {
+            "pmtiles" => Some(TileTarget::Pmtiles(path.to_path_buf())),
+            #[cfg(feature = "mbtiles")]
+            "mbtiles" => Some(TileTarget::Mbtiles(path.to_path_buf())),
+            _ => None,
+        })
+    }
+
+    /// The file, or the folder.
+    pub fn path(&self) -> &Path {
+        match self {
+            TileTarget::Pmtiles(path) => path,
+            #[cfg(feature = "mbtiles")]
+            TileTarget::Mbtiles(path) => path,
+            TileTarget::Folder(folder) => folder.base(),
+        }
+    }
+
+    /// The kind of tiles that the name says.
+    pub fn format(&self) -> Option<TileFormat> {
+        match self {
+            TileTarget::Folder(folder) => folder.extension()?.parse().ok(),
+            _ => None,
+        }
+    }
+
+    pub(super) fn sink(&self, about: &About, resume: bool) -> Result<Box<dyn TileSink>> {
+        let making = serde_json::to_string(&about.making)
+            .map_err(|error| Error::invalid("options", error.to_string(), "options that are texts"))?;
+        Ok(match self {
+            TileTarget::Pmtiles(path) => {
+                Box::new(PmtilesSink::create(Output::create(path)?, resume.then_some(making.as_str()))?)
+            }
+            #[cfg(feature = "mbtiles")]
+            TileTarget::Mbtiles(path) => Box::new(MbtilesSink::create(path, &making, resume)?),
+            TileTarget::Folder(folder) => {
+                Box::new(FolderSink::create(folder, resume.then_some(making.as_str()))?)
+            }
+        })
+    }
+}

@@ -1,0 +1,174 @@
+//! Volumes: arrays of three dimensions, which become octrees.
+
+mod npy;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use self::npy::Array;
+use super::npy::MAGIC;
+use crate::import::{DEFAULT_MEMORY, as_stored, depth_of, nodata_text};
+use spinney_base::Form;
+use spinney_base::io::Output;
+use spinney_base::space::Dimension;
+use spinney_base::value::{Kind, Rule, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
+use spinney_crs::{Crs, Frame};
+use spinney_engine::store::{BuildOptions, build_slabs};
+
+/// Options for an import of a volume.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct VolumeOptions {
+    /// Kind of the samples; continuous if not said.
+    pub kind: Option<Kind>,
+    /// Rule for the representatives of inner nodes; the usual one for the kind if not said.
+    pub rule: Option<Rule>,
+    /// The number that means VOID. NaN always does.
+    pub nodata: Option<f64>,
+    /// Levels of the tree; as few as hold the volume if not said.
+    pub depth: Option<u8>,
+    /// Map from cells to the world: see [`Frame::matrix`]. Cells of unit width at the origin if not said.
+    pub transform: Option<[[f64; 4]; 3]>,
+    /// The coordinate system.
+    pub crs: Option<Crs>,
+    /// Bytes of memory for everything: half for reading; [`DEFAULT_MEMORY`] if not said.
+    pub memory: Option<u64>,
+    /// Whether equal subtrees are stored once, in Autumnal files.
+    pub share: bool,
+}
+
+impl VolumeOptions {
+    /// Options that are usual for the samples, in cells of unit width.
+    pub fn new() -> VolumeOptions {
+        VolumeOptions::default()
+    }
+}
+
+/// A volume that is open and understood, ready to be built: see [`VolumeImport::build`].
+pub struct VolumeImport {
+    array: Array,
+    value: ValueType,
+    options: BuildOptions,
+    memory: u64,
+    description: Vec<(&'static str, String)>,
+}
+
+/// Whether a file is a volume, by its first bytes.
+pub fn is_volume(path: &Path) -> bool {
+    let mut start = Vec::new();
+    // (Of what is no file, such as a pipe, bytes that are read are gone.)
+    path.is_file()
+        && File::open(path)
+            .is_ok_and(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start).is_ok() && start == MAGIC)
+}
+
+/// Opens a volume and decides how its octree is built.
+///
+/// Volumes are NPY files, as `numpy.save` writes them: arrays of shape (z, y, x) in C order, or (z, y, x, channels) with up to 4
+/// channels. Types that trees do not have become the next wider one: bool u8, int8 i16, half f32, and 64-bit integers f64 if
+/// nothing is lost.
+///
+/// ```
+/// use spinney::import::volume::{VolumeOptions, plan};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let (array, path) = (folder.path().join("volume.npy"), folder.path().join("volume.goblin"));
+/// let mut bytes = b"\x93NUMPY\x01\0\x76\0".to_vec();
+/// bytes.extend(format!("{:117}\n", "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4)}").bytes());
+/// bytes.extend((0..24).flat_map(|number| (number as f32).to_le_bytes()));
+/// std::fs::write(&array, bytes).unwrap();
+///
+/// let mut options = VolumeOptions::new();
+/// options.nodata = Some(5.0);
+/// plan(&array, &options)?.build(Output::create(&path)?, &())?;
+/// let tree = spinney::open(&path)?;
+/// assert_eq!(tree.header().extent, [4, 3, 2]);
+/// assert_eq!(tree.statistics(None)?.cells, 23);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the file cannot be read, is no such array or not as long as its header says, or the options do not fit it.
+pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
+    let array = Array::open(path)?;
+    let nodata = options.nodata.and_then(|number| as_stored(number, array.value.sample));
+    let value = nodata.map_or(array.value, |nodata| array.value.with_missing(nodata));
+    let [width, height, planes] = array.size;
+    let size = format!("{width} x {height} x {planes} cells");
+    let depth = depth_of(Dimension::Oct, array.size, &size, options.depth)?;
+    let (kind, kind_reason) = match options.kind {
+        Some(kind) => (kind, "as you said"),
+        None => (Kind::Continuous, "the usual for volumes; for classes say --kind categorical"),
+    };
+    let rule = options.rule.unwrap_or(kind.default_rule());
+    let provenance = vec![format!("volume {} ({})", path.display(), array.layout)];
+    let metadata = Metadata { frame: frame(options)?, nodata, provenance, ..Metadata::default() };
+    let said = |is: bool| if is { "as you said".into() } else { format!("usual for {kind}") };
+    let crs = metadata.frame.crs.as_ref().map_or("none".into(), Crs::to_string);
+    let description = vec![
+        ("input", path.display().to_string()),
+        ("layout", array.layout.clone()),
+        ("size", size),
+        ("samples", format!("{value} (stored as {})", array.format.name())),
+        ("CRS", crs),
+        ("transform", options.transform.map_or("none".into(), |rows| format!("{rows:?}"))),
+        ("nodata", nodata_text(options.nodata, nodata, value.sample)),
+        ("kind", format!("{kind}: {kind_reason}")),
+        ("rule", format!("{rule}, {}", said(options.rule.is_some()))),
+        ("depth", format!("{depth} levels, {0} x {0} x {0} cells", 1u64 << depth)),
+    ];
+    let memory = options.memory.unwrap_or(DEFAULT_MEMORY);
+    let options =
+        BuildOptions::new(kind, depth).rule(rule).memory(memory / 4).metadata(metadata).share(options.share);
+    Ok(VolumeImport { array, value, options, memory, description })
+}
+
+/// The place in the world that is asked for.
+fn frame(options: &VolumeOptions) -> Result<Frame> {
+    let mut frame = Frame { crs: options.crs.clone(), ..Frame::identity() };
+    frame.matrix = options.transform.unwrap_or(frame.matrix);
+    let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
+    if !is_finite || frame.to_cells([0.0; 3]).is_none() {
+        let expected = "a map of cells to the world that has an inverse";
+        return Err(Error::invalid("transform", format!("{:?}", frame.matrix), expected));
+    }
+    Ok(frame)
+}
+
+impl VolumeImport {
+    /// Description of the plan: pairs of a heading and its text.
+    pub fn description(&self) -> &[(&'static str, String)] {
+        &self.description
+    }
+
+    /// Options for building the tree.
+    pub fn options(&self) -> &BuildOptions {
+        &self.options
+    }
+
+    /// Type of the tree's values.
+    pub fn value_type(&self) -> ValueType {
+        self.value
+    }
+
+    /// Bytes of all samples, as they would be without compression.
+    pub fn raw_bytes(&self) -> u64 {
+        self.array.size.iter().product::<u64>() * self.value.size() as u64
+    }
+
+    /// Builds the octree, on the threads of the current rayon pool; progress counts cells.
+    ///
+    /// # Errors
+    /// If the file cannot be read or has become shorter, the output cannot be written, or on interruption; nothing is left behind
+    /// then.
+    pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
+        let VolumeImport { array, value, options, memory, .. } = self;
+        let nodata = options.metadata.nodata.and_then(|number| value.splat(number));
+        let form = Form::new(Dimension::Oct, value);
+        build_slabs(form, &mut array.slabs(memory / 2), nodata, &options, output, progress)
+    }
+}

@@ -1,0 +1,261 @@
+//! A window of a tree as a picture, at any level or size, streamed in bands of rows.
+
+mod grid;
+mod painted;
+mod sampler;
+
+pub(super) use self::grid::OutputGrid;
+use self::grid::row_bytes;
+use self::painted::Painted;
+use self::sampler::Sampler;
+use super::image::{Format, ImageSpec, create, write_sidecar};
+use crate::style::{Style, StylePainter};
+use spinney_base::io::Output;
+use spinney_base::space::Bounds;
+use spinney_base::value::{Rule, SampleType};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
+use spinney_crs::Frame;
+use spinney_engine::dataset::Dataset;
+
+/// A window of a tree, and its level of detail.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct WindowRequest {
+    /// Cells of the deepest level; those beyond the picture are VOID. Along `across` the first counts.
+    pub bounds: Bounds,
+    /// The axis that the picture does not have: 2 for quadtrees and level slices of octrees, 0 or 1 for
+    /// upright slices. Columns are then y or x, and rows z; pictures have the highest row at the top, arrays
+    /// the lowest first.
+    pub across: usize,
+    /// Level or size of the output.
+    pub detail: Detail,
+    /// The number for VOID cells where the format needs one; chosen if not given: see [`fill_for`].
+    pub nodata: Option<f64>,
+    /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
+    /// `u16`, has others in the tree's default style.
+    pub style: Option<Style>,
+    /// Bytes to hold at a time; what one row of the output needs must fit.
+    pub memory: u64,
+}
+
+/// Bytes that exports hold at a time if nothing is said.
+pub(super) const DEFAULT_MEMORY: u64 = 64 << 20;
+
+impl WindowRequest {
+    /// A window seen from above, written with 64 MiB of memory.
+    pub fn new(bounds: Bounds, detail: Detail) -> WindowRequest {
+        WindowRequest { bounds, across: 2, detail, nodata: None, style: None, memory: DEFAULT_MEMORY }
+    }
+}
+
+/// Resolution of the output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// One pixel per cell of this level.
+    Level(u8),
+    /// So many columns and rows: from the level whose cells are the pixels, if there is one; else, where pixels are
+    /// averaged, from the coarsest level that has at least four cells along each side of a pixel, and where they
+    /// are not, from the coarsest that is fine enough.
+    ///
+    /// Each cell at a pixel's edge counts by the part of it that is in the pixel, as if it were alike all over: an average
+    /// is off by at most a quarter of what values differ by within such a cell, mostly by far less.
+    Size(u64, u64),
+    /// So many columns and rows, averaged exactly: down to the deepest cells wherever a pixel's edge cuts a node.
+    Exact(u64, u64),
+}
+
+/// Writes a window of a tree to a picture or array file. An octree gives a slice, at `bounds.min[across]`.
+///
+/// With [`Detail::Size`] and [`Detail::Exact`], trees of means and of occupancy are averaged over the area of each pixel, others
+/// give the value at its centre. In trees of occupancy, VOID cells are 0.
+///
+/// ```
+/// use spinney::export::image::Format;
+/// use spinney::export::{Detail, WindowRequest, export_window};
+/// use spinney::{io::Output, space::Bounds};
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("part.png");
+/// let map = spinney::open("fixtures/v1/classes.goblin")?;
+/// let bounds = Bounds { min: [8, 8, 0], max: [40, 40, 1] };
+/// let request = WindowRequest::new(bounds, Detail::Size(16, 16));
+/// export_window(&map, &request, Output::create(&path)?, Format::Png, &())?;
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the window is empty or outside of the tree, one row needs more memory than is allowed, the format cannot
+/// hold the values, the tree is damaged or was changed meanwhile, or on interruption.
+pub fn export_window(
+    tree: &Dataset,
+    request: &WindowRequest,
+    output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let grid = OutputGrid::of(tree, request)?;
+    let void = VoidCells::of(tree, request)?;
+    let spec = image_spec(tree, &grid, &void);
+    let path = output.path().to_path_buf();
+    if let Some(style) = style_of(tree, request, format) {
+        let painter = StylePainter::new(&style, tree, progress)?;
+        let painted = Painted::new(tree, &grid, &painter, spec, format);
+        painted.export(request, output, format, progress)?;
+        tree.check_unchanged()?;
+        return write_sidecar(&path, format, painted.metadata(), progress);
+    }
+    let rows = rows_at_a_time(tree, request, &grid)?;
+    let mut writer = create(output, format, &spec)?;
+    // Pictures of upright slices begin with the highest row, which is the last along the axis.
+    let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
+    let (width, height) = (grid.width, grid.height);
+    let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or(0.0) };
+    sampler.bands(rows, is_upright, progress, &mut |bytes, valid| {
+        writer.write_rows(bytes, void.may_be.then_some(valid))?;
+        progress.advance(valid.len() as u64, height.saturating_mul(width));
+        Ok(())
+    })?;
+    tree.check_unchanged()?;
+    writer.finish()?;
+    write_sidecar(&path, format, &spec.metadata, progress)
+}
+
+/// The style that an output is painted in, if it has not the values themselves.
+fn style_of(tree: &Dataset, request: &WindowRequest, format: Format) -> Option<Style> {
+    let fits = matches!(tree.header().form.value.sample, SampleType::U8 | SampleType::U16);
+    match &request.style {
+        Some(style) => Some(style.clone()),
+        None if format == Format::Png && !fits => Some(Style::default_for(tree)),
+        None => None,
+    }
+}
+
+/// A function that takes pixels, and whether each has a value.
+pub type TakeRows<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
+
+/// Hands out a window's pixels as [`export_window`] writes them to arrays, in bands of whole rows from the first on, with
+/// a flag per pixel that is `false` where it is VOID. [`WindowRequest::style`] does not matter.
+///
+/// # Errors
+/// If [`export_window`] could not read the window either, or `each` fails.
+pub fn window_rows(
+    tree: &Dataset,
+    request: &WindowRequest,
+    progress: &dyn Progress,
+    each: &mut TakeRows<'_>,
+) -> Result<()> {
+    let grid = OutputGrid::of(tree, request)?;
+    let rows = rows_at_a_time(tree, request, &grid)?;
+    let fill = match request.nodata {
+        Some(number) => number,
+        None => void_number(tree)?.unwrap_or(0.0),
+    };
+    Sampler { tree, grid, fill }.bands(rows, false, progress, each)?;
+    tree.check_unchanged()
+}
+
+/// Rows of the output that memory is for.
+fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &OutputGrid) -> Result<u64> {
+    let row_bytes = row_bytes(tree.header().form.value, grid);
+    if row_bytes > request.memory {
+        return Err(Error::TooLarge {
+            path: tree.path().to_path_buf(),
+            what: format!("a row of {} pixels of the output", grid.width),
+            needed: row_bytes,
+            limit: request.memory,
+            advice: "ask for fewer columns or a coarser level".into(),
+        });
+    }
+    Ok((request.memory / row_bytes / 2).clamp(1, 256).min(grid.height))
+}
+
+/// Whether the last channel is opacity.
+fn has_opacity(tree: &Dataset) -> bool {
+    let channels = tree.header().form.value.channels;
+    tree.metadata().alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(channels))
+}
+
+/// VOID cells of a window, and the number that stands for them.
+pub(super) struct VoidCells {
+    pub(super) may_be: bool,
+    /// `None` if every number is in use.
+    pub(super) fill: Option<f64>,
+}
+
+impl VoidCells {
+    pub(super) fn of(tree: &Dataset, request: &WindowRequest) -> Result<VoidCells> {
+        if tree.header().rule == Rule::Occupancy {
+            // VOID is a number there: an empty cell.
+            return Ok(VoidCells { may_be: false, fill: Some(request.nodata.unwrap_or(0.0)) });
+        }
+        let may_be = tree.may_have_void(request.bounds)?;
+        Ok(VoidCells { may_be, fill: request.nodata.or(void_number(tree)?) })
+    }
+}
+
+/// The number for VOID cells in arrays: 0 in trees of [`Rule::Occupancy`], where it means empty, and in those with
+/// opacity; else that of [`fill_for`].
+///
+/// # Errors
+/// If the tree's statistics are damaged.
+pub fn void_number(tree: &Dataset) -> Result<Option<f64>> {
+    // Where the last channel is opacity, VOID cells are those without any: any other number would be a colour.
+    if has_opacity(tree) || tree.header().rule == Rule::Occupancy { Ok(Some(0.0)) } else { fill_for(tree) }
+}
+
+/// The picture of a grid.
+pub(super) fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) -> ImageSpec {
+    let (value, metadata) = (tree.header().form.value, tree.metadata());
+    let first = [grid.origin[0], grid.origin[1], grid.source.min[2] as f64];
+    // Pixels in a frame of the deepest level's cells.
+    let pixels_in = |cells: &Frame| {
+        let mut frame = cells.coarser(tree.depth() - grid.level).shifted(first);
+        for row in &mut frame.matrix {
+            row[0] *= grid.step[0];
+            row[1] *= grid.step[1];
+        }
+        frame
+    };
+    // Upright slices have no frame: those of pictures are maps of x and y.
+    let is_flat = grid.across == 2;
+    let has_frame = is_flat && metadata.frame != Frame::identity();
+    let points = metadata.control_points.as_ref().filter(|_| is_flat);
+    let nodata = void.fill.filter(|_| !has_opacity(tree) && (void.may_be || metadata.nodata.is_some()));
+    ImageSpec {
+        width: grid.width,
+        height: grid.height,
+        value,
+        alpha: has_opacity(tree),
+        void: void.may_be,
+        metadata: Metadata {
+            frame: if has_frame { pixels_in(&metadata.frame) } else { Frame::identity() },
+            control_points: points.and_then(|points| points.seen_through(&pixels_in(&Frame::identity()))),
+            nodata,
+            ..metadata.clone()
+        },
+    }
+}
+
+/// A number for VOID cells: the file's own, NaN for floating samples, or one that no cell has; `None` if
+/// every number is in use.
+///
+/// # Errors
+/// If the tree's statistics are damaged.
+pub fn fill_for(tree: &Dataset) -> Result<Option<f64>> {
+    let sample = tree.header().form.value.sample;
+    let (low, high) = match sample {
+        SampleType::U8 => (0.0, u8::MAX as f64),
+        SampleType::U16 => (0.0, u16::MAX as f64),
+        SampleType::I16 => (i16::MIN as f64, i16::MAX as f64),
+        SampleType::U32 => (0.0, u32::MAX as f64),
+        SampleType::I32 => (i32::MIN as f64, i32::MAX as f64),
+        SampleType::F32 | SampleType::F64 => return Ok(Some(tree.metadata().nodata.unwrap_or(f64::NAN))),
+    };
+    if let Some(nodata) = tree.metadata().nodata.filter(|n| n.fract() == 0.0 && (low..=high).contains(n)) {
+        return Ok(Some(nodata));
+    }
+    let channels = tree.value_bounds()?;
+    let free = |number: f64| channels.iter().any(|(min, max)| number < *min || number > *max);
+    Ok([low, high].into_iter().find(|number| channels.is_empty() || free(*number)))
+}

@@ -1,0 +1,155 @@
+//! Pictures of octrees' solids.
+
+use glam::{DMat3, DVec3};
+
+use super::scene::{Place, Scene, Surface};
+use super::{RenderRequest, draw};
+use crate::paint::Paint;
+use spinney_base::io::Output;
+use spinney_base::space::Bounds;
+use spinney_base::{Error, Progress, Result};
+use spinney_crs::Frame;
+use spinney_engine::dataset::Dataset;
+use spinney_engine::query::{Ray, Rays, SurfaceHit};
+use spinney_raster::image::Format;
+
+/// Deepest level at which the box around a solid is computed.
+const BOX_LEVEL: u8 = 6;
+
+/// Writes a shaded picture of an octree's solid, and returns the level that was drawn.
+///
+/// The surface is where the occupancy between cells' centres is one half; its normals come from the gradient
+/// around. Light comes from over the viewer's left shoulder and from the sky, and less of it reaches hollows
+/// (as in Evans: Fast approximations for global illumination on dynamic scenes, SIGGRAPH 2006 courses, from
+/// the densities above the surface). Colours are those of trees with three channels, of the palette where
+/// values are classes, and of the range of all values where they are amounts; solids are the colour of clay.
+///
+/// Only nodes that rays meet are read, and nothing below the level. The picture does not depend on the number
+/// of threads.
+///
+/// ```
+/// use spinney::export::image::Format;
+/// use spinney::export::{RenderRequest, render};
+/// use spinney::io::Output;
+///
+/// # let folder = tempfile::tempdir().unwrap();
+/// # let path = folder.path().join("ball.png");
+/// let ball = spinney::open("fixtures/v1/ball.goblin")?;
+/// let request = RenderRequest::new(40, 30);
+/// assert_eq!(render(&ball, &request, Output::create(&path)?, Format::Png, &())?, 5);
+/// # Ok::<(), spinney::Error>(())
+/// ```
+///
+/// # Errors
+/// If the tree is a quadtree or has no such level, a number of the request makes no sense, the format cannot
+/// hold colours of 8 bits, the tree is damaged, or on interruption.
+pub fn render(
+    tree: &Dataset,
+    request: &RenderRequest,
+    output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<u8> {
+    request.check()?;
+    let depth = tree.depth();
+    let rough = tree.solid(request.level.unwrap_or(depth).min(BOX_LEVEL).min(depth), progress)?;
+    let space = Bounds { min: [0; 3], max: [1 << rough.level; 3] };
+    let bounds = rough.bounds.unwrap_or(space);
+    let corners = std::array::from_fn(|corner| {
+        let pick = |axis: usize| if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] };
+        DVec3::from(rough.frame().to_world(std::array::from_fn(|axis| pick(axis) as f64)))
+    });
+    let camera = request.camera(&corners)?;
+    let level = match request.level {
+        Some(level) if level <= depth => level,
+        Some(level) => return Err(Error::invalid("level", level.to_string(), format!("0 to {depth}"))),
+        None => (0..=depth)
+            .find(|level| cell_size(&tree.metadata().frame.coarser(depth - level)) <= camera.footprint)
+            .unwrap_or(depth),
+    };
+    let radius = bounds.size().into_iter().max().unwrap_or(1) as f64 / 2.0
+        * 2f64.powi(i32::from(level) - i32::from(rough.level));
+    let cells = Cells::new(tree, level, radius)?;
+    let make = || -> Result<Box<dyn Surface + '_>> {
+        Ok(Box::new(CellSurface { cells: &cells, rays: tree.rays(level)? }))
+    };
+    draw(&Scene::new(camera, request), &make, output, format, progress)?;
+    tree.check_unchanged()?;
+    Ok(level)
+}
+
+/// Edge of the cube that is as large as a cell, in the world.
+fn cell_size(frame: &Frame) -> f64 {
+    frame.linear().determinant().abs().cbrt()
+}
+
+/// The cells of a level, where they are and what they look like.
+struct Cells {
+    paint: Paint,
+    /// Map from cells of the level to the world.
+    frame: Frame,
+    /// Map from directions in the world to those in cells.
+    to_cells: DMat3,
+    /// Map from gradients in cells to directions in the world.
+    normals: DMat3,
+    /// Half the longest side of the box around the solid, in cells of the level.
+    radius: f64,
+}
+
+/// Distances from the surface at which densities are sampled for ambient occlusion, in parts of the solid's
+/// radius.
+const OCCLUSION: [f64; 4] = [0.012, 0.03, 0.07, 0.15];
+
+impl Cells {
+    fn new(tree: &Dataset, level: u8, radius: f64) -> Result<Cells> {
+        let frame = tree.metadata().frame.coarser(tree.depth() - level);
+        let linear = frame.linear();
+        let [a, b, c] = frame.face_areas();
+        let normals = DMat3::from_cols(a, b, c) * linear.determinant().signum();
+        Ok(Cells { paint: Paint::of(tree)?, frame, to_cells: linear.inverse(), normals, radius })
+    }
+}
+
+/// The smooth surface that cells stand for.
+struct CellSurface<'a> {
+    cells: &'a Cells,
+    rays: Box<dyn Rays + 'a>,
+}
+
+impl Surface for CellSurface<'_> {
+    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>> {
+        let Cells { paint, frame, to_cells, normals, .. } = self.cells;
+        let no_inverse = || Error::invalid("the file's transform", "one without an inverse", "one with");
+        let ray = Ray {
+            origin: frame.to_cells(origin.to_array()).ok_or_else(no_inverse)?,
+            direction: (*to_cells * direction).to_array(),
+        };
+        let Some(hit) = self.rays.surface(&ray)? else { return Ok(None) };
+        let inwards = DVec3::from(hit.inwards);
+        let outwards = (*normals * -inwards).try_normalize().unwrap_or(-direction);
+        let open = self.openness(&hit)?;
+        Ok(Some(Place { outwards, albedo: paint.colour(&hit.value).into(), open }))
+    }
+}
+
+impl CellSurface<'_> {
+    /// Share of the sky's light that reaches a point of the surface: 1 in the open.
+    fn openness(&mut self, hit: &SurfaceHit) -> Result<f64> {
+        let Some(outwards) = (-DVec3::from(hit.inwards)).try_normalize() else { return Ok(1.0) };
+        let (aside, across) = outwards.any_orthonormal_pair();
+        let (mut hidden, mut most) = (0.0, 0.0);
+        for distance in OCCLUSION {
+            let weight = 1.0 / (1.0 + 6.0 * distance);
+            // At less than 1.5 cells the density is that of the surface itself.
+            let distance = (distance * self.cells.radius).max(1.5);
+            for (u, v) in [(0.8, 0.0), (-0.8, 0.0), (0.0, 0.8), (0.0, -0.8)] {
+                let direction = outwards + u * aside + v * across;
+                hidden +=
+                    weight * self.rays.density((DVec3::from(hit.point) + distance * direction).to_array())?;
+                most += weight;
+            }
+        }
+        let open = 1.0 - 1.3 * hidden / most;
+        Ok(open.clamp(0.15, 1.0))
+    }
+}

@@ -1,0 +1,80 @@
+//! Pictures of exact models.
+
+use glam::DVec3;
+
+use super::scene::{Place, Scene, Surface};
+use super::{RenderRequest, draw};
+use crate::paint::{Paint, linear};
+use spinney_base::io::Output;
+use spinney_base::{Error, Progress, Result};
+use spinney_brep::geometry::crossing::ring_normal;
+use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _};
+use spinney_raster::image::Format;
+
+/// Writes a shaded picture of an exact model: of its faces as they are, each with its own normal.
+///
+/// Camera, light and background are those of [`render`](super::render), without shadows in hollows; a model
+/// without colours is of clay. Only nodes and faces that rays come to are read. The picture does not depend on
+/// the number of threads.
+///
+/// # Errors
+/// If the request has a level, or a number in it makes no sense, the format cannot hold colours of 8 bits, the file is
+/// damaged, or on interruption.
+pub fn render_exact(
+    model: &ExactModel,
+    request: &RenderRequest,
+    output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<()> {
+    request.check()?;
+    if let Some(level) = request.level {
+        return Err(Error::invalid("level", level.to_string(), "none, of an exact model"));
+    }
+    let [min, max] = model.bounds()?;
+    let corners = std::array::from_fn(|corner| {
+        DVec3::from([0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { min[axis] } else { max[axis] }))
+    });
+    let scene = Scene::new(request.camera(&corners)?, request);
+    let make =
+        || -> Result<Box<dyn Surface + '_>> { Ok(Box::new(Body { model, buffer: FaceBuffer::default() })) };
+    draw(&scene, &make, output, format, progress)?;
+    model.check_unchanged()
+}
+
+/// The body that a model bounds.
+struct Body<'a> {
+    model: &'a ExactModel,
+    buffer: FaceBuffer,
+}
+
+impl Surface for Body<'_> {
+    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>> {
+        let (hit, _) = self.model.ray(origin.to_array(), direction.to_array())?;
+        let Some(hit) = hit else { return Ok(None) };
+        self.model.face(hit.face, &mut self.buffer)?;
+        let face = self.buffer.face();
+        let outer = face.rings().next().unwrap_or_default();
+        let normal = DVec3::from(ring_normal(outer).map(|at| at as f64));
+        let outwards = normal.try_normalize().unwrap_or(-direction);
+        let albedo = match face.colours {
+            [] => Paint::Clay.colour(&[0.0; 4]).into(),
+            _ => colour_at(&face, self.model.grid().to_grid(hit.point).into()),
+        };
+        Ok(Some(Place { outwards, albedo, open: 1.0 }))
+    }
+}
+
+/// Linear colour of a face at a place of it: between the corners' of a triangle, and their mean of others.
+fn colour_at(face: &Face<'_>, place: DVec3) -> DVec3 {
+    let colours: Vec<DVec3> = face.colours.iter().map(|colour| linear(*colour).into()).collect();
+    if let ([a, b, c], [first, second, third]) = (face.points, &colours[..]) {
+        let [a, b, c] = [a, b, c].map(|point| DVec3::from(point.map(f64::from)) - place);
+        let weights = [b.cross(c).length(), c.cross(a).length(), a.cross(b).length()];
+        let sum: f64 = weights.iter().sum();
+        if sum > 0.0 {
+            return (weights[0] * first + weights[1] * second + weights[2] * third) / sum;
+        }
+    }
+    colours.iter().sum::<DVec3>() / colours.len().max(1) as f64
+}

@@ -1,0 +1,127 @@
+//! Shaded pictures of solids: a ray per sample of a pixel through the file as it is on disk.
+
+mod camera;
+mod cells;
+mod exact;
+mod paint;
+mod scene;
+
+pub use camera::CameraProjection;
+pub use cells::render;
+pub use exact::render_exact;
+
+use crate::camera::{Camera, Pose};
+use glam::DVec3;
+use scene::{Scene, Surface};
+use spinney_base::io::Output;
+use spinney_base::parallel::{self, Pool};
+use spinney_base::space::Up;
+use spinney_base::value::{SampleType, ValueType};
+use spinney_base::{Error, Progress, Result};
+use spinney_container::Metadata;
+use spinney_raster::image::{Format, ImageSpec, create};
+
+/// Size, camera and background of a picture of a solid.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct RenderRequest {
+    /// Columns.
+    pub width: u64,
+    /// Rows.
+    pub height: u64,
+    /// Direction from the solid to the viewer, in degrees on a compass: 0 is north, 90 is east.
+    pub azimuth: f64,
+    /// Angle of the viewer above the horizon, in degrees: at 90 the view is straight down.
+    pub elevation: f64,
+    /// Magnification: 1 fits all of the solid into the picture.
+    pub zoom: f64,
+    /// CameraProjection of the world onto the picture.
+    pub projection: CameraProjection,
+    /// The axis of the world that points up.
+    pub up: Up,
+    /// Level of detail; by default the coarsest whose cells are no larger than a pixel. Exact models have none.
+    pub level: Option<u8>,
+    /// Red, green and blue behind the solid; nothing makes the picture transparent there.
+    pub background: Option<[u8; 3]>,
+    /// Samples of a pixel along each axis, 1 to 8.
+    pub samples: u32,
+}
+
+impl RenderRequest {
+    /// A picture of so many columns and rows, from the south-west and above.
+    pub fn new(width: u64, height: u64) -> RenderRequest {
+        RenderRequest {
+            width,
+            height,
+            azimuth: 215.0,
+            elevation: 30.0,
+            zoom: 1.0,
+            projection: CameraProjection::default(),
+            up: Up::default(),
+            level: None,
+            background: Some([255; 3]),
+            samples: 2,
+        }
+    }
+
+    /// A camera that sees all of a box, given by its corners, the first and the last of them opposite.
+    ///
+    /// # Errors
+    /// If a number of the request makes no sense.
+    fn camera(&self, corners: &[DVec3; 8]) -> Result<Camera> {
+        let &RenderRequest { width, height, azimuth, elevation, zoom, projection, up, .. } = self;
+        Camera::facing(&Pose { azimuth, elevation, zoom, projection, up, size: [width, height] }, corners)
+    }
+
+    /// Fails if no picture is of that size or has so many samples.
+    fn check(&self) -> Result<()> {
+        let &RenderRequest { width, height, samples, .. } = self;
+        if width == 0 || height == 0 || width > MOST || height > MOST {
+            let found = format!("{width}x{height}");
+            return Err(Error::invalid("size", found, format!("1x1 to {MOST}x{MOST}")));
+        }
+        if !(1..=8).contains(&samples) {
+            return Err(Error::invalid("samples", samples.to_string(), "1 to 8"));
+        }
+        Ok(())
+    }
+}
+
+/// Rows that are made before they are written.
+const BAND: u64 = 32;
+/// Pixels that a row may have.
+const MOST: u64 = 1 << 16;
+
+/// Draws a scene and writes the picture; `surface` makes what answers a thread's rays.
+fn draw<'a>(
+    scene: &Scene,
+    surface: &(dyn Fn() -> Result<Box<dyn Surface + 'a>> + Sync),
+    output: Output,
+    format: Format,
+    progress: &dyn Progress,
+) -> Result<()> {
+    let (width, height) = (scene.width, scene.height);
+    let channels = if scene.is_opaque { 3 } else { 4 };
+    let spec = ImageSpec {
+        width,
+        height,
+        value: ValueType::new(SampleType::U8, channels),
+        alpha: channels == 4,
+        void: false,
+        metadata: Metadata::default(),
+    };
+    let mut writer = create(output, format, &spec)?;
+    // Surfaces remember where rays were: what one row has read serves another.
+    let pool = Pool::new();
+    for first in (0..height).step_by(BAND as usize) {
+        let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
+        let rows = parallel::map(&rows, |row| {
+            pool.with(surface, |surface| scene.row(&mut **surface, *row, progress))
+        });
+        for row in rows {
+            writer.write_rows(&row?, None)?;
+            progress.advance(width, width * height);
+        }
+    }
+    writer.finish()
+}

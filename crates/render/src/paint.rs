@@ -1,0 +1,79 @@
+//! Colours of cells in pictures of solids.
+
+use spinney_base::Result;
+use spinney_base::value::{Kind, Palette, Rule, SampleType};
+use spinney_engine::dataset::Dataset;
+use spinney_raster::style::{CLAY, distinct, to_linear, viridis};
+
+/// Map from values to colours: linear red, green and blue, 0 to 1.
+pub(super) enum Paint {
+    /// One colour for all.
+    Clay,
+    /// The first three channels, with `most` for full intensity; in sRGB or, of floating samples, linear.
+    Channels { most: f64, is_linear: bool },
+    /// Classes, by their palette.
+    Palette(Palette),
+    /// Classes without a palette.
+    Classes,
+    /// Amounts from the least on, this many in all.
+    Range { least: f64, range: f64, colours: Vec<[u8; 4]> },
+}
+
+impl Paint {
+    pub(super) fn of(tree: &Dataset) -> Result<Paint> {
+        let header = tree.header();
+        let value = header.form.value;
+        if value.channels >= 3 {
+            let most = match value.sample {
+                SampleType::U8 => 255.0,
+                SampleType::U16 => 65535.0,
+                _ => 1.0,
+            };
+            return Ok(Paint::Channels { most, is_linear: value.sample.is_float() });
+        }
+        if header.rule == Rule::Occupancy {
+            return Ok(Paint::Clay);
+        }
+        if let Some(palette) = &tree.metadata().palette {
+            return Ok(Paint::Palette(palette.clone()));
+        }
+        if header.kind == Kind::Categorical {
+            return Ok(Paint::Classes);
+        }
+        let bounds = tree.value_bounds()?;
+        Ok(match bounds.first() {
+            Some((least, most)) if least < most => {
+                Paint::Range { least: *least, range: most - least, colours: viridis() }
+            }
+            _ => Paint::Clay,
+        })
+    }
+
+    pub(super) fn colour(&self, value: &[f64; 4]) -> [f64; 3] {
+        match self {
+            Paint::Clay => linear(CLAY),
+            Paint::Channels { most, is_linear } => [0, 1, 2].map(|channel| {
+                let share = (value[channel] / most).clamp(0.0, 1.0);
+                if *is_linear { share } else { to_linear(share) }
+            }),
+            Paint::Palette(palette) => match palette.colours.get(value[0].max(0.0) as usize) {
+                Some([red, green, blue, _]) => linear([*red, *green, *blue]),
+                None => linear(CLAY),
+            },
+            Paint::Classes => linear(distinct(value[0])),
+            Paint::Range { least, range, colours } => {
+                let last = colours.len().saturating_sub(1);
+                let place = ((value[0] - least) / range * last as f64).round().clamp(0.0, last as f64);
+                match colours.get(place as usize) {
+                    Some([red, green, blue, _]) => linear([*red, *green, *blue]),
+                    None => linear(CLAY),
+                }
+            }
+        }
+    }
+}
+
+/// Linear light of a colour of 8 bits.
+pub(super) fn linear(colour: [u8; 3]) -> [f64; 3] {
+    colour.map(|sample| to_linear(f64::from(sample) / 255.0))
+}

@@ -1,0 +1,115 @@
+//! Light and shade: the colours of a picture's pixels, whatever it is that rays meet.
+
+use glam::DVec3;
+
+use super::RenderRequest;
+use crate::camera::Camera;
+use spinney_base::{Progress, Result};
+use spinney_raster::style::{to_linear, to_srgb};
+
+/// Something that rays meet. Each thread has its own.
+pub(super) trait Surface: Send {
+    /// The first hit of a ray in the world, the direction having length 1; `None` if it meets nothing.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    fn first(&mut self, origin: DVec3, direction: DVec3) -> Result<Option<Place>>;
+}
+
+/// A place of a surface, as the light finds it.
+pub(super) struct Place {
+    /// The surface's normal, of length 1.
+    pub(super) outwards: DVec3,
+    /// Linear red, green and blue.
+    pub(super) albedo: DVec3,
+    /// Share of the sky's light that reaches it: 1 in the open.
+    pub(super) open: f64,
+}
+
+/// Camera, light and background.
+pub(super) struct Scene {
+    camera: Camera,
+    /// Direction to the light.
+    light: DVec3,
+    background: DVec3,
+    pub(super) is_opaque: bool,
+    samples: u32,
+    pub(super) width: u64,
+    pub(super) height: u64,
+}
+
+/// Colours of the light from above and from below, and how strong it is; the head light's; the highlight's.
+const SKY: DVec3 = DVec3::new(0.86, 0.93, 1.0);
+const GROUND: DVec3 = DVec3::new(0.50, 0.46, 0.42);
+const AMBIENT: f64 = 0.50;
+const HEAD: f64 = 0.92;
+const HIGHLIGHT: f64 = 0.06;
+/// Pixels between looks whether to go on.
+const CHECKED: u64 = 64;
+
+impl Scene {
+    pub(super) fn new(camera: Camera, request: &RenderRequest) -> Scene {
+        let light = (camera.towards + 0.55 * camera.top - 0.5 * camera.right).normalize();
+        let background =
+            request.background.unwrap_or([0; 3]).map(|sample| to_linear(f64::from(sample) / 255.0));
+        Scene {
+            camera,
+            light,
+            background: background.into(),
+            is_opaque: request.background.is_some(),
+            samples: request.samples,
+            width: request.width,
+            height: request.height,
+        }
+    }
+
+    /// The pixels of a row.
+    pub(super) fn row(
+        &self,
+        surface: &mut dyn Surface,
+        row: u64,
+        progress: &dyn Progress,
+    ) -> Result<Vec<u8>> {
+        let mut pixels = Vec::with_capacity(self.width as usize * 4);
+        let count = f64::from(self.samples * self.samples);
+        for column in 0..self.width {
+            if column % CHECKED == 0 {
+                progress.check()?;
+            }
+            let (mut sum, mut covered) = (DVec3::ZERO, 0.0);
+            for sample in 0..self.samples * self.samples {
+                let offset = |number: u32| (f64::from(number) + 0.5) / f64::from(self.samples);
+                let (across, down) = (offset(sample % self.samples), offset(sample / self.samples));
+                if let Some(colour) = self.colour(surface, [column as f64 + across, row as f64 + down])? {
+                    sum += colour;
+                    covered += 1.0;
+                }
+            }
+            let share = covered / count;
+            if self.is_opaque {
+                let colour = sum / count + self.background * (1.0 - share);
+                pixels.extend(colour.to_array().map(to_srgb));
+            } else {
+                let colour = if covered > 0.0 { sum / covered } else { DVec3::ZERO };
+                pixels.extend(colour.to_array().map(to_srgb));
+                pixels.push((share * 255.0 + 0.5) as u8);
+            }
+        }
+        Ok(pixels)
+    }
+
+    /// Linear colour at a point of the picture, in pixels; `None` where no surface is hit.
+    fn colour(&self, surface: &mut dyn Surface, point: [f64; 2]) -> Result<Option<DVec3>> {
+        let (origin, direction) = self.camera.ray(point);
+        let Some(Place { outwards, albedo, open }) = surface.first(origin, direction)? else {
+            return Ok(None);
+        };
+        let back = -direction;
+        let up = 0.5 + 0.5 * outwards.dot(self.camera.sky);
+        let lit = outwards.dot(self.light).max(0.0);
+        let half = (self.light + back).normalize_or(back);
+        let highlight = HIGHLIGHT * outwards.dot(half).max(0.0).powi(40) * open;
+        let light = GROUND.lerp(SKY, up) * (AMBIENT * open) + HEAD * lit * (0.35 + 0.65 * open);
+        Ok(Some(albedo * light + highlight))
+    }
+}

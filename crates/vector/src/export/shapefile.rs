@@ -1,0 +1,251 @@
+//! Shapefile (ESRI, 1998): shapes, their places in the file, and attributes in a table of dBASE.
+
+use std::io::Write;
+
+use super::text::WGS84;
+use super::{AttributeType, AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
+use spinney_base::io::Output;
+use spinney_base::{Error, Result};
+use spinney_crs::Crs;
+
+/// Bytes of the headers of shapes and places.
+const HEADER: u64 = 100;
+
+/// Bytes of a number and of a text in the table.
+const WIDTHS: [usize; 2] = [24, 254];
+
+/// Bytes that a file may have: its length is a number of 16-bit words in 31 bits.
+const MOST: u64 = 2 * i32::MAX as u64;
+
+pub(super) struct Shapefile {
+    shapes: Output,
+    places: Output,
+    table: Output,
+    /// Small files beside these.
+    others: Vec<Output>,
+    layer: VectorLayer,
+    /// Bytes of shapes so far, and number of features.
+    length: u64,
+    count: u32,
+    /// Least and greatest coordinates.
+    low: [f64; 3],
+    high: [f64; 3],
+}
+
+impl Shapefile {
+    pub(super) fn new(shapes: Output, layer: VectorLayer) -> Result<Shapefile> {
+        if !shapes.is_file() {
+            let advice = "give the name of a file: there are others beside it";
+            return Err(Error::unsupported(shapes.path(), "writing a shapefile to a stream", advice));
+        }
+        // (Texts in its tables have no room for a number of each segment.)
+        let has_lists = layer.attributes.iter().any(|(_, kind)| *kind == AttributeType::PerSegment);
+        if matches!(layer.kind, None | Some(GeometryKind::Point)) || has_lists {
+            let found =
+                "a shapefile of features of several kinds, of points, or with numbers for each segment";
+            return Err(Error::unsupported(shapes.path(), found, "choose another format"));
+        }
+        let beside = |ending: &str| Output::create(&shapes.path().with_extension(ending));
+        let (places, table) = (beside("shx")?, beside("dbf")?);
+        let mut others = Vec::new();
+        let definition = match &layer.crs {
+            Some(Crs::Wkt(text)) => Some(text.as_str()),
+            Some(crs) if crs.is_same(&Crs::epsg(4326)) => Some(WGS84),
+            _ => None,
+        };
+        for (ending, text) in [("cpg", Some("UTF-8")), ("prj", definition)] {
+            if let Some(text) = text {
+                let mut other = beside(ending)?;
+                write(&mut other, text.as_bytes())?;
+                others.push(other);
+            }
+        }
+        let (low, high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let mut file =
+            Shapefile { shapes, places, table, others, layer, length: HEADER, count: 0, low, high };
+        let header = file.header(0);
+        write(&mut file.shapes, &header)?;
+        write(&mut file.places, &header)?;
+        let header = file.table_header()?;
+        write(&mut file.table, &header)?;
+        Ok(file)
+    }
+
+    /// The number of the shapes' kind.
+    fn kind(&self) -> u32 {
+        let flat = if self.layer.kind == Some(GeometryKind::Line) { 3 } else { 5 };
+        if self.layer.has_z { flat + 10 } else { flat }
+    }
+
+    /// The header of a file of so many bytes.
+    fn header(&self, length: u64) -> Vec<u8> {
+        let mut header = 9994u32.to_be_bytes().to_vec();
+        header.extend_from_slice(&[0; 20]);
+        header.extend_from_slice(&((length / 2) as u32).to_be_bytes());
+        header.extend_from_slice(&1000u32.to_le_bytes());
+        header.extend_from_slice(&self.kind().to_le_bytes());
+        let numbers = [self.low[0], self.low[1], self.high[0], self.high[1]];
+        let heights = if self.layer.has_z { [self.low[2], self.high[2]] } else { [0.0; 2] };
+        for number in numbers.into_iter().chain(heights).chain([0.0; 2]) {
+            let number = if number.is_finite() { number } else { 0.0 };
+            header.extend_from_slice(&number.to_le_bytes());
+        }
+        header
+    }
+
+    /// The header of the table.
+    fn table_header(&self) -> Result<Vec<u8>> {
+        let fields = self
+            .layer
+            .attributes
+            .iter()
+            .map(|(_, kind)| (kind, WIDTHS[usize::from(*kind != AttributeType::Number)]));
+        let width = 1 + fields.clone().map(|(_, width)| width).sum::<usize>();
+        let length = 32 + 32 * self.layer.attributes.len() + 1;
+        let (Ok(length), Ok(width)) = (u16::try_from(length), u16::try_from(width)) else {
+            let found = format!("{} attributes", self.layer.attributes.len());
+            return Err(Error::unsupported(self.shapes.path(), found, "choose another format"));
+        };
+        // (The date is that of all files: the same input makes the same bytes.)
+        let mut header = vec![3, 100, 1, 1];
+        header.extend_from_slice(&self.count.to_le_bytes());
+        header.extend_from_slice(&length.to_le_bytes());
+        header.extend_from_slice(&width.to_le_bytes());
+        header.extend_from_slice(&[0; 20]);
+        for ((name, _), (kind, width)) in self.layer.attributes.iter().zip(fields) {
+            let mut field = [0; 32];
+            let name = cut(name, 10);
+            field[..name.len()].copy_from_slice(name.as_bytes());
+            (field[11], field[17]) = match kind {
+                AttributeType::Number => (b'N', 15),
+                AttributeType::Text | AttributeType::PerSegment => (b'C', 0),
+            };
+            field[16] = width as u8;
+            header.extend_from_slice(&field);
+        }
+        header.push(b'\r');
+        Ok(header)
+    }
+
+    fn write_attributes(&mut self, attributes: &[AttributeValue<'_>]) -> Result<()> {
+        let mut row = vec![b' '];
+        for (value, (_, kind)) in attributes.iter().zip(&self.layer.attributes) {
+            let width = WIDTHS[usize::from(*kind != AttributeType::Number)];
+            let field = match value {
+                AttributeValue::Number(number) if number.is_finite() => {
+                    let short = number.to_string();
+                    let text = if short.len() <= width { short } else { format!("{number:.15e}") };
+                    format!("{text:>width$}")
+                }
+                AttributeValue::Text(text) => cut(text, width).to_string(),
+                AttributeValue::Number(_) | AttributeValue::PerSegment(_) | AttributeValue::None => {
+                    String::new()
+                }
+            };
+            row.extend_from_slice(field.as_bytes());
+            row.resize(row.len() + width.saturating_sub(field.len()), b' ');
+        }
+        write(&mut self.table, &row)
+    }
+}
+
+/// As much of a text as has so many bytes.
+fn cut(text: &str, most: usize) -> &str {
+    let end = (0..=most.min(text.len())).rev().find(|end| text.is_char_boundary(*end));
+    &text[..end.unwrap_or(0)]
+}
+
+fn write(output: &mut Output, bytes: &[u8]) -> Result<()> {
+    let written = output.write_all(bytes);
+    written.map_err(|cause| Error::io(output.path(), "write")(cause))
+}
+
+impl FormatWriter for Shapefile {
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
+        let is_polygon = kind == GeometryKind::Polygon;
+        let parts = if is_polygon { geometry.parts() } else { 1 };
+        let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0u64);
+        for part in 0..parts {
+            count = count.saturating_add(geometry.count(part));
+            geometry.points(part, &mut |points| {
+                for point in points {
+                    low = std::array::from_fn(|axis| low[axis].min(point[axis]));
+                    high = std::array::from_fn(|axis| high[axis].max(point[axis]));
+                }
+                Ok(())
+            })?;
+        }
+        let heights = if self.layer.has_z { 16 + 8 * count as u128 } else { 0 };
+        let bytes = 44 + 4 * parts as u128 + 16 * count as u128 + heights;
+        let place = self.length;
+        if u128::from(place) + 8 + bytes > u128::from(MOST) {
+            let found = "a shapefile of more than 4 GB";
+            return Err(Error::unsupported(self.shapes.path(), found, "choose another format"));
+        }
+        let bytes = bytes as u64;
+        self.length += 8 + bytes;
+        self.count += 1;
+        let mut head = self.count.to_be_bytes().to_vec();
+        head.extend_from_slice(&((bytes / 2) as u32).to_be_bytes());
+        head.extend_from_slice(&self.kind().to_le_bytes());
+        for number in [low[0], low[1], high[0], high[1]] {
+            head.extend_from_slice(&number.to_le_bytes());
+        }
+        head.extend_from_slice(&(parts as u32).to_le_bytes());
+        head.extend_from_slice(&(count as u32).to_le_bytes());
+        let mut first = 0u64;
+        for part in 0..parts {
+            head.extend_from_slice(&(first as u32).to_le_bytes());
+            first += geometry.count(part);
+        }
+        write(&mut self.shapes, &head)?;
+        // Outer rings are clockwise here: all rings are turned around.
+        let passes = if self.layer.has_z { 2 } else { 1 };
+        for pass in 0..passes {
+            if pass == 1 {
+                write(&mut self.shapes, &[low[2], high[2]].map(f64::to_le_bytes).concat())?;
+            }
+            let axes = if pass == 0 { 0..2 } else { 2..3 };
+            for part in 0..parts {
+                let mut bytes = Vec::new();
+                geometry.points(part, &mut |points| {
+                    for point in points {
+                        // (Backwards as a whole means points and their coordinates.)
+                        let numbers = point[axes.clone()].iter();
+                        let put = |number: &f64| bytes.push(number.to_le_bytes());
+                        if is_polygon { numbers.rev().for_each(put) } else { numbers.for_each(put) }
+                    }
+                    Ok(())
+                })?;
+                if is_polygon {
+                    bytes.reverse();
+                }
+                write(&mut self.shapes, bytes.as_flattened())?;
+            }
+        }
+        let index = [(place / 2) as u32, (bytes / 2) as u32].map(u32::to_be_bytes);
+        write(&mut self.places, index.as_flattened())?;
+        self.low = std::array::from_fn(|axis| self.low[axis].min(low[axis]));
+        self.high = std::array::from_fn(|axis| self.high[axis].max(high[axis]));
+        self.write_attributes(attributes)
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<()> {
+        write(&mut self.table, b"\x1a")?;
+        let headers =
+            [self.header(self.length), self.header(HEADER + 8 * u64::from(self.count)), self.table_header()?];
+        let Shapefile { shapes, places, table, others, .. } = *self;
+        let mut files = [shapes, places, table];
+        for (file, header) in files.iter_mut().zip(&headers) {
+            let written = file.overwrite(0, header);
+            written.map_err(|cause| Error::io(file.path(), "write")(cause))?;
+        }
+        let [shapes, places, table] = files;
+        others.into_iter().chain([places, table, shapes]).try_for_each(Output::commit)
+    }
+}

@@ -1,0 +1,102 @@
+//! Drawings in SVG 1.1: a path for each feature.
+
+use super::text::Text;
+use super::{AttributeValue, FormatWriter, Geometry, GeometryKind, VectorLayer};
+use spinney_base::Result;
+use spinney_base::io::Output;
+
+pub(super) struct Svg {
+    text: Text,
+    layer: VectorLayer,
+}
+
+impl Svg {
+    pub(super) fn new(output: Output, layer: VectorLayer) -> Result<Svg> {
+        let mut text = Text::new(output);
+        let [[west, south], [east, north]] = layer.bounds;
+        text.push("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"");
+        // (Rows of drawings go down.)
+        for (index, number) in [west, -north, east - west, north - south].into_iter().enumerate() {
+            if index > 0 {
+                text.push(" ");
+            }
+            text.push_number(number);
+        }
+        text.push(
+            "\">\n<g transform=\"scale(1,-1)\" stroke=\"#444\" stroke-width=\"1\" stroke-linejoin=\"round\" ",
+        );
+        text.push(match layer.kind {
+            Some(GeometryKind::Line) => "fill=\"none\">\n",
+            // (Points are lines without a length, which only round ends show.)
+            _ => "fill=\"#b9cbb0\" fill-opacity=\"0.5\" fill-rule=\"evenodd\" stroke-linecap=\"round\">\n",
+        });
+        Ok(Svg { text, layer })
+    }
+}
+
+/// A text as the value of an attribute; what XML cannot have becomes a blank.
+fn push_escaped(text: &mut Text, value: &str) {
+    for character in value.chars() {
+        match character {
+            '&' => text.push("&amp;"),
+            '<' => text.push("&lt;"),
+            '"' => text.push("&quot;"),
+            character if character.is_control() => text.push(" "),
+            character => text.push(character.encode_utf8(&mut [0; 4])),
+        }
+    }
+}
+
+/// A name as one of XML: what is no letter, digit or low line becomes a low line.
+fn name_of(name: &str) -> String {
+    let allowed = |character: char| character.is_ascii_alphanumeric() || character == '_';
+    name.chars().map(|character| if allowed(character) { character } else { '_' }).collect()
+}
+
+impl FormatWriter for Svg {
+    fn write(
+        &mut self,
+        kind: GeometryKind,
+        geometry: &dyn Geometry,
+        attributes: &[AttributeValue<'_>],
+    ) -> Result<()> {
+        let Svg { text, layer } = self;
+        text.push("<path vector-effect=\"non-scaling-stroke\"");
+        match kind {
+            GeometryKind::Point => text.push(" stroke-width=\"4\""),
+            GeometryKind::Line if layer.kind.is_none() => text.push(" fill=\"none\""),
+            _ => {}
+        }
+        for ((name, _), value) in layer.attributes.iter().zip(attributes) {
+            if *value == AttributeValue::None {
+                continue;
+            }
+            text.push(&format!(" data-{}=\"", name_of(name)));
+            match value {
+                AttributeValue::Number(number) => text.push_number(*number),
+                AttributeValue::Text(value) => push_escaped(text, value),
+                AttributeValue::PerSegment(numbers) => text.push_integers(numbers, " "),
+                AttributeValue::None => {}
+            }
+            text.push("\"");
+        }
+        text.push(" d=\"");
+        for part in 0..geometry.parts() {
+            // (More points after the first are a line to each.)
+            text.push("M");
+            text.push_points(geometry, part, false, ["", " ", ""])?;
+            text.push(match kind {
+                GeometryKind::Point => "h0",
+                GeometryKind::Line => "",
+                GeometryKind::Polygon => "Z",
+            });
+        }
+        text.push("\"/>\n");
+        text.flush_some()
+    }
+
+    fn finish(mut self: Box<Self>) -> Result<()> {
+        self.text.push("</g>\n</svg>\n");
+        self.text.finish()
+    }
+}

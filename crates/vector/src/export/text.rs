@@ -1,0 +1,109 @@
+//! Text of formats that have points as text.
+
+use std::io::Write;
+
+use super::Geometry;
+use spinney_base::io::Output;
+use spinney_base::{Error, Result};
+
+/// Well-known text of WGS 84.
+pub(super) const WGS84: &str = "GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,AUTHORITY[\"EPSG\",\"7030\"]],\
+  AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433,\
+  AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]]";
+
+/// Whole numbers with blanks between them.
+#[cfg(any(feature = "flatgeobuf", feature = "geopackage"))]
+pub(super) fn joined(numbers: &[u64]) -> String {
+    numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" ")
+}
+
+/// Bytes that are written at a time.
+const BUFFER: usize = 1 << 16;
+
+/// An output with a buffer of text.
+pub(super) struct Text {
+    output: Output,
+    buffer: Vec<u8>,
+}
+
+impl Text {
+    pub(super) fn new(output: Output) -> Text {
+        Text { output, buffer: Vec::with_capacity(2 * BUFFER) }
+    }
+
+    pub(super) fn push(&mut self, text: &str) {
+        self.buffer.extend_from_slice(text.as_bytes());
+    }
+
+    /// The shortest text that is read as the same number: digits, no more than needed. What is not finite is `null`.
+    pub(super) fn push_number(&mut self, number: f64) {
+        // (Negative zero is zero.)
+        let number = if number == 0.0 { 0.0 } else { number };
+        let written = serde_json::to_writer(&mut self.buffer, &number);
+        debug_assert!(written.is_ok(), "memory takes everything");
+        if self.buffer.ends_with(b".0") {
+            self.buffer.truncate(self.buffer.len() - 2);
+        }
+    }
+
+    /// Whole numbers, with something between them.
+    pub(super) fn push_integers(&mut self, numbers: &[u64], between: &str) {
+        for (index, number) in numbers.iter().enumerate() {
+            if index > 0 {
+                self.push(between);
+            }
+            self.push(&number.to_string());
+        }
+    }
+
+    /// The text as a string of JSON.
+    pub(super) fn push_json(&mut self, text: &str) {
+        let written = serde_json::to_writer(&mut self.buffer, text);
+        debug_assert!(written.is_ok(), "memory takes everything");
+    }
+
+    /// The points of a part: `open`, coordinates with `between` between them, and `close` around each, and commas between points.
+    pub(super) fn push_points(
+        &mut self,
+        geometry: &dyn Geometry,
+        part: usize,
+        has_z: bool,
+        [open, between, close]: [&str; 3],
+    ) -> Result<()> {
+        let mut is_first = true;
+        geometry.points(part, &mut |points| {
+            for point in points {
+                if !std::mem::take(&mut is_first) {
+                    self.push(",");
+                }
+                self.push(open);
+                for (axis, number) in point[..if has_z { 3 } else { 2 }].iter().enumerate() {
+                    if axis > 0 {
+                        self.push(between);
+                    }
+                    self.push_number(*number);
+                }
+                self.push(close);
+                self.flush_some()?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Writes what has gathered, if it is much.
+    pub(super) fn flush_some(&mut self) -> Result<()> {
+        if self.buffer.len() >= BUFFER { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let written = self.output.write_all(&self.buffer);
+        written.map_err(|cause| Error::io(self.output.path(), "write")(cause))?;
+        self.buffer.clear();
+        Ok(())
+    }
+
+    pub(super) fn finish(mut self) -> Result<()> {
+        self.flush()?;
+        self.output.commit()
+    }
+}

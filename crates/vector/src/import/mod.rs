@@ -1,0 +1,3 @@
+//! Readers of features.
+
+pub mod geojson;

@@ -1,0 +1,4 @@
+//! Features in and out: points, lines, polygons with holes.
+
+pub mod export;
+pub mod import;
