@@ -99,7 +99,10 @@ impl Surface<'_> {
             touch(&found, &mut open);
             add(found)
         })?;
-        // Faces that are divided have to be wherever others of the same body touch them, too.
+        // Invariant: in the end, a face of any contact has contacts with all that touch it, those of its own
+        // body included: what is new in the list is looked at in turn, until nothing is new. Such faces are
+        // divided, so that each gets a vertex wherever another one puts it on a common line. Otherwise edges
+        // of two neighbours would be cut at different points, and the surface would be open there.
         let mut seen: HashSet<[u32; 2]> = HashSet::new();
         while !open.is_empty() {
             let faces = std::mem::take(&mut open);

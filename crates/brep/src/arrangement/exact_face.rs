@@ -156,6 +156,9 @@ impl ExactFaces {
 
     /// The box around a face.
     pub(super) fn bounds(&self, face: u32) -> Bounds {
+        // Invariant: the box has all of the face. Corners beside the grid stand in the list as the nearest
+        // points of it, which are half a step away at most. Pairs whose boxes are apart are never looked at:
+        // what stuck out would pass through others unseen.
         let more = i32::from(self.exact.contains_key(&face));
         bounds_of(self.list.get(face as usize).points, more)
     }

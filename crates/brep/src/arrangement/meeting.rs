@@ -44,6 +44,8 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
     // Both meet the planes' common line in an interval.
     let along = cross(plane_a.normal, plane_b.normal);
     let axis = (0..3).max_by_key(|axis| along[*axis].unsigned_abs()).unwrap_or(0);
+    // Invariant: both triangles have points on their common line. Neither has all corners on one side of the
+    // other's plane, nor in it (that would be one plane). `interval` has no answer for others.
     let ([low_a, high_a], [low_b, high_b]) =
         (interval(&a.corners, &heights_a, axis), interval(&b.corners, &heights_b, axis));
     let low = if low_a.compare(&low_b, axis) == Ordering::Less { low_b } else { low_a };

@@ -51,6 +51,9 @@ pub(crate) fn regions<T: PartialEq + Copy>(
     }
     overlay.edges();
     let loops = Loops::of(&overlay);
+    // Invariant: of the edges that are left, each has different loops on its two sides: what ends in the
+    // midst of a region, or joins two rings, is gone. So no ring passes an edge twice, each has an area, and
+    // its least corner is strictly convex, which is what samples of regions are made of.
     overlay.leave_out(|half| loops.of_half[half]);
     let loops = Loops::of(&overlay);
     let outer = overlay.outer_loops(&loops);
@@ -103,6 +106,10 @@ impl Vertices {
         const FINE: f64 = 1024.0;
         let cell = |shift: f64| point.near.map(|at| (at * FINE + shift).floor() as i64);
         // Near a wall a point's other approximation may be on the other side.
+        // Invariant: a point has one number, however it was made. Two approximations of it differ by less
+        // than a hundredth of a cell, so that the cell in which one was entered is among those in which the
+        // other one is looked for; exact coordinates decide. With two numbers for a point, lines that meet
+        // there would not be cut at the same vertex, and rings would not close.
         let (low, high) = (cell(-0.01), cell(0.01));
         let mut places = [low; 8];
         for (corner, place) in places.iter_mut().enumerate() {
@@ -292,6 +299,11 @@ impl<'a> Overlay<'a> {
             along.dedup();
             self.edges.extend(along.windows(2).map(|ends| Edge { ends: [ends[0], ends[1]], line: number }));
         }
+        // Invariant: edges meet in their ends alone, and no two have the same ends. Every vertex that lies on
+        // a line is on its list by now (each pair of lines was tried, and of those upon each other the ends
+        // are put on the other one), so that parts of two lines in the same place are the same pair of
+        // vertices. Loops go from edge to edge by the order around vertices alone: with edges that cross or
+        // lie upon each other they would enclose overlapping regions.
         self.edges.sort_by_key(|edge| (edge.ends, edge.line));
         self.edges.dedup_by_key(|edge| edge.ends);
     }
@@ -333,6 +345,10 @@ impl<'a> Overlay<'a> {
         let ring = |list: &Loop| -> Vec<Corner> {
             let lines = list.halves.iter().map(|half| self.edges[*half as usize / 2].line);
             let corner = |(vertex, line): (&u32, u32)| Corner {
+                // Invariant: a corner of a region that lies on the grid is marked as such, also where three
+                // planes made it. Keys of vertices (`Vertices::key`) and whether a face is one of the grid
+                // go by that mark: without it, faces beside each other would have different keys in a common
+                // corner, and results on the grid would be stored as fractions.
                 point: self.point(*vertex).settled(),
                 line: self.lines[line as usize].plane,
             };
@@ -394,7 +410,10 @@ impl Loops {
         for half in 0..2 * edges.len() as u32 {
             around[origin(half) as usize].push(half);
         }
-        // Counterclockwise, from the direction opposite to the second coordinate's.
+        // Counterclockwise, from the direction opposite to the second coordinate's: first those to greater
+        // coordinates, then the others. Invariant: no two compare as equal, since no two edges of a vertex
+        // have one direction. Loops and holes are told by this order; with a tie it would depend on how the
+        // sort goes about its work.
         for halves in &mut around {
             halves.sort_by(|a, b| {
                 (a % 2).cmp(&(b % 2)).then_with(|| {

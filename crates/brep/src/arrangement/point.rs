@@ -1,8 +1,12 @@
 //! Points with rational coordinates, and planes through points of the grid: exact, with doubles in front.
 //!
-//! Planes have normals of at most 56 bits and offsets of at most 84. The point of three of them has homogeneous
-//! coordinates of at most 198 bits and a weight of at most 171, and the test on which side of a plane it lies takes at
-//! most 255: points that are made of planes, and never of other such points, never need more.
+//! Invariant: every plane is that of a face of the input, or one along an axis through two points of the
+//! grid; none is laid through points that were computed. It holds because a part of a face keeps the face's
+//! plane, and its new edges the planes of the faces that made them, however many operations follow. So
+//! normals have at most 56 bits (of rings that go round less than eight times) and offsets 84; the point of
+//! three planes has homogeneous coordinates of at most 198 bits and a weight of at most 171, and the test on
+//! which side of a plane it lies takes at most 255. A plane through computed points would have some 600,
+//! numbers would overflow, and signs would be anything.
 
 use std::cmp::Ordering;
 
@@ -10,6 +14,11 @@ use bnum::cast::As;
 use bnum::types::{I256, I512, I1024};
 
 /// Most that a coordinate of [`ExactPoint::near`] differs from the exact one.
+///
+/// Invariant: `near` is off by less than this, since points lie within the grid: of 26 bits before the point,
+/// two conversions and a division lose less than 2^-50 in proportion. All that is decided by doubles first
+/// (`ExactPlane::side`, `ExactPoint::compare`, `turn`) compares with some times this, and believes what is
+/// farther apart: beyond the grid the answers would be wrong, and not just slow.
 pub(super) const ERROR: f64 = 1.0 / (1 << 24) as f64;
 
 /// A plane through points of the grid.
@@ -171,6 +180,10 @@ impl ExactPoint {
 
     /// The point of homogeneous coordinates with a positive weight.
     fn new(at: [I256; 3], weight: I256) -> ExactPoint {
+        // Invariant: weights are not negative (and 0 only of faces that are not flat): those who make points
+        // turn all four numbers round, and files are checked. Sides, orders and areas are signs of sums with
+        // weights as factors: one negative weight would turn them all round.
+        debug_assert!(!weight.is_negative());
         let size: f64 = weight.as_();
         let near = at.map(|at| {
             let at: f64 = at.as_();

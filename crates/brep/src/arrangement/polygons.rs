@@ -111,6 +111,10 @@ impl LineSection {
                     counts[place] += 1;
                 }
             }
+            // Invariant: on each side of the line a closed ring passes it an even number of times, so that
+            // the line is outside again behind the last place. What lies on the line counts to one side, then
+            // to the other, and never to both at once: else an edge along it would turn inside and outside
+            // round.
             let mut inside = false;
             for (between, count) in between.iter_mut().zip(counts) {
                 inside ^= count % 2 == 1;

@@ -235,6 +235,10 @@ impl Rounded {
                 exact.push(ExactFace::of_grid(&face, &ExactPlane::through(face.points[0], normal)));
             }
         }
+        // Invariant: of each face of the list there is an entry in `changed` and in `stands_in`, in order.
+        // (All three are appended to together.) Combining numbers those that stand for others by their
+        // places.
+        debug_assert!(changed.len() == list.len() as usize && still.len() == changed.len());
         let stands_in = still.into_iter().map(|still| !still).collect();
         Ok((Rounded { faces: list, stands_in, exact, changed, moved, displacement }, made))
     }

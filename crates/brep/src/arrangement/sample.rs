@@ -10,12 +10,17 @@ use super::point::{ERROR, ExactPlane, ExactPoint, area, others, sign, turn};
 /// A point of a plane by its place as seen along the plane's main axis, in homogeneous coordinates of at most 535 bits.
 pub struct Sample<'a> {
     pub(super) plane: &'a ExactPlane,
+    /// Invariant: it is the plane's main axis, in whose direction the normal is not 0. So the line along it
+    /// meets the plane in one point: `Sample::side` and `near` divide by that part of the normal.
     pub axis: usize,
     /// Along the two other axes.
     at: [I1024; 2],
     /// Positive.
     weight: I1024,
     /// Coordinates and weight once more in fewer bits, if these are below 2^68 and 2^40.
+    ///
+    /// Invariant: nothing larger is here, so that products with coordinates and differences of them, of 27
+    /// bits each, are below 2^127. (What overflowed would be a wrong side of an edge.)
     small: Option<([i128; 2], i128)>,
     pub near: [f64; 3],
 }
@@ -150,6 +155,11 @@ impl<'a> Sample<'a> {
     }
 
     /// Whether an edge passes the point's half-line to greater first coordinates, as seen along the axis.
+    // Invariant: every question sees the sample moved by the same infinitesimal way: to greater first
+    // coordinates, far less to greater second ones, and along its own plane. So ties go the same way here
+    // (nothing is above that is not strictly so), in `Sample::is_between` and in `Sample::side`, and a
+    // closed surface is met as by a line in general position. If two of them took different ways, an edge or
+    // a corner on the line would count twice, or not at all.
     fn passes<P: CornerPlace>(&self, a: &P, b: &P) -> bool {
         let above_b = self.beyond(1, b) > 0;
         if (self.beyond(1, a) > 0) == above_b {

@@ -73,7 +73,9 @@ fn between(tree: &BoxTree, vertices: &[[i32; 3]], [from, to]: [[i32; 3]; 2], nea
             found.push((place, vertex));
         }
     });
-    // Of vertices at one place, the order is turned round for who goes the other way.
+    // Invariant: what an edge is bent to is the same from both of its faces: the vertices are found by whole
+    // numbers that do not depend on its direction, and those at one place along it are in an order that is
+    // turned round for who goes the other way. Otherwise closed surfaces would come out open.
     let is_forward = from < to;
     found.sort_unstable_by(|a, b| {
         a.0.cmp(&b.0).then_with(|| if is_forward { a.1.cmp(&b.1) } else { b.1.cmp(&a.1) })

@@ -332,7 +332,10 @@ impl<'a> Surface<'a> {
         }
         progress.check()?;
         edges.sort_unstable();
-        // Two faces at an edge are on the same side of everything.
+        // Invariant: all faces of a component have the same winding numbers in front of them, and behind.
+        // Those that are joined meet at an edge that no third face has, and nothing else touches either, so
+        // that nothing parts them. One sample decides for all of a component: if two of its faces lay on
+        // different sides of something, one of them would stay or go with the other.
         for edge in edges.chunk_by(|a, b| a.0 == b.0) {
             if let [(_, one), (_, other)] = edge
                 && !touching.contains_key(one)
@@ -405,6 +408,10 @@ impl<'a> Surface<'a> {
                     same.push((other, is_up(other)));
                 }
             });
+            // Invariant: of faces that lie on each other, all have the same list here, and so come to the
+            // same one that stays. Each is divided by the edges of the others, so that wherever in a region a
+            // sample is, the same faces are there; and the list is in order. Otherwise two of them would stay
+            // in one place, or none, and there would be a hole.
             same.sort_unstable();
         }
         let [above, below] = self.windings(sample, &same)?;
@@ -428,7 +435,10 @@ impl<'a> Surface<'a> {
         let (mut above, mut is_asked) = (self.operands.far.to_vec(), vec![true; count]);
         for operand in (0..count).filter(|_| self.operands.are_bodies) {
             let known = match changes[operand] {
-                // Outside is in front; two walls of one body that lie on each other have the inside on both sides.
+                // Invariant: winding numbers of bodies are 0 or 1 (whoever builds a model refuses others), so
+                // that what changes at a place tells both sides without a look at any other face. Of a
+                // surface that goes around something twice, this would be a guess. Outside is in front; two
+                // walls of one body that lie on each other have the inside on both sides.
                 Some(change) => Some(i32::from(change <= 0)),
                 None => (self.operands.winding)(operand, sample).transpose()?,
             };

@@ -60,6 +60,10 @@ impl Arena {
 
     /// The word of a node whose children are complete; it is cut off into a segment if it has become large.
     pub(super) fn complete(&mut self, code: Code, mark: Mark, record: usize) -> u32 {
+        // Invariant: what stands behind a node's mark is below that node, complete, and without what was cut
+        // off. Nodes are made in preorder and completed after their children, also those that another thread
+        // has made, which are appended in order. So which subtrees are cut off follows from the tree alone,
+        // and places move by the mark alone when they are.
         let size = self.words.len() - mark.words + self.leaves.len() - mark.leaves;
         let word = (record as u32) << 3 | INNER;
         if size <= SEGMENT {

@@ -152,6 +152,8 @@ impl Walk<'_> {
                 out.set(record, child, word);
             }
         }
+        // Invariant: behind the list of a cell that is being divided there are those of its children, and
+        // nothing else: each takes its own away. So a list stays where it is while what is below is built.
         lists.items.truncate(end);
         Ok(out.complete(cell.code(), mark, record))
     }
@@ -312,7 +314,12 @@ impl Walk<'_> {
     ) -> Option<DefectKind> {
         for a in self.items.triangles(one) {
             for b in self.items.triangles(other) {
-                // What crosses at a common corner does so in the cell that has the corner, too.
+                // Invariant: some cell looks at each pair of triangles that may pass through each other, with
+                // all that decides about it. One that has a common corner is looked at in the cell that has
+                // it, where the faces around it are, and only there; one that has none, in each cell that
+                // both cut. (With two common corners in different cells, triangles can only lie on each
+                // other, which winding numbers tell.) A pair that nobody looked at would be in a file that
+                // says to be a body.
                 let shared = Shared::of(&a.corners, &b.corners);
                 if !shared.all(&b.corners, &owns) {
                     continue;
@@ -343,6 +350,8 @@ impl Walk<'_> {
     fn check_windings(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) {
         let (min, width) = cell.bounds(self.bits);
         for &item in list {
+            // Invariant: a sample lies on no wall, so that one cell has it, and a face is looked at once.
+            // (One that has no sample is not looked at.)
             let Some(sample) = self.items.sample(item) else { continue };
             let shift = sample.bits - 1;
             if (0..3).any(|axis| !(0..width).contains(&((sample.at[axis] >> shift) - min[axis]))) {

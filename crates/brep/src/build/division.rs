@@ -4,10 +4,22 @@ use super::cells::Cell;
 use crate::geometry::crossing::{FinePoint, Outline};
 use crate::geometry::{Box3, GridPolygon, Stage, Stages, triangle};
 
-/// The ways from the least corner of a cell's first child to those of the others: child from, child to, axis. Each begins
-/// where one before it has ended.
+/// The ways from the least corner of a cell's first child to those of the others: child from, child to, axis.
+///
+/// Invariant: each begins where one before it has ended, the first at the cell's own corner, and one leads to each
+/// child. Winding numbers are added up in this order: a child before its beginning would get that of another.
 const WAYS: [(usize, usize, usize); 7] =
     [(0, 4, 2), (0, 2, 1), (4, 6, 1), (0, 1, 0), (2, 3, 0), (4, 5, 0), (6, 7, 0)];
+
+const _: () = {
+    let (mut known, mut way) = (1u8, 0);
+    while way < WAYS.len() {
+        assert!(known >> WAYS[way].0 & 1 == 1, "a way begins where none has ended");
+        known |= 1 << WAYS[way].1;
+        way += 1;
+    }
+    assert!(known == 0xff, "a child to which no way leads");
+};
 
 /// The lower children along each axis, as bits.
 const LOWER: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
@@ -46,6 +58,10 @@ impl Division {
     pub(super) fn of(cell: &Cell, bits: u8) -> Division {
         let (min, width) = cell.bounds(bits);
         let half = width / 2;
+        // Invariant: walls of cells and of their children lie in the middle between points of the grid: at
+        // odd half units, as long as cells of one step are not divided. So no corner lies on a wall: it is in
+        // one child, and comparing with the greatest points below a wall is enough to tell in which.
+        debug_assert!(half >= 2);
         let below = |at: i64| at.div_euclid(2) as i32;
         Division { min, half, below_min: min.map(below), below_middle: min.map(|min| below(min + half)) }
     }
@@ -118,6 +134,9 @@ impl Division {
         outline: impl FnOnce() -> Outline<'a>,
         changes: &mut [i32; 7],
     ) {
+        // Invariant: the faces of a cell are all that change winding numbers on these ways. Corners are moved
+        // to greater coordinates, so that ways along the walls of the cell run inside of it. If a face were
+        // missed that touches the cell from outside, all below the child would be inside out.
         // Most faces meet no way: these lie along two coordinates of corners.
         if reach.spans.iter().filter(|[low, high]| low | high).count() < 2 {
             return;

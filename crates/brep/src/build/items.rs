@@ -64,9 +64,12 @@ impl Items {
                 Some(corners) => bounds_of(&corners),
                 None => bounds_of(&face.rings().0),
             };
+            // Invariant: no two faces are equal in this order, which does not depend on the number of
+            // threads: codes may be the same, places are not. Lists of cells, and so files, are in it.
             order.push((code(bounds), place as u32));
             place += face.0.len();
         }
+        debug_assert!(u32::try_from(place).is_ok());
         // (They come in the order of their numbers.)
         order.sort_unstable();
         let mut items = Items {

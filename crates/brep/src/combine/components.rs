@@ -41,6 +41,9 @@ impl Components {
                 self.firsts.push(face);
             }
             let found = root(&mut self.parents, found);
+            // Invariant: faces of a component hang together in points, and none of them comes within a step
+            // of another body. So all lie on the same sides of all other bodies, and one face tells for all.
+            // A face that touched another body would lead from its outside to its inside.
             let joined = own.map_or(found, |own| own.min(found));
             self.parents[own.unwrap_or(found).max(found) as usize] = joined;
             own = Some(joined);

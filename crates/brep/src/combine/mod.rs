@@ -172,6 +172,11 @@ pub fn combine(
         builder.push(face)
     })?;
     drop(faces);
+    // Invariant: numbers of faces are those in which the builder got them: what was settled, then the list,
+    // then what closes seams. So those that stand for others come in ascending order, as files have them and
+    // readers need them. With any other numbers the next operation would leave out faces of the body, and
+    // keep those that stand for exact ones.
+    debug_assert!(stand_ins.is_sorted());
     let builder = builder.exact(ExactPart { faces: exact, stand_ins });
     let mut metadata = metadata(operation, &models, &grid);
     metadata.tags.insert("model.displacement".into(), displacement.to_string());

@@ -61,6 +61,10 @@ pub(super) struct Overlap {
 impl Overlap {
     /// The fate of a face that is not near.
     pub(super) fn fate(&self, number: u64) -> Fate {
+        // Invariant: all cells of a face that are far from other bodies have noted the same fate, since the
+        // face leads from one to the other without meeting any; and a face with a cell that is near is in
+        // `near`, which is looked at before this. So the order in which cells are gone through does not
+        // matter.
         match (self.turned.has(number), self.dropped.has(number)) {
             (_, true) => Fate::Dropped,
             (true, _) => Fate::Turned,
@@ -135,7 +139,9 @@ impl<'a> Walk<'a> {
         if matches!(node.state(), ModelNodeState::Void | ModelNodeState::Full) {
             return Ok(());
         }
-        // (A step more on each side, since new vertices move.)
+        // Invariant: a face of a cell that is settled here has no other body's face within a step. The cell
+        // is taken to be a step larger on each side; and new vertices are moved by half a step at most. Else
+        // a face that nobody divided could pass through one whose corners were rounded.
         let [low, high] = self.placed.half_units(self.own, node);
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
         let is_leaf = matches!(node.state(), ModelNodeState::Leaf { .. });
@@ -165,7 +171,9 @@ impl<'a> Walk<'a> {
                 is_far = false;
                 continue;
             }
-            // Without a surface near the cell, all of it is on one side.
+            // Invariant: `places` of a body none of whose faces is near is the same all over the cell, since
+            // a winding number changes at faces only. So any of its nodes there says what it is, and far away
+            // is what has no node. The children of the cell go on with it, and never ask that body again.
             let found = near[first..].first().and_then(side);
             places[other] = found.unwrap_or_else(|| self.models[other].far_winding());
             near.truncate(first);

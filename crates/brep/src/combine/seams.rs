@@ -103,7 +103,10 @@ impl Seams {
             }
             path.clear();
             places.clear();
-            // As many ways lead to a point as from it; where one is reached again, a ring is complete.
+            // Invariant: as many ways lead to a point as from it, since what is counted are rings: those of
+            // all faces, and of the far ones the edges that are watched, the others of which cancel. So a way
+            // ends where it began; where a point is reached again, a ring is complete. Of a surface that is
+            // not closed, what is left of a way at its end stays open.
             while let Some((to, seam)) = ways.get_mut(&at).and_then(Vec::pop) {
                 places.insert(at, path.len());
                 path.push((at, seam));

@@ -20,6 +20,10 @@ pub(super) fn winding(
     let mut line = LineWalk { model, number, placed, sample, faces: Vec::new() };
     let root = model.root()?;
     // Where a cell begins that is all inside or all outside, and on which side it is.
+    // Invariant: the line ends in a cell that no face cuts, or behind all of them: there the winding number
+    // is the same for points that are moved a little in different ways, as those of cells are and those of
+    // samples. And every face that the line meets before is in a leaf that it goes through. (But for leaves
+    // that end within 1e-6 of the point, which are passed over.)
     let (end, mut winding) = match line.node(&root)? {
         ControlFlow::Break((at, side)) => (Some(at), side),
         ControlFlow::Continue(()) => (None, model.far_winding()),

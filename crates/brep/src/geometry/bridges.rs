@@ -164,6 +164,9 @@ impl<'a> Bridges<'a> {
         bridges.take(NEAREST).find(is_new).unwrap_or(Bridge { on_ring: 0, hole, on_hole: 0 })
     }
 
+    // Invariant: a bridge is an edge of no ring and of no other bridge. So it is passed there and back, once
+    // each, and nothing else is: `split_bridges` takes out just the bridges. One along an edge would take
+    // that out too, and join the faces on its sides.
     fn is_new(&self, a: u32, b: u32) -> bool {
         self.at(a) != self.at(b) && !self.edges.contains(&edge(self.at(a), self.at(b)))
     }

@@ -6,6 +6,10 @@
 //! infinitesimal vector, by far the most along x and by far the least along z (the simulation of simplicity
 //! of Edelsbrunner and Muecke, 1990). A tie is then decided by the first derivative that is not zero, and
 //! every segment meets a closed surface as one in general position does.
+//!
+//! Invariant: all that is asked here sees a point moved by the same vector: `Outline::side_of_moved` and the test
+//! whether a line meets a polygon alike, for every face, cell and thread. So winding numbers add up along any way,
+//! and those of neighbouring cells agree. Were one tie decided otherwise, all behind it would be inside out.
 
 /// A planar polygon with holes on an integer grid, as crossings need it.
 #[derive(Clone, Copy, Debug)]
@@ -102,6 +106,7 @@ impl Outline<'_> {
     /// Whether the line along an axis through a point, moved a little, meets the polygon: by even and odd.
     #[inline]
     fn is_met(&self, axis: usize, point: &FinePoint) -> bool {
+        // (The lesser axis first: by that one the point is moved more.)
         let (u, v) = others(axis);
         let shift = point.bits;
         let (at_u, at_v) = (point.at[u], point.at[v]);

@@ -17,6 +17,10 @@ pub(super) struct Status {
 }
 
 impl Status {
+    // Invariant: no piece is empty, since the last edge of one takes it away. So the last edge of a piece
+    // tells whether a search has to go on, and the edge before the first of a piece is the last of the piece
+    // before. Else `before` would find no edge below a corner, and what is inside would seem to be
+    // outside.
     /// The place of the first edge without a property that those before it have.
     pub(super) fn first_not(&self, has: impl Fn(u32) -> bool) -> Place {
         let piece = self.pieces.partition_point(|piece| piece.last().is_some_and(|&edge| has(edge)));

@@ -139,11 +139,18 @@ impl<'a> Sweep<'a> {
 
     /// Takes the line over a corner.
     fn pass(&mut self, corner: u32) -> Result<(), Crossing> {
+        // Invariant: the edges of the status are in the order from below in which the line cuts them. They
+        // meet in their ends alone, since one that leads through a corner is divided there, and so change
+        // their order nowhere between corners. A search by halves finds the edges at a corner only because of
+        // that; where rings cross, one is missed, and the count of those that end here says so.
         let mut place = self.status.first_not(|edge| self.side(edge, corner) > 0);
         let below = self.status.before(place);
         let ended = self.end(corner, &mut place)?;
         let starting = self.start(corner)?;
-        // Inside and outside alternate from edge to edge.
+        // Invariant: inside and outside alternate from edge to edge, below and above each corner, before it
+        // and behind it. An edge that leads to the right has the inside above; edges in one place that cancel
+        // are not put in. So an interval is inside if the edge below it says so, and only such ones have
+        // chains.
         let is_inside = |edge: Option<u32>| edge.is_some_and(|edge| self.edge(edge).forward);
         let inside_below = is_inside(below);
         let inside_above = if ended.is_empty() { inside_below } else { is_inside(ended.last().copied()) };
@@ -306,6 +313,10 @@ impl<'a> Sweep<'a> {
     }
 
     /// Puts a corner on top of a chain, in place of the corners that it sees beyond the highest.
+    // Invariant: a chain is concave as seen from the right, and nothing is between it and the line. So the
+    // corners that a new one sees are those at one end, up to the first that it does not see: each is looked
+    // at once more than it is taken away, which makes the work linear. Behind a corner that is hidden,
+    // triangles would lie over others.
     fn append(&mut self, corner: u32, chain: Chain) -> Chain {
         let mut back = chain.back;
         loop {

@@ -97,6 +97,10 @@ impl Triangulator {
             out.extend(triangles);
         }
         self.looks += sweep.looks();
+        // Invariant: no triangles leave this function that `covers` has not found to be right, whoever
+        // proposed them (but for single triangles and convex quadrilaterals). Ways of cutting may therefore
+        // calculate in floating point, give up, or go wrong where rings cross. Without that a face would have
+        // holes where it has none, or lie twice over a place.
         let covers = self.covers(&rings, &out[start..]);
         if !covers {
             out.truncate(start);
@@ -125,6 +129,9 @@ impl Triangulator {
         (0..4).all(|i| turn(p[i], p[(i + 1) % 4], p[(i + 2) % 4]) > 0)
     }
 
+    // Invariant: corners at one point have one number, the first of theirs. Edges are compared by numbers:
+    // those of rings that touch would not cancel otherwise, and a face that is right would seem to be left
+    // open.
     fn weld(&mut self, points: &[[i64; 3]]) {
         self.first_at.clear();
         self.welded.clear();

@@ -55,6 +55,10 @@ impl Segments {
             }
             let mut line = SegmentChain::of(self.segment(first));
             let start = line.vertices[0];
+            // Invariant: of the segments in which surfaces pass through each other, as many begin at a vertex
+            // as end there: what is inside of the other body is a part of a surface, and has a closed
+            // boundary. So every line comes back to its start. Where surfaces are not closed, it ends where
+            // nothing begins.
             while line.end() != start {
                 // Where lines touch each other, on along the same part of the surface that is inside.
                 let last = line.faces[line.faces.len() - 1];

@@ -55,6 +55,11 @@ impl Segments {
             for PairSegment { faces, points, is_along_edge } in parts.into_iter().flatten() {
                 for ends in points.windows(2) {
                     let [one, other] = [ends[0], ends[1]].map(|end| found.vertices.number(end));
+                    // Invariant: each segment is in the list once for each time that surfaces meet there.
+                    // Where it passes through both faces no other pair of faces has it. Where it runs along
+                    // an edge several pairs do; they divide it at the corners of all faces there, so that it
+                    // has the same ends, and is known. Twice in the list, a line would go back the way it
+                    // came.
                     if !is_along_edge {
                         let faces = faces.map(|face| [face; 2]);
                         found.list.push(CommonSegment { vertices: [one, other], is_crossing: true, faces });

@@ -99,7 +99,10 @@ impl<'a> Window<'a> {
     /// Whether nothing below a node of a level, which has its record in a segment, is in another segment. The
     /// segment must be the deepest one with that record.
     fn is_inline(&self, segment: &Segment<'_>, level: u8) -> bool {
-        // The node, or one above it, might own a segment and does not: it is too small to be cut anywhere.
+        // Invariant: a candidate that owns no segment is light, and stands whole in the segment of its
+        // nearest heavy ancestor. This one is the deepest, and the node, or one above it, is a candidate
+        // below it: so all is here, down to the cells. If another segment had more of it, its children would
+        // be missing here, or come out as uniform.
         self.tree.header().shape.segment_level(level) > segment.code().level()
     }
 
@@ -156,7 +159,8 @@ impl<R: Record> Drawing<'_, '_, R> {
         let record = &records[at];
         let tree = self.window.tree;
         let below = self.window.level - level - 1;
-        // (What is between a segment's node and the next candidates is never a dense block.)
+        // Invariant: what is between a segment's node and the next candidates is never a dense block, since
+        // it is merged of parts. So those of its descendants that own segments are found record by record.
         if record.is_dense() {
             return Err(tree.bad_skip(segment, at));
         }

@@ -93,9 +93,13 @@ impl<'a, R: Record> Painter<'a, R> {
         halves
     }
 
-    /// Draws the node whose record is `at`, whose extent was checked, and which has `2 << below` cells along each axis, the
-    /// first of them at `min`. Nothing below it may be cut off above the cells.
+    /// Draws the node whose record is `at` and which has `2 << below` cells along each axis, the first of
+    /// them at `min`. Nothing below it may be cut off above the cells.
     pub(super) fn run(&mut self, records: &[R], at: usize, below: u8, min: [u64; 3]) -> Drawn {
+        // Invariant: the extent of `at` lies within the records, since it was checked when the segment was
+        // loaded or when its parent was drawn; and those of children are checked here, also outside of the
+        // window, to lie in it one behind the other. So no index leads out of the records, and every record
+        // is drawn once.
         let record = &records[at];
         let bounds = &self.bounds;
         let inside = (0..R::AXES)
@@ -267,7 +271,9 @@ impl<'a, R: Record> Painter<'a, R> {
                     continue;
                 }
                 for (x, value) in row.iter().enumerate() {
-                    // (The values of VOID nodes are zeros: of most others nobody need ask.)
+                    // Invariant: the values of VOID nodes of a dense block are zeros, as the builder leaves
+                    // them: of any other value nobody need ask whether it is there, which takes longer than
+                    // drawing it.
                     let is_there = *value != R::ZERO || !block.is_void(level, from + x);
                     self.values[to + x] = if is_there { *value } else { self.fill };
                     if let Some(valid) = &mut self.valid {
@@ -301,8 +307,9 @@ impl<'a, R: Record> Painter<'a, R> {
             self.cells(values, states, start + self.offset(child, 2));
             next += skip as usize;
         }
-        // Both bits of a state are set: CUT. Damage is tested for once, at the end: every read above is
-        // checked, and an error says that the buffers do not count.
+        // Invariant: every read above is checked, whatever the records say, and what was drawn does not count
+        // if this returns an error. So damage is tested for once, at the end, and nothing in the loop
+        // branches on it. (Both bits of a state are set: CUT.)
         if states & states >> 1 & LOW_STATE_BITS != 0 {
             return Err(BadRun::Cut);
         }

@@ -106,6 +106,9 @@ impl Appender {
 
     /// Ends the extent that is open, if there is one.
     fn close_extent(&mut self) {
+        // Invariant: an open extent is all in the buffer, since whoever writes the buffer closes it before.
+        // So its head can be filled in here, with the checksum of bytes that nobody has read, and what looks
+        // like a head is found by looking there.
         let Some((start, kind)) = self.extent.take() else { return };
         let offset = self.start + start as u64;
         let head = head(kind, offset, &self.buffer[start + HEAD_SIZE..]);
@@ -175,8 +178,10 @@ impl Appender {
         self.open_extent(ExtentKind::Records)?;
         let mut address = self.position();
         let mut size = self.encode_record(address, record);
-        // Readers go back from a record to the nearest head of an extent. Values can look like one, at a place
-        // where one could be: no record of the extent may start there or behind that.
+        // Invariant: the first bytes of an extent are at no other place at or before a record of that extent
+        // where one could start. Readers go back from a record to the nearest head of an extent, and values
+        // can look like one: then no record of the extent may start there or behind that. They would take
+        // values for a head, and a good record for a damaged one.
         if let Some(place) = self.magic_since(address) {
             if place <= address {
                 // It is there with this record's first bytes, or at them.
@@ -305,8 +310,10 @@ impl Appender {
         let start = self.extent(ExtentKind::Commit, &commit.to_bytes()?)?;
         self.flush()?;
         let meta = Meta { sequence: commit.sequence, commit: start, end: self.position() };
-        // The slot must not become durable before what it names; and nobody may hear of a commit that is not
-        // durable.
+        // Invariant: at any instant one slot names a commit all of which is durable: this one is written over
+        // the slot of the commit before the last, after what it names has become durable, and nobody hears of
+        // it before it has itself. Without the first sync a crash could leave a slot that names what is not
+        // there; without the second one, acknowledged edits could be gone.
         self.sync()?;
         // Nor of one that is in a file that nobody finds: before the slot there is no commit yet, and after it
         // there is one where the file is now.
@@ -314,7 +321,8 @@ impl Appender {
         self.write_at("write the meta slot", meta.offset(), &meta.to_bytes())?;
         self.sync()?;
         self.check_path()?;
-        // A torn write of the next commit must not damage a page of this one, which is durable.
+        // Invariant: no page of a commit is written again. A torn write of the next one would damage what is
+        // durable.
         self.start = self.start.next_multiple_of(PAGE);
         self.written = Written::default();
         Ok(meta)

@@ -159,6 +159,10 @@ impl<'a> RecordBuilder<'a> {
         let mut pointers = Pointers::default();
         let mut parts = Vec::with_capacity(nodes.len());
         for (step, node) in (0..).zip(nodes) {
+            // Invariant: 64 bits are enough, since nodes with records are two levels apart at most: 8 x 8 of
+            // an octree. The children's bits stand one behind the other in child order, as their targets do.
+            // A bit too many would give a node the record of another.
+            debug_assert!(bits * step < 64);
             pointers.bitmap |= node.pointers.bitmap << (bits * step);
             pointers.targets.extend(node.pointers.targets);
             parts.push(node.part);
@@ -207,8 +211,10 @@ impl<'a> RecordBuilder<'a> {
     /// Writes the record of a node, unless it is the one that was there before.
     fn write(&mut self, code: Code, record: NewRecord<'_>) -> Result<u64> {
         let old = self.base.inner_at(code)?;
-        // Copy on write: what is below comes first, so equal addresses mean equal subtrees, and an unchanged record keeps all
-        // that is below it.
+        // Invariant: records below are written before those above, and one that is there already is not
+        // written again. So equal addresses mean equal subtrees: a record that points to the same ones as
+        // before is the same tree, and keeps all that is below it without a look. Were a record written
+        // before what it points to, a crash could leave pointers to nothing.
         if let Some(old) = old
             && is_same(self.base, old, record)?
         {
@@ -299,7 +305,9 @@ fn is_same(base: &Autumnal, old: AutumnalNode, new: NewRecord<'_>) -> Result<boo
 }
 
 impl TreeSink for RecordBuilder<'_> {
-    /// Those of a run: what is one run alone is never inside of a larger dense block.
+    /// Those of a run. Invariant: what is one run alone is never inside of a larger dense block, so that its
+    /// bytes are the same wherever it stands, and it is found to be in the file already. Otherwise an edit
+    /// would write anew what it did not touch.
     fn dense_levels(&self) -> u8 {
         self.heights.run
     }
@@ -346,7 +354,10 @@ impl RecordBuilder<'_> {
         } else {
             None
         };
-        // What has no zone is smaller than a block: it is built anew, and found to be there.
+        // Invariant: what is kept tells all that the nodes above are made of: its representative, its zone
+        // with the counts that the rule needs, and its upper levels. What has no zone is smaller than a
+        // block: it is built anew, and found to be there. Otherwise representatives above an edit would be
+        // those of a part of their cells.
         let Some(node) = node else { return Ok(false) };
         if let Mode::Check(check) = &self.mode
             && !check.verified.contains(node)

@@ -63,7 +63,9 @@ impl Editor {
         let archive = Archive::open(path, &|| open_file(&*backend), true)?;
         // Nothing is written to a file whose newest commit is damaged: it would be lost for good.
         let newest = archive.newest()?;
-        // Perhaps the newest slot was written and never became durable: what comes next stands on it.
+        // Invariant: the newest commit's slot is durable before anything else is written. Perhaps it was
+        // written and never became that: then the next commit, which takes the other slot, would overwrite
+        // the only one that is sure to be on the disk.
         let meta = archive.meta;
         backend.write(meta.offset(), &meta.to_bytes()).map_err(Error::io(path, "write the meta slot"))?;
         backend.sync().map_err(Error::io(path, "sync"))?;
@@ -155,6 +157,9 @@ impl Editor {
         fill: &mut Fill<'_>,
     ) -> Result<Tally> {
         let base = self.draft.clone();
+        // Invariant: records are appended, and what a commit has stays as it is: the tree that is edited is
+        // read from the same file while its new records are written behind it. So a source made of this tree
+        // may be gone through meanwhile, readers need no lock, and what is not committed has never been.
         let mode = Mode::Write(&mut self.appender);
         let mut builder = RecordBuilder::new(&base, options, covered, mode, twin);
         fill(&mut builder, base.heights().shape())?;

@@ -64,9 +64,11 @@ pub(super) fn whole(slots: &[Slot; 2]) -> Vec<Meta> {
 
 /// Finds the newest commit.
 ///
-/// A crash leaves both slots whole, or the one that was being written in parts: then all that its commit has
-/// written is durable already, and the commit is found by going on from the other one's. Nothing else leaves
-/// a slot that is not whole, or a whole one whose commit is not there.
+/// Invariant: a crash leaves both slots whole, or the one that was being written in parts: then all that its
+/// commit has written is durable already, since it is synced before, and the commit is found by going on from
+/// the other one's. Nothing else leaves a slot that is not whole, or a whole one whose commit is not there:
+/// that is damage, and is told. With an older commit in its place, edits that were acknowledged would be gone
+/// in silence.
 pub(super) fn find_newest(path: &Path, bytes: Box<dyn ReadBackend>) -> Result<Look> {
     let length = bytes.len();
     let slots = slots(&*bytes)?;
@@ -140,7 +142,9 @@ fn find_next(extents: &Extents, last: &Meta) -> Result<Option<Meta>> {
             damaged = damaged.or(Some(error));
         } else if extent.kind == ExtentKind::Commit as u8 {
             let commit = Commit::read(extents, start)?;
-            // What an edit that was given up has left is not chained like this.
+            // Invariant: a commit names the one before it, and is the next in sequence. What an edit that was
+            // given up has left behind the last commit is not chained like this, however whole it is, and
+            // comes back to nobody.
             let follows =
                 commit.previous == last.commit && commit.sequence == last.sequence.saturating_add(1);
             return match damaged {

@@ -31,6 +31,7 @@ impl DedupTable {
 
     /// Remembers something that is not 0 by a hash.
     pub(super) fn insert(&mut self, hash: u128, known: u64) {
+        debug_assert!(known != 0);
         let slot = self.slot(hash);
         let entries = &mut self.table[slot];
         // The newer of two moves to the second entry, the older is dropped: the table keeps its size.

@@ -28,11 +28,16 @@ use spinney_container::{INNER, LEAF, LevelCounts, VOID};
 /// above.
 pub(super) struct Level {
     pub(super) states: Vec<u8>,
-    /// The values' bytes, zeros where a node is VOID.
+    /// The values' bytes. Invariant: zeros where a node is VOID. Levels begin as zeros, and whoever makes a
+    /// node a LEAF writes its value. So bytes of files do not depend on what nobody sees; uniform VOID
+    /// children make a VOID parent of the same bytes; and who draws dense blocks need not ask for the state
+    /// of a value that is not zero.
     pub(super) values: Vec<u8>,
     /// Indices, in this level, of the nodes whose children make up the next one; `None`: all of them.
     pub(super) expanded: Option<Vec<u32>>,
-    /// INNER nodes that came as a whole, in order.
+    /// INNER nodes that came as a whole. Invariant: ascending, as those that were expanded are, since nodes
+    /// are gone through in Z order. Groups of children in the next level are told by this order, and records
+    /// are found by it: with another, nodes would get the children of others.
     pub(super) reused: Vec<ReusedNode>,
 }
 

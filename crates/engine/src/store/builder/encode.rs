@@ -41,6 +41,10 @@ impl Places {
     /// Places of two nodes together, and the states of both.
     #[inline]
     pub(super) fn join(self, other: Places) -> Places {
+        // Invariant: counts stay below 2^24, since a block has some ten thousands of INNER nodes, and a dense
+        // block less than a record for each. What is carried further up would be taken for the mark of a
+        // dense block.
+        debug_assert!(self.count() + other.count() <= Self::COUNT);
         Places((self.count() + other.count()) | (self.0 | other.0) >> Self::STATES_AT << Self::STATES_AT)
     }
 
@@ -49,6 +53,10 @@ impl Places {
     pub(super) fn parent(self, sizes: &DenseSizes) -> Places {
         let count = 1 + self.count();
         let dense = sizes[self.states()];
+        // Invariant: which form a node takes follows from what is below it alone: the one with the fewest
+        // bytes, and records where both are the same. So blocks in rows, in Z order and taken over from files
+        // come out alike; equal trees are equal bytes, and a node that did not change is found to be there
+        // already.
         let mark = if dense < count { Self::DENSE } else { 0 };
         Places(count.min(dense) | mark | (self.states() as u32) << Self::STATES_AT)
     }
@@ -135,6 +143,8 @@ impl<R: Record> Encoder<'_, R> {
             if index == self.height {
                 continue;
             }
+            debug_assert!(level.reused.is_sorted_by_key(|node| node.index));
+            debug_assert!(level.expanded.as_ref().is_none_or(|expanded| expanded.is_sorted()));
             let sizes = dense_sizes::<R>((self.height - index) as u8, self.most_dense);
             let mut here: Vec<Places> = level.states.iter().map(|state| Places::of_state(*state)).collect();
             for node in &level.reused {

@@ -30,6 +30,9 @@ pub(super) fn fold<R: Record, T: Copy + Default>(
             _ => {}
         }
     }
+    // Invariant: sums are added in the order in which building adds them: children in child order, nodes
+    // after what is below. Sums of floating samples depend on it in their last bits: otherwise a tree that
+    // takes a subtree over would have other means and statistics than one that is built of the same cells.
     add(&sums[..R::CHILDREN])
 }
 

@@ -49,7 +49,10 @@ pub const FULL_COVERAGE: u8 = u8::MAX;
 pub fn joined_coverage(number: u8, a: u8, b: u8) -> u8 {
     let both = a.min(b);
     let minterms = [both, a - both, b - both, FULL_COVERAGE - a.max(b)];
-    // (No more than full: so much are all four.)
+    // Invariant: the four minterms add up to full coverage, whatever the two are: where they overlap as far
+    // as they can, what both have and what each has alone is the greater one. So no sum is more than a byte
+    // holds, and an operation and its complement make up the whole. With any other overlap for one of them,
+    // sums would wrap round.
     (0..4).filter(|bit| number >> bit & 1 != 0).map(|bit| minterms[bit]).sum()
 }
 

@@ -183,6 +183,8 @@ impl<'a, R: Record> Merger<'a, R> {
                                     level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                                 }
                                 NodeState::Inner => {
+                                    // Invariant: the record's extent lies in its parent's: `merge_children`
+                                    // has looked. So this slice is there, and `take` counts what is in it.
                                     let subtree = &self.records[tree][record as usize..];
                                     let subtree = &subtree[..subtree[0].skip() as usize];
                                     let node = reused.take(index, subtree.as_bytes(), below)?;
@@ -270,6 +272,9 @@ impl<'a, R: Record> Merger<'a, R> {
         let records = self.records[tree];
         if records.get(node.record as usize)?.is_dense() {
             let block = dense_block(records, node.record as usize)?;
+            // Invariant: both sides are cells of the same number of levels, in rows, none of which is cut
+            // off. So cells with the same index are in the same place. A block that ends above the cells
+            // would be compared with others' cells.
             let is_whole = block.levels == levels && block.kind.is_leaves();
             return is_whole.then(|| Side::Dense(block, block.values_of::<R>(levels)));
         }

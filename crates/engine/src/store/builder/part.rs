@@ -110,6 +110,9 @@ impl Part {
         let skip = 1 + (below / layout.size) as u32;
         let mut records = Vec::with_capacity(layout.size + below);
         records.resize(layout.size, 0);
+        // Invariant: what is merged of parts is a plain record, whatever its children are. So the levels
+        // between a segment's node and the next candidates, whose nodes may own segments, are no part of a
+        // dense block: reading turns to these segments record by record, and would find none below a block.
         layout.write(&mut records, &values, RecordHead { states, skip, dense: 0 });
         parts.iter().for_each(|part| records.extend_from_slice(&part.records));
         let cells = code.dimension().cells(depth - code.level());
@@ -118,7 +121,10 @@ impl Part {
         Part {
             code,
             child: Child::Inner { representative, node: () },
-            // (Totals that were kept are those of a file, and may lie.)
+            // Invariant: a node's total is no less than that of a child (those of files may lie, and so do
+            // not wrap round). So candidates above a heavy one are heavy, too. Looking for a node's segment
+            // goes from a segment's level to the next one up because of that, and what is left of a sealed
+            // part goes into a segment that reaches no deeper than it does.
             total: parts.iter().fold(1, |sum, part| sum.saturating_add(part.total)),
             records,
             tally,
@@ -147,6 +153,10 @@ impl Part {
         let above = if is_root {
             Vec::new()
         } else {
+            // Invariant: no segment above reaches deeper into this node than the next one does, since all
+            // reach equally far from where they begin. So records below that level are not needed any more,
+            // and those above it are all there when the next segments are sealed. With fewer, these would
+            // lack nodes that are in no other.
             let cut = shape.cut_level(shape.parent_segment_level(level));
             upper_levels(self, cut.saturating_sub(level))
         };

@@ -87,6 +87,9 @@ impl<P> Siblings<P> {
             self.groups.insert(parent, Group { parts, missing });
         }
         let group = self.groups.get_mut(&parent).expect("just inserted");
+        // Invariant: each child comes once, unless it is outside of the extent. So a group is complete when
+        // as many have come as were missing, in any order, and goes. A group that is never complete would
+        // leave the tree without a root; a child that came twice would complete one that is not.
         debug_assert!(group.parts[step].is_none(), "a node must not come twice");
         group.parts[step] = Some(part);
         group.missing -= 1;

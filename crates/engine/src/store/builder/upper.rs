@@ -44,6 +44,10 @@ pub(in crate::store) fn upper_levels(form: Form, records: &[u8], levels: u8) -> 
                         expanded.push(index as u32);
                         deeper.push(child.node);
                     }
+                    // Invariant: a run reaches at least as far down as what is wanted of it. Those that are
+                    // built do (a part keeps what the next segment above has); those of files are tried here.
+                    // The children of what is CUT above that are in another run: the encoder would have none
+                    // to write.
                     CUT if below > 0 => return Err(BadSkip),
                     _ => {}
                 }

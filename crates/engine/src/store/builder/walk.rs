@@ -48,7 +48,9 @@ pub(in crate::store) fn walk<S: ReusableSource>(
                 continue;
             }
             Reuse::Copy(representative, stored) => {
-                // What waits in the batch comes before this node in FD order.
+                // Invariant: what is written reaches the sink in FD order, however many parts are built at a
+                // time: what waits in the batch comes before this node. Segments are written as they come, so
+                // that bytes would depend on memory and threads otherwise.
                 builder.nodes(source, mem::take(&mut batch), total, progress)?;
                 builder.sink.copy(code, representative, &stored)?;
                 progress.advance(builder.cells(code), total);
@@ -97,7 +99,10 @@ impl Plan {
         let header = stored.file.file_header();
         let shape = header.shape;
         let level = shape.depth.saturating_sub(stored.height);
-        // Below the level of blocks all of a node is in one segment, down to the cells, however the file is cut.
+        // Invariant: records are taken over only if building would make the same of these cells. All that
+        // goes into them has to be alike: type and rule, what is counted and what is missing, levels, the
+        // largest dense blocks, and how the tree is cut, unless all of the node is in one segment (as it is
+        // below the level of blocks). Else bytes would tell where a tree came from.
         self.reuse
             && stored.height == levels
             // (Larger ones may have larger dense blocks.)

@@ -42,11 +42,11 @@ impl Goblin {
                 return Some(index);
             }
             let level = before.common_ancestor(code).level();
-            // No node between the common ancestor and `code` owns a segment: it would stand between the entry
-            // and `code`. The deepest candidate from there up owns one, since every candidate above a heavy
-            // one is heavy; so two searches are enough where the directory is good.
+            // Invariant: the deepest candidate from the common ancestor up owns a segment, since every
+            // candidate above a heavy one is heavy; and no node between that ancestor and `code` does: it
+            // would stand between the entry and `code`. So two searches are enough. Where a directory does
+            // not keep to that, each search has fewer entries left than the one before.
             code = code.ancestor(self.header.shape.segment_level(level));
-            // However the entries lie about their order, there are fewer and fewer left to search.
             high = index;
         }
     }

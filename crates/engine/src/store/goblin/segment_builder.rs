@@ -58,6 +58,9 @@ impl<'k> SegmentBuilder<'k> {
             let void = |code| Part::uniform(code, depth, value_type, None, false);
             let Some(parts) = self.siblings.join(parent, step, part, void) else { return Ok(()) };
             part = Part::merge(parent, &parts, depth, self.rule, &mut self.counts);
+            // Invariant: segments are sealed in postorder, each node's before its ancestors', since a part
+            // waits for its siblings, and a parent is made of complete ones. So one pass over the cells is
+            // one pass over the file, and what is kept of a subtree is what those above still need.
             if let Some(sealed) = part.seal(&self.shape) {
                 self.sink.segment(sealed)?;
             }

@@ -74,8 +74,9 @@ impl<'a> SegmentCopy<'a> {
     /// Hands the segments to a sink and tells their nodes per level: while some are written, the next are
     /// counted.
     pub(super) fn send(&self, sink: &mut dyn SegmentSink) -> Result<LevelCounts> {
-        // A pipeline of two stages, which the empty batch at the end drains. Nothing is sent before it was
-        // counted, since counting checks it.
+        // A pipeline of two stages, which the empty batch at the end drains. Invariant: nothing is sent
+        // before it was counted, since counting checks it. Records that contradict each other would otherwise
+        // be in a new file, under good checksums.
         let mut counts = LevelCounts::default();
         let mut ready: &[usize] = &[];
         for next in self.segments.chunks(BATCH).chain([&[][..]]) {

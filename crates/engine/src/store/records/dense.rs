@@ -108,7 +108,9 @@ impl RecordLayout {
     /// The dense block whose record has a number and this head; `None` if that is no dense block, or not a whole one.
     pub(crate) fn dense<'r>(&self, records: &'r [u8], at: usize, head: RecordHead) -> Option<DenseBlock<'r>> {
         let kind = DenseKind::from_number(head.dense)?;
-        // Blocks of different numbers of levels are of different lengths.
+        // Invariant: blocks of one kind with different numbers of levels are of different lengths, which
+        // records need not tell therefore: each level more has four (or eight) times as many values as the
+        // one before. See the table below.
         let levels = dense_levels(self.dimension)
             .find(|levels| self.dense_places(kind, *levels) + 1 == head.skip as usize)?;
         let bytes = self.subtree(records, at, head.skip)?;
@@ -127,6 +129,11 @@ impl<R: Record> DensePlaces<R> {
         while levels <= *dense_levels(R::DIMENSION).end() {
             table[0][levels as usize] = R::RECORD_LAYOUT.dense_places(DenseKind::ALL_LEAF, levels) as u32;
             table[1][levels as usize] = R::RECORD_LAYOUT.dense_places(DenseKind::LEAF_OR_VOID, levels) as u32;
+            let (start, here) = (*dense_levels(R::DIMENSION).start(), levels as usize);
+            assert!(
+                levels == start
+                    || (table[0][here] > table[0][here - 1] && table[1][here] > table[1][here - 1])
+            );
             levels += 1;
         }
         table
@@ -456,6 +463,9 @@ const SPREAD: [[u16; 1 << MAX_DENSE_LEVELS]; 2] = {
 /// Shows the index of each node of a level of a block in Z order, and in rows.
 #[inline(always)]
 pub(crate) fn from_z_order<R: Record, F: FnMut(usize, usize)>(level: usize, mut show: F) {
+    // Invariant: the spread coordinates fit 16 bits, in octrees up to 6 levels, which is what blocks have.
+    // Others would be cut off by the table, and show other nodes.
+    debug_assert!(R::AXES * level < 16 + R::AXES);
     let side = 1 << level;
     let spread = &SPREAD[R::AXES - 2][..side];
     let is_octree = R::DIMENSION == Dimension::Oct;

@@ -2,9 +2,9 @@
 
 use zerocopy::IntoBytes;
 
-use super::dense::DenseBlock;
+use super::dense::{DenseBlock, dense_levels};
 use super::record::{Record, RecordLayout, child_record, with_record_type};
-use spinney_base::space::Code;
+use spinney_base::space::{Code, Dimension};
 use spinney_base::value::Value;
 use spinney_container::{CUT, INNER, LEAF, VOID};
 
@@ -15,9 +15,13 @@ pub(crate) struct RunNode {
     pub record: u32,
     /// Levels below the block's root; 0 for a record of its own.
     pub below: u8,
-    /// Its index among the block's nodes of that level.
+    /// Its index among the block's nodes of that level. Invariant: it has 16 bits, since dense blocks have
+    /// 256 x 256 values at most, or 16 x 16 x 16.
     pub index: u16,
 }
+
+const _: () =
+    assert!(2 * *dense_levels(Dimension::Quad).end() <= 16 && 3 * *dense_levels(Dimension::Oct).end() <= 16);
 
 impl RunNode {
     /// The node with a record of its own.
@@ -59,6 +63,10 @@ impl RecordLayout {
         if node.below > 0 {
             return None;
         }
+        // Invariant: the extent of the node was checked by whoever leads to it, the root's when its run was
+        // loaded; those of children are checked here to lie in it, one behind the other. So no walk leaves
+        // the run or goes round in it, and each record belongs to one node: what a walk takes is bounded by
+        // the records, whatever they say.
         let end = at + head.skip as usize;
         let mut next = at + 1;
         for (step, child) in children[..self.children()].iter_mut().enumerate() {

@@ -42,8 +42,10 @@ pub(crate) fn each_record<R: Record>(
             level -= 1;
         }
         let end = i + record.skip() as usize;
-        // A subtree ends within its parent's, so ends never grow from level to level; `level < levels` keeps
-        // the accounts within their arrays.
+        // Invariant: a subtree ends within its parent's, so that ends never grow from level to level, and
+        // `level < levels` keeps the accounts within their arrays. So each record is one child of one node,
+        // and in the end the sum tells whether all have come. What is copied record by record was seen here:
+        // nobody looks again.
         if level >= levels || missing[level] == 0 || end <= i || end > ends[level] as usize {
             return Err(BadSkip);
         }

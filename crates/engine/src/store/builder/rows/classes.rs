@@ -72,6 +72,10 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
                 let nodes = nodes(up);
                 if is_banded { first * (nodes >> band_bits)..end * (nodes >> band_bits) } else { 0..nodes }
             };
+            // Invariant: of the cells of the class before, nothing is left where counts are read. In levels
+            // with bands only those are read that were written for this class; the last of these levels, all
+            // of which the next one reads, is zeroed before. Otherwise nodes beside a class' bands would
+            // count cells of another one.
             let clear = up + band_bits == height;
             let (here, below, side) = (nodes_at(up), nodes_at(up - 1), block.side(up - 1));
             if up <= narrow_levels {
@@ -124,6 +128,8 @@ fn count(axes: usize, children: &[u8], counts: &mut [u8], columns: &mut [u8], of
         for children in child_rows(axes, side, children, row) {
             columns.iter_mut().zip(children).for_each(|(column, child)| *column += of(*child));
         }
+        // Invariant: no sum is more than 2^BYTE_BITS, which is what a node has of cells in the levels that
+        // are counted in bytes. So nothing is carried from one column to its neighbour.
         for (count, columns) in counts.iter_mut().zip(neighbours(columns)) {
             *count = (columns + (columns >> 8)) as u8;
         }

@@ -29,7 +29,10 @@ pub(super) struct RowBlock {
     code: Code,
     /// Levels from the cells to the block's root.
     height: usize,
-    /// From the cells up; those above them once the block is reduced.
+    /// From the cells up; those above them once the block is reduced. Invariant: every level has all of its
+    /// nodes, and none is VOID. So the place of a node in its row tells where its children are, and no state
+    /// has to be kept beside whether it is uniform. Of a block with VOID the means would be those of whatever
+    /// stands there.
     levels: Vec<RowLevel>,
 }
 
