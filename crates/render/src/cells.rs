@@ -28,6 +28,7 @@ const BOX_LEVEL: u8 = 6;
 /// of threads.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::image::Format;
 /// use spinney::export::{RenderRequest, render};
 /// use spinney::io::Output;

@@ -1,6 +1,7 @@
 //! Differences between operating systems, behind functions that are the same on all of them.
 //!
-//! Tested on Linux; macOS is Unix to this page, and Windows has what its interfaces offer for the same.
+//! Tested on Linux; macOS is Unix to this page, and Windows has what its interfaces offer for the same. Where there are no files at
+//! all, as in a browser, all of it compiles, and opening a file fails.
 
 use std::fs::{File, Metadata};
 use std::io;
@@ -27,6 +28,13 @@ pub fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> io::
     Ok(())
 }
 
+/// Reads bytes at an offset of a file. (It moves the cursor: this is for systems without files, where it is never called.)
+#[cfg(not(any(unix, windows)))]
+pub fn read_exact_at(mut file: &File, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+    io::Seek::seek(&mut file, io::SeekFrom::Start(offset))?;
+    io::Read::read_exact(&mut file, bytes)
+}
+
 /// Writes bytes at an offset of a file, which may lie behind its end.
 #[cfg(unix)]
 pub fn write_all_at(file: &File, bytes: &[u8], offset: u64) -> io::Result<()> {
@@ -46,6 +54,13 @@ pub fn write_all_at(file: &File, mut bytes: &[u8], mut offset: u64) -> io::Resul
         }
     }
     Ok(())
+}
+
+/// Writes bytes at an offset of a file. (It moves the cursor, as [`read_exact_at`] does.)
+#[cfg(not(any(unix, windows)))]
+pub fn write_all_at(mut file: &File, bytes: &[u8], offset: u64) -> io::Result<()> {
+    io::Seek::seek(&mut file, io::SeekFrom::Start(offset))?;
+    io::Write::write_all(&mut file, bytes)
 }
 
 /// Makes everything on the disk of a folder durable, where the system can do that at once; elsewhere nothing.
@@ -111,7 +126,8 @@ pub fn set_output_permissions(file: &File, target: &Path) -> io::Result<()> {
             // The mask can only be read by setting it.
             let mask = rustix::process::umask(rustix::fs::Mode::empty());
             rustix::process::umask(mask);
-            0o666 & !mask.bits()
+            // (Its bits are 16 on some systems, 32 on others.)
+            0o666 & !(u64::from(mask.bits()) as u32)
         }
     };
     file.set_permissions(std::fs::Permissions::from_mode(mode))

@@ -23,6 +23,7 @@ impl Dataset {
     /// depends on the tree alone. Besides `request.memory`, memory goes with the lines that cross a row of the picture.
     ///
     /// ```
+    /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
     /// use spinney::query::{ContourLevels, ContourRequest};
     ///
     /// let map = spinney::open("fixtures/v1/classes.goblin")?;

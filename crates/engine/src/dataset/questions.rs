@@ -74,6 +74,7 @@ impl Dataset {
     /// turn out to be uniform.
     ///
     /// ```
+    /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
     /// use spinney::space::{Code, Dimension};
     /// use spinney::tree::NodeState;
     ///
@@ -157,6 +158,7 @@ impl Dataset {
     /// current pool work. A polygon goes through all of an octree along z.
     ///
     /// ```
+    /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
     /// use spinney::query::ZoneRule;
     /// use spinney::space::Polygon;
     ///

@@ -13,6 +13,7 @@ use spinney_container::OpenOptions;
 /// the same.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::{io::Output, ops};
 ///
 /// # let folder = tempfile::tempdir().unwrap();

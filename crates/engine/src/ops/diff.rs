@@ -147,6 +147,7 @@ pub struct FdRange {
 /// Compares two trees, or two commits of one; hands out the runs of cells that differ.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// let [first, second] = ["fixtures/v1/history.autumn@1", "fixtures/v1/history.autumn@2"];
 /// let differences = spinney::ops::diff_files(first.as_ref(), second.as_ref(), &mut |_| Ok(()))?;
 /// assert_eq!(differences.blocks, 9);

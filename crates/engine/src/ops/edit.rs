@@ -47,6 +47,7 @@ pub type CellValue = ([u64; 3], Option<Vec<f64>>);
 /// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::ops::{self, Edit};
 /// use spinney::store::autumnal::Note;
 ///

@@ -87,6 +87,7 @@ impl Chain {
 /// in [`BuildOptions`].
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::{io::Output, ops};
 ///
 /// # let folder = tempfile::tempdir().unwrap();
@@ -125,6 +126,7 @@ pub fn transform(chain: &Chain, output: Output, memory: u64, progress: &dyn Prog
 /// [`Operation::needs_universe`].
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::{io::Output, ops};
 ///
 /// # let folder = tempfile::tempdir().unwrap();

@@ -125,6 +125,7 @@ pub struct MeshSummary {
 /// u8 or u16 as a property `value`. Faces of different values are not merged then.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::mesh::{MeshFormat, MeshRequest, export_mesh};
 /// use spinney::io::Output;
 ///

@@ -82,6 +82,7 @@ pub struct CogSummary {
 /// system go along; names of values also into a sidecar, for programs that do not find them in the file.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::{CogRequest, export_cog};
 /// use spinney::io::Output;
 ///

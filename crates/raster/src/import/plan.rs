@@ -93,6 +93,7 @@ impl RasterImport {
 /// [`mosaic`](super::mosaic).
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::import::raster::{ImportOptions, plan};
 /// use spinney::io::Output;
 ///

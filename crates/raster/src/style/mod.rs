@@ -6,6 +6,7 @@
 //! a picture is cut into blocks. A [`Legend`] tells what the colours mean.
 //!
 //! ```
+//! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 //! use spinney::style::{SampleBlock, StylePainter, Style};
 //!
 //! let map = spinney::open("fixtures/v1/classes.goblin")?;

@@ -363,8 +363,13 @@ mod tests {
 
     #[test]
     fn fixtures_have_their_colours() {
-        let open =
-            |name: &str| dataset::open(format!("fixtures/v1/{name}").as_ref(), &Default::default()).unwrap();
+        let open = |name: &str| {
+            dataset::open(
+                format!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/v1/{}"), name).as_ref(),
+                &Default::default(),
+            )
+            .unwrap()
+        };
         let tree = open("classes.goblin");
         let painter = StylePainter::new(&Style::default_for(&tree), &tree, &()).unwrap();
         let palette = &tree.metadata().palette.as_ref().unwrap().colours;
@@ -386,7 +391,11 @@ mod tests {
 
     #[test]
     fn buffers_have_their_sizes() {
-        let tree = dataset::open("fixtures/v1/classes.goblin".as_ref(), &Default::default()).unwrap();
+        let tree = dataset::open(
+            concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/v1/classes.goblin").as_ref(),
+            &Default::default(),
+        )
+        .unwrap();
         let painter = StylePainter::new(&Style::parse("hillshade").unwrap(), &tree, &()).unwrap();
         assert_eq!(painter.margin(), 1);
         let block = SampleBlock {

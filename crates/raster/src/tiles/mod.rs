@@ -5,6 +5,7 @@
 //! and handed to the archive in the order of their numbers, so that the bytes do not depend on threads.
 //!
 //! ```
+//! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 //! use spinney::export::tiles::{Pmtiles, TileId, TilePainter, TileRequest, TileTarget, WarpedTiles, export_tiles};
 //! use spinney::import::raster::{ImportOptions, plan};
 //! use spinney::io::Output;

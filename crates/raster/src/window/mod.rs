@@ -71,6 +71,7 @@ pub enum Detail {
 /// give the value at its centre. In trees of occupancy, VOID cells are 0.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::image::Format;
 /// use spinney::export::{Detail, WindowRequest, export_window};
 /// use spinney::{io::Output, space::Bounds};

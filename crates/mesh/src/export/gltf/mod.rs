@@ -60,6 +60,7 @@ const BATCH: usize = 256;
 /// memory. Returns the number of its triangles.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::mesh::{GltfOptions, MeshRequest, export_glb};
 /// use spinney::io::Output;
 ///

@@ -55,6 +55,7 @@ pub struct IsosurfaceSummary {
 /// is done; [`ContourRequest::folder`] does not matter.
 ///
 /// ```
+/// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
 /// use spinney::export::mesh::{MeshFormat, export_isosurfaces};
 /// use spinney::io::Output;
 /// use spinney::query::{ContourLevels, ContourNodata, ContourRequest};

@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# Makes what others take away:
+#
+#     packaging/make.sh FOLDER [program] [wheel] [c]
+#
+# - program: spinney-VERSION-SYSTEM.tar.gz, with the program, its completions, README, docs and licences;
+# - wheel: the Python package, for all Pythons from 3.11 on (manylinux, where the linker for it can be had);
+# - c: libspinney-VERSION-SYSTEM.tar.gz, with the C library, its header and its file for pkg-config.
+#
+# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES the wheel's features besides its own.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+[ $# -ge 1 ] || { sed -n '2,11s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+mkdir -p "$1"
+out=$(realpath "$1")
+shift
+[ $# -gt 0 ] || set -- program wheel c
+profile=${PROFILE:-release}
+target=${CARGO_TARGET_DIR:-$PWD/target}
+built=$target/${profile/#dev/debug}
+version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
+system=$(rustc -vV | sed -n 's/^host: //p')
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+# Packs a folder of $work, with the same bytes each time that its files are the same.
+pack() {
+    tar --sort=name --owner=0 --group=0 --numeric-owner --mtime='2000-01-01 00:00Z' -C "$work" -c "$1" | gzip -n > "$out/$1.tar.gz"
+    echo "$out/$1.tar.gz"
+}
+
+program() {
+    local name=spinney-$version-$system
+    cargo build --quiet --locked --profile "$profile" --bin spinney
+    mkdir -p "$work/$name/completions"
+    cp "$built/spinney" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$work/$name/"
+    cp -r docs "$work/$name/docs"
+    strip "$work/$name/spinney"
+    for shell in bash zsh fish; do
+        "$built/spinney" completions $shell > "$work/$name/completions/spinney.$shell"
+    done
+    pack "$name"
+}
+
+wheel() {
+    local python=${PYTHON:-python3} maker=("$work/venv/bin/maturin")
+    "$python" -m venv "$work/venv"
+    "$work/venv/bin/pip" install --quiet --disable-pip-version-check 'maturin>=1.9.4,<2'
+    # A wheel for older systems than this one is linked by zig, which comes as a package, too.
+    local how=()
+    if [ "$profile" = release ] && "$work/venv/bin/pip" install --quiet --disable-pip-version-check ziglang; then
+        how=(--zig --compatibility manylinux2014)
+    fi
+    PATH=$work/venv/bin:$PATH "${maker[@]}" build --quiet --manifest-path python/Cargo.toml --profile "$profile" --locked \
+        ${FEATURES:+--features "$FEATURES"} "${how[@]}" --out "$work/wheels" --interpreter "$work/venv/bin/python"
+    cp "$work"/wheels/*.whl "$out/"
+    ls "$out"/*.whl
+}
+
+c() {
+    local name=libspinney-$version-$system
+    PROFILE=$profile CARGO_TARGET_DIR=$target capi/install.sh "$work/$name" > /dev/null
+    # (It may be unpacked anywhere.)
+    sed -i 's#^prefix=.*#prefix=${pcfiledir}/../..#' "$work/$name/lib/pkgconfig/spinney.pc"
+    cp LICENSE-APACHE LICENSE-MIT docs/c.md "$work/$name/"
+    pack "$name"
+}
+
+for part in "$@"; do
+    case $part in
+    program | wheel | c) $part ;;
+    *) echo "$0: $part: expected program, wheel or c" >&2; exit 2 ;;
+    esac
+done

@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# Takes the packages away, each to a clean place, and asks them something:
+#
+#     packaging/test.sh
+#
+# Makes them as tests compile the project (PROFILE=release: as users get them).
+set -euo pipefail
+cd "$(dirname "$0")/.."
+export PROFILE=${PROFILE:-dev}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+fixtures=$PWD/fixtures
+packaging/make.sh "$work" program wheel c
+
+mkdir "$work/program" "$work/c"
+tar -xzf "$work"/spinney-*.tar.gz -C "$work/program" --strip-components=1
+"$work/program/spinney" point "$fixtures/v1/classes.goblin" --cell 20,20 > "$work/point.txt"
+grep -q . "$work/point.txt"
+test -s "$work/program/completions/spinney.bash"
+
+tar -xzf "$work"/libspinney-*.tar.gz -C "$work/c" --strip-components=1
+if command -v pkg-config > /dev/null; then
+    read -ra flags <<< "$(PKG_CONFIG_PATH=$work/c/lib/pkgconfig pkg-config --cflags --libs spinney)"
+    ${CC:-cc} -std=c11 capi/examples/tile.c -o "$work/tile" "${flags[@]}"
+    LD_LIBRARY_PATH=$work/c/lib "$work/tile" "$fixtures/v1/classes.goblin" 6 3 5 40 30 2> /dev/null | head -c 2 | grep -q P5
+fi
+
+"${PYTHON:-python3}" -m venv "$work/venv"
+"$work/venv/bin/pip" install --quiet --disable-pip-version-check "$work"/spinney-*.whl
+cd "$work"
+"$work/venv/bin/python" - "$fixtures/v1/classes.goblin" << 'END'
+import sys
+import spinney
+tree = spinney.open(sys.argv[1])
+print("the wheel answers:", tree, sum(cells for _, cells in tree.statistics().classes), "cells")
+END
+echo 'packages: all is well'
