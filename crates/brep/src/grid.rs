@@ -1,11 +1,9 @@
 //! The integer grid of a model: where its points lie in the world.
 
+use crate::exact::bounds::MOST_BITS;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
-
-/// Most bits of a grid coordinate. Whatever is decided about faces with such coordinates fits into 256 bits.
-pub const MOST_BITS: u8 = 26;
 
 /// A grid of points at multiples of a step in the world: a point's coordinates count from the least ones that
 /// the model has.
@@ -132,11 +130,14 @@ impl Grid {
         /// Most steps along a side. A box whose points were moved to the grid should have the same grid, and so
         /// should not lie on the limit: this is no number that comes of lengths that people choose.
         const MOST_STEPS: f64 = 62_831_853.0;
+        /// Least width of a step: coordinates of steps that are as small are no denormal numbers, which have fewer bits.
+        const LEAST_STEP: f64 = 1e-290;
         let [min, max] = bounds;
         let half = (0..3).map(|axis| max[axis] / 2.0 - min[axis] / 2.0).fold(0.0, f64::max);
         let farthest = min.iter().chain(&max).fold(0.0, |most: f64, at| most.max(at.abs()));
-        // No finer than doubles are, and no denormals.
-        let least = (half / (1u64 << (MOST_BITS - 1)) as f64).max(farthest / (1u64 << 52) as f64).max(1e-290);
+        // No finer than doubles are.
+        let least =
+            (half / (1u64 << (MOST_BITS - 1)) as f64).max(farthest / (1u64 << 52) as f64).max(LEAST_STEP);
         let mut step = f64::from_bits(least.to_bits() & 0x7ff0_0000_0000_0000);
         loop {
             let is_coarse = half / step <= MOST_STEPS / 2.0;

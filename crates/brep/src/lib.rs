@@ -5,6 +5,7 @@ pub mod attributes;
 mod boxes;
 mod build;
 mod combine;
+pub mod exact;
 mod face;
 pub mod geometry;
 mod grid;
@@ -21,8 +22,9 @@ pub use attributes::Attributes;
 pub use build::show_place;
 pub use build::{BOOLEAN_FACES, BuildReport, Defect, DefectKind, ModelBuilder};
 pub use combine::{CombineReport, combine};
+pub use exact::bounds::MOST_BITS;
 pub use face::{Face, FaceList, Faces};
-pub use grid::{Grid, MOST_BITS};
+pub use grid::Grid;
 pub use store::{
     ExactModel, FaceBuffer, LeafRule, ModelNode, ModelNodeState, NodeCounts, NodeKind, is_model_file,
 };

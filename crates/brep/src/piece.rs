@@ -2,8 +2,8 @@
 
 use std::collections::HashSet;
 
+use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
-use crate::geometry::crossing::ring_normal;
 
 /// A triangle, and which of its edges are no edges of the face that it was cut from.
 #[derive(Clone, Copy, Debug)]

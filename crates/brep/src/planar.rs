@@ -1,7 +1,8 @@
 //! Faces whose corners are on the grid, but may not lie in one plane, or fall together: as planar faces.
 
 use super::Face;
-use crate::geometry::crossing::ring_normal;
+use crate::exact::normal::ring_normal;
+use crate::exact::vector::{dot, subtract};
 use crate::geometry::{Triangulator, split_bridges};
 use spinney_base::Result;
 
@@ -106,8 +107,8 @@ impl PlanarFaces {
         self.wide.extend(self.points.iter().map(|point| point.map(i64::from)));
         let first = self.points[0];
         let is_planar = self.points.iter().all(|point| {
-            let along = |axis: usize| i128::from(normal[axis]) * i128::from(point[axis] - first[axis]);
-            along(0) + along(1) + along(2) == 0
+            let along = subtract(point.map(i128::from), first.map(i128::from));
+            dot(normal.map(i128::from), along) == 0
         });
         let mut triangles = Vec::new();
         if self.triangulator.triangulate(&self.wide, &self.ring_ends, &mut triangles) {

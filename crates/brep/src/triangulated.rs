@@ -2,8 +2,8 @@
 
 use super::arrangement::flip_in_plane;
 use super::{Attributes, Face, Faces, Grid};
+use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
-use crate::geometry::crossing::ring_normal;
 use spinney_base::Result;
 use spinney_crs::Crs;
 

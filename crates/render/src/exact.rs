@@ -7,7 +7,7 @@ use super::{RenderRequest, draw};
 use crate::paint::{Paint, linear};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result};
-use spinney_brep::geometry::crossing::ring_normal;
+use spinney_brep::exact::normal::ring_normal;
 use spinney_brep::{ExactModel, Face, FaceBuffer, Faces as _};
 use spinney_raster::image::Format;
 

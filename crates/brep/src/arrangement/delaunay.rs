@@ -3,7 +3,11 @@
 
 use std::collections::HashMap;
 
-use super::point::others;
+use crate::exact::vector::others;
+
+/// How much less than nothing the cotangents of two angles have to be together for an edge to be flipped. Of four points on a circle neither
+/// edge is better, and rounding would flip one for the other: it is less than that for all but the thinnest triangles.
+const FLIPPED_BELOW: f64 = -1e-9;
 
 /// Flips inner edges of a triangulation of points of a plane, whose triangles are counterclockwise seen from where the normal
 /// points to: see [`flip`].
@@ -47,7 +51,7 @@ fn flip(points: &[[f64; 2]], triangles: &mut [[u32; 3]]) {
             continue;
         }
         // The angles opposite to the edge are more than half a turn together.
-        if cotangent(at(c), at(a), at(b)) + cotangent(at(d), at(b), at(a)) > -1e-9 || left == 0 {
+        if cotangent(at(c), at(a), at(b)) + cotangent(at(d), at(b), at(a)) > FLIPPED_BELOW || left == 0 {
             continue;
         }
         left -= 1;

@@ -2,7 +2,8 @@
 
 use std::cmp::Ordering;
 
-use super::point::{ExactPlane, ExactPoint, cross, others};
+use super::point::{ExactPlane, ExactPoint, cross};
+use crate::exact::vector::{main_axis, others};
 use crate::piece::Piece;
 
 /// Common points of two triangles.
@@ -43,7 +44,7 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
     }
     // Both meet the planes' common line in an interval.
     let along = cross(plane_a.normal, plane_b.normal);
-    let axis = (0..3).max_by_key(|axis| along[*axis].unsigned_abs()).unwrap_or(0);
+    let axis = main_axis(along);
     // Invariant: both triangles have points on their common line. Neither has all corners on one side of the
     // other's plane, nor in it (that would be one plane). `interval` has no answer for others.
     let ([low_a, high_a], [low_b, high_b]) =
@@ -152,7 +153,7 @@ fn is_beside(a: &Piece, b: &Piece, axis: usize, shared: [Option<(usize, usize)>;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::crossing::ring_normal;
+    use crate::exact::normal::ring_normal;
 
     fn of(a: [[i32; 3]; 3], b: [[i32; 3]; 3]) -> Meeting {
         let plane = |corners: &[[i32; 3]; 3]| ExactPlane::through(corners[0], ring_normal(corners));

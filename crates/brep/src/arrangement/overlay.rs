@@ -6,7 +6,10 @@
 use std::cmp::Ordering;
 use std::collections::{HashMap, HashSet};
 
-use super::point::{ExactPlane, ExactPoint, others};
+use super::point::{ExactPlane, ExactPoint};
+use crate::exact::bounds::MARGIN;
+use crate::exact::union_find::UnionFind;
+use crate::exact::vector::others;
 
 /// A segment in a face's plane.
 #[derive(Clone, Copy, Debug)]
@@ -104,13 +107,14 @@ impl Vertices {
     pub(crate) fn number(&mut self, point: ExactPoint) -> u32 {
         /// Cells per unit of the grid.
         const FINE: f64 = 1024.0;
+        const { assert!(MARGIN * FINE < 0.5, "two cells along an axis are enough") };
         let cell = |shift: f64| point.near.map(|at| (at * FINE + shift).floor() as i64);
         // Near a wall a point's other approximation may be on the other side.
         // Invariant: a point has one number, however it was made. Two approximations of it differ by less
         // than a hundredth of a cell, so that the cell in which one was entered is among those in which the
         // other one is looked for; exact coordinates decide. With two numbers for a point, lines that meet
         // there would not be cut at the same vertex, and rings would not close.
-        let (low, high) = (cell(-0.01), cell(0.01));
+        let (low, high) = (cell(-MARGIN * FINE), cell(MARGIN * FINE));
         let mut places = [low; 8];
         for (corner, place) in places.iter_mut().enumerate() {
             for axis in 0..3 {
@@ -212,8 +216,6 @@ impl<'a> Overlay<'a> {
 
     /// Cuts lines where they meet, and where these points lie on them; says whether it was not to give up.
     fn cut(&mut self, points: &[u32], gives_up: &dyn Fn(usize) -> bool) -> bool {
-        /// More than the error of approximations.
-        const MARGIN: f64 = 1e-6;
         let mut order: Vec<usize> = (0..self.lines.len()).collect();
         order.sort_by(|a, b| self.lines[*a].bounds[0][0].total_cmp(&self.lines[*b].bounds[0][0]));
         for (index, &i) in order.iter().enumerate() {
@@ -474,21 +476,11 @@ impl Loops {
 
 /// Number of each vertex' connected component.
 fn components(overlay: &Overlay<'_>) -> Vec<u32> {
-    let mut parents: Vec<u32> = (0..overlay.vertices.list.len() as u32).collect();
-    for edge in &overlay.edges {
-        let [a, b] = edge.ends.map(|vertex| root(&mut parents, vertex));
-        parents[a.max(b) as usize] = a.min(b);
+    let mut sets = UnionFind::new(overlay.vertices.list.len());
+    for Edge { ends: [a, b], .. } in &overlay.edges {
+        sets.join(*a, *b);
     }
-    (0..parents.len() as u32).map(|vertex| root(&mut parents, vertex)).collect()
-}
-
-/// The representative of a set, of sets that are told by the parents of their members.
-pub fn root(parents: &mut [u32], mut member: u32) -> u32 {
-    while parents[member as usize] != member {
-        parents[member as usize] = parents[parents[member as usize] as usize];
-        member = parents[member as usize];
-    }
-    member
+    sets.roots()
 }
 
 #[cfg(test)]

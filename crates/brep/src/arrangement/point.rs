@@ -3,23 +3,17 @@
 //! Invariant: every plane is that of a face of the input, or one along an axis through two points of the
 //! grid; none is laid through points that were computed. It holds because a part of a face keeps the face's
 //! plane, and its new edges the planes of the faces that made them, however many operations follow. So
-//! normals have at most 56 bits (of rings that go round less than eight times) and offsets 84; the point of
-//! three planes has homogeneous coordinates of at most 198 bits and a weight of at most 171, and the test on
-//! which side of a plane it lies takes at most 255. A plane through computed points would have some 600,
-//! numbers would overflow, and signs would be anything.
+//! normals have at most 56 bits and offsets 84; the point of three planes has homogeneous coordinates of at most 197 bits
+//! and a weight of at most 171, and the test on which side of a plane it lies takes at most 255 ([`bounds`](crate::exact::bounds)
+//! derives it). A plane through computed points would have some 600, numbers would overflow, and signs would be anything.
 
 use std::cmp::Ordering;
 
 use bnum::cast::As;
 use bnum::types::{I256, I512, I1024};
 
-/// Most that a coordinate of [`ExactPoint::near`] differs from the exact one.
-///
-/// Invariant: `near` is off by less than this, since points lie within the grid: of 26 bits before the point,
-/// two conversions and a division lose less than 2^-50 in proportion. All that is decided by doubles first
-/// (`ExactPlane::side`, `ExactPoint::compare`, `turn`) compares with some times this, and believes what is
-/// farther apart: beyond the grid the answers would be wrong, and not just slow.
-pub(super) const ERROR: f64 = 1.0 / (1 << 24) as f64;
+use crate::exact::bounds::{ORDER_ERROR, SIDE_ERROR, TURN_ERROR};
+use crate::exact::vector::{self, dot, main_axis, others};
 
 /// A plane through points of the grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,8 +26,7 @@ pub(crate) struct ExactPlane {
 impl ExactPlane {
     /// The plane through a point.
     pub(crate) fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
-        let offset = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(base[axis])).sum();
-        ExactPlane { normal, offset }
+        ExactPlane { normal, offset: dot(normal.map(i128::from), base.map(i128::from)) }
     }
 
     /// The plane along an axis through two points.
@@ -47,8 +40,7 @@ impl ExactPlane {
 
     /// The height of a point of the grid over the plane, times the length of the normal.
     pub(super) fn height(&self, point: [i32; 3]) -> i128 {
-        let along = |axis: usize| i128::from(self.normal[axis]) * i128::from(point[axis]);
-        along(0) + along(1) + along(2) - self.offset
+        dot(self.normal.map(i128::from), point.map(i128::from)) - self.offset
     }
 
     /// The side on which a point lies: 1 where the normal points to, 0 in the plane.
@@ -72,12 +64,11 @@ impl ExactPlane {
 
     /// The plane, moved, with all coordinates so many times as large before.
     pub(crate) fn placed(&self, times: i64, shift: [i64; 3]) -> ExactPlane {
-        let along = |axis: usize| i128::from(self.normal[axis]) * i128::from(shift[axis]);
-        ExactPlane { offset: self.offset * i128::from(times) + along(0) + along(1) + along(2), ..*self }
+        let moved = dot(self.normal.map(i128::from), shift.map(i128::from));
+        ExactPlane { offset: self.offset * i128::from(times) + moved, ..*self }
     }
 
-    /// The side of a point that is known but for an error of [`ERROR`], if that is enough to tell. (Coordinates have 26 bits,
-    /// and doubles 53: the sum is off by about as much as the point is.)
+    /// The side of a point that is known but for [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR), if that is enough to tell.
     pub(super) fn side_near(&self, near: [f64; 3]) -> Option<i32> {
         let (mut height, mut size) = (-(self.offset as f64), 0.0);
         for (axis, near) in near.into_iter().enumerate() {
@@ -85,7 +76,7 @@ impl ExactPlane {
             height += normal * near;
             size += normal.abs();
         }
-        (height.abs() > size * (8.0 * ERROR)).then_some(if height > 0.0 { 1 } else { -1 })
+        (height.abs() > size * SIDE_ERROR).then_some(if height > 0.0 { 1 } else { -1 })
     }
 
     /// Whether two planes are the same, whichever sides they are turned to.
@@ -104,21 +95,13 @@ impl ExactPlane {
 
     /// The axis along which the plane is seen largest.
     pub(crate) fn main_axis(&self) -> usize {
-        (0..3).max_by_key(|axis| self.normal[*axis].unsigned_abs()).unwrap_or(2)
+        main_axis(self.normal)
     }
 }
 
-/// The two other axes, in the order that makes a right-handed system with the first.
-pub(super) const fn others(axis: usize) -> [usize; 2] {
-    [(axis + 1) % 3, (axis + 2) % 3]
-}
-
 /// The product of two normals.
-pub fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
-    std::array::from_fn(|axis| {
-        let [j, k] = others(axis);
-        i128::from(a[j]) * i128::from(b[k]) - i128::from(a[k]) * i128::from(b[j])
-    })
+pub(crate) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
+    vector::cross(a.map(i128::from), b.map(i128::from))
 }
 
 /// A point by homogeneous coordinates.
@@ -127,7 +110,7 @@ pub(crate) struct ExactPoint {
     pub at: [I256; 3],
     /// Divisor of the coordinates: positive.
     pub weight: I256,
-    /// The point, but for [`ERROR`].
+    /// The point, but for [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR).
     pub near: [f64; 3],
     /// Whether it is a point of the grid, and `near` is exact.
     is_on_grid: bool,
@@ -219,7 +202,7 @@ impl ExactPoint {
     /// The order of two points along an axis.
     pub(crate) fn compare(&self, other: &ExactPoint, axis: usize) -> Ordering {
         let difference = self.near[axis] - other.near[axis];
-        if difference.abs() > 2.0 * ERROR {
+        if difference.abs() > ORDER_ERROR {
             return if difference > 0.0 { Ordering::Greater } else { Ordering::Less };
         }
         if self.is_on_grid && other.is_on_grid {
@@ -245,7 +228,7 @@ impl ExactPoint {
             let near = self.near[axis];
             let rounded = near.round();
             // (The distance from the middle between two.)
-            if (near - rounded).abs() < 0.5 - 2.0 * ERROR {
+            if (near - rounded).abs() < 0.5 - ORDER_ERROR {
                 return rounded as i32;
             }
             let low = near.floor() as i32;
@@ -279,19 +262,19 @@ pub(super) fn turn(axis: usize, corners: [&ExactPoint; 3]) -> i32 {
     let (along, to) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
     let area = along[0] * to[1] - along[1] * to[0];
     let size = along[0].abs() + along[1].abs() + to[0].abs() + to[1].abs();
-    if area.abs() > (size + 1.0) * (4.0 * ERROR) {
+    if area.abs() > (size + 1.0) * TURN_ERROR {
         return if area > 0.0 { 1 } else { -1 };
     }
     sign(&self::area(axis, corners))
 }
 
 /// A number in 256 bits.
-pub(super) fn wide(number: i128) -> I256 {
+pub(crate) fn wide(number: i128) -> I256 {
     number.as_()
 }
 
 /// The product of two numbers.
-pub fn product(a: i128, b: i128) -> I256 {
+pub(super) fn product(a: i128, b: i128) -> I256 {
     wide(a) * wide(b)
 }
 
@@ -303,7 +286,8 @@ pub(super) fn sign<const N: usize>(number: &bnum::Int<N>) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::crossing::ring_normal;
+    use crate::exact::bounds::{MOST_BITS, NORMAL_BITS, POINT_ERROR};
+    use crate::exact::normal::ring_normal;
 
     fn random(seed: u64) -> impl FnMut(i32) -> i32 {
         let mut state = seed;
@@ -338,7 +322,7 @@ mod tests {
                     met.rounded()
                         .iter()
                         .zip(met.near)
-                        .all(|(at, near)| (f64::from(*at) - near).abs() <= 0.5 + ERROR)
+                        .all(|(at, near)| (f64::from(*at) - near).abs() <= 0.5 + POINT_ERROR)
                 );
             }
             let parallel = rank(&[&a, &b, &c]) < 3;
@@ -360,6 +344,42 @@ mod tests {
         let along = cross(a, b);
         let sum = (0..3).fold(wide(0), |sum, axis| sum + product(along[axis], c[axis].into()));
         if sum.is_zero() { 2 } else { 3 }
+    }
+
+    /// Planes with the largest normals, through the farthest points, leave no number without room (where one had none, this
+    /// would panic).
+    #[test]
+    fn the_widest_numbers_fit() {
+        let (far, most) = ((1 << MOST_BITS) - 1, (1i64 << NORMAL_BITS) - 1);
+        let normals =
+            [[1, 1, -1], [1, -1, 1], [-1, 1, 1], [1, 1, 1]].map(|normal| normal.map(|part: i64| part * most));
+        let corner = |bits: usize| [0, 1, 2].map(|axis| if bits >> axis & 1 == 1 { far } else { 0 });
+        for (at, base) in (0..64).map(|n| (corner(n / 8), corner(n % 8))) {
+            let [a, b, c, _] = normals.map(|normal| ExactPlane::through(at, normal));
+            let common = ExactPoint::of_planes([&a, &b, &c]);
+            assert_eq!(common.near, at.map(f64::from));
+            // (Doubles are not asked.)
+            let blind = ExactPoint { near: [f64::NAN; 3], ..common };
+            for normal in normals {
+                let plane = ExactPlane::through(base, normal);
+                assert_eq!(
+                    plane.side(&blind),
+                    plane.height(at).signum() as i32,
+                    "{at:?} {base:?} {normal:?}"
+                );
+                // One unit beside the point decides.
+                let own = ExactPlane::through(at, normal);
+                let beside = |unit: i128| ExactPlane { offset: own.offset + unit, ..own };
+                assert_eq!([-1, 0, 1].map(|unit| beside(unit).side(&blind)), [1, 0, -1]);
+            }
+            let turned = ExactPoint::of_planes([&c.turned(), &b, &a]);
+            assert!(blind.is(&ExactPoint { near: [f64::NAN; 3], ..turned }));
+            let others = [1, 2].map(|bits| ExactPoint::of_grid(corner(bits)));
+            assert_eq!(
+                turn(2, [&blind, &others[0], &others[1]]),
+                turn(2, [&ExactPoint::of_grid(at), &others[0], &others[1]])
+            );
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 
 use super::exact_face::ExactFace;
 use super::point::{ExactPlane, ExactPoint, cross};
+use crate::exact::vector::main_axis;
 
 /// Segments and points that two polygons have in common.
 #[derive(Debug, Default)]
@@ -21,7 +22,7 @@ pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
         return Common::default();
     };
     let direction = cross(a.plane.normal, b.plane.normal);
-    let axis = (0..3).max_by_key(|axis| direction[*axis].unsigned_abs()).unwrap_or(0);
+    let axis = main_axis(direction);
     let mut places: Vec<ExactPoint> = along_a.points.iter().chain(&along_b.points).copied().collect();
     places.sort_by(|a, b| a.compare(b, axis));
     places.dedup_by(|a, b| a.compare(b, axis) == Ordering::Equal);

@@ -3,8 +3,9 @@
 use super::delaunay;
 use super::exact_face::ExactFace;
 use super::overlay::Corner;
-use super::point::{ExactPlane, others};
+use super::point::ExactPlane;
 use crate::Face;
+use crate::exact::vector::others;
 use crate::geometry::Triangulator;
 use crate::piece::Piece;
 use spinney_base::Result;
@@ -67,7 +68,9 @@ impl Rounder {
         let least = |axis: usize| self.near.iter().map(|point| point[axis]).fold(f64::INFINITY, f64::min);
         let low = [0, 1, 2].map(least);
         let extent = self.near.iter().flat_map(|point| (0..3).map(|axis| point[axis] - low[axis]));
-        let extent = extent.fold(1e-9, f64::max);
+        // (Of a face that is a point nothing is left by any scale.)
+        const LEAST_EXTENT: f64 = 1e-9;
+        let extent = extent.fold(LEAST_EXTENT, f64::max);
         let scale = f64::from(1 << 30) / extent;
         let fine =
             |point: &[f64; 3]| [0, 1, 2].map(|axis| ((point[axis] - low[axis]) * scale).round() as i64);

@@ -8,7 +8,7 @@ use super::point::ExactPlane;
 use super::rounding::Rounder;
 use super::snapping::snap;
 use super::surface::{Kept, Operands, Resolved, crossings, resolve};
-use crate::geometry::crossing::ring_normal;
+use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
 use spinney_base::{Progress, Result};

@@ -5,9 +5,12 @@ use bnum::types::I1024;
 
 use super::exact_face::ExactFace;
 use super::overlay::Region;
-use super::point::{ERROR, ExactPlane, ExactPoint, area, others, sign, turn};
+use super::point::{ExactPlane, ExactPoint, area, sign, turn};
+use crate::exact::bounds::{ORDER_ERROR, TURN_ERROR};
+use crate::exact::perturbation::sign_or_first;
+use crate::exact::vector::others;
 
-/// A point of a plane by its place as seen along the plane's main axis, in homogeneous coordinates of at most 535 bits.
+/// A point of a plane by its place as seen along the plane's main axis, in homogeneous coordinates of at most 541 bits.
 pub struct Sample<'a> {
     pub(super) plane: &'a ExactPlane,
     /// Invariant: it is the plane's main axis, in whose direction the normal is not 0. So the line along it
@@ -106,7 +109,7 @@ impl<'a> Sample<'a> {
             let along = [to[u] - from[u], to[v] - from[v]];
             let there = [near[u] - from[u], near[v] - from[v]];
             let size: f64 = along.iter().chain(&there).map(|part| part.abs()).sum();
-            along[0] * there[1] - along[1] * there[0] > (size + 1.0) * (4.0 * ERROR)
+            along[0] * there[1] - along[1] * there[0] > (size + 1.0) * TURN_ERROR
         };
         let few = Some((at.map(i128::from), i128::from(FINE)));
         let all = (0..3).all(is_left);
@@ -180,7 +183,7 @@ impl<'a> Sample<'a> {
     fn beyond(&self, place: usize, corner: &impl CornerPlace) -> i32 {
         let axis = others(self.axis)[place];
         let difference = corner.near(axis) - self.near[axis];
-        if difference.abs() > 2.0 * ERROR {
+        if difference.abs() > ORDER_ERROR {
             return if difference > 0.0 { 1 } else { -1 };
         }
         corner.beyond(self, place)
@@ -193,7 +196,7 @@ impl<'a> Sample<'a> {
         // (Moved to greater coordinates, it is beyond what it was at.)
         let is_beyond = |place: usize, at: i64| {
             let difference = at as f64 / 2.0 - self.near[axes[place]];
-            if difference.abs() > 2.0 * ERROR {
+            if difference.abs() > ORDER_ERROR {
                 return difference < 0.0;
             }
             match self.small {
@@ -237,7 +240,7 @@ impl<'a> Sample<'a> {
             + its(main) * rest;
         let up = self.plane.normal[main].signum() as i32;
         let moved = |axis: usize| sign(&(its(axis) * own(main) - its(main) * own(axis)));
-        [sign(&height), moved(u), moved(v)].into_iter().find(|side| *side != 0).unwrap_or(0) * up
+        sign_or_first(sign(&height), [moved(u), moved(v)]) * up
     }
 }
 
@@ -271,7 +274,7 @@ impl CornerPlace for [i32; 3] {
         let to = [u, v].map(|axis| sample.near[axis] - f64::from(self[axis]));
         let area = along[0] as f64 * to[1] - along[1] as f64 * to[0];
         let size = along[0].abs() + along[1].abs();
-        if area.abs() > size as f64 * (4.0 * ERROR) {
+        if area.abs() > size as f64 * TURN_ERROR {
             return if area > 0.0 { 1 } else { -1 };
         }
         if let Some((at, weight)) = sample.small {
@@ -299,10 +302,10 @@ impl CornerPlace for ExactPoint {
         let to = [u, v].map(|axis| sample.near[axis] - self.near[axis]);
         let area = along[0] * to[1] - along[1] * to[0];
         let size = along[0].abs() + along[1].abs() + to[0].abs() + to[1].abs();
-        if area.abs() > (size + 1.0) * (4.0 * ERROR) {
+        if area.abs() > (size + 1.0) * TURN_ERROR {
             return if area > 0.0 { 1 } else { -1 };
         }
-        // (198 and 171 bits in corners, 542 in the sample: 915 in all.)
+        // (197 and 171 bits in corners, 541 and 515 in the sample: 912 in all.)
         let minor = |p: [I1024; 2], q: [I1024; 2]| p[0] * q[1] - p[1] * q[0];
         let [from, to] = [self, b].map(|point| [u, v].map(|axis| widen(point.at[axis])));
         let [from_weight, to_weight] = [self, b].map(|point| widen(point.weight));

@@ -7,6 +7,7 @@
 
 use super::rounds::EachFace;
 use crate::boxes::{BoxTree, touch};
+use crate::exact::vector::{dot, subtract};
 use crate::{Face, FaceList};
 use spinney_base::{Progress, Result};
 
@@ -58,8 +59,7 @@ fn between(tree: &BoxTree, vertices: &[[i32; 3]], [from, to]: [[i32; 3]; 2], nea
         [0, 1, 2].map(|axis| from[axis].min(to[axis]) - 1),
         [0, 1, 2].map(|axis| from[axis].max(to[axis]) + 1),
     ];
-    let minus = |a: [i32; 3], b: [i32; 3]| [0, 1, 2].map(|axis| i128::from(a[axis]) - i128::from(b[axis]));
-    let dot = |a: [i128; 3], b: [i128; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let minus = |a: [i32; 3], b: [i32; 3]| subtract(a.map(i128::from), b.map(i128::from));
     let along = minus(to, from);
     let length = dot(along, along);
     let mut found: Vec<(i128, [i32; 3])> = Vec::new();

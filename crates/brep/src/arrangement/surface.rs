@@ -9,13 +9,16 @@ use std::sync::OnceLock;
 
 use super::contacts::Contact;
 use super::exact_face::{ExactFace, ExactFaces};
-use super::overlay::{Region, Segment, VertexKey, Vertices, regions, root};
-use super::point::{ExactPlane, ExactPoint, others};
+use super::overlay::{Region, Segment, VertexKey, Vertices, regions};
+use super::point::{ExactPlane, ExactPoint};
 use super::rounding::colours;
 use super::sample::Sample;
 use crate::boxes::{BOX, Bounds, BoxTree};
+use crate::exact::bounds::MARGIN;
+use crate::exact::normal::ring_normal;
+use crate::exact::union_find::UnionFind;
+use crate::exact::vector::others;
 use crate::geometry::Triangulator;
-use crate::geometry::crossing::ring_normal;
 use crate::piece::Piece;
 use crate::{Face, Faces};
 use spinney_base::parallel;
@@ -306,7 +309,7 @@ impl<'a> Surface<'a> {
         progress: &dyn Progress,
     ) -> Result<(Vec<u32>, Samples)> {
         let count = self.planes.len() as u32;
-        let mut parents: Vec<u32> = (0..count).collect();
+        let mut sets = UnionFind::new(count as usize);
         let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
         let mut vertices = Vertices::default();
         let mut ring: Vec<VertexKey> = Vec::new();
@@ -341,11 +344,10 @@ impl<'a> Surface<'a> {
                 && !touching.contains_key(one)
                 && !touching.contains_key(other)
             {
-                let [one, other] = [*one, *other].map(|face| root(&mut parents, face));
-                parents[one.max(other) as usize] = one.min(other);
+                sets.join(*one, *other);
             }
         }
-        let components: Vec<u32> = (0..count).map(|face| root(&mut parents, face)).collect();
+        let components = sets.roots();
         // (Faces without an area have no side; they go with their neighbours.)
         let mut firsts = vec![u32::MAX; count as usize];
         for face in (0..count).filter(|face| self.planes[*face as usize].is_some()) {
@@ -386,7 +388,7 @@ impl<'a> Surface<'a> {
         let near = sample.near;
         let holds = |[low, high]: &Bounds| {
             (0..3).all(|axis| {
-                f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
+                f64::from(low[axis]) - MARGIN <= near[axis] && near[axis] <= f64::from(high[axis]) + MARGIN
             })
         };
         self.boxes().each(&holds, each);
@@ -459,9 +461,9 @@ impl<'a> Surface<'a> {
         let [u, v] = others(axis);
         let reaches = |[low, high]: &Bounds| {
             let holds = |axis: usize| {
-                f64::from(low[axis]) - 1e-6 <= near[axis] && near[axis] <= f64::from(high[axis]) + 1e-6
+                f64::from(low[axis]) - MARGIN <= near[axis] && near[axis] <= f64::from(high[axis]) + MARGIN
             };
-            holds(u) && holds(v) && near[axis] <= f64::from(high[axis]) + 1e-6
+            holds(u) && holds(v) && near[axis] <= f64::from(high[axis]) + MARGIN
         };
         self.boxes().each(&reaches, |other| {
             let plane = self.plane(other);

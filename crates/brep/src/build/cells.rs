@@ -9,9 +9,9 @@ use super::division::{Division, each_bit};
 use super::items::Items;
 use super::pairs::{Contact, Shared, contact, passes, twin};
 use crate::boxes::{Bounds, BoxTree};
+use crate::exact::crossing::FinePoint;
+use crate::exact::rank::rank_of_at_most;
 use crate::geometry::Stages;
-use crate::geometry::crossing::FinePoint;
-use crate::geometry::rank::rank_of_at_most;
 use crate::piece::Piece;
 use crate::store::segment::{CUT, FULL, INNER, LeafHead, LeafRule, NodeKind, VOID};
 use spinney_base::parallel;
@@ -23,7 +23,7 @@ use spinney_base::{Progress, Result};
 pub(super) struct Cell {
     pub(super) level: u8,
     pub(super) position: [u32; 3],
-    /// Winding number of the surface around its least corner, moved a little: see [`crate::geometry::crossing`].
+    /// Winding number of the surface around its least corner, moved a little: see [`crate::exact::crossing`].
     pub(super) winding: i32,
 }
 

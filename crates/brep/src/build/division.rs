@@ -1,7 +1,7 @@
 //! Division of a cell: which of its children a face cuts, and how winding numbers change between their corners.
 
 use super::cells::Cell;
-use crate::geometry::crossing::{FinePoint, Outline};
+use crate::exact::crossing::{FinePoint, Outline};
 use crate::geometry::{Box3, GridPolygon, Stage, Stages, triangle};
 
 /// The ways from the least corner of a cell's first child to those of the others: child from, child to, axis.

@@ -3,8 +3,9 @@
 use super::division::{Division, Reach};
 use super::run::{FaceWords, Run, TRIANGLE_WORDS};
 use crate::MOST_BITS;
-use crate::geometry::crossing::{FinePoint, Outline, ring_normal};
-use crate::geometry::rank::PlaneAt;
+use crate::exact::crossing::{FinePoint, Outline};
+use crate::exact::normal::ring_normal;
+use crate::exact::rank::PlaneAt;
 use crate::geometry::{Flaw, GridPolygon, Stages, Triangulator};
 use crate::piece::Piece;
 use spinney_base::Result;

@@ -6,7 +6,9 @@
 use std::cmp::Ordering;
 
 use super::defects::DefectKind;
-use crate::geometry::crossing::ring_normal;
+use crate::exact::bounds::TRIANGLE_HEIGHT_ROUNDING;
+use crate::exact::normal::ring_normal;
+use crate::exact::vector::{dot, main_axis, others, subtract};
 use crate::piece::Piece;
 
 pub(super) type Triangle = [[i32; 3]; 3];
@@ -41,15 +43,14 @@ impl Plane {
     #[inline]
     fn side(&self, point: [i32; 3]) -> i32 {
         let Plane { through, normal } = self;
-        let from = [0, 1, 2].map(|axis| i64::from(point[axis]) - i64::from(through[axis]));
-        // The normal, of products of two differences of 27 bits, is exact; its products with a third one are rounded.
+        let from = subtract(point.map(i64::from), through.map(i64::from));
+        // The normal is exact, its products with a difference are rounded.
         let parts = [0, 1, 2].map(|axis| normal[axis] as f64 * from[axis] as f64);
         let sum = parts[0] + parts[1] + parts[2];
-        if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * 1e-15 {
+        if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * TRIANGLE_HEIGHT_ROUNDING {
             return if sum > 0.0 { 1 } else { -1 };
         }
-        let exact: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(from[axis])).sum();
-        exact.signum() as i32
+        dot(normal.map(i128::from), from.map(i128::from)).signum() as i32
     }
 }
 
@@ -216,8 +217,7 @@ fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usiz
     // other triangle's plane.
     let direction = |t: &Triangle, at: usize, first: usize, second: usize, other: &Triangle| {
         let height = |point: [i32; 3]| -> i128 {
-            let normal = ring_normal(other);
-            (0..3).map(|k| i128::from(normal[k]) * (i128::from(point[k]) - i128::from(other[0][k]))).sum()
+            dot(ring_normal(other).map(i128::from), subtract(point.map(i128::from), other[0].map(i128::from)))
         };
         let (one, two) = (height(t[first]).abs(), height(t[second]).abs());
         [0, 1, 2].map(|k| {
@@ -232,11 +232,11 @@ fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usiz
 /// Whether two triangles of one plane that are turned the same way have an area in common.
 fn overlap(a: &Triangle, b: &Triangle) -> bool {
     let (normal_a, normal_b) = (ring_normal(a), ring_normal(b));
-    let axis = (0..3).max_by_key(|axis| normal_a[*axis].unsigned_abs()).unwrap_or(2);
+    let axis = main_axis(normal_a);
     if (normal_a[axis] > 0) != (normal_b[axis] > 0) {
         return false;
     }
-    let (mut u, mut v) = ((axis + 1) % 3, (axis + 2) % 3);
+    let [mut u, mut v] = others(axis);
     if normal_a[axis] < 0 {
         (u, v) = (v, u);
     }

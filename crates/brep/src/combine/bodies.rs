@@ -6,7 +6,7 @@ use super::overlap::{Fate, Overlap};
 use super::placed::Placed;
 use super::table::OperationTable;
 use crate::arrangement::{ExactFace, ExactFaces, Turner};
-use crate::geometry::crossing::ring_normal;
+use crate::exact::normal::ring_normal;
 use crate::store::exact::ExactPart;
 use crate::{ExactModel, Face, FaceList, Faces};
 use spinney_base::{Error, Progress, Result};

@@ -7,10 +7,11 @@ use std::collections::HashMap;
 use super::bodies::Bodies;
 use super::overlap::Fate;
 use super::winding::winding;
-use crate::arrangement::{ExactPlane, Sample, root};
+use crate::arrangement::{ExactPlane, Sample};
 use crate::boxes::{BoxTree, bounds_of, touch};
+use crate::exact::normal::ring_normal;
+use crate::exact::union_find::UnionFind;
 use crate::geometry::Triangulator;
-use crate::geometry::crossing::ring_normal;
 use crate::piece::Piece;
 use crate::{Face, FaceBuffer};
 use spinney_base::{Progress, Result, parallel};
@@ -23,7 +24,7 @@ const TASK: usize = 1 << 10;
 struct Components {
     /// Number of a component that a vertex belongs to.
     of_vertex: HashMap<[i32; 3], u32>,
-    parents: Vec<u32>,
+    sets: UnionFind,
     /// The first face of each component.
     firsts: Vec<u32>,
     /// Faces, with a component that each belongs to.
@@ -34,19 +35,16 @@ impl Components {
     fn add(&mut self, face: u32, points: &[[i32; 3]]) {
         let mut own: Option<u32> = None;
         for point in points {
-            let new = own.unwrap_or(self.parents.len() as u32);
+            let new = own.unwrap_or(self.sets.len() as u32);
             let found = *self.of_vertex.entry(*point).or_insert(new);
-            if found as usize == self.parents.len() {
-                self.parents.push(found);
+            if found as usize == self.sets.len() {
+                self.sets.push();
                 self.firsts.push(face);
             }
-            let found = root(&mut self.parents, found);
             // Invariant: faces of a component hang together in points, and none of them comes within a step
             // of another body. So all lie on the same sides of all other bodies, and one face tells for all.
             // A face that touched another body would lead from its outside to its inside.
-            let joined = own.map_or(found, |own| own.min(found));
-            self.parents[own.unwrap_or(found).max(found) as usize] = joined;
-            own = Some(joined);
+            own = Some(self.sets.join(own.unwrap_or(found), found));
         }
         self.faces.extend(own.map(|own| (face, own)));
     }
@@ -55,7 +53,7 @@ impl Components {
     fn bytes(&self) -> u64 {
         // (A table is half empty after it has grown.)
         const VERTEX: usize = 2 * (size_of::<([i32; 3], u32)>() + 1);
-        (self.of_vertex.len() * VERTEX + 8 * self.parents.len() + size_of_val(&self.faces[..])) as u64
+        (self.of_vertex.len() * VERTEX + 8 * self.sets.len() + size_of_val(&self.faces[..])) as u64
     }
 }
 
@@ -70,10 +68,9 @@ impl Bodies<'_> {
         let room = memory.saturating_sub(ends.last().map_or(0, |count| u64::from(*count) * BOX));
         for body in 0..self.models.len() {
             let components = self.components(body, &tree, &ends, room, progress)?;
-            let Components { mut parents, firsts, faces, .. } = components;
-            let roots: Vec<u32> = (0..parents.len() as u32)
-                .filter(|component| parents[*component as usize] == *component)
-                .collect();
+            let Components { mut sets, firsts, faces, .. } = components;
+            let roots: Vec<u32> =
+                (0..).zip(sets.roots()).filter(|(own, root)| own == root).map(|(own, _)| own).collect();
             let fates = parallel::map(&roots, |root| match progress.interrupted() {
                 true => Ok(Fate::Dropped),
                 false => self.fate_of(body, firsts[*root as usize]),
@@ -84,7 +81,7 @@ impl Bodies<'_> {
                 fate_of.insert(root, fate?);
             }
             for (face, component) in faces {
-                let fate = fate_of[&root(&mut parents, component)];
+                let fate = fate_of[&sets.root(component)];
                 self.overlaps[body].settle(face.into(), fate);
             }
         }

@@ -6,6 +6,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use crate::exact::vector::{dot, subtract};
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
 use spinney_base::Result;
@@ -150,8 +151,7 @@ fn undirected([from, to]: Edge) -> (Edge, i32) {
 
 /// Whether all corners of a ring lie within a step of the line through its two ends, which are as far apart as any.
 fn is_thin(ring: &[[i32; 3]]) -> bool {
-    let minus = |a: [i32; 3], b: [i32; 3]| [0, 1, 2].map(|axis| i128::from(a[axis]) - i128::from(b[axis]));
-    let dot = |a: [i128; 3], b: [i128; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let minus = |a: [i32; 3], b: [i32; 3]| subtract(a.map(i128::from), b.map(i128::from));
     let furthest = |from: [i32; 3]| {
         let distance = |at: &&[i32; 3]| {
             let way = minus(**at, from);

@@ -5,7 +5,7 @@ use bnum::types::I256;
 
 use super::*;
 use crate::arrangement::ExactFace;
-use crate::geometry::crossing::ring_normal;
+use crate::exact::normal::ring_normal;
 use crate::{Face, FaceList};
 
 /// The prime.

@@ -5,7 +5,8 @@ use std::ops::ControlFlow;
 
 use super::placed::Placed;
 use crate::arrangement::{ExactPlane, Sample};
-use crate::geometry::crossing::ring_normal;
+use crate::exact::bounds::MARGIN;
+use crate::exact::normal::ring_normal;
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
 use spinney_base::Result;
 
@@ -69,7 +70,7 @@ impl<'a> LineWalk<'a> {
         let [low, high] = self.placed.half_units(self.number, node);
         let Sample { axis, near, .. } = *self.sample;
         // (A cell that ends where the point is may be passed over: others follow.)
-        if (high[axis] as f64) / 2.0 < near[axis] + 1e-6 || !self.sample.is_between(&low, &high) {
+        if (high[axis] as f64) / 2.0 < near[axis] + MARGIN || !self.sample.is_between(&low, &high) {
             return Ok(ControlFlow::Continue(()));
         }
         match node.state() {

@@ -5,7 +5,8 @@ use std::cell::Cell;
 use std::collections::HashSet;
 
 use super::ears::Ears;
-use super::plane::{Plane, others};
+use super::plane::Plane;
+use crate::exact::vector::{main_axis, others};
 
 /// Most ways that are tried for bridges of a face beyond the nearest few for each hole.
 const MOST_TRIES: usize = 1 << 16;
@@ -46,7 +47,7 @@ pub fn join_rings(points: &[[i64; 3]], ring_ends: &[usize]) -> Vec<u32> {
 
 /// Corners as seen along the axis along which a face is seen largest, counterclockwise if its outer ring is.
 fn flatten(points: &[[i64; 3]], normal: [i128; 3]) -> Vec<[i64; 2]> {
-    let axis = (0..3).max_by_key(|&axis| normal[axis].abs()).unwrap_or(2);
+    let axis = main_axis(normal);
     let [j, k] = others(axis);
     let (j, k) = if normal[axis] < 0 { (k, j) } else { (j, k) };
     points.iter().map(|point| [point[j], point[k]]).collect()
@@ -242,7 +243,7 @@ pub fn split_bridges(ring: &[[i64; 3]]) -> Vec<Vec<u32>> {
         let corners =
             |ring_: &Vec<u32>| -> Vec<[i64; 3]> { ring_.iter().map(|&i| ring[i as usize]).collect() };
         let normal = Plane::of_ring(ring).map_or([0; 3], |plane| plane.normal);
-        let axis = (0..3).max_by_key(|&axis| normal[axis].abs()).unwrap_or(2);
+        let axis = main_axis(normal);
         let area = |of: &Vec<u32>| {
             let area = Plane::of_ring(&corners(of)).map_or(0, |plane| plane.normal[axis]);
             if normal[axis] < 0 { -area } else { area }

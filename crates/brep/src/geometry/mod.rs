@@ -4,12 +4,10 @@
 mod box3;
 mod bridges;
 pub mod clipped;
-pub mod crossing;
 mod ears;
 mod intersection;
 mod plane;
 mod polygon;
-pub mod rank;
 mod status;
 mod sweep;
 pub mod triangle;

@@ -1,6 +1,8 @@
 //! The plane of a face, exact, and the directions to look at it from.
 
 use super::box3::Box3;
+use crate::exact::normal::newell;
+use crate::exact::vector::{dot, main_axis, others};
 
 /// A plane on the integer grid: the points whose product with the normal is the offset.
 #[derive(Clone, Copy, Debug)]
@@ -17,19 +19,9 @@ impl Plane {
     /// For a ring that is not planar it is a plane with the ring's mean direction.
     pub(super) fn of_ring(ring: &[[i64; 3]]) -> Option<Plane> {
         let &first = ring.first()?;
-        let from_first = |p: &[i64; 3]| [0, 1, 2].map(|axis| i128::from(p[axis] - first[axis]));
-        // The two edges at the first corner, its own origin here, add nothing to the sum and are left out.
-        let mut normal = [0; 3];
-        for corners in ring.windows(2) {
-            let (a, b) = (from_first(&corners[0]), from_first(&corners[1]));
-            for (axis, part) in normal.iter_mut().enumerate() {
-                let [j, k] = others(axis);
-                *part += a[j] * b[k] - a[k] * b[j];
-            }
-        }
-        let mut plane = Plane { normal, offset: 0 };
+        let mut plane = Plane { normal: newell(ring), offset: 0 };
         plane.offset = plane.height(&first);
-        (normal != [0; 3]).then_some(plane)
+        (plane.normal != [0; 3]).then_some(plane)
     }
 
     /// Whether a point lies in the plane.
@@ -54,11 +46,11 @@ impl Plane {
 
     /// The axis along which the plane is seen largest.
     pub(super) fn main_axis(&self) -> usize {
-        (0..3).max_by_key(|&axis| self.normal[axis].abs()).unwrap_or(2)
+        main_axis(self.normal)
     }
 
     fn height(&self, point: &[i64; 3]) -> i128 {
-        (0..3).map(|axis| self.normal[axis] * i128::from(point[axis])).sum()
+        dot(self.normal, point.map(i128::from))
     }
 
     /// A line along an axis that meets the plane inside the octant; the plane must cut the octant.
@@ -124,11 +116,6 @@ impl Line {
         }
         is_inside
     }
-}
-
-/// The two other axes, in the order that makes a right-handed system with the first.
-pub(super) fn others(axis: usize) -> [usize; 2] {
-    [(axis + 1) % 3, (axis + 2) % 3]
 }
 
 #[cfg(test)]

@@ -8,6 +8,8 @@
 use std::ops::{Add, Mul, Sub};
 
 use super::intersection::{Intersection, Stage};
+use crate::exact::bounds::CUBE_ROUNDING;
+use crate::exact::vector::{cross, dot, subtract};
 
 /// Integers to calculate with: 64 bits where the numbers at hand are small enough, 128 otherwise.
 trait Integer:
@@ -20,9 +22,11 @@ impl Integer for i128 {}
 /// Numbers below this can be multiplied as [`misses_edge`] does it without leaving 64 bits: an edge is below
 /// 2^31, its product with a coordinate below 2^61, and two of these are added.
 const SMALL_FOR_EDGES: i64 = 1 << 30;
+const _: () = assert!(2 * (2 * SMALL_FOR_EDGES as i128) * (SMALL_FOR_EDGES as i128) <= 1 << 63);
 /// Bound for [`misses_plane`] in 64 bits: a component of the normal is below 2^41, its product with a
 /// coordinate below 2^60, and three of these are added.
 const SMALL_FOR_PLANE: i64 = 1 << 19;
+const _: () = assert!(3 * (8 * (SMALL_FOR_PLANE as i128).pow(2)) * (SMALL_FOR_PLANE as i128) <= 1 << 63);
 
 /// Whether a triangle has a point in common with the inside of the box from `min` to `max`.
 ///
@@ -44,7 +48,7 @@ pub fn intersect(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Inte
     let Some(size) = size_if_boxes_meet(triangle, min, max) else { return decided(Stage::Boxes, false) };
     // Relative to the box, coordinates are at most 2^32: sums of a few products of three stay within 128
     // bits.
-    let corners = triangle.map(|corner| minus(corner, min));
+    let corners = triangle.map(|corner| subtract(corner, min));
     if corners.iter().any(|&corner| is_inside(corner, size)) {
         return decided(Stage::Vertices, true);
     }
@@ -59,7 +63,7 @@ pub fn intersect(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Inte
     }
     let [a, b, c] = corners;
     // Both ends of an edge project to one point along any direction across the edge.
-    let edges = [(minus(b, a), [a, c]), (minus(c, b), [b, a]), (minus(a, c), [c, b])];
+    let edges = [(subtract(b, a), [a, c]), (subtract(c, b), [b, a]), (subtract(a, c), [c, b])];
     let misses_edge = if reach < SMALL_FOR_EDGES {
         edges.iter().any(|(edge, points)| misses_edge::<i64, 2>(*edge, points, size))
     } else {
@@ -81,25 +85,26 @@ pub(crate) fn intersect_cube(corners: &[[i64; 3]; 3], normal: [i64; 3], half: i6
     let (height, reach) = (heights[0] + heights[1] + heights[2], reaches[0] + reaches[1] + reaches[2]);
     let beyond = height.abs() - reach;
     let most = heights[0].abs() + heights[1].abs() + heights[2].abs() + reach;
-    let misses_plane = if beyond.abs() > most * 2e-15 {
+    let misses_plane = if beyond.abs() > most * CUBE_ROUNDING {
         beyond > 0.0
     } else {
-        let height: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(a[axis])).sum();
+        let height = dot(normal.map(i128::from), a.map(i128::from));
         height.abs() >= normal.iter().map(|n| i128::from(n.abs()) * i128::from(half)).sum()
     };
     if misses_plane {
         return decided(Stage::Planes, false);
     }
     // Both ends of an edge project to one point along any direction across the edge.
-    let misses_edge =
-        [(minus(b, a), a, c), (minus(c, b), b, a), (minus(a, c), c, b)].iter().any(|(edge, end, other)| {
+    let misses_edge = [(subtract(b, a), a, c), (subtract(c, b), b, a), (subtract(a, c), c, b)].iter().any(
+        |(edge, end, other)| {
             [(1, 2), (2, 0), (0, 1)].into_iter().any(|(j, k)| {
                 let reach = half * (edge[j].abs() + edge[k].abs());
                 let [one, two] = [end, other].map(|p| edge[j] * p[k] - edge[k] * p[j]);
                 // An edge along the axis gives no direction.
                 reach > 0 && ((one >= reach && two >= reach) || (one <= -reach && two <= -reach))
             })
-        });
+        },
+    );
     decided(Stage::Section, !misses_edge)
 }
 
@@ -108,11 +113,11 @@ pub(crate) fn intersect_cube(corners: &[[i64; 3]; 3], normal: [i64; 3], half: i6
 #[inline]
 pub(crate) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     let Some(size) = size_if_boxes_meet(&[a, b], min, max) else { return false };
-    let (a, b) = (minus(a, min), minus(b, min));
+    let (a, b) = (subtract(a, min), subtract(b, min));
     if reach(&[a, b], size) < SMALL_FOR_EDGES {
-        !misses_edge::<i64, 1>(minus(b, a), &[a], size)
+        !misses_edge::<i64, 1>(subtract(b, a), &[a], size)
     } else {
-        !misses_edge::<i128, 1>(minus(b, a), &[a], size)
+        !misses_edge::<i128, 1>(subtract(b, a), &[a], size)
     }
 }
 
@@ -125,14 +130,14 @@ fn size_if_boxes_meet(points: &[[i64; 3]], min: [i64; 3], max: [i64; 3]) -> Opti
             return None;
         }
     }
-    Some(minus(max, min))
+    Some(subtract(max, min))
 }
 
 /// Whether the triangle's plane separates it from the inside of the box from 0 to `size`; one direction.
 #[inline]
 fn misses_plane<I: Integer>(&[a, b, c]: &[[i64; 3]; 3], size: [i64; 3]) -> bool {
-    let (u, v) = (minus(b, a).map(I::from), minus(c, a).map(I::from));
-    let normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let (u, v) = (subtract(b, a).map(I::from), subtract(c, a).map(I::from));
+    let normal = cross(u, v);
     let zero = I::default();
     let (mut low, mut high, mut plane) = (zero, zero, zero);
     for axis in 0..3 {
@@ -173,11 +178,6 @@ fn reach(points: &[[i64; 3]], size: [i64; 3]) -> i64 {
 #[inline]
 fn is_inside(point: [i64; 3], size: [i64; 3]) -> bool {
     (0..3).all(|axis| 0 < point[axis] && point[axis] < size[axis])
-}
-
-#[inline]
-fn minus(a: [i64; 3], b: [i64; 3]) -> [i64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 #[cfg(test)]

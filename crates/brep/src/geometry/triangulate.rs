@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 
 use super::ears::Ears;
-use super::plane::{Plane, others};
+use super::plane::Plane;
 use super::sweep::Sweep;
+use crate::exact::vector::others;
 
 /// Most corners of faces that are cut by clipping ears: their number's square and more is what that may take.
 const MOST_EARS: usize = 512;

@@ -3,6 +3,7 @@
 use super::coverage::{Coverage, CoverageSums, Cube};
 use super::line::Line;
 use super::visited::Visited;
+use crate::exact::bounds::CELL_ROUNDING;
 use crate::{ExactModel, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
 use spinney_base::{Error, Progress, Result};
 
@@ -131,7 +132,7 @@ impl Coverage {
             f64::from(cube.min[axis]) - 0.5 + within
         });
         // Not of what is no more than rounding.
-        let is_something = share > 1e-15 && centre.iter().all(|at| at.is_finite());
+        let is_something = share > CELL_ROUNDING && centre.iter().all(|at| at.is_finite());
         CellCoverage {
             share,
             volume: share * full * grid.width().powi(3),

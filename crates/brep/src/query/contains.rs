@@ -1,6 +1,8 @@
 //! Which points are inside the body.
 
-use crate::geometry::crossing::{FinePoint, Outline, change_between, ring_normal};
+use crate::exact::bounds::FINE_BITS;
+use crate::exact::crossing::{FinePoint, Outline, change_between};
+use crate::exact::normal::ring_normal;
 use crate::store::segment::LeafRule;
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
@@ -18,7 +20,7 @@ pub enum Location {
 
 /// Bits behind the point of coordinates: points are taken to the nearest of a grid that is 2^32 times finer than
 /// the model's.
-const BITS: u32 = 32;
+const BITS: u32 = FINE_BITS;
 
 impl ExactModel {
     /// Where a point of the world lies: exact for the nearest point of a grid that is 2^32 times finer than the

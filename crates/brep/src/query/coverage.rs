@@ -13,8 +13,9 @@
 //! are (see [`super::Line`]), and those sides are decided in whole numbers; the moved corner is within the cell. No corner of
 //! a face lies on a wall, as walls are half way between grid points, so that all else is continuous.
 
-use super::plane::{cross, sign_or_first};
 use crate::Face;
+use crate::exact::perturbation::sign_or_first;
+use crate::exact::vector::cross;
 use crate::geometry::clipped::ClippedPolygon;
 
 /// A cube of the grid, its walls half way between grid points.
@@ -239,6 +240,7 @@ fn crossing(a: WallPoint, b: WallPoint) -> f64 {
 mod tests {
     use super::super::testing::{Body, Random, cuboid, tetrahedron};
     use super::*;
+    use crate::exact::vector::dot;
     use crate::query::{Line, MassProperties};
     use crate::{FaceList, Faces};
 
@@ -284,8 +286,7 @@ mod tests {
         let mut sum = Coverage::default();
         for [a, b, c, d] in parts {
             let [u, v, w] = [b, c, d].map(|p| [0, 1, 2].map(|i| p[i] - a[i]));
-            let across = [v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]];
-            let volume = (0..3).map(|i| u[i] * across[i]).sum::<f64>().abs() / 6.0;
+            let volume = dot(u, cross(v, w)).abs() / 6.0;
             sum.volume += volume;
             for axis in 0..3 {
                 sum.moments[axis] += volume * (a[axis] + b[axis] + c[axis] + d[axis]) / 4.0;

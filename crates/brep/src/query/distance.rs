@@ -6,6 +6,7 @@ use std::collections::BinaryHeap;
 use super::contains::Location;
 use super::nearest::{Nearest, nearest_on_face};
 use super::visited::{Recent, Visited, half_of};
+use crate::exact::bounds::DISTANCE_ROUNDING;
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
 
@@ -137,7 +138,7 @@ fn distance_of_bounds(points: &[[i32; 3]], from: [f64; 3]) -> f64 {
         }
     }
     let [min, max] = [min, max].map(|corner| corner.map(|at| 2 * i64::from(at)));
-    distance_squared([min, max], from) * (1.0 - 1e-12)
+    distance_squared([min, max], from) * (1.0 - DISTANCE_ROUNDING)
 }
 
 /// A node that is still to be visited.

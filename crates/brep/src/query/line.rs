@@ -10,11 +10,11 @@
 //! Seen along the line, a face is met if it winds round the point that the line is. Edges count where they cross the
 //! half-plane from the line along one axis.
 
-use super::plane::{Plane, sign_or_first};
+use super::plane::Plane;
+use crate::exact::bounds::{LINE_BITS as BITS, SHARE_ROUNDING};
+use crate::exact::perturbation::sign_or_first;
+use crate::exact::vector::{cross, dot, others, subtract};
 use crate::{Face, Grid};
-
-/// Bits of a coordinate of a line's end; whatever is calculated of it then fits 126 bits.
-const BITS: u8 = 40;
 
 /// A straight line between two points.
 #[derive(Clone, Copy, Debug)]
@@ -49,7 +49,7 @@ impl Line {
     /// along each axis, for a grid of the most bits that is 1 / 32768 of a step, and by what doubles lose on the way from
     /// a first end that is far away.
     pub fn between(grid: &Grid, from: [f64; 3], to: [f64; 3]) -> Option<Line> {
-        let along = [0, 1, 2].map(|axis| to[axis] - from[axis]);
+        let along = subtract(to, from);
         Line::part(grid, from, along, [0.0, 1.0])
     }
 
@@ -103,10 +103,10 @@ impl Line {
     }
 
     fn new(from: [i64; 3], to: [i64; 3], fraction: u8, shares: [f64; 2]) -> Option<Line> {
-        let along = [0, 1, 2].map(|axis| to[axis] - from[axis]);
+        let along = subtract(to, from);
         // Along the axis that it is the least along, so that the half-plane is one.
         let axis = (0..3).min_by_key(|&axis| along[axis].abs())?;
-        let across = [(axis + 1) % 3, (axis + 2) % 3];
+        let across = others(axis);
         (along != [0; 3]).then_some(Line { from, to, fraction, along, across, shares })
     }
 
@@ -116,10 +116,8 @@ impl Line {
         let normal = plane.normal.map(i128::from);
         // (A step of the line against the normal raises the plane.)
         let raised = normal.map(|n| -n);
-        let height = |end: &[i64; 3]| -> i128 {
-            let through = self.relative(&plane.through, end);
-            (0..3).map(|axis| normal[axis] * i128::from(through[axis])).sum()
-        };
+        let height =
+            |end: &[i64; 3]| -> i128 { dot(normal, self.relative(&plane.through, end).map(i128::from)) };
         let (before, after) = (height(&self.from), height(&self.to));
         let is_entry = sign_or_first(before, raised) < 0;
         if is_entry == (sign_or_first(after, raised) < 0) {
@@ -175,16 +173,12 @@ impl Line {
     /// To which side the edge between two points passes the line: positive counterclockwise as seen from the line's far
     /// end.
     fn turn(&self, a: &[i64; 3], b: &[i64; 3]) -> i32 {
-        let cross = |u: [i128; 3], v: [i128; 3]| {
-            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-        };
         let (a, b, d) = (a.map(i128::from), b.map(i128::from), self.along.map(i128::from));
-        let across = cross(a, b);
-        let turn = (0..3).map(|axis| d[axis] * across[axis]).sum();
+        let turn = dot(d, cross(a, b));
         if turn != 0 {
-            return i128::signum(turn) as i32;
+            return turn.signum() as i32;
         }
-        sign_or_first(0, cross([0, 1, 2].map(|axis| a[axis] - b[axis]), d))
+        sign_or_first(0, cross(subtract(a, b), d))
     }
 
     /// The share of the line within a box of grid coordinates, walls included, a little more than less; `None` if it
@@ -201,8 +195,8 @@ impl Line {
                 continue;
             }
             let [a, b] = [min[axis], max[axis]].map(|wall| (wall - from) / along);
-            first = first.max(a.min(b) - ROUNDING);
-            last = last.min(a.max(b) + ROUNDING);
+            first = first.max(a.min(b) - SHARE_ROUNDING);
+            last = last.min(a.max(b) + SHARE_ROUNDING);
         }
         let [start, end] = self.shares;
         (first <= last).then(|| [first, last].map(|share| start + (end - start) * share))
@@ -222,14 +216,14 @@ impl Line {
     }
 }
 
-/// More than what is rounded of a share within a box.
-const ROUNDING: f64 = 1e-12;
-
 #[cfg(test)]
 mod tests {
+    use bnum::cast::As;
+    use bnum::types::I256;
+
     use super::super::testing::{Body, Random, cuboid, tetrahedron};
     use super::*;
-    use crate::{FaceList, Faces};
+    use crate::{FaceList, Faces, MOST_BITS};
 
     fn crossings(list: &FaceList, line: &Line) -> Vec<Crossing> {
         let mut all: Vec<Crossing> =
@@ -347,5 +341,50 @@ mod tests {
         let [first, last] = line.within([0.0; 3], [4.0; 3]).unwrap();
         assert!((first - 0.5).abs() < 1e-9 && (last - 0.9).abs() < 1e-9);
         assert!(line.within([0.0, 3.0, 0.0], [4.0; 3]).is_none());
+    }
+
+    /// Turns around the longest lines that there are, past the farthest corners, are those of more bits; and shares of crossings lie within those of
+    /// the face's box.
+    #[test]
+    fn the_widest_numbers_fit() {
+        let far = (1i32 << MOST_BITS) - 1;
+        let grid = Grid { bits: MOST_BITS, origin: [0; 3], step: 1.0, divisor: 1.0 };
+        let mut random = Random(5);
+        let wide = |point: &[i64; 3]| point.map(|at| -> I256 { at.as_() });
+        let (mut turns, mut met) = ([0; 3], 0);
+        for _ in 0..20_000 {
+            let mut corner = || {
+                [0; 3].map(|_: i32| [0, far, far / 2, random.next() as i32 & far][random.next() as usize % 4])
+            };
+            let ring = [corner(), corner(), corner()];
+            let outside = |at: i32| {
+                if at > far / 2 { f64::from(far) + 1.0 } else { f64::from(at) - f64::from(u8::from(at == 0)) }
+            };
+            let (from, to) = (corner().map(outside), corner().map(outside));
+            let Some(line) = Line::between(&grid, from, to) else { continue };
+            let [a, b, _] = ring.map(|point| line.relative(&point, &line.from));
+            let turn = dot(wide(&line.along), cross(wide(&a), wide(&b)));
+            let found = line.turn(&a, &b);
+            if !turn.is_zero() {
+                assert_eq!(found, if turn.is_positive() { 1 } else { -1 }, "{line:?} {ring:?}");
+            }
+            turns[if turn.is_zero() {
+                0
+            } else if turn.is_positive() {
+                1
+            } else {
+                2
+            }] += 1;
+            let face = Face { number: 0, points: &ring, ring_ends: &[3], colours: &[], part: 0, source: 0 };
+            if let Some(crossing) = line.crossing(&face) {
+                let least = [0, 1, 2]
+                    .map(|axis| ring.iter().map(|p| f64::from(p[axis])).fold(f64::INFINITY, f64::min));
+                let most = [0, 1, 2].map(|axis| ring.iter().map(|p| f64::from(p[axis])).fold(0.0, f64::max));
+                let [first, last] = line.within(least, most).expect("the box has what the face has");
+                assert!(first <= crossing.share && crossing.share <= last, "{line:?} {ring:?}");
+                met += 1;
+            }
+        }
+        assert!(turns.iter().all(|count| *count > 500) && met > 500, "{turns:?} {met}");
     }
 }

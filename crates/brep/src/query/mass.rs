@@ -9,6 +9,7 @@
 
 use super::ratio::{Whole, WideSum, odd_part, rounded, whole};
 use crate::arrangement::ExactFace;
+use crate::exact::vector::{cross, dot, subtract};
 use crate::{ExactModel, Face, FaceBuffer, Faces, Grid};
 use spinney_base::{Progress, Result};
 
@@ -67,11 +68,7 @@ impl ExactModel {
     /// See [`Faces::volume_beside`]: in doubles.
     pub(crate) fn volume_of_exact_part(&self) -> Result<f64> {
         let part = self.exact_part()?;
-        let cone = |[a, b, c]: [[f64; 3]; 3]| {
-            a[0] * (b[1] * c[2] - b[2] * c[1])
-                + a[1] * (b[2] * c[0] - b[0] * c[2])
-                + a[2] * (b[0] * c[1] - b[1] * c[0])
-        };
+        let cone = |[a, b, c]: [[f64; 3]; 3]| dot(a, cross(b, c));
         let cones =
             |ring: &[[f64; 3]]| (2..ring.len()).map(|i| cone([ring[0], ring[i - 1], ring[i]])).sum::<f64>();
         let mut ring: Vec<[f64; 3]> = Vec::new();
@@ -146,10 +143,9 @@ impl MassSums {
 
     /// Adds the tetrahedron of a triangle and the grid's first point; returns twice the triangle's area vector.
     fn add_tetrahedron(&mut self, [a, b, c]: [[i64; 3]; 3]) -> [i64; 3] {
-        let (u, v) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
-        let across = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let across = cross(subtract(b, a), subtract(c, a));
         // Six times the volume, below 2^80: coordinates have 26 bits.
-        let volume = (0..3).map(|i| i128::from(a[i]) * i128::from(across[i])).sum::<i128>();
+        let volume = dot(a.map(i128::from), across.map(i128::from));
         self.volume = self.volume.wrapping_add(volume);
         let sum = [0, 1, 2].map(|i| a[i] + b[i] + c[i]);
         for (moment, sum) in self.first.iter_mut().zip(sum) {

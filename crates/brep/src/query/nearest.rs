@@ -2,6 +2,7 @@
 
 use super::plane::Plane;
 use crate::Face;
+use crate::exact::vector::{cross, dot, others, subtract};
 
 /// A point of a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,9 +25,9 @@ pub fn nearest_on_face(face: &Face<'_>, to: [f64; 3]) -> Nearest {
     let (mut point, mut best) = ([f64::NAN; 3], f64::INFINITY);
     for ring in face.rings() {
         let Some(last) = ring.last() else { continue };
-        let mut a = minus(wide(last), to);
+        let mut a = subtract(wide(last), to);
         for corner in ring {
-            let b = minus(wide(corner), to);
+            let b = subtract(wide(corner), to);
             let found = nearest_on_edge(a, b);
             let distance = dot(found, found);
             if distance < best {
@@ -47,7 +48,7 @@ pub fn nearest_on_face(face: &Face<'_>, to: [f64; 3]) -> Nearest {
 
 /// The point of the edge that is nearest to the origin.
 fn nearest_on_edge(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    let along = minus(b, a);
+    let along = subtract(b, a);
     let length = dot(along, along);
     // From the nearer end, so that what is rounded is little.
     let share = -dot(a, along);
@@ -71,13 +72,11 @@ fn foot(face: &Face<'_>, to: [f64; 3]) -> Option<[f64; 3]> {
     let mut normal = [0.0; 3];
     for edge in others.windows(2) {
         // (Differences have 27 bits, so that only the sums are rounded.)
-        let [u, v] = [0, 1].map(|end| minus(wide(&edge[end]), first));
-        normal[0] += u[1] * v[2] - u[2] * v[1];
-        normal[1] += u[2] * v[0] - u[0] * v[2];
-        normal[2] += u[0] * v[1] - u[1] * v[0];
+        let [u, v] = [0, 1].map(|end| subtract(wide(&edge[end]), first));
+        normal.iter_mut().zip(cross(u, v)).for_each(|(part, own)| *part += own);
     }
     let length = dot(normal, normal);
-    let height = dot(normal, minus(first, to));
+    let height = dot(normal, subtract(first, to));
     (length > 0.0).then(|| normal.map(|n| n * (height / length)))
 }
 
@@ -88,7 +87,7 @@ fn is_on_face(face: &Face<'_>, to: [f64; 3], foot: [f64; 3]) -> bool {
     let Some(axis) = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())) else {
         return false;
     };
-    let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
+    let [j, k] = others(axis);
     let at = [0, 1, 2].map(|axis| to[axis] + foot[axis]);
     let mut is_inside = false;
     for ring in face.rings() {
@@ -109,16 +108,6 @@ fn is_on_face(face: &Face<'_>, to: [f64; 3], foot: [f64; 3]) -> bool {
 #[inline]
 fn wide(point: &[i32; 3]) -> [f64; 3] {
     point.map(f64::from)
-}
-
-#[inline]
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
@@ -151,7 +140,7 @@ mod tests {
             let best = sampled(corners.map(|corner| wide(&corner)), to);
             assert!(found.distance_squared <= best + 1e-9);
             assert!(best.sqrt() - found.distance_squared.sqrt() < 3.0, "as far as samples are apart");
-            let away = minus(found.point, to);
+            let away = subtract(found.point, to);
             assert!((dot(away, away) - found.distance_squared).abs() < 1e-9);
             // The point is one of the triangle: its own nearest.
             assert!(nearest_on_face(&list.get(0), found.point).distance_squared < 1e-20);

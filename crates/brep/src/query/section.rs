@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use super::plane::Plane;
 use super::visited::half_of;
+use crate::exact::vector::{cross, dot};
 use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
 use spinney_base::{Error, Progress, Result, parallel};
 
@@ -475,14 +476,6 @@ fn bounds(points: &[[f64; 2]]) -> [[f64; 2]; 2] {
     points.iter().fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], [x, y]| {
         [[low[0].min(*x), low[1].min(*y)], [high[0].max(*x), high[1].max(*y)]]
     })
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn unit(vector: [f64; 3]) -> [f64; 3] {

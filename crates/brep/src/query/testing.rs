@@ -1,5 +1,6 @@
 //! Bodies for tests.
 
+use crate::exact::vector::{cross, dot, subtract};
 use crate::{Face, FaceList, Grid};
 
 pub(super) type Ring = Vec<[i32; 3]>;
@@ -59,9 +60,8 @@ pub(super) fn cuboid(min: [i32; 3], max: [i32; 3], is_cavity: bool) -> Vec<Vec<R
 
 /// A tetrahedron with its faces outward; `None` if it is flat.
 pub(super) fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Option<Vec<Vec<Ring>>> {
-    let [u, v, w] = [b, c, d].map(|p| [0, 1, 2].map(|i| i128::from(p[i]) - i128::from(a[i])));
-    let across = [v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]];
-    let volume: i128 = (0..3).map(|i| u[i] * across[i]).sum();
+    let [u, v, w] = [b, c, d].map(|p| subtract(p.map(i128::from), a.map(i128::from)));
+    let volume = dot(u, cross(v, w));
     let faces = [[a, c, b], [a, b, d], [b, c, d], [c, a, d]].map(|mut ring| {
         if volume < 0 {
             ring.reverse();

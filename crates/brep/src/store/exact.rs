@@ -7,6 +7,7 @@ use bnum::cast::As;
 use bnum::types::I256;
 
 use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint, Vertices};
+use crate::exact::bounds::{NORMAL_BITS, OFFSET_BITS};
 use spinney_base::{Error, Result};
 
 /// Tag of the section.
@@ -112,11 +113,11 @@ impl ExactPart {
         let [plane_bytes, vertex_bytes, face_bytes, ends, ring_ends, corner_bytes] = sizes.map(&mut list);
         let (colour_bytes, stand_in_bytes) = (list(colours), list(4 * stand_ins));
         let planes: Vec<ExactPlane> = plane_bytes.chunks_exact(PLANE).map(plane_of).collect();
-        // What the widths of numbers are made for: see the arrangement's points.
+        // What the widths of numbers are made for.
         let is_plane = |plane: &ExactPlane| {
             plane.normal != [0; 3]
-                && plane.normal.iter().all(|part| part.unsigned_abs() < 1 << 56)
-                && plane.offset.unsigned_abs() < 1 << 84
+                && plane.normal.iter().all(|part| part.unsigned_abs() < 1 << NORMAL_BITS)
+                && plane.offset.unsigned_abs() < 1 << OFFSET_BITS
         };
         if let Some(plane) = planes.iter().find(|plane| !is_plane(plane)) {
             return Err(corrupt(format!("{plane:?}")));

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use super::IntersectionArea;
 use crate::Grid;
-use crate::arrangement::{Contact, Corner, Region, Sample, Segment, Surface, regions, root};
+use crate::arrangement::{Contact, Corner, Region, Sample, Segment, Surface, regions};
+use crate::exact::union_find::UnionFind;
+use crate::exact::vector::{cross, subtract};
 use crate::query::SectionPolygon;
 use spinney_base::{Progress, Result, parallel};
 
@@ -44,14 +46,13 @@ fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
     faces.sort_unstable();
     faces.dedup();
     let place = |face: u32| faces.partition_point(|known| *known < face) as u32;
-    let mut parents: Vec<u32> = (0..faces.len() as u32).collect();
-    for pair in pairs {
-        let [a, b] = pair.map(|face| root(&mut parents, place(face)));
-        parents[a.max(b) as usize] = a.min(b);
+    let mut sets = UnionFind::new(faces.len());
+    for [one, other] in pairs {
+        sets.join(place(one), place(other));
     }
     let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for (place, face) in (0..).zip(&faces) {
-        groups.entry(root(&mut parents, place)).or_default().push(*face);
+        groups.entry(sets.root(place)).or_default().push(*face);
     }
     groups.into_values().collect()
 }
@@ -104,11 +105,8 @@ fn size(rings: &[Vec<[f64; 3]>]) -> f64 {
     let base = rings[0][0];
     let mut sum = [0.0; 3];
     for ends in rings.iter().flat_map(|ring| ring.windows(2)) {
-        let [a, b] = [0, 1].map(|end| [0, 1, 2].map(|axis| ends[end][axis] - base[axis]));
-        for (axis, sum) in sum.iter_mut().enumerate() {
-            let [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
-            *sum += a[u] * b[v] - a[v] * b[u];
-        }
+        let [a, b] = [0, 1].map(|end| subtract(ends[end], base));
+        sum.iter_mut().zip(cross(a, b)).for_each(|(sum, own)| *sum += own);
     }
     sum.iter().map(|part| part * part).sum::<f64>().sqrt() / 2.0
 }

@@ -8,7 +8,8 @@ use std::cmp::Ordering;
 use bnum::cast::As;
 use bnum::types::{I256, I512};
 
-use crate::arrangement::{ExactPoint, Sample, Surface, cross, product};
+use crate::arrangement::{ExactPoint, Sample, Surface, cross, wide};
+use crate::exact::vector::{self, main_axis, others};
 
 /// A face on one side of a segment.
 pub(super) struct HalfPlane {
@@ -30,7 +31,7 @@ impl SegmentAxis {
     /// The line of two faces' planes.
     pub(super) fn of(surface: &Surface<'_>, [a, b]: [u32; 2]) -> SegmentAxis {
         let direction = cross(surface.plane(a).normal, surface.plane(b).normal);
-        let main = (0..3).max_by_key(|axis| direction[*axis].unsigned_abs()).unwrap_or(0);
+        let main = main_axis(direction);
         SegmentAxis { direction, main }
     }
 
@@ -67,11 +68,8 @@ impl SegmentAxis {
             sides.extend([true, false]);
         }
         let half_plane = |is_left: bool| {
-            let [x, y, z] = self.direction;
-            let normal = plane.normal.map(i128::from);
-            let [p, q, r] = if is_left { normal } else { normal.map(|part| -part) };
-            let along =
-                [product(q, z) - product(r, y), product(r, x) - product(p, z), product(p, y) - product(q, x)];
+            let normal = if is_left { plane.normal } else { plane.normal.map(|part| -part) };
+            let along = vector::cross(normal.map(|part| wide(part.into())), self.direction.map(wide));
             HalfPlane { face, is_left, along }
         };
         sides.into_iter().map(half_plane).collect()
@@ -79,7 +77,7 @@ impl SegmentAxis {
 
     /// The sign of the turn from one half-plane to another, counterclockwise as seen from where the segment leads to.
     fn turn(&self, a: &HalfPlane, b: &HalfPlane) -> i32 {
-        let [u, v] = [(self.main + 1) % 3, (self.main + 2) % 3];
+        let [u, v] = others(self.main);
         let minor = times(a.along[u], b.along[v]) - times(a.along[v], b.along[u]);
         sign(&minor) * if self.direction[self.main] > 0 { 1 } else { -1 }
     }
@@ -135,7 +133,7 @@ fn is_same_way(a: &HalfPlane, b: &HalfPlane) -> bool {
     sum.is_positive()
 }
 
-/// A product of numbers of at most 171 bits.
+/// A product of numbers of at most 170 bits.
 fn times(a: I256, b: I256) -> I512 {
     let (a, b): (I512, I512) = (a.as_(), b.as_());
     a * b

@@ -5,6 +5,7 @@ use std::collections::{HashMap, HashSet};
 use super::around::{HalfPlane, SegmentAxis};
 use crate::arrangement::{Contact, ExactPoint, Surface, Vertices};
 use crate::boxes::touch;
+use crate::exact::bounds::MARGIN;
 use spinney_base::{Progress, Result, parallel};
 
 /// A segment between two vertices.
@@ -179,8 +180,7 @@ fn faces_at(surface: &Surface<'_>, ends: [&ExactPoint; 2]) -> Vec<u32> {
     let bound = |least: bool| {
         [0, 1, 2].map(|axis| {
             let [a, b] = ends.map(|end| end.near[axis]);
-            // (More than the error of approximations.)
-            if least { (a.min(b) - 1e-6).floor() as i32 } else { (a.max(b) + 1e-6).ceil() as i32 }
+            if least { (a.min(b) - MARGIN).floor() as i32 } else { (a.max(b) + MARGIN).ceil() as i32 }
         })
     };
     let around = [bound(true), bound(false)];

@@ -2,6 +2,9 @@
 
 use std::cmp::Ordering;
 
+use crate::exact::normal::newell;
+use crate::exact::vector::others;
+
 /// Something that leaves a point of a plane, or an edge seen along itself, in a direction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Direction {
@@ -55,15 +58,8 @@ fn compare_angles(a: [i128; 2], b: [i128; 2]) -> Ordering {
 pub(super) fn normal<'a>(rings: impl Iterator<Item = &'a [[i32; 3]]>) -> [i128; 3] {
     let mut sum = [0i128; 3];
     for ring in rings {
-        let Some(&origin) = ring.first() else { continue };
-        let from_origin =
-            |point: [i32; 3]| [0, 1, 2].map(|axis| i64::from(point[axis]) - i64::from(origin[axis]));
-        for corners in ring.windows(2) {
-            let (a, b) = (from_origin(corners[0]), from_origin(corners[1]));
-            for (axis, part) in sum.iter_mut().enumerate() {
-                let [j, k] = others(axis);
-                *part += i128::from(a[j]) * i128::from(b[k]) - i128::from(a[k]) * i128::from(b[j]);
-            }
+        for (part, own) in sum.iter_mut().zip(newell(ring)) {
+            *part += own;
         }
     }
     let divisor = sum.iter().fold(0, |divisor, part| greatest_divisor(divisor, part.unsigned_abs()));
@@ -83,20 +79,10 @@ fn greatest_divisor(mut a: u128, mut b: u128) -> u128 {
     a
 }
 
-/// The axis along which a direction is longest.
-pub(super) fn main_axis(direction: [i128; 3]) -> usize {
-    (0..3).max_by_key(|&axis| direction[axis].unsigned_abs()).unwrap_or(2)
-}
-
 /// A vector as seen against the direction of an axis, or along it if `is_turned`.
 pub(super) fn flat(vector: [i128; 3], axis: usize, is_turned: bool) -> [i128; 2] {
     let [j, k] = others(axis);
     if is_turned { [vector[k], vector[j]] } else { [vector[j], vector[k]] }
-}
-
-/// The two other axes, in the order that makes a right-handed system with the first.
-fn others(axis: usize) -> [usize; 2] {
-    [(axis + 1) % 3, (axis + 2) % 3]
 }
 
 #[cfg(test)]

@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 use std::mem::size_of;
 
-use super::around::{Direction, flat, main_axis, normal, pair_around};
+use super::around::{Direction, flat, normal, pair_around};
 use super::corners::FaceRings;
 use super::{NONE, Ring, Topology, TopologyOptions, Vertex};
+use crate::exact::vector::{main_axis, subtract};
 use crate::{Face, Faces};
 use spinney_base::{Error, Progress, Result};
 
@@ -252,7 +253,7 @@ fn pair_radially(
 ) {
     let [from, to] =
         [topology.origin(same[0]), topology.target(same[0])].map(|p| topology.points[p as usize]);
-    let along = [0, 1, 2].map(|axis| i128::from(to[axis]) - i128::from(from[axis]));
+    let along = subtract(to.map(i128::from), from.map(i128::from));
     let axis = main_axis(along);
     let mut directions = Vec::with_capacity(same.len());
     for (index, &half_edge) in same.iter().enumerate() {

@@ -2,7 +2,8 @@
 //! which is told by what lies between them.
 
 use super::super::Face;
-use super::around::{Direction, flat, main_axis, normal, pair_around};
+use super::around::{Direction, flat, normal, pair_around};
+use crate::exact::vector::{main_axis, subtract};
 
 /// Rings of faces, in buffers that are used again.
 #[derive(Default)]
@@ -67,7 +68,7 @@ impl FaceRings {
                 // The inside is on the left of edges: it begins at those that go out, and ends at those that come in.
                 for (other, closes) in [(after[corner as usize], false), (before[corner as usize], true)] {
                     let other = face.points[other as usize];
-                    let towards = [0, 1, 2].map(|axis| i128::from(other[axis]) - i128::from(point[axis]));
+                    let towards = subtract(other.map(i128::from), point.map(i128::from));
                     directions.push(Direction { at: flat(towards, axis, is_turned), closes, number: corner });
                 }
             }

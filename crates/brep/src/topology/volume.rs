@@ -1,6 +1,7 @@
 //! Volumes of shells, exact.
 
 use super::Topology;
+use crate::exact::vector::{cross, dot};
 
 impl Topology {
     /// Six times the volume that a closed shell encloses, in cubes of the grid's step: a whole number. It is negative
@@ -32,10 +33,7 @@ impl Topology {
         half_edges
             .map(|half_edge| {
                 let (a, b) = (point(half_edge), point(self.next(half_edge)));
-                let [x, y, z] = first;
-                x * (a[1] * b[2] - a[2] * b[1])
-                    + y * (a[2] * b[0] - a[0] * b[2])
-                    + z * (a[0] * b[1] - a[1] * b[0])
+                dot(first, cross(a, b))
             })
             .sum()
     }

@@ -153,7 +153,7 @@ pub trait Relief: Sync {
 }
 
 /// The cells that contours are traced on.
-pub struct ContourGround<'a> {
+pub(crate) struct ContourGround<'a> {
     pub relief: &'a dyn Relief,
     /// The level, and columns and rows of the picture there.
     pub level: u8,

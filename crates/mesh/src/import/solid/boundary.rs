@@ -5,19 +5,22 @@
 //! centre, whose winding number is known, and crossings on them are told exactly.
 
 use super::coverage::Faces;
-use super::crossing::Projected;
 use super::fill::change;
 use super::grid::Triangle;
 use super::inside::Inside;
+use spinney_brep::exact::lattice::Projected;
+use spinney_brep::exact::vector::{cross, dot, subtract};
 use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip, range};
 
 /// Triangles that are compared with each other at most.
 const MOST_TRIANGLES: usize = 48;
 /// Parts of a cell's faces at most.
 const MOST_PARTS: usize = 2048;
-/// Crossings of a line that are nearer to each other than this many grid steps are at one point.
+/// Crossings of a line that are nearer to each other than this many grid steps are at one point: faces of bodies that touch, which were
+/// moved to the grid by less than a step each, and not by the same.
 const AT_ONE_POINT: f64 = 1e-3;
-/// Distances, in cells, that are as good as none.
+/// Distances, in cells, that are as good as none: many times what doubles lose of a cell's coordinates when a part of a face is cut
+/// again and again, and less than a step of any grid that has as many as cells can have.
 const NEAR: f64 = 1e-9;
 
 /// A cell, and all triangles that reach into it.
@@ -62,10 +65,6 @@ impl Plane {
     fn distances(&self, polygon: &ClippedPolygon) -> (f64, f64) {
         range(polygon.points().iter().map(|point| self.distance(point)))
     }
-}
-
-fn dot(a: Point, b: Point) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 impl Neighbourhood<'_> {
@@ -165,8 +164,7 @@ impl Neighbourhood<'_> {
                 // In one plane: cut at the other's edges.
                 let points = other.polygon.points();
                 for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
-                    let along: Point = std::array::from_fn(|axis| b[axis] - a[axis]);
-                    let across = cross(along, part.plane.normal);
+                    let across = cross(subtract(*b, *a), part.plane.normal);
                     if dot(across, across) > NEAR * NEAR {
                         pieces = split(pieces, &Plane::new(across, *a))?;
                     }
@@ -196,7 +194,7 @@ impl Neighbourhood<'_> {
         from[D] = self.centre()[D];
         let met: Vec<(usize, Projected<D>)> = (0..)
             .zip(self.triangles)
-            .filter_map(|(number, triangle)| Some((number, Projected::<D>::new(triangle)?)))
+            .filter_map(|(number, triangle)| Some((number, Projected::<D>::new(&triangle.corners)?)))
             .filter(|(_, projected)| projected.is_met(from))
             .collect();
         let here = met.iter().find(|(number, _)| *number == triangle)?;
@@ -245,8 +243,4 @@ fn split(polygons: Vec<ClippedPolygon>, plane: &Plane) -> Option<Vec<ClippedPoly
         }
     }
     (cut.len() <= MOST_PARTS).then_some(cut)
-}
-
-fn cross(a: Point, b: Point) -> Point {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

@@ -15,11 +15,11 @@
 //! tell are divided, and so are those with more faces than can be compared with each other.
 
 use super::boundary::Neighbourhood;
-use super::crossing::Lattice;
 use super::fill::windings_at_centres;
 use super::grid::Triangle;
 use super::inside::{Inside, State};
 use spinney_base::{Progress, Result};
+use spinney_brep::exact::lattice::Lattice;
 use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip};
 
 /// Sums over the faces in a cell that bound the inside.
@@ -88,7 +88,8 @@ const MANY: usize = 1 << 21;
 /// the cell, is as its centre is.
 const DIVISIONS: u8 = 2;
 
-/// Shares that are beyond 0 or 1 by this much are wrong.
+/// Shares that are beyond 0 or 1 by this much are wrong, as those of cells are whose winding numbers are other than their faces tell; by
+/// less, they are rounded.
 const TOLERANCE: f64 = 1e-3;
 
 impl Cube<'_> {

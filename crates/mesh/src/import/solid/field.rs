@@ -13,6 +13,7 @@ use super::grid::Triangle;
 use super::rim::Rims;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Error, Progress, Result};
+use spinney_brep::exact::bounds::SOLID_BITS;
 
 /// Triangles that are looked at one by one.
 pub(super) const LEAF: u32 = 4;
@@ -22,6 +23,9 @@ const FAR_RATIO: f64 = 1.5;
 const DIPOLE_ERROR: f64 = 6e-4;
 /// Bound of the error of the interpolation of a group's field: more than ten times what it is.
 const GROUP_ERROR: f64 = 3e-2;
+/// Factor for radii, by which they stay bounds when they become `f32` and the distances in them were rounded before.
+const ROUNDED_UP: f64 = 1.0 + 1e-6;
+const _: () = assert!(ROUNDED_UP > 1.0 + 8.0 * (f32::EPSILON / 2.0) as f64);
 /// Distance of the field from one half up to which it is in doubt whether a point is inside.
 pub(super) const DOUBT: f64 = 0.2;
 
@@ -120,7 +124,7 @@ impl Moments {
         let squares = self.seconds.iter().flat_map(|matrix| matrix.to_cols_array()).map(|x| x * x);
         Group {
             centre: self.centre,
-            radius: (self.radius * (1.0 + 1e-6)) as f32,
+            radius: (self.radius * ROUNDED_UP) as f32,
             normal: self.normal.as_vec3().into(),
             moments: [along(0), along(1), along(2), both(0, 1), both(0, 2), both(1, 2)],
             area: self.area as f32,
@@ -144,8 +148,8 @@ pub(super) fn wide(corner: [i32; 3]) -> DVec3 {
 
 /// A number by which near places are near each other in order.
 pub(super) fn place_key(at: [i32; 3]) -> u64 {
-    // Coordinates run from -2^29 to 2^30.
-    let cell = |axis: usize| ((i64::from(at[axis]) + (1 << 29)) >> 10) as u32;
+    // Coordinates run from minus the space's side to twice that.
+    let cell = |axis: usize| ((i64::from(at[axis]) + (1 << SOLID_BITS)) >> 10) as u32;
     (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, cell(axis)) << axis)
 }
 
@@ -158,7 +162,7 @@ impl Group {
         let area = normal.length();
         Group {
             centre,
-            radius: (squares[0].max(squares[1]).max(squares[2]).sqrt() * (1.0 + 1e-6)) as f32,
+            radius: (squares[0].max(squares[1]).max(squares[2]).sqrt() * ROUNDED_UP) as f32,
             normal: normal.as_vec3().into(),
             moments: [0.0; 6],
             area: area as f32,

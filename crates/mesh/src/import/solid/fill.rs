@@ -6,10 +6,11 @@
 
 use super::bits::{Bits, Cells};
 use super::coverage::{Cube, Test};
-use super::crossing::{Lattice, Projected, others};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use spinney_base::{Progress, Result};
+use spinney_brep::exact::lattice::{Lattice, Projected};
+use spinney_brep::exact::vector::ascending_others;
 use spinney_brep::geometry::triangle;
 
 /// Crossing of a line with a triangle.
@@ -104,7 +105,7 @@ fn cross<const D: usize>(
         if (D == 1 && !alone(0)) || (D == 2 && !(alone(0) && alone(1))) {
             continue;
         }
-        let Some(projected) = Projected::<D>::new(triangle) else { continue };
+        let Some(projected) = Projected::<D>::new(&triangle.corners) else { continue };
         progress.check()?;
         let change = projected.change();
         projected.rows(lattice, first, count, points, |u, v, before| {
@@ -218,13 +219,13 @@ pub(super) fn occupancy(share: f64) -> u32 {
 pub(super) fn change<const D: usize>(triangles: &[Triangle], from: &mut [i32; 3], to: [i32; 3]) -> i32 {
     let mut end = *from;
     end[D] = to[D];
-    let (u, v) = others(D);
+    let [u, v] = ascending_others(D);
     // Most are somewhere else.
     let is_near = |triangle: &&Triangle| {
         [u, v].iter().all(|axis| triangle.min(*axis) <= end[*axis] && end[*axis] <= triangle.max(*axis))
     };
     let passed = triangles.iter().filter(is_near).filter_map(|triangle| {
-        let projected = Projected::<D>::new(triangle).filter(|projected| projected.is_met(end))?;
+        let projected = Projected::<D>::new(&triangle.corners).filter(|projected| projected.is_met(end))?;
         Some(
             projected.change()
                 * (i32::from(projected.is_beyond(end)) - i32::from(projected.is_beyond(*from))),

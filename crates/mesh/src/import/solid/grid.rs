@@ -6,11 +6,9 @@ use std::path::Path;
 use glam::DVec3;
 
 use spinney_base::{Error, Result};
+use spinney_brep::exact::bounds::SOLID_BITS;
+use spinney_brep::exact::normal::triangle_normal;
 use spinney_crs::Frame;
-
-/// Bits of a coordinate in the tree's space, cells and fraction together. Vertices may lie outside by as much
-/// as the space is wide, differences then have 31 bits, and products of two differences fit an `i64`.
-const BITS: u8 = 29;
 
 /// Bits of the fraction at most: finer than a millionth of a cell serves nobody.
 const FRACTION: u8 = 20;
@@ -35,10 +33,7 @@ impl Triangle {
     /// The normal, twice as long as the triangle is large.
     #[inline]
     pub(super) fn normal(&self) -> [i64; 3] {
-        let [a, b, c] = self.corners;
-        let u: [i64; 3] = std::array::from_fn(|axis| b[axis] as i64 - a[axis] as i64);
-        let v: [i64; 3] = std::array::from_fn(|axis| c[axis] as i64 - a[axis] as i64);
-        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+        triangle_normal(&self.corners)
     }
 
     /// Least coordinate along an axis.
@@ -68,7 +63,7 @@ pub(super) struct Grid {
 
 impl Grid {
     pub(super) fn new(depth: u8, frame: Frame) -> Result<Grid> {
-        let fraction = (BITS - depth).min(FRACTION);
+        let fraction = (SOLID_BITS - depth).min(FRACTION);
         let steps = (1u64 << fraction) as f64;
         let unmappable =
             || Error::invalid("frame", format!("{:?}", frame.matrix), "a map that can be inverted");

@@ -3,10 +3,10 @@
 use std::str::FromStr;
 use std::sync::Arc;
 
-use super::crossing::Lattice;
 use super::field::WindingField;
 use super::grid::Grid;
 use spinney_base::{Error, Progress, Result};
+use spinney_brep::exact::lattice::Lattice;
 
 /// Occupancy of a cell that is full.
 pub(super) const FULL: u32 = 255;

@@ -155,7 +155,7 @@ impl<'a> LocalField<'a> {
 
     /// The field at a lattice of grid points in the cube, given by their coordinates along each axis, x fastest, then y,
     /// then z; near groups are found for `side` points along each axis at a time. Points on triangles lie beside them, as
-    /// [`Projected`](super::crossing::Projected) has it.
+    /// [`Projected`](spinney_brep::exact::lattice::Projected) has it.
     pub(super) fn at_lattice(
         &self,
         axes: [&[i32]; 3],

@@ -5,7 +5,6 @@ mod boundary;
 mod build;
 pub(super) mod closure;
 mod coverage;
-mod crossing;
 mod cubic;
 mod field;
 mod fill;

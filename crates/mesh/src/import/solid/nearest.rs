@@ -3,6 +3,15 @@
 use glam::DVec3;
 
 use super::field::{LEAF, WindingField, wide};
+use spinney_brep::exact::bounds::SOLID_BITS;
+
+/// Factor for distances, by which they stay bounds of those of triangles however both are rounded: some ten times each.
+const ROUNDED_DOWN: f64 = 1.0 - 1e-9;
+const _: () = assert!(1.0 - ROUNDED_DOWN > 40.0 * f64::EPSILON);
+/// Grid steps for the same, where a distance is the little that is left of coordinates on the grid, which may be off by a few roundings of the
+/// largest.
+const STEPS_LESS: f64 = 1e-3;
+const _: () = assert!(STEPS_LESS > 8.0 * f64::EPSILON * (2u64 << SOLID_BITS) as f64);
 
 impl WindingField {
     /// Attribute at a point inside, in grid steps, of what may be turned inside out: that of the nearest triangle
@@ -44,7 +53,7 @@ impl WindingField {
     /// Distance from which on a group's triangles lie; a little less, for rounding.
     fn least_distance(&self, index: u32, point: DVec3) -> f64 {
         let group = &self.groups[index as usize];
-        ((group.centre.distance(point) - f64::from(group.radius)) * (1.0 - 1e-9) - 1e-3).max(0.0)
+        ((group.centre.distance(point) - f64::from(group.radius)) * ROUNDED_DOWN - STEPS_LESS).max(0.0)
     }
 }
 

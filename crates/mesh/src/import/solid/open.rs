@@ -12,7 +12,6 @@ use glam::DVec3;
 
 use super::bits::{Bits, Cells};
 use super::coverage::{Cube, Test};
-use super::crossing::Lattice;
 use super::cubic::{ALL, Cubic, NODES, interpolate};
 use super::field::{DOUBT, WindingField, wide};
 use super::fill::{Painter, change, cut_cells, occupancy, windings_at_centres};
@@ -21,6 +20,7 @@ use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
 use super::local::{LocalField, Range};
 use super::rim::Rim;
 use spinney_base::Result;
+use spinney_brep::exact::lattice::Lattice;
 use spinney_brep::geometry::triangle;
 
 /// Bound of the error of interpolation up to which a cube is not divided.

@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex};
 use glam::DVec3;
 
 use super::bits::{Bits, Cells, Content, Pyramid};
-use super::crossing::Projected;
 use super::fill;
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
@@ -16,6 +15,7 @@ use super::triangles::{OctantSorter, Triangles};
 use spinney_base::Form;
 use spinney_base::Result;
 use spinney_base::value::Value;
+use spinney_brep::exact::lattice::Projected;
 use spinney_brep::geometry::triangle;
 use spinney_brep::geometry::{Intersection, Stage, Stages};
 use spinney_engine::store::builder::ReusableSource;
@@ -138,7 +138,7 @@ impl<'a> Solid<'a> {
         let mut events = Events::default();
         triangles.each(|_, triangle| {
             self.fill.progress.check()?;
-            if let Some(projected) = Projected::<0>::new(triangle)
+            if let Some(projected) = Projected::<0>::new(&triangle.corners)
                 .filter(|projected| projected.is_met(first) && projected.is_beyond(first))
             {
                 events.push(0, &projected, first, triangle.attribute);
@@ -422,7 +422,7 @@ impl Lines {
         let from: [i32; 3] = std::array::from_fn(|axis| self.first[axis] + from[axis] as i32 * self.half);
         let mut to = from;
         to[D] += self.half;
-        let projected = Projected::<D>::new(triangle);
+        let projected = Projected::<D>::new(&triangle.corners);
         if let Some(projected) = projected.filter(|projected| {
             projected.is_met(from) && !projected.is_beyond(from) && projected.is_beyond(to)
         }) {

@@ -11,6 +11,8 @@ use super::closure::{Closure, edge_number};
 use super::field::WindingField;
 use super::grid::Triangle;
 use spinney_base::{Progress, Result};
+use spinney_brep::exact::union_find::UnionFind;
+use spinney_brep::exact::vector::{dot, subtract};
 
 /// A surface, divided. Triangles have the order in which they came.
 #[derive(Debug, Default)]
@@ -53,7 +55,7 @@ impl Units {
 
     /// Divides triangles of objects that are not closed.
     fn add_components(&mut self, triangles: &[Triangle], progress: &dyn Progress) -> Result<()> {
-        let mut sets = Sets::new(triangles.len());
+        let mut sets = UnionFind::new(triangles.len());
         join_by_edges(triangles, &mut sets);
         progress.check()?;
         let mut components = vec![Component::default(); triangles.len()];
@@ -96,7 +98,7 @@ impl Units {
         &self,
         triangles: &[Triangle],
         components: &[Component],
-        sets: &mut Sets,
+        sets: &mut UnionFind,
         progress: &dyn Progress,
     ) -> Result<HashSet<u32>> {
         let mut outward = self.closed.clone();
@@ -159,13 +161,13 @@ impl Component {
         self.closure.add(triangle.corners);
         let from = *self.from.get_or_insert(triangle.corners[0]);
         let normal = triangle.normal();
-        let along = |axis: usize| i128::from(triangle.corners[0][axis]) - i128::from(from[axis]);
-        self.volume += (0..3).map(|axis| along(axis) * i128::from(normal[axis])).sum::<i128>();
+        let along = subtract(triangle.corners[0].map(i128::from), from.map(i128::from));
+        self.volume += dot(along, normal.map(i128::from));
     }
 }
 
 /// Joins triangles that have an edge in common, in either direction.
-fn join_by_edges(triangles: &[Triangle], sets: &mut Sets) {
+fn join_by_edges(triangles: &[Triangle], sets: &mut UnionFind) {
     let mut edges: Vec<(u64, u32)> = Vec::with_capacity(3 * triangles.len());
     for (number, triangle) in (0..).zip(triangles) {
         let [a, b, c] = triangle.corners;
@@ -192,30 +194,6 @@ fn without_duplicates(triangles: &[Triangle], progress: &dyn Progress) -> Result
         }
     }
     Ok(single)
-}
-
-/// Disjoint sets of numbers; a set's root is the least of its numbers.
-struct Sets(Vec<u32>);
-
-impl Sets {
-    fn new(count: usize) -> Sets {
-        Sets((0..count as u32).collect())
-    }
-
-    fn root(&mut self, mut number: u32) -> u32 {
-        while self.0[number as usize] != number {
-            // Half of the way is left out next time.
-            let above = self.0[self.0[number as usize] as usize];
-            self.0[number as usize] = above;
-            number = above;
-        }
-        number
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b) as usize] = a.min(b);
-    }
 }
 
 #[cfg(test)]

@@ -1,15 +1,16 @@
-//! Crossings of segments along an axis with polygons: exact, by integer arithmetic.
+//! Crossings of ways along the axes with planar polygons: exact, by whole numbers, with ties by [simulated
+//! perturbation](super::perturbation).
 //!
-//! Whether a point is inside a solid is told by the faces between it and a point of which that is known. The
-//! way from the one to the other may pass through edges and vertices, and either point may lie on a face; to
-//! have an answer that is right for all faces together, every point is thought of as moved by an
-//! infinitesimal vector, by far the most along x and by far the least along z (the simulation of simplicity
-//! of Edelsbrunner and Muecke, 1990). A tie is then decided by the first derivative that is not zero, and
-//! every segment meets a closed surface as one in general position does.
+//! [`lattice`](super::lattice) has the same for triangles and many lines at a time. Both stand on the functions here that say on
+//! which side of an edge or of a plane a point comes to lie that is moved a little.
 //!
 //! Invariant: all that is asked here sees a point moved by the same vector: `Outline::side_of_moved` and the test
 //! whether a line meets a polygon alike, for every face, cell and thread. So winding numbers add up along any way,
 //! and those of neighbouring cells agree. Were one tie decided otherwise, all behind it would be inside out.
+
+use super::bounds::{CROSSING_ROUNDING, HEIGHT_ROUNDING};
+use super::perturbation::sign_or_first;
+use super::vector::{ascending_others, dot, main_axis};
 
 /// A planar polygon with holes on an integer grid, as crossings need it.
 #[derive(Clone, Copy, Debug)]
@@ -31,50 +32,32 @@ pub(crate) struct FinePoint {
     pub bits: u32,
 }
 
-/// The normal of a ring with coordinates of at most 26 bits, after Newell: its length is twice the area.
+/// The side to which the line of an edge turns, seen along an axis: the gradient along the two other axes of the function that is
+/// zero on it and positive to the left of who goes from `a` to `b`, the first of these axes to the right and the second up.
 ///
-/// Of rings with many corners it may have more than 64 bits; it is divided by powers of two until it fits, which does
-/// not happen to rings of a plane that have less than 2^8 turns.
-pub fn ring_normal(ring: &[[i32; 3]]) -> [i64; 3] {
-    let Some(&first) = ring.first() else { return [0; 3] };
-    let from_first = |p: &[i32; 3]| [0, 1, 2].map(|axis| i64::from(p[axis]) - i64::from(first[axis]));
-    if let [_, b, c] = ring {
-        let (u, v) = (from_first(b), from_first(c));
-        return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    }
-    let mut normal = [0i128; 3];
-    for corners in ring.windows(2) {
-        let (a, b) = (from_first(&corners[0]), from_first(&corners[1]));
-        for (axis, part) in normal.iter_mut().enumerate() {
-            let [j, k] = [(axis + 1) % 3, (axis + 2) % 3];
-            *part += i128::from(a[j] * b[k] - a[k] * b[j]);
-        }
-    }
-    while normal.iter().any(|part| part.unsigned_abs() >> 62 != 0) {
-        normal = normal.map(|part| part / 2);
-    }
-    normal.map(|part| part as i64)
-}
-
-/// The other two axes, in order.
-const fn others(axis: usize) -> (usize, usize) {
-    match axis {
-        0 => (1, 2),
-        1 => (0, 2),
-        _ => (0, 1),
-    }
-}
-
-/// The sign of `a * b - c * d`. The factors have at most 64 bits, the difference at most 126.
+/// For coordinates of at most 31 bits.
 #[inline]
-fn sign_of_difference(a: i64, b: i64, c: i64, d: i64) -> i32 {
+pub(super) fn edge_gradient(a: [i32; 3], b: [i32; 3], [u, v]: [usize; 2]) -> [i64; 2] {
+    [i64::from(a[v]) - i64::from(b[v]), i64::from(b[u]) - i64::from(a[u])]
+}
+
+/// The side of a plane with this normal on which a point lies that is moved a little, by the side on which it lies: 0 only where
+/// there is no normal.
+#[inline]
+pub(super) fn moved_side(side: i32, normal: [i64; 3]) -> i32 {
+    sign_or_first(i64::from(side), normal)
+}
+
+/// The sign of the scalar product of an edge's gradient and the way to a point.
+#[inline]
+fn sign_across([a, c]: [i64; 2], [b, d]: [i64; 2]) -> i32 {
     // Most are far from a tie, and doubles tell them.
     let (first, second) = (a as f64 * b as f64, c as f64 * d as f64);
-    let difference = first - second;
-    if difference.abs() > (first.abs() + second.abs()) * 1e-15 {
-        return if difference > 0.0 { 1 } else { -1 };
+    let sum = first + second;
+    if sum.abs() > (first.abs() + second.abs()) * CROSSING_ROUNDING {
+        return if sum > 0.0 { 1 } else { -1 };
     }
-    let exact = i128::from(a) * i128::from(b) - i128::from(c) * i128::from(d);
+    let exact = i128::from(a) * i128::from(b) + i128::from(c) * i128::from(d);
     exact.signum() as i32
 }
 
@@ -87,27 +70,23 @@ impl Outline<'_> {
         let along = [0, 1, 2].map(|axis| point.at[axis] - (i64::from(from[axis]) << point.bits));
         let parts = [0, 1, 2].map(|axis| n[axis] as f64 * along[axis] as f64);
         let sum = parts[0] + parts[1] + parts[2];
-        if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * 2e-15 {
+        if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * HEIGHT_ROUNDING {
             return if sum > 0.0 { 1 } else { -1 };
         }
-        let exact: i128 = (0..3).map(|axis| i128::from(n[axis]) * i128::from(along[axis])).sum();
-        exact.signum() as i32
+        dot(n.map(i128::from), along.map(i128::from)).signum() as i32
     }
 
     /// The side of the plane on which a point lies that is moved a little: never on the plane.
     #[inline]
     pub(crate) fn side_of_moved(&self, point: &FinePoint) -> i32 {
-        match self.side(point) {
-            0 => self.normal.into_iter().find(|n| *n != 0).unwrap_or(1).signum() as i32,
-            side => side,
-        }
+        moved_side(self.side(point), self.normal)
     }
 
     /// Whether the line along an axis through a point, moved a little, meets the polygon: by even and odd.
     #[inline]
     fn is_met(&self, axis: usize, point: &FinePoint) -> bool {
         // (The lesser axis first: by that one the point is moved more.)
-        let (u, v) = others(axis);
+        let [u, v] = ascending_others(axis);
         let shift = point.bits;
         let (at_u, at_v) = (point.at[u], point.at[v]);
         let fine = |coordinate: i32| i64::from(coordinate) << shift;
@@ -128,11 +107,11 @@ impl Outline<'_> {
                     } else if fine(high_u) < at_u {
                         false
                     } else {
-                        let (along_u, along_v) = (i64::from(b[u] - a[u]), i64::from(b[v] - a[v]));
-                        let turn = sign_of_difference(along_u, at_v - fine(a[v]), along_v, at_u - fine(a[u]));
+                        let gradient = edge_gradient(*a, *b, [u, v]);
+                        let turn = sign_across(gradient, [at_u - fine(a[u]), at_v - fine(a[v])]);
                         // Going up, the point is to the left of an edge that passes at a greater u. On the
                         // edge, the little step towards greater u has passed it.
-                        turn != 0 && (turn > 0) == above_b
+                        (sign_or_first(i64::from(turn), gradient) > 0) == above_b
                     };
                 }
                 a = b;
@@ -161,24 +140,19 @@ impl Outline<'_> {
         if self.side(point) != 0 {
             return false;
         }
-        let axis = self.main_axis();
+        let axis = main_axis(self.normal);
         self.is_met(axis, point) || self.is_on_boundary(axis, point)
     }
 
     /// Whether a point of the plane, moved a little within it, lies on the polygon: of polygons beside each other in a plane, one has
     /// it.
     pub(crate) fn has_moved(&self, point: &FinePoint) -> bool {
-        self.is_met(self.main_axis(), point)
-    }
-
-    /// The axis along which the polygon is seen largest; the same for all of a plane.
-    fn main_axis(&self) -> usize {
-        (0..3).max_by_key(|axis| self.normal[*axis].unsigned_abs()).unwrap_or(2)
+        self.is_met(main_axis(self.normal), point)
     }
 
     /// Whether a point of the plane lies on an edge, seen along an axis.
     fn is_on_boundary(&self, axis: usize, point: &FinePoint) -> bool {
-        let (u, v) = others(axis);
+        let [u, v] = ascending_others(axis);
         let fine = |coordinate: i32| i64::from(coordinate) << point.bits;
         let mut start = 0;
         self.ring_ends.iter().any(|&end| {
@@ -190,13 +164,8 @@ impl Outline<'_> {
                     let (low, high) = (fine(a[axis].min(b[axis])), fine(a[axis].max(b[axis])));
                     (low..=high).contains(&point.at[axis])
                 });
-                within
-                    && sign_of_difference(
-                        i64::from(b[u] - a[u]),
-                        point.at[v] - fine(a[v]),
-                        i64::from(b[v] - a[v]),
-                        point.at[u] - fine(a[u]),
-                    ) == 0
+                let to = [u, v].map(|axis| point.at[axis] - fine(a[axis]));
+                within && sign_across(edge_gradient(a, b, [u, v]), to) == 0
             })
         })
     }
@@ -219,6 +188,7 @@ pub(crate) fn change_between(outline: &Outline<'_>, from: &FinePoint, to: &FineP
 
 #[cfg(test)]
 mod tests {
+    use super::super::normal::ring_normal;
     use super::*;
 
     /// The faces of a box with walls between grid points, counterclockwise seen from outside.

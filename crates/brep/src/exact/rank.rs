@@ -3,6 +3,9 @@
 
 use std::ops::{Add, Mul, Sub};
 
+use super::bounds::{DETERMINANT_BITS, RANK_ROUNDING};
+use super::vector::{cross, dot};
+
 /// A plane by its homogeneous coordinates: normal and offset.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct HomogeneousPlane {
@@ -13,8 +16,7 @@ struct HomogeneousPlane {
 impl HomogeneousPlane {
     /// The plane through a point.
     fn through(normal: [i64; 3], point: [i32; 3]) -> HomogeneousPlane {
-        let offset = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(point[axis])).sum();
-        HomogeneousPlane { normal, offset }
+        HomogeneousPlane { normal, offset: dot(normal.map(i128::from), point.map(i128::from)) }
     }
 }
 
@@ -38,9 +40,9 @@ impl Rough {
         Rough { value, size: value.abs() }
     }
 
-    /// Whether the exact number is not zero for certain: after some ten roundings.
+    /// Whether the exact number is not zero for certain.
     fn is_clear(self) -> bool {
-        self.value.abs() > self.size * 1e-14
+        self.value.abs() > self.size * RANK_ROUNDING
     }
 }
 
@@ -69,16 +71,6 @@ impl Mul for Rough {
     fn mul(self, other: Rough) -> Rough {
         Rough { value: self.value * other.value, size: self.size * other.size }
     }
-}
-
-#[inline]
-fn cross(a: [Rough; 3], b: [Rough; 3]) -> [Rough; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline]
-fn dot(a: [Rough; 3], b: [Rough; 3]) -> Rough {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// The rank of planes that are known to have no higher one than `most`, where doubles are enough to tell it.
@@ -114,9 +106,11 @@ fn clear_rank(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> Opt
     planes.into_iter().any(misses).then_some(4)
 }
 
-/// Differences from 2^61 of primes whose product is more than any determinant of four planes (2^254): one that is zero
-/// by all of them is zero. Remainders of such primes are cheap.
+/// Differences from 2^61 of primes whose product is more than any determinant of four planes: one that is zero by all of
+/// them is zero. Remainders of such primes are cheap.
 const BELOW: [u64; 5] = [1, 31, 45, 229, 259];
+// (Each of them is more than 2^60.)
+const _: () = assert!(60 * BELOW.len() as u32 > DETERMINANT_BITS);
 const MASK: u128 = (1 << 61) - 1;
 
 /// The remainder of a number of at most 122 bits by the prime that is so much below 2^61.
@@ -181,7 +175,8 @@ impl Rows {
 /// plane, 2 if they have a line in common, 3 if they have a point in common, 4 if they have none. Common lines and
 /// points may be infinitely far away.
 ///
-/// Coordinates of normals have at most 57 bits, those of points 26.
+/// Coordinates are those of rings on the grid ([`MOST_BITS`](super::bounds::MOST_BITS)), and normals those of
+/// [`ring_normal`](super::normal::ring_normal).
 pub(crate) fn rank_of_at_most(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> usize {
     clear_rank(planes.clone(), most).unwrap_or_else(|| {
         rank_by_remainders(planes.map(|plane| HomogeneousPlane::through(plane.normal, plane.point)), most)
