@@ -241,7 +241,7 @@ def empty_tree(path, extent, sample, channels, kind, rule):
     header += number(crc32c(header), 4, "little")
     frame = numpy.eye(4)[:3].astype("<f8").tobytes()
     # Version 1, the frame, nothing else; one level, with one VOID node.
-    metadata = b"\x01" + frame + bytes(9) + b"\x01" + b"\x01\x00\x00" + bytes(2)
+    metadata = b"\x01" + frame + bytes(9) + b"\x01" + b"\x01\x00\x00" + bytes(3)
     end = 60 + len(metadata)
     whole = end + 68 + 2 * 24 + 16
     trailer = bytes(40) + b"".join(number(field, 8, "little") for field in [0, 0, whole]) + number(2, 4, "little")

@@ -5,12 +5,13 @@ use std::collections::HashMap;
 
 use crate::exact::vector::others;
 
-/// How much less than nothing the cotangents of two angles have to be together for an edge to be flipped. Of four points on a circle neither
-/// edge is better, and rounding would flip one for the other: it is less than that for all but the thinnest triangles.
+/// How much less than nothing the cotangents of two angles have to be together for an edge to be flipped. Of four
+/// points on a circle neither edge is better, and rounding would flip one for the other: it is less than that for all
+/// but the thinnest triangles.
 const FLIPPED_BELOW: f64 = -1e-9;
 
-/// Flips inner edges of a triangulation of points of a plane, whose triangles are counterclockwise seen from where the normal
-/// points to: see [`flip`].
+/// Flips inner edges of a triangulation of points of a plane, whose triangles are counterclockwise seen from where the
+/// normal points to: see [`flip`].
 pub(crate) fn flip_in_plane(normal: [f64; 3], points: &[[f64; 3]], triangles: &mut [[u32; 3]]) {
     let axis = (0..3).max_by(|a, b| normal[*a].abs().total_cmp(&normal[*b].abs())).unwrap_or(2);
     let [u, v] = others(axis);

@@ -111,7 +111,7 @@ impl Vertices {
         let cell = |shift: f64| point.near.map(|at| (at * FINE + shift).floor() as i64);
         // Near a wall a point's other approximation may be on the other side.
         // Invariant: a point has one number, however it was made. Two approximations of it differ by less
-        // than a hundredth of a cell, so that the cell in which one was entered is among those in which the
+        // than the margin, so that the cell in which one was entered is among those in which the
         // other one is looked for; exact coordinates decide. With two numbers for a point, lines that meet
         // there would not be cut at the same vertex, and rings would not close.
         let (low, high) = (cell(-MARGIN * FINE), cell(MARGIN * FINE));

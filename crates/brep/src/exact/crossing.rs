@@ -1,8 +1,8 @@
-//! Crossings of ways along the axes with planar polygons: exact, by whole numbers, with ties by [simulated
-//! perturbation](super::perturbation).
+//! Crossings of ways along the axes with planar polygons: exact, by whole numbers, with ties by simulated
+//! perturbation (`perturbation.rs`).
 //!
-//! [`lattice`](super::lattice) has the same for triangles and many lines at a time. Both stand on the functions here that say on
-//! which side of an edge or of a plane a point comes to lie that is moved a little.
+//! [`lattice`](super::lattice) has the same for triangles and many lines at a time. Both stand on the functions here
+//! that say on which side of an edge or of a plane a point comes to lie that is moved a little.
 //!
 //! Invariant: all that is asked here sees a point moved by the same vector: `Outline::side_of_moved` and the test
 //! whether a line meets a polygon alike, for every face, cell and thread. So winding numbers add up along any way,
@@ -32,8 +32,9 @@ pub(crate) struct FinePoint {
     pub bits: u32,
 }
 
-/// The side to which the line of an edge turns, seen along an axis: the gradient along the two other axes of the function that is
-/// zero on it and positive to the left of who goes from `a` to `b`, the first of these axes to the right and the second up.
+/// The side to which the line of an edge turns, seen along an axis: the gradient along the two other axes of the
+/// function that is zero on it and positive to the left of who goes from `a` to `b`, the first of these axes to the
+/// right and the second up.
 ///
 /// For coordinates of at most 31 bits.
 #[inline]
@@ -41,8 +42,8 @@ pub(super) fn edge_gradient(a: [i32; 3], b: [i32; 3], [u, v]: [usize; 2]) -> [i6
     [i64::from(a[v]) - i64::from(b[v]), i64::from(b[u]) - i64::from(a[u])]
 }
 
-/// The side of a plane with this normal on which a point lies that is moved a little, by the side on which it lies: 0 only where
-/// there is no normal.
+/// The side of a plane with this normal on which a point lies that is moved a little, by the side on which it lies: 0
+/// only where there is no normal.
 #[inline]
 pub(super) fn moved_side(side: i32, normal: [i64; 3]) -> i32 {
     sign_or_first(i64::from(side), normal)
@@ -144,8 +145,8 @@ impl Outline<'_> {
         self.is_met(axis, point) || self.is_on_boundary(axis, point)
     }
 
-    /// Whether a point of the plane, moved a little within it, lies on the polygon: of polygons beside each other in a plane, one has
-    /// it.
+    /// Whether a point of the plane, moved a little within it, lies on the polygon: of polygons beside each other in a
+    /// plane, one has it.
     pub(crate) fn has_moved(&self, point: &FinePoint) -> bool {
         self.is_met(main_axis(self.normal), point)
     }

@@ -1,9 +1,9 @@
-//! Crossings of the lines of a regular lattice with triangles: exact, by whole numbers, with ties by [simulated
-//! perturbation](super::perturbation), as [`crossing`](super::crossing) has it.
+//! Crossings of the lines of a regular lattice with triangles: exact, by whole numbers, with ties by simulated
+//! perturbation (`perturbation.rs`), as [`crossing`](super::crossing) has it.
 //!
-//! Winding numbers are asked for at all points of a lattice, and so for many lines with one triangle. Seen along the lines, the sides
-//! of its edges are linear functions over the lattice, of which a step changes each by a constant: in 64 bits, which is
-//! what [`SOLID_BITS`](super::bounds::SOLID_BITS) is chosen for.
+//! Winding numbers are asked for at all points of a lattice, and so for many lines with one triangle. Seen along the
+//! lines, the sides of its edges are linear functions over the lattice, of which a step changes each by a constant: in
+//! 64 bits, which is what [`SOLID_BITS`](super::bounds::SOLID_BITS) is chosen for.
 
 use super::bounds::LATTICE_ROUNDING;
 use super::crossing::{edge_gradient, moved_side};

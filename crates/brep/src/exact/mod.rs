@@ -1,4 +1,5 @@
-//! Exact arithmetic: the one room where whole numbers decide, and where it stands how many bits and how much rounding that takes.
+//! Exact arithmetic: the one room where whole numbers decide, and where it stands how many bits and how much rounding
+//! that takes.
 //!
 //! Coordinates are whole numbers on a grid, so that every question about them has an answer in whole numbers. Doubles are
 //! asked first, since they are fast, and believed where they are farther from a tie than they can be rounded ([`bounds`]).

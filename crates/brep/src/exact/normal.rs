@@ -2,8 +2,8 @@
 
 use super::vector::{cross, others, subtract};
 
-/// Twice the area that a closed ring encloses in each projection along an axis, seen from that axis' positive end: the normal
-/// of its plane, or the mean direction of a ring that is not planar. Zero of fewer than three points.
+/// Twice the area that a closed ring encloses in each projection along an axis, seen from that axis' positive end: the
+/// normal of its plane, or the mean direction of a ring that is not planar. Zero of fewer than three points.
 ///
 /// Coordinates have at most 2^32 between them, and there are at most 2^32.
 pub(crate) fn newell<T: Copy + Into<i64>>(ring: &[[T; 3]]) -> [i128; 3] {
@@ -28,8 +28,8 @@ pub fn triangle_normal([a, b, c]: &[[i32; 3]; 3]) -> [i64; 3] {
     cross(u, v)
 }
 
-/// The normal of a ring with coordinates of at most [`MOST_BITS`](super::bounds::MOST_BITS), after Newell: its length is twice the
-/// area.
+/// The normal of a ring with coordinates of at most [`MOST_BITS`](super::bounds::MOST_BITS), after Newell: its length
+/// is twice the area.
 ///
 /// Of rings with many corners it may have more than 64 bits; it is divided by powers of two until it fits, which does
 /// not happen to rings of a plane that have less than 2^8 turns.

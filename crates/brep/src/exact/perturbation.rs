@@ -1,14 +1,15 @@
 //! Ties, decided for all faces together.
 //!
 //! Whether a point is inside a solid is told by the faces between it and a point of which that is known. The way from
-//! the one to the other may pass through edges and vertices, and either point may lie on a face; to have an answer
-//! that is right for all faces together, every point that is asked about is thought of as moved by an infinitesimal vector, by
-//! far the most along x and by far the least along z (the simulation of simplicity of Edelsbrunner and Muecke, 1990). A tie
-//! is then decided by the first derivative that is not zero, and every line meets a closed surface as one in general position
-//! does. Whoever asks in this way, of a point, a line along an axis or any other line, gets answers that fit together.
+//! the one to the other may pass through edges and vertices, and either point may lie on a face; to have an answer that
+//! is right for all faces together, every point that is asked about is thought of as moved by an infinitesimal vector,
+//! by far the most along x and by far the least along z (the simulation of simplicity of Edelsbrunner and Muecke,
+//! 1990). A tie is then decided by the first derivative that is not zero, and every line meets a closed surface as one
+//! in general position does. Whoever asks in this way, of a point, a line along an axis or any other line, gets answers
+//! that fit together.
 
-/// The sign of a linear function at a point moved a little: that of its value there, or of the first component of its gradient
-/// that is not zero where the value is zero. 0 if all are.
+/// The sign of a linear function at a point moved a little: that of its value there, or of the first component of its
+/// gradient that is not zero where the value is zero. 0 if all are.
 ///
 /// Components stand in the order of the axes; those of axes that the function does not know may be left out.
 #[inline]

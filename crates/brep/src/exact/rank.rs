@@ -191,7 +191,7 @@ fn rank_by_remainders(planes: impl Iterator<Item = HomogeneousPlane> + Clone, kn
         planes.clone().map(|plane| rows.add(&plane)).find(|rank| *rank == 4).unwrap_or(rows.count)
     };
     // Invariant: a determinant is zero if it is by all primes, since their product is more than any that four
-    // planes have, with normals of 57 bits and points of 26. One prime alone may make it zero: so the highest
+    // planes have (see `BELOW`). One prime alone may make it zero: so the highest
     // of the ranks is right, and none is too high. A rank that is too low would make a cell a leaf whose
     // planes have nothing in common.
     let mut most = 0;

@@ -3,7 +3,8 @@
 /// Disjoint sets of the numbers from 0 on. A set's root is the least of its numbers, whatever the order in which sets were
 /// joined.
 ///
-/// Paths are halved (Tarjan and van Leeuwen, 1984): a question takes logarithmic time on average. Each number takes four bytes.
+/// Paths are halved (Tarjan and van Leeuwen, 1984): a question takes logarithmic time on average. Each number takes
+/// four bytes.
 #[derive(Clone, Debug, Default)]
 pub struct UnionFind {
     /// A lesser number of the same set, or for roots the number itself.

@@ -1,4 +1,5 @@
-//! Vectors of three numbers of any kind: whole ones of any width, doubles, and numbers with what is known of their rounding.
+//! Vectors of three numbers of any kind: whole ones of any width, doubles, and numbers with what is known of their
+//! rounding.
 //!
 //! Whoever calls widens the numbers first, as far as their products need it: see [`bounds`](super::bounds).
 
@@ -28,7 +29,7 @@ pub(crate) const fn others(axis: usize) -> [usize; 2] {
     [(axis + 1) % 3, (axis + 2) % 3]
 }
 
-/// The two other axes, the lesser first: along it a point is moved farther (see [`perturbation`](super::perturbation)).
+/// The two other axes, the lesser first: along it a point is moved farther (see `perturbation.rs`).
 #[inline]
 pub const fn ascending_others(axis: usize) -> [usize; 2] {
     match axis {
@@ -38,7 +39,8 @@ pub const fn ascending_others(axis: usize) -> [usize; 2] {
     }
 }
 
-/// The axis along which a vector of whole numbers is longest, the last of several; along it a plane with this normal is seen largest.
+/// The axis along which a vector of whole numbers is longest, the last of several; along it a plane with this normal is
+/// seen largest.
 #[inline]
 pub(crate) fn main_axis<T: Copy + Into<i128>>(vector: [T; 3]) -> usize {
     let length = |axis: &usize| -> u128 { vector[*axis].into().unsigned_abs() };

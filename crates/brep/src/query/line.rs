@@ -42,8 +42,8 @@ pub struct Crossing {
 }
 
 impl Line {
-    /// The line between two points, in steps of the grid from its point 0, 0, 0; `None` if nothing of it lies near the grid,
-    /// or if it has no length.
+    /// The line between two points, in steps of the grid from its point 0, 0, 0; `None` if nothing of it lies near the
+    /// grid, or if it has no length.
     ///
     /// Only the part within one step around the grid counts. Its ends are moved by at most `2^(bits - 41)` steps
     /// along each axis, for a grid of the most bits that is 1 / 32768 of a step, and by what doubles lose on the way from
@@ -343,8 +343,8 @@ mod tests {
         assert!(line.within([0.0, 3.0, 0.0], [4.0; 3]).is_none());
     }
 
-    /// Turns around the longest lines that there are, past the farthest corners, are those of more bits; and shares of crossings lie within those of
-    /// the face's box.
+    /// Turns around the longest lines that there are, past the farthest corners, are those of more bits; and shares of
+    /// crossings lie within those of the face's box.
     #[test]
     fn the_widest_numbers_fit() {
         let far = (1i32 << MOST_BITS) - 1;

@@ -25,8 +25,9 @@ mod walk;
 mod window;
 mod zonal;
 
+pub(crate) use contours::ContourGround;
 pub use contours::{Contour, ContourLevels, ContourNodata, ContourRequest, ContourSummary, TakeContour};
-pub use contours::{ContourGround, Extremes, Relief};
+pub use contours::{Extremes, Relief};
 pub use contours::{Levels, level_share};
 pub(crate) use contours::{file_extremes, source_extremes, trace_contours};
 pub use field::Field;

@@ -16,11 +16,11 @@ use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip, range};
 const MOST_TRIANGLES: usize = 48;
 /// Parts of a cell's faces at most.
 const MOST_PARTS: usize = 2048;
-/// Crossings of a line that are nearer to each other than this many grid steps are at one point: faces of bodies that touch, which were
-/// moved to the grid by less than a step each, and not by the same.
+/// Crossings of a line that are nearer to each other than this many grid steps are at one point: faces of bodies that
+/// touch, which were moved to the grid by less than a step each, and not by the same.
 const AT_ONE_POINT: f64 = 1e-3;
-/// Distances, in cells, that are as good as none: many times what doubles lose of a cell's coordinates when a part of a face is cut
-/// again and again, and less than a step of any grid that has as many as cells can have.
+/// Distances, in cells, that are as good as none: many times what doubles lose of a cell's coordinates when a part of a
+/// face is cut again and again, and less than a step of any grid that has as many as cells can have.
 const NEAR: f64 = 1e-9;
 
 /// A cell, and all triangles that reach into it.

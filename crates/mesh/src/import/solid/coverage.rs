@@ -88,8 +88,8 @@ const MANY: usize = 1 << 21;
 /// the cell, is as its centre is.
 const DIVISIONS: u8 = 2;
 
-/// Shares that are beyond 0 or 1 by this much are wrong, as those of cells are whose winding numbers are other than their faces tell; by
-/// less, they are rounded.
+/// Shares that are beyond 0 or 1 by this much are wrong, as those of cells are whose winding numbers are other than
+/// their faces tell; by less, they are rounded.
 const TOLERANCE: f64 = 1e-3;
 
 impl Cube<'_> {

@@ -8,14 +8,15 @@ use spinney_brep::exact::bounds::SOLID_BITS;
 /// Factor for distances, by which they stay bounds of those of triangles however both are rounded: some ten times each.
 const ROUNDED_DOWN: f64 = 1.0 - 1e-9;
 const _: () = assert!(1.0 - ROUNDED_DOWN > 40.0 * f64::EPSILON);
-/// Grid steps for the same, where a distance is the little that is left of coordinates on the grid, which may be off by a few roundings of the
-/// largest.
+/// Grid steps for the same, where a distance is the little that is left of coordinates on the grid, which may be off by
+/// a few roundings of the largest.
 const STEPS_LESS: f64 = 1e-3;
 const _: () = assert!(STEPS_LESS > 8.0 * f64::EPSILON * (2u64 << SOLID_BITS) as f64);
 
 impl WindingField {
     /// Attribute at a point inside, in grid steps, of what may be turned inside out: that of the nearest triangle
-    /// behind which it lies, the least of several. (Of two bodies that touch, one is behind the wall and the other before it.)
+    /// behind which it lies, the least of several. (Of two bodies that touch, one is behind the wall and the other
+    /// before it.)
     pub(super) fn attribute(&self, point: DVec3, is_inverted: bool) -> u32 {
         if let [attribute] = self.attributes[..] {
             return attribute;

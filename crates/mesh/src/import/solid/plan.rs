@@ -202,8 +202,8 @@ fn fit([min, max]: [[f64; 3]; 2], options: &SolidOptions) -> Result<Fitted> {
         }
         Err(Error::invalid("cells along the longest side", cells.to_string(), format!("1 to {most} (2^19)")))
     };
-    // What a model reaches into a cell by less than this part of it is rounding, of decimals in files as in what was computed from them: about a step
-    // of the finest grid.
+    // What a model reaches into a cell by less than this part of it is rounding, of decimals in files as in what was
+    // computed from them: about a step of the finest grid.
     const TOUCH: f64 = 1e-6;
     // A flat surface in a wall between cells would cut none: it is laid through the middle of its cells.
     let around = |cell: f64| -> [f64; 3] {
