@@ -37,11 +37,13 @@ fn run_both(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send))
 /// Things that threads take to work with and put back: what one job has read serves another.
 pub struct Pool<T>(Mutex<Vec<T>>);
 
-impl<T: Send> Pool<T> {
-    pub fn new() -> Pool<T> {
+impl<T> Default for Pool<T> {
+    fn default() -> Pool<T> {
         Pool(Mutex::new(Vec::new()))
     }
+}
 
+impl<T: Send> Pool<T> {
     /// Runs a job with one of the things, made anew if all are in use. One whose job fails is not used again.
     pub fn with<R, E>(
         &self,

@@ -22,6 +22,7 @@ pub struct PlanarCounts {
 }
 
 /// Makes faces planar; keeps its buffers from face to face.
+#[derive(Default)]
 pub struct PlanarFaces {
     pub is_coloured: bool,
     pub counts: PlanarCounts,
@@ -33,18 +34,6 @@ pub struct PlanarFaces {
 }
 
 impl PlanarFaces {
-    pub fn new() -> PlanarFaces {
-        PlanarFaces {
-            is_coloured: false,
-            counts: PlanarCounts::default(),
-            points: Vec::new(),
-            colours: Vec::new(),
-            ring_ends: Vec::new(),
-            wide: Vec::new(),
-            triangulator: Triangulator::new(),
-        }
-    }
-
     /// Begins a face without corners.
     pub fn begin(&mut self) {
         self.points.clear();
@@ -57,7 +46,7 @@ impl PlanarFaces {
         self.begin();
         let mut start = 0;
         for &end in face.ring_ends {
-            let ring_start = self.len();
+            let ring_start = self.corners();
             for corner in start..end {
                 self.add_corner(ring_start, face.points[corner], face.colours.get(corner));
             }
@@ -70,7 +59,7 @@ impl PlanarFaces {
     }
 
     /// Corners so far.
-    pub fn len(&self) -> usize {
+    pub fn corners(&self) -> usize {
         self.points.len()
     }
 

@@ -112,7 +112,7 @@ fn draw<'a>(
     };
     let mut writer = create(output, format, &spec)?;
     // Surfaces remember where rays were: what one row has read serves another.
-    let pool = Pool::new();
+    let pool = Pool::default();
     for first in (0..height).step_by(BAND as usize) {
         let rows: Vec<u64> = (first..height.min(first + BAND)).collect();
         let rows = parallel::map(&rows, |row| {

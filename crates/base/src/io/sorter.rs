@@ -42,8 +42,14 @@ impl Sorter {
         self.spill().map_err(Error::io(&self.folder, "use a temporary file"))
     }
 
+    /// Number of items.
     pub fn len(&self) -> u64 {
         self.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
     }
 
     fn spill(&mut self) -> io::Result<()> {

@@ -9,13 +9,15 @@ use zerocopy::IntoBytes;
 use super::platform::{read_exact_at, write_all_at};
 use crate::{Error, Result};
 
-/// Words that are written at a time: a whole number of triangles of solids, which have eleven.
-const CHUNK: usize = 11 * 1536;
+/// Most words that are written at a time.
+const MOST_WORDS: usize = 16_896;
 
 /// A temporary file without a name, in chunks that are used again when their list is dropped.
 #[derive(Debug)]
 pub struct Spool {
     file: File,
+    /// Words of a chunk: whole records.
+    chunk: usize,
     /// Folder of the file, for messages.
     folder: PathBuf,
     chunks: Mutex<Chunks>,
@@ -28,9 +30,19 @@ struct Chunks {
 }
 
 impl Spool {
-    pub fn create(folder: &Path) -> Result<Arc<Spool>> {
+    /// A file in a folder for lists of records of so many words, at most 16,896.
+    ///
+    /// # Errors
+    /// If the file cannot be made.
+    pub fn create(folder: &Path, record: usize) -> Result<Arc<Spool>> {
         let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
-        Ok(Arc::new(Spool { file, folder: folder.to_path_buf(), chunks: Mutex::default() }))
+        let chunk = MOST_WORDS / record * record;
+        Ok(Arc::new(Spool { file, chunk, folder: folder.to_path_buf(), chunks: Mutex::default() }))
+    }
+
+    /// Place of a chunk in the file.
+    fn offset(&self, chunk: u64) -> u64 {
+        chunk * 4 * self.chunk as u64
     }
 
     fn take(&self) -> u64 {
@@ -56,12 +68,21 @@ impl SpooledWords {
         self.len
     }
 
-    /// Hands out the words, a chunk at a time: whole records, if these are all of eleven words.
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Hands out the words, some whole records at a time.
+    ///
+    /// # Errors
+    /// If the file cannot be read, and those of the function that gets them.
     pub fn each(&self, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
-        let mut words = vec![0; CHUNK];
+        let size = self.spool.chunk;
+        let mut words = vec![0; size];
         for (index, chunk) in self.chunks.iter().enumerate() {
-            let here = &mut words[..(self.len - index * CHUNK).min(CHUNK)];
-            let read = read_exact_at(&self.spool.file, here.as_mut_bytes(), chunk * 4 * CHUNK as u64);
+            let here = &mut words[..(self.len - index * size).min(size)];
+            let read = read_exact_at(&self.spool.file, here.as_mut_bytes(), self.spool.offset(*chunk));
             read.map_err(Error::io(&self.spool.folder, "read a temporary file"))?;
             each(here)?;
         }
@@ -83,15 +104,21 @@ pub struct WordSpooler {
 }
 
 impl WordSpooler {
+    /// A list without words.
     pub fn new(spool: &Arc<Spool>) -> WordSpooler {
         let list = SpooledWords { spool: spool.clone(), chunks: Vec::new(), len: 0 };
         WordSpooler { list, buffer: Vec::new() }
     }
 
+    /// Appends words.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn push(&mut self, mut words: &[u32]) -> Result<()> {
+        let size = self.list.spool.chunk;
         self.list.len += words.len();
-        while self.buffer.len() + words.len() >= CHUNK {
-            let (here, rest) = words.split_at(CHUNK - self.buffer.len());
+        while self.buffer.len() + words.len() >= size {
+            let (here, rest) = words.split_at(size - self.buffer.len());
             self.buffer.extend_from_slice(here);
             self.flush()?;
             words = rest;
@@ -104,12 +131,16 @@ impl WordSpooler {
         let spool = &self.list.spool;
         let chunk = spool.take();
         self.list.chunks.push(chunk);
-        let written = write_all_at(&spool.file, self.buffer.as_bytes(), chunk * 4 * CHUNK as u64);
+        let written = write_all_at(&spool.file, self.buffer.as_bytes(), spool.offset(chunk));
         written.map_err(Error::io(&spool.folder, "write a temporary file"))?;
         self.buffer.clear();
         Ok(())
     }
 
+    /// The list.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn finish(mut self) -> Result<SpooledWords> {
         if !self.buffer.is_empty() {
             self.flush()?;

@@ -210,7 +210,7 @@ impl Rounded {
         let faces = ExactFaces::of_grid(faces);
         let old = &faces.list;
         let mut list = FaceList::new(old.grid().clone(), old.parts().to_vec());
-        let mut planar = PlanarFaces::new();
+        let mut planar = PlanarFaces::default();
         planar.is_coloured = old.is_coloured();
         let (mut changed, mut still) = (Vec::new(), Vec::new());
         // Whether each comes back as it was.

@@ -174,7 +174,7 @@ impl RunBuilder {
         self.held.extend_from_slice(face.0);
         if self.held.len() > self.limit {
             let spool = match &self.place {
-                Place::Folder(folder) => Spool::create(folder)?,
+                Place::Folder(folder) => Spool::create(folder, TRIANGLE_WORDS)?,
                 Place::Spool(spool) => spool.clone(),
             };
             self.place = Place::Spool(spool.clone());

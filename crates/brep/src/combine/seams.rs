@@ -92,7 +92,7 @@ impl Seams {
             ways.entry(from).or_default().extend(std::iter::repeat_n((to, seam), copies));
         }
         ways.values_mut().for_each(|ways| ways.sort_unstable_by_key(|(to, _)| std::cmp::Reverse(*to)));
-        let mut planar = PlanarFaces::new();
+        let mut planar = PlanarFaces::default();
         planar.is_coloured = is_coloured;
         let mut path: Vec<([i32; 3], Seam)> = Vec::new();
         let mut places: HashMap<[i32; 3], usize> = HashMap::new();

@@ -79,7 +79,7 @@ pub(crate) fn measure_surface<S: Source>(
     let block = level.min(BLOCK);
     let walk = Walk { source, level, lowest: block.max(level.saturating_sub(SHARED)), tasks: Vec::new() };
     let tasks = walk.tasks(&root)?;
-    let (rooms, balls) = (Pool::new(), [0, 1, 2].map(Ball::of));
+    let (rooms, balls) = (Pool::default(), [0, 1, 2].map(Ball::of));
     let total = 1u64 << (3 * level);
     let parts = parallel::map(&tasks, |task| {
         rooms.with(

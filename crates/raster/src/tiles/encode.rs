@@ -126,7 +126,7 @@ impl<'a> TileEncoder<'a> {
             return Err(Error::invalid("quality of WebP", "one", expected));
         }
         let void = source.value_type().nearest(|_| void);
-        let (scratch, uniform) = (Pool::new(), Mutex::default());
+        let (scratch, uniform) = (Pool::default(), Mutex::default());
         Ok(TileEncoder { source, painter, encoding, side, void, scratch, uniform })
     }
 

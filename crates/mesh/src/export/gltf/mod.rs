@@ -85,7 +85,7 @@ pub fn export_glb(
     options.check()?;
     let maker = TileMaker::new(tree, request)?;
     let planned = maker.finest(progress)?;
-    let pool = Pool::new();
+    let pool = Pool::default();
     let mut meshes: Vec<(Tile, TileMesh)> = Vec::new();
     let mut bytes = 0;
     for batch in planned.chunks(BATCH) {

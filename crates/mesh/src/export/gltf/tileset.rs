@@ -71,7 +71,7 @@ pub fn export_tileset(
             ..TilesetSummary::default()
         },
         maker,
-        finest: Pool::new(),
+        finest: Pool::default(),
         options,
         output: &output,
         progress,
@@ -156,7 +156,7 @@ impl<'a> TilesetWriter<'a, '_> {
     fn contents(&mut self, tiles: &[Tile]) -> Result<Vec<(Tile, bool)>> {
         // Neighbours among the finest, which are most, share blocks across subtrees.
         let is_finest = tiles.iter().all(|tile| tile.level + 1 == self.maker.tile_levels());
-        let (own, this) = (Pool::new(), &*self);
+        let (own, this) = (Pool::default(), &*self);
         let pool = if is_finest { &self.finest } else { &own };
         let mut made = Vec::new();
         for batch in tiles.chunks(BATCH) {

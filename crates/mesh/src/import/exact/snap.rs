@@ -20,7 +20,7 @@ pub(super) struct Snapper {
 
 impl Snapper {
     pub(super) fn new(grid: Grid, up: Up) -> Snapper {
-        Snapper { grid, up, planar: PlanarFaces::new(), read: 0, squared_displacement: 0.0 }
+        Snapper { grid, up, planar: PlanarFaces::default(), read: 0, squared_displacement: 0.0 }
     }
 
     /// Hands out what becomes of a face: itself, some triangles, or nothing.
@@ -43,7 +43,7 @@ impl Snapper {
         self.planar.begin();
         let mut start = 0;
         for &end in face.ring_ends {
-            let ring_start = self.planar.len();
+            let ring_start = self.planar.corners();
             for corner in start..end {
                 let point = self.up.to_z_up(face.points[corner]);
                 let snapped = self.grid.snap(point).ok_or_else(|| {

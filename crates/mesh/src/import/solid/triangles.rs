@@ -131,7 +131,7 @@ impl Collector {
         }
         self.held.push(triangle);
         if self.held.len() > self.limit {
-            let mut spill = TriangleSpill::new(&Spool::create(&self.folder)?);
+            let mut spill = TriangleSpill::new(&Spool::create(&self.folder, WORDS)?);
             std::mem::take(&mut self.held).iter().try_for_each(|triangle| spill.push(triangle))?;
             self.spill = Some(spill);
         }
