@@ -10,6 +10,10 @@ use crate::{Error, Result};
 /// and then, and that must cost the user an error message, not the process.
 pub fn guard<T>(path: &Path, place: &str, decode: impl FnOnce() -> Result<T>) -> Result<T> {
     // A decoder that panicked is in an unknown state, but is never used again: the error ends the reading.
-    catch_unwind(AssertUnwindSafe(decode))
-        .unwrap_or_else(|_| Err(Error::corrupt(path, place, "bytes that break the decoder", "a valid file")))
+    catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err(broken(path, place)))
+}
+
+#[cold]
+fn broken(path: &Path, place: &str) -> Error {
+    Error::corrupt(path, place, "bytes that break the decoder", "a valid file")
 }

@@ -6,6 +6,7 @@ pub mod guard;
 pub mod io;
 pub mod parallel;
 mod progress;
+pub mod sort;
 pub mod space;
 pub mod value;
 

@@ -2,6 +2,7 @@
 //! node (as in the packed R-tree of Kamel and Faloutsos, 1993).
 
 use crate::MOST_BITS;
+use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 
 /// Least and greatest coordinates.
@@ -21,12 +22,13 @@ pub(crate) struct BoxTree {
 pub(crate) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
 
 impl BoxTree {
-    /// The tree over some boxes, with their numbers.
+    /// The tree over some boxes, which come by ascending numbers.
     pub(crate) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
         let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MOST_BITS - 21));
-        boxes.sort_by_cached_key(|(number, [low, high])| {
+        debug_assert!(boxes.is_sorted_by_key(|(number, _)| *number));
+        sort::by_key(&mut boxes, |(_, [low, high])| {
             let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
-            (x | y << 1 | z << 2, *number)
+            x | y << 1 | z << 2
         });
         let numbers = boxes.iter().map(|(number, _)| *number).collect();
         let mut levels: Vec<Vec<Bounds>> = vec![boxes.into_iter().map(|(_, bounds)| bounds).collect()];

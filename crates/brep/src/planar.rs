@@ -4,7 +4,7 @@ use super::Face;
 use crate::exact::normal::ring_normal;
 use crate::exact::vector::{dot, subtract};
 use crate::geometry::{Triangulator, split_bridges};
-use spinney_base::Result;
+use spinney_base::{Result, sort};
 
 /// Counts of what was done to the faces so far.
 #[derive(Clone, Copy, Debug, Default)]
@@ -176,12 +176,12 @@ impl PlanarFaces {
         let mut start = 0;
         for &end in &self.ring_ends {
             let ring = &self.points[start..end];
-            edges.extend((0..ring.len()).map(|i| (ring[i], ring[(i + 1) % ring.len()])));
+            edges.extend((0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]));
             start = end;
         }
-        let mut turned: Vec<_> = edges.iter().map(|&(from, to)| (to, from)).collect();
-        edges.sort_unstable();
-        turned.sort_unstable();
+        let mut turned: Vec<_> = edges.iter().map(|&[from, to]| [to, from]).collect();
+        sort::point_pairs(&mut edges);
+        sort::point_pairs(&mut turned);
         edges == turned
     }
 

@@ -67,7 +67,7 @@ impl Sorter {
     }
 
     /// Hands out all items in order.
-    pub fn finish(mut self, mut item: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
+    pub fn finish(mut self, item: &mut dyn FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let spill_error = || Error::io(&self.folder, "use a temporary file");
         self.items.sort_unstable_by_key(|(key, _)| *key);
         let mut last = self.items.into_iter().peekable();

@@ -77,7 +77,7 @@ impl SpooledWords {
     ///
     /// # Errors
     /// If the file cannot be read, and those of the function that gets them.
-    pub fn each(&self, mut each: impl FnMut(&[u32]) -> Result<()>) -> Result<()> {
+    pub fn each(&self, each: &mut dyn FnMut(&[u32]) -> Result<()>) -> Result<()> {
         let size = self.spool.chunk;
         let mut words = vec![0; size];
         for (index, chunk) in self.chunks.iter().enumerate() {

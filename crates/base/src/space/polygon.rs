@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::bounds::Bounds;
-use crate::{Error, Result};
+use crate::{Error, Result, sort};
 
 /// A polygon of rings: what an odd number of them is around is inside.
 #[derive(Clone, Debug, PartialEq)]
@@ -149,7 +149,7 @@ impl Polygon {
             return;
         }
         crossings.extend(self.bands[self.bands(y, y).start].iter().filter_map(|edge| crossing(edge, y)));
-        crossings.sort_unstable_by(f64::total_cmp);
+        sort::floats(crossings);
         // The first column whose centre is not left of a crossing. (What is negative, or too large, becomes the nearest number.)
         let column = |at: f64| {
             let next = (at + 0.5) as u64;

@@ -7,7 +7,7 @@ use super::point::ExactPoint;
 use super::polygons::{Common, common};
 use super::surface::{Surface, too_large};
 use crate::boxes::touch;
-use spinney_base::{Progress, Result, parallel};
+use spinney_base::{Progress, Result, parallel, sort};
 
 /// Common points of two faces.
 pub(crate) struct Contact {
@@ -43,7 +43,7 @@ impl Surface<'_> {
                         found.extend(self.contact(one, other, Wanted::All));
                     }
                 });
-                found.sort_unstable_by_key(|contact| contact.faces);
+                sort::by_key(&mut found, |contact| sort::pair_key(contact.faces));
                 found
             });
             found.into_iter().try_for_each(|found| self.add(found, &mut all, &mut bytes, memory))?;
@@ -145,7 +145,7 @@ impl Surface<'_> {
                             others.push(other);
                         }
                     });
-                    others.sort_unstable();
+                    sort::numbers32(&mut others);
                     found.extend(
                         others.iter().filter_map(|other| self.contact(one, *other, Wanted::Irregular)),
                     );

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 
 use crate::exact::vector::others;
+use spinney_base::sort;
 
 /// How much less than nothing the cotangents of two angles have to be together for an edge to be flipped. Of four
 /// points on a circle neither edge is better, and rounding would flip one for the other: it is less than that for all
@@ -41,7 +42,7 @@ fn flip(points: &[[f64; 2]], triangles: &mut [[u32; 3]]) {
         }
     }
     let mut open: Vec<[u32; 2]> = sides.keys().copied().filter(|[a, b]| a < b).collect();
-    open.sort_unstable();
+    sort::by_key(&mut open, |edge| sort::pair_key(*edge));
     let mut left = 64 * triangles.len();
     while let Some([a, b]) = open.pop() {
         let (Some(&one), Some(&other)) = (sides.get(&[a, b]), sides.get(&[b, a])) else { continue };

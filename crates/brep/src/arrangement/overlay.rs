@@ -10,6 +10,7 @@ use super::point::{ExactPlane, ExactPoint};
 use crate::exact::bounds::MARGIN;
 use crate::exact::union_find::UnionFind;
 use crate::exact::vector::others;
+use spinney_base::sort;
 
 /// A segment in a face's plane.
 #[derive(Clone, Copy, Debug)]
@@ -217,7 +218,7 @@ impl<'a> Overlay<'a> {
     /// Cuts lines where they meet, and where these points lie on them; says whether it was not to give up.
     fn cut(&mut self, points: &[u32], gives_up: &dyn Fn(usize) -> bool) -> bool {
         let mut order: Vec<usize> = (0..self.lines.len()).collect();
-        order.sort_by(|a, b| self.lines[*a].bounds[0][0].total_cmp(&self.lines[*b].bounds[0][0]));
+        sort::by_key(&mut order, |line| sort::float_key(self.lines[*line].bounds[0][0]));
         for (index, &i) in order.iter().enumerate() {
             let [low, high] = self.lines[i].bounds;
             for &j in &order[index + 1..] {
@@ -290,14 +291,14 @@ impl<'a> Overlay<'a> {
     /// Makes edges of the cut lines, none twice.
     fn edges(&mut self) {
         let mut order: Vec<u32> = (0..self.vertices.list.len() as u32).collect();
-        order.sort_by(|a, b| self.order(*a, *b));
+        sort::by(&mut order, &mut |a, b| self.order(*a, *b));
         self.ranks = vec![0; order.len()];
         for (rank, vertex) in (0..).zip(order) {
             self.ranks[vertex as usize] = rank;
         }
         for (number, line) in (0..).zip(&self.lines) {
             let mut along = line.vertices.clone();
-            along.sort_by_key(|vertex| self.ranks[*vertex as usize]);
+            sort::by_key(&mut along, |vertex| self.ranks[*vertex as usize].into());
             along.dedup();
             self.edges.extend(along.windows(2).map(|ends| Edge { ends: [ends[0], ends[1]], line: number }));
         }
@@ -306,7 +307,9 @@ impl<'a> Overlay<'a> {
         // are put on the other one), so that parts of two lines in the same place are the same pair of
         // vertices. Loops go from edge to edge by the order around vertices alone: with edges that cross or
         // lie upon each other they would enclose overlapping regions.
-        self.edges.sort_by_key(|edge| (edge.ends, edge.line));
+        sort::by_wide_key(&mut self.edges, |edge| {
+            u128::from(sort::pair_key(edge.ends)) << 32 | u128::from(edge.line)
+        });
         self.edges.dedup_by_key(|edge| edge.ends);
     }
 
@@ -417,7 +420,7 @@ impl Loops {
         // have one direction. Loops and holes are told by this order; with a tie it would depend on how the
         // sort goes about its work.
         for halves in &mut around {
-            halves.sort_by(|a, b| {
+            sort::by(halves, &mut |a, b| {
                 (a % 2).cmp(&(b % 2)).then_with(|| {
                     let edge = &edges[*a as usize / 2];
                     let tip = origin(b ^ 1);

@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 use super::exact_face::ExactFace;
 use super::point::{ExactPlane, ExactPoint, cross};
 use crate::exact::vector::main_axis;
+use spinney_base::sort;
 
 /// Segments and points that two polygons have in common.
 #[derive(Debug, Default)]
@@ -24,7 +25,7 @@ pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
     let direction = cross(a.plane.normal, b.plane.normal);
     let axis = main_axis(direction);
     let mut places: Vec<ExactPoint> = along_a.points.iter().chain(&along_b.points).copied().collect();
-    places.sort_by(|a, b| a.compare(b, axis));
+    sort::by(&mut places, &mut |a, b| a.compare(b, axis));
     places.dedup_by(|a, b| a.compare(b, axis) == Ordering::Equal);
     let ([between_a, at_a], [between_b, at_b]) =
         (along_a.covers(&places, axis), along_b.covers(&places, axis));

@@ -11,7 +11,7 @@ use super::surface::{Kept, Operands, Resolved, crossings, resolve};
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, sort};
 
 /// Counts of what was done to a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -101,7 +101,7 @@ pub fn round(exact: ExactFaces) -> Result<Rounded> {
         Ok(())
     })?;
     let mut numbers: Vec<u32> = beside.keys().copied().collect();
-    numbers.sort_unstable();
+    sort::numbers32(&mut numbers);
     rounded.exact.extend(numbers.into_iter().filter_map(|number| beside.remove(&number)));
     rounded.take(rounder);
     Ok(rounded)
@@ -253,8 +253,8 @@ fn is_closed(faces: &FaceList) -> bool {
         }
     }
     let mut turned: Vec<_> = edges.iter().map(|[from, to]| [*to, *from]).collect();
-    edges.sort_unstable();
-    turned.sort_unstable();
+    sort::point_pairs(&mut edges);
+    sort::point_pairs(&mut turned);
     edges == turned
 }
 

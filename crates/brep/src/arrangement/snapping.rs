@@ -9,7 +9,7 @@ use super::rounds::EachFace;
 use crate::boxes::{BoxTree, touch};
 use crate::exact::vector::{dot, subtract};
 use crate::{Face, FaceList};
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, sort};
 
 /// Hands out all faces, with corners added where edges pass some vertices closer than a step, and whether that was so
 /// or they were changed before: such faces may have corners that do not lie in one plane, or that fall together.
@@ -20,9 +20,10 @@ pub(super) fn snap(
     progress: &dyn Progress,
     each: &mut EachFace<'_>,
 ) -> Result<()> {
-    let mut unique = vertices.to_vec();
-    unique.sort_unstable();
-    unique.dedup();
+    let mut keys: Vec<u128> = vertices.iter().map(|vertex| sort::point_key(*vertex)).collect();
+    sort::numbers128(&mut keys);
+    keys.dedup();
+    let unique: Vec<[i32; 3]> = keys.into_iter().map(sort::key_point).collect();
     let tree = BoxTree::of((0..).zip(&unique).map(|(number, at)| (number, [*at; 2])).collect());
     let (mut points, mut colours, mut ring_ends) = (Vec::new(), Vec::new(), Vec::new());
     let mut near = Vec::new();
@@ -77,7 +78,7 @@ fn between(tree: &BoxTree, vertices: &[[i32; 3]], [from, to]: [[i32; 3]; 2], nea
     // numbers that do not depend on its direction, and those at one place along it are in an order that is
     // turned round for who goes the other way. Otherwise closed surfaces would come out open.
     let is_forward = from < to;
-    found.sort_unstable_by(|a, b| {
+    sort::by(&mut found, &mut |a, b| {
         a.0.cmp(&b.0).then_with(|| if is_forward { a.1.cmp(&b.1) } else { b.1.cmp(&a.1) })
     });
     near.extend(found.into_iter().map(|(_, vertex)| vertex));

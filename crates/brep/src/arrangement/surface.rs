@@ -22,7 +22,7 @@ use crate::geometry::Triangulator;
 use crate::piece::Piece;
 use crate::{Face, Faces};
 use spinney_base::parallel;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, sort};
 
 /// Counts of what was done to a surface.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -97,7 +97,7 @@ pub(super) fn resolve(
     }
     let mut counts = Resolved { pairs: contacts.len() as u64, ..Resolved::default() };
     let mut divided: Vec<u32> = of_face.keys().copied().collect();
-    divided.sort_unstable();
+    sort::numbers32(&mut divided);
     // Some at a time, so that regions do not pile up.
     const BATCH: usize = 1 << 12;
     let mut regions_of: HashMap<u32, Divided> = HashMap::new();
@@ -414,7 +414,7 @@ impl<'a> Surface<'a> {
             // same one that stays. Each is divided by the edges of the others, so that wherever in a region a
             // sample is, the same faces are there; and the list is in order. Otherwise two of them would stay
             // in one place, or none, and there would be a hole.
-            same.sort_unstable();
+            sort::by_key(&mut same, |(face, is_up)| u64::from(*face) << 1 | u64::from(*is_up));
         }
         let [above, below] = self.windings(sample, &same)?;
         let (front, back) = ((self.operands.is_inside)(&above), (self.operands.is_inside)(&below));

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use crate::hash::Hasher;
 use crate::store::segment::{CUT, INNER, LEAF, LeafHead, encode, push_leaf};
 use crate::store::summary::NodeCounts;
+use spinney_base::sort;
 use spinney_base::space::Code;
 
 use super::defects::Defects;
@@ -92,7 +93,7 @@ impl Arena {
                 }
                 local.push(number);
             }
-            local.sort_unstable();
+            sort::numbers32(&mut local);
             places[at - mark.leaves] = leaves.len() as u32;
             push_leaf(&mut leaves, head, &local);
             at += 2 + count;

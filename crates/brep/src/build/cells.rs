@@ -15,6 +15,7 @@ use crate::geometry::Stages;
 use crate::piece::Piece;
 use crate::store::segment::{CUT, FULL, INNER, LeafHead, LeafRule, NodeKind, VOID};
 use spinney_base::parallel;
+use spinney_base::sort;
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Progress, Result};
 
@@ -296,7 +297,7 @@ impl Walk<'_> {
                         (f64::from(low) + f64::from(high)) / 2.0
                     });
                     let mut faces = vec![self.items.face(one), self.items.face(other)];
-                    faces.sort_unstable();
+                    sort::numbers32(&mut faces);
                     out.defects.push(Found { kind, at, faces });
                 }
             }

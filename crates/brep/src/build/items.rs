@@ -9,6 +9,7 @@ use crate::exact::rank::PlaneAt;
 use crate::geometry::{Flaw, GridPolygon, Stages, Triangulator};
 use crate::piece::Piece;
 use spinney_base::Result;
+use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 
 /// Faces, in the order of the cells in which their middles lie: neighbours in space are neighbours in memory.
@@ -67,20 +68,20 @@ impl Items {
             };
             // Invariant: no two faces are equal in this order, which does not depend on the number of
             // threads: codes may be the same, places are not. Lists of cells, and so files, are in it.
-            order.push((code(bounds), place as u32));
+            order.push(u128::from(code(bounds)) << 32 | place as u128);
             place += face.0.len();
         }
         debug_assert!(u32::try_from(place).is_ok());
         // (They come in the order of their numbers.)
-        order.sort_unstable();
+        sort::numbers128(&mut order);
         let mut items = Items {
             bounds: Vec::with_capacity(order.len()),
             list: Vec::with_capacity(order.len()),
             polygons: Vec::new(),
         };
         let mut triangulator = Triangulator::new();
-        for (_, place) in order {
-            let face = FaceWords::all(&words[place as usize..]).next();
+        for coded in order {
+            let face = FaceWords::all(&words[coded as u32 as usize..]).next();
             face.into_iter().for_each(|face| items.push(face, &mut triangulator));
         }
         Ok(items)

@@ -95,7 +95,7 @@ impl Run {
             Run::Held(words) => Ok(words),
             Run::Spooled(list, len) => {
                 let mut words = Vec::with_capacity(len);
-                list.each(|chunk| {
+                list.each(&mut |chunk| {
                     words.extend_from_slice(chunk);
                     Ok(())
                 })?;
@@ -111,7 +111,7 @@ impl Run {
             Run::Spooled(list, _) => {
                 // The beginning of a face whose end is in the next chunk.
                 let mut open: Vec<u32> = Vec::new();
-                list.each(|chunk| {
+                list.each(&mut |chunk| {
                     let mut rest = chunk;
                     if !open.is_empty() {
                         while FaceWords::length(&open).is_none_or(|length| open.len() < length) {

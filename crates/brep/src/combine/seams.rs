@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, HashMap};
 use crate::exact::vector::{dot, subtract};
 use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
-use spinney_base::Result;
+use spinney_base::{Result, sort};
 
 /// An edge; of an undirected one the lesser end comes first.
 type Edge = [[i32; 3]; 2];
@@ -91,7 +91,7 @@ impl Seams {
             let copies = seam.surplus.unsigned_abs() as usize;
             ways.entry(from).or_default().extend(std::iter::repeat_n((to, seam), copies));
         }
-        ways.values_mut().for_each(|ways| ways.sort_unstable_by_key(|(to, _)| std::cmp::Reverse(*to)));
+        ways.values_mut().for_each(|ways| sort::by_wide_key(ways, |(to, _)| !sort::point_key(*to)));
         let mut planar = PlanarFaces::default();
         planar.is_coloured = is_coloured;
         let mut path: Vec<([i32; 3], Seam)> = Vec::new();

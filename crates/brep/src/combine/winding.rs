@@ -8,7 +8,7 @@ use crate::arrangement::{ExactPlane, Sample};
 use crate::exact::bounds::MARGIN;
 use crate::exact::normal::ring_normal;
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
-use spinney_base::Result;
+use spinney_base::{Result, sort};
 
 /// The winding number of a model's surface around a sample that lies on none of its faces. (The model has no corners beside its
 /// grid, which might lie in cells that no face cuts.)
@@ -80,7 +80,7 @@ impl<'a> LineWalk<'a> {
             ModelNodeState::Inner => {
                 // Those that lie first along the axis, first.
                 let mut children: Vec<usize> = (0..8).collect();
-                children.sort_by_key(|child| child >> axis & 1);
+                sort::by_key(&mut children, |child| (child >> axis & 1) as u64);
                 for child in children {
                     let child = self.model.child(node, child)?;
                     let found = self.node(&child)?;

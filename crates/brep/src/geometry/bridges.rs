@@ -7,6 +7,7 @@ use std::collections::HashSet;
 use super::ears::Ears;
 use super::plane::Plane;
 use crate::exact::vector::{main_axis, others};
+use spinney_base::sort;
 
 /// Most ways that are tried for bridges of a face beyond the nearest few for each hole.
 const MOST_TRIES: usize = 1 << 16;
@@ -77,7 +78,7 @@ struct Bridge {
 impl<'a> Bridges<'a> {
     fn new(flat: &'a [[i64; 2]], ring: Vec<u32>, mut holes: Vec<Vec<u32>>) -> Bridges<'a> {
         let at = |corner: &u32| flat[*corner as usize];
-        holes.sort_by_key(|hole| hole.iter().map(at).max());
+        sort::by_wide_key(&mut holes, |hole| hole.iter().map(|c| sort::flat_key(at(c))).max().unwrap_or(0));
         let all = std::iter::once(&ring).chain(&holes);
         let edges =
             all.flat_map(|ring| (0..ring.len()).map(|i| edge(at(&ring[i]), at(&ring[(i + 1) % ring.len()]))));
@@ -118,21 +119,24 @@ impl<'a> Bridges<'a> {
         let corners = &self.holes[hole];
         let on_hole = (0..corners.len()).max_by_key(|&i| self.at(corners[i]))?;
         let from = corners[on_hole];
-        let mut ahead: Vec<usize> =
-            (0..self.ring.len()).filter(|&i| self.at(self.ring[i]) > self.at(from)).collect();
-        let distance = |i: &usize| (self.distance(self.ring[*i], from), *i);
+        // Distances, with places in the lower 32 bits.
+        let mut ahead: Vec<u128> = (0u32..)
+            .zip(&self.ring)
+            .filter(|(_, corner)| self.at(**corner) > self.at(from))
+            .map(|(place, corner)| (self.distance(*corner, from) as u128) << 32 | u128::from(place))
+            .collect();
         let is_good = |bridge: &Bridge| self.is_alone(bridge) && self.is_free(bridge);
         // It is nearly always one of the nearest few: the others are sorted only if it is not.
         let nearest = NEAREST.min(ahead.len());
         if nearest < ahead.len() {
-            ahead.select_nth_unstable_by_key(nearest, distance);
+            ahead.select_nth_unstable(nearest);
         }
-        let bridge = |&on_ring: &usize| Bridge { on_ring, hole, on_hole };
-        ahead[..nearest].sort_by_key(distance);
+        let bridge = |ahead: &u128| Bridge { on_ring: *ahead as u32 as usize, hole, on_hole };
+        sort::numbers128(&mut ahead[..nearest]);
         if let Some(found) = ahead[..nearest].iter().map(bridge).find(is_good) {
             return Some(found);
         }
-        ahead[nearest..].sort_by_key(distance);
+        sort::numbers128(&mut ahead[nearest..]);
         ahead[nearest..].iter().map(bridge).take_while(|_| self.may_try()).find(is_good)
     }
 
@@ -214,7 +218,7 @@ pub fn split_bridges(ring: &[[i64; 3]]) -> Vec<Vec<u32>> {
         (a.min(b), a.max(b), corner)
     };
     let mut sorted: Vec<u32> = (0..count).collect();
-    sorted.sort_unstable_by_key(|&corner| key(corner));
+    sort::by(&mut sorted, &mut |a, b| key(*a).cmp(&key(*b)));
     let mut next: Vec<u32> = (0..count).map(|corner| (corner + 1) % count).collect();
     let mut before: Vec<u32> = (0..count).map(|corner| (corner + count - 1) % count).collect();
     let mut is_out = vec![false; ring.len()];

@@ -5,6 +5,7 @@ use std::cell::Cell;
 use std::collections::HashSet;
 
 use super::triangulate::turn;
+use spinney_base::sort;
 
 /// Corners looked at for each corner of a face, before that is given up.
 const MOST_LOOKS: u64 = 4096;
@@ -99,8 +100,8 @@ impl<'a> Ears<'a> {
         let mut ring = holes.next()?;
         let mut holes: Vec<Vec<u32>> = holes.filter(|hole| !hole.is_empty()).collect();
         // The hole that reaches farthest sees a corner of the ring, since no other hole is in between.
-        let farthest = |hole: &[u32]| hole.iter().map(|&corner| self.at(corner)).max();
-        holes.sort_by_key(|hole| farthest(hole));
+        let farthest = |hole: &Vec<u32>| hole.iter().map(|&corner| sort::flat_key(self.at(corner))).max();
+        sort::by_wide_key(&mut holes, |hole| farthest(hole).unwrap_or(0));
         let mut taken: HashSet<[i64; 2]> = ring.iter().map(|&corner| self.at(corner)).collect();
         while !holes.is_empty() {
             if self.is_too_much(holes.iter().map(Vec::len).sum()) {
@@ -152,7 +153,7 @@ impl<'a> Ears<'a> {
         };
         let mut candidates: Vec<usize> =
             (0..ring.len()).filter(|&i| self.at(ring[i]) > self.at(from)).collect();
-        candidates.sort_by_key(|&i| distance(ring[i]));
+        sort::by_wide_key(&mut candidates, |&i| distance(ring[i]) as u128);
         let is_free = |&on_ring: &usize| {
             let to = ring[on_ring];
             self.opens_to(ring, on_ring, from)

@@ -11,6 +11,7 @@ use std::cell::Cell;
 
 use super::status::{Place, Status};
 use super::triangulate::turn;
+use spinney_base::sort;
 
 /// Number of no edge, corner or link.
 const NONE: u32 = u32::MAX;
@@ -84,8 +85,9 @@ impl<'a> Sweep<'a> {
     /// They are right if the rings do not cross. Not every crossing is found: the caller has to look.
     pub(super) fn cut(&mut self, rings: &[Vec<u32>]) -> Result<Vec<[u32; 3]>, Crossing> {
         let mut corners: Vec<u32> = rings.iter().flatten().copied().collect();
-        corners.sort_unstable_by_key(|&corner| (self.at(corner), corner));
+        sort::numbers32(&mut corners);
         corners.dedup();
+        sort::by_wide_key(&mut corners, |&corner| sort::flat_key(self.at(corner)));
         // Corners above one another in a face that is not planar: no way between them has a direction.
         if corners.windows(2).any(|two| self.at(two[0]) == self.at(two[1])) {
             return Err(Crossing);
@@ -232,7 +234,7 @@ impl<'a> Sweep<'a> {
             next = self.edge(next).sibling;
         }
         let right = |edge: u32| self.edge(edge).right;
-        edges.sort_by(|&a, &b| {
+        sort::by(&mut edges, &mut |&a, &b| {
             let (a, b) = (right(a), right(b));
             0.cmp(&self.turn(corner, a, b)).then_with(|| self.at(a).cmp(&self.at(b)))
         });

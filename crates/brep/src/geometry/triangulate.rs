@@ -6,6 +6,7 @@ use super::ears::Ears;
 use super::plane::Plane;
 use super::sweep::Sweep;
 use crate::exact::vector::others;
+use spinney_base::sort;
 
 /// Most corners of faces that are cut by clipping ears: their number's square and more is what that may take.
 const MOST_EARS: usize = 512;
@@ -32,7 +33,8 @@ pub struct Triangulator {
     floating: Vec<[f64; 2]>,
     hole_starts: Vec<u32>,
     proposal: Vec<u32>,
-    edges: Vec<([u32; 2], i8)>,
+    /// Edges by their ends, the lesser one first, and in the lowest bit whether they go that way.
+    edges: Vec<u128>,
     looks: u64,
 }
 
@@ -190,24 +192,24 @@ impl Triangulator {
     fn covers(&mut self, rings: &[Vec<u32>], triangles: &[[u32; 3]]) -> bool {
         let at = |corner: u32| self.flat[corner as usize];
         self.edges.clear();
-        let mut add = |a: u32, b: u32, times: i8| {
-            self.edges.push(if a < b { ([a, b], times) } else { ([b, a], -times) });
+        let mut add = |a: u32, b: u32| {
+            self.edges.push(u128::from(sort::pair_key([a.min(b), a.max(b)])) << 1 | u128::from(a < b));
         };
         for &[a, b, c] in triangles {
             if turn(at(a), at(b), at(c)) < 0 || a == b || b == c || c == a {
                 return false;
             }
-            add(a, b, 1);
-            add(b, c, 1);
-            add(c, a, 1);
+            add(a, b);
+            add(b, c);
+            add(c, a);
         }
         for ring in rings {
-            (0..ring.len()).for_each(|i| add(ring[i], ring[(i + 1) % ring.len()], -1));
+            (0..ring.len()).for_each(|i| add(ring[(i + 1) % ring.len()], ring[i]));
         }
-        self.edges.sort_unstable();
+        sort::numbers128(&mut self.edges);
         self.edges
-            .chunk_by(|a, b| a.0 == b.0)
-            .all(|same| same.iter().map(|&(_, times)| i64::from(times)).sum::<i64>() == 0)
+            .chunk_by(|a, b| a >> 1 == b >> 1)
+            .all(|same| 2 * same.iter().filter(|edge| **edge & 1 == 1).count() == same.len())
     }
 }
 

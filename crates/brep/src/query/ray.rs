@@ -3,7 +3,7 @@
 use super::line::{Crossing, Line};
 use super::visited::{Recent, Visited, half_of};
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
-use spinney_base::Result;
+use spinney_base::{Result, sort};
 
 /// A place where a line passes through the surface of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,10 +54,12 @@ impl ExactModel {
         let mut walk = Walk::new(self, line, false);
         walk.root()?;
         let mut all = walk.found;
-        all.sort_by_key(|(number, _)| *number);
+        sort::by_key(&mut all, |(number, _)| *number);
         all.dedup_by_key(|(number, _)| *number);
         // Of those at one place one comes out before another is entered.
-        all.sort_by(|(_, a), (_, b)| a.share.total_cmp(&b.share).then(a.is_entry.cmp(&b.is_entry)));
+        sort::by_wide_key(&mut all, |(_, passed)| {
+            u128::from(sort::float_key(passed.share)) << 1 | u128::from(passed.is_entry)
+        });
         Ok(all.into_iter().map(|(number, crossing)| self.hit(&line, number, crossing)).collect())
     }
 

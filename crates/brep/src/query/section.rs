@@ -10,7 +10,7 @@ use super::plane::Plane;
 use super::visited::half_of;
 use crate::exact::vector::{cross, dot};
 use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
-use spinney_base::{Error, Progress, Result, parallel};
+use spinney_base::{Error, Progress, Result, parallel, sort};
 
 /// A plane of the world: the points whose product with the normal is `distance`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -295,7 +295,7 @@ impl PlaneCut {
             let along = cross(self.normal, normal);
             for edges in &mut crossed {
                 let place = |edge: &Edge| dot(along, self.point(plane, edge));
-                edges.sort_by(|a, b| place(a).total_cmp(&place(b)));
+                sort::by_key(edges, |edge| sort::float_key(place(edge)));
             }
         }
         let [down, up] = crossed;
@@ -344,14 +344,14 @@ struct CutPieces {
 
 impl CutPieces {
     fn of(mut list: Vec<[Edge; 2]>) -> CutPieces {
-        list.sort_unstable();
+        sort::by(&mut list, &mut Ord::cmp);
         CutPieces { taken: vec![0; list.len()], list }
     }
 
     /// Edges to begin at: those that no piece leads to, and then all.
     fn starts(&self) -> Vec<Edge> {
         let mut ends: Vec<Edge> = self.list.iter().map(|[_, to]| *to).collect();
-        ends.sort_unstable();
+        sort::by(&mut ends, &mut Ord::cmp);
         let (mut first, mut others) = (Vec::new(), Vec::new());
         for same in self.list.chunk_by(|a, b| a[0] == b[0]) {
             let edge = same[0][0];
@@ -417,7 +417,7 @@ fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) ->
         if area > 0.0 { outer.push(ring) } else { holes.push(ring) }
     }
     // Of several around a hole the smallest one is nearest.
-    outer.sort_by(|a, b| a.area.total_cmp(&b.area));
+    sort::by_key(&mut outer, |ring| sort::float_key(ring.area));
     let mut found: Vec<SectionPolygon> = outer
         .iter()
         .map(|outer| SectionPolygon { rings: vec![outer.ring.clone()], area: outer.area })

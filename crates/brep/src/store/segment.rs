@@ -1,6 +1,7 @@
 //! Segments of a model's octree: nodes, and which faces cut the leaves.
 
 use spinney_base::io::FileBytes;
+use spinney_base::sort;
 
 /// States of a node, the low three bits of its word.
 pub(crate) const VOID: u32 = 0;
@@ -179,7 +180,7 @@ impl<'a> Segment<'a> {
         }
         // Each face once, so that no leaf has more to do than there are faces.
         let mut numbers: Vec<u32> = (0..self.faces as u32).map(|local| self.face(local)).collect();
-        numbers.sort_unstable();
+        sort::numbers32(&mut numbers);
         if let Some(pair) = numbers.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(format!("face {} twice", pair[0]));
         }

@@ -88,7 +88,7 @@ impl ModelWriter {
         let count = segments.len();
         let mut list = |sorter: Sorter, out: &mut Output, doing: &'static str| -> Result<Section> {
             let mut section = SectionWriter::new(out, position);
-            sorter.finish(|entry| section.write_all(entry).map_err(Error::io(&path, doing)))?;
+            sorter.finish(&mut |entry| section.write_all(entry).map_err(Error::io(&path, doing)))?;
             position += section.written.length;
             Ok(section.written)
         };

@@ -8,7 +8,7 @@ use crate::arrangement::{Contact, Corner, Region, Sample, Segment, Surface, regi
 use crate::exact::union_find::UnionFind;
 use crate::exact::vector::{cross, subtract};
 use crate::query::SectionPolygon;
-use spinney_base::{Progress, Result, parallel};
+use spinney_base::{Progress, Result, parallel, sort};
 
 /// Finds the areas of faces that lie on each other, those beside each other as one.
 ///
@@ -43,7 +43,7 @@ fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
     let pairs: Vec<[u32; 2]> =
         contacts.iter().filter(|contact| contact.in_plane).map(|contact| contact.faces).collect();
     let mut faces: Vec<u32> = pairs.iter().flatten().copied().collect();
-    faces.sort_unstable();
+    sort::numbers32(&mut faces);
     faces.dedup();
     let place = |face: u32| faces.partition_point(|known| *known < face) as u32;
     let mut sets = UnionFind::new(faces.len());

@@ -6,7 +6,7 @@ use super::around::{HalfPlane, SegmentAxis};
 use crate::arrangement::{Contact, ExactPoint, Surface, Vertices};
 use crate::boxes::touch;
 use crate::exact::bounds::MARGIN;
-use spinney_base::{Progress, Result, parallel};
+use spinney_base::{Progress, Result, parallel, sort};
 
 /// A segment between two vertices.
 pub(super) struct CommonSegment {
@@ -158,7 +158,7 @@ fn segments_of(surface: &Surface<'_>, contact: &Contact) -> Vec<PairSegment> {
                     axis.order(&ends[0], point).is_lt() && axis.order(point, &ends[1]).is_lt() && is_on_line()
                 }));
             }
-            points.sort_by(|a, b| axis.order(a, b));
+            sort::by(&mut points, &mut |a, b| axis.order(a, b));
             points.dedup_by(|a, b| axis.order(a, b).is_eq());
         }
         PairSegment { faces, points, is_along_edge }
@@ -190,6 +190,6 @@ fn faces_at(surface: &Surface<'_>, ends: [&ExactPoint; 2]) -> Vec<u32> {
             found.push(face);
         }
     });
-    found.sort_unstable();
+    sort::numbers32(&mut found);
     found
 }

@@ -4,6 +4,7 @@ use std::cmp::Ordering;
 
 use crate::exact::normal::newell;
 use crate::exact::vector::others;
+use spinney_base::sort;
 
 /// Something that leaves a point of a plane, or an edge seen along itself, in a direction.
 #[derive(Clone, Copy, Debug)]
@@ -21,7 +22,7 @@ pub(super) struct Direction {
 ///
 /// In one and the same direction, what ends there comes before what begins: solids that only touch stay apart.
 pub(super) fn pair_around(directions: &mut [Direction]) -> Vec<[u32; 2]> {
-    directions.sort_unstable_by(|a, b| {
+    sort::by(directions, &mut |a, b| {
         let by_angle = compare_angles(a.at, b.at);
         by_angle.then(b.closes.cmp(&a.closes)).then(a.number.cmp(&b.number))
     });

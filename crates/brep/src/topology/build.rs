@@ -4,11 +4,11 @@ use std::collections::HashMap;
 use std::mem::size_of;
 
 use super::around::{Direction, flat, normal, pair_around};
-use super::corners::FaceRings;
+use super::corners::{FaceRings, numbered};
 use super::{NONE, Ring, Topology, TopologyOptions, Vertex};
 use crate::exact::vector::{main_axis, subtract};
 use crate::{Face, Faces};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, sort};
 
 /// Most bytes in use for each half-edge while a topology is made: its own three numbers and that of its point (16),
 /// orders of half-edges and points (12), its point (12), edges (12) and vertices (8), none of which are shared in the
@@ -102,13 +102,13 @@ fn each_face(
     })
 }
 
-/// Reads rings and faces; the outcome is the point at which each half-edge starts, and its number.
+/// Reads rings and faces; the outcome is the point at which each half-edge starts, and its number ([`numbered`]).
 fn read(
     faces: &dyn Faces,
     counts: &Counts,
     topology: &mut Topology,
     progress: &dyn Progress,
-) -> Result<Vec<([i32; 3], u32)>> {
+) -> Result<Vec<u128>> {
     let half_edges = counts.half_edges as usize;
     let mut corners = Vec::with_capacity(half_edges);
     topology.ring_of.reserve_exact(half_edges);
@@ -128,7 +128,7 @@ fn read(
             let ring = topology.rings.len() as u32;
             topology.rings.push(Ring { start: corners.len() as u32, face: face_number });
             for point in &found.points[start..end] {
-                corners.push((*point, corners.len() as u32));
+                corners.push(numbered(*point, corners.len() as u32));
                 topology.ring_of.push(ring);
             }
             start = end;
@@ -142,33 +142,30 @@ fn read(
 }
 
 /// Numbers the different points in their order; the outcome is the half-edges by the point that they start at.
-fn weld(
-    mut corners: Vec<([i32; 3], u32)>,
-    topology: &mut Topology,
-    progress: &dyn Progress,
-) -> Result<Vec<u32>> {
-    sort(&mut corners, progress)?;
+fn weld(mut corners: Vec<u128>, topology: &mut Topology, progress: &dyn Progress) -> Result<Vec<u32>> {
+    sort_numbers(&mut corners, progress)?;
     topology.origin = vec![0; corners.len()];
-    for &(point, half_edge) in &corners {
+    for &corner in &corners {
+        let (point, half_edge) = (sort::key_point(corner >> 32), corner as u32);
         if topology.points.last() != Some(&point) {
             topology.points.push(point);
         }
         topology.origin[half_edge as usize] = topology.points.len() as u32 - 1;
     }
     topology.points.shrink_to_fit();
-    Ok(corners.into_iter().map(|(_, half_edge)| half_edge).collect())
+    Ok(corners.into_iter().map(|corner| corner as u32).collect())
 }
 
 /// Sorts in pieces between which the work may be interrupted.
-fn sort(corners: &mut [([i32; 3], u32)], progress: &dyn Progress) -> Result<()> {
+fn sort_numbers(corners: &mut [u128], progress: &dyn Progress) -> Result<()> {
     progress.check()?;
     if corners.len() <= 1 << 20 {
-        corners.sort_unstable();
+        sort::numbers128(corners);
         return Ok(());
     }
     let (below, _, above) = corners.select_nth_unstable(corners.len() / 2);
-    sort(below, progress)?;
-    sort(above, progress)
+    sort_numbers(below, progress)?;
+    sort_numbers(above, progress)
 }
 
 /// Makes edges: pairs of half-edges between the same two points, in opposite directions.
@@ -189,9 +186,10 @@ fn pair(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
         let first = ends(topology, by_first[start]).0;
         let len = by_first[start..].iter().take_while(|&&other| ends(topology, other).0 == first).count();
         let from_first = &mut by_first[start..start + len];
-        from_first.sort_unstable_by_key(|&half_edge| {
+        // (They come by ascending numbers.)
+        sort::by_key(from_first, |&half_edge| {
             let (_, second, is_back) = ends(topology, half_edge);
-            (second, is_back, half_edge)
+            u64::from(second) << 1 | u64::from(is_back)
         });
         let mut at = start;
         start += len;
@@ -411,7 +409,7 @@ fn find_shells(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
                 }
             }
         }
-        topology.shell_faces[start..].sort_unstable();
+        sort::numbers32(&mut topology.shell_faces[start..]);
         topology.shell_ends.push(topology.shell_faces.len() as u32);
     }
     Ok(())

@@ -4,6 +4,12 @@
 use super::super::Face;
 use super::around::{Direction, flat, normal, pair_around};
 use crate::exact::vector::{main_axis, subtract};
+use spinney_base::sort;
+
+/// A point and a number below: the order is that of the points, then that of the numbers.
+pub(super) fn numbered(point: [i32; 3], number: u32) -> u128 {
+    sort::point_key(point) << 32 | u128::from(number)
+}
 
 /// Rings of faces, in buffers that are used again.
 #[derive(Default)]
@@ -12,7 +18,8 @@ pub(super) struct FaceRings {
     pub(super) points: Vec<[i32; 3]>,
     /// End of each ring in the points.
     pub(super) ends: Vec<usize>,
-    sorted: Vec<([i32; 3], u32)>,
+    /// Points as keys, with their corners below.
+    sorted: Vec<u128>,
 }
 
 impl FaceRings {
@@ -27,9 +34,10 @@ impl FaceRings {
         let has_touching = match (face.ring_ends, face.points) {
             ([_], [a, b, c]) => a == b || b == c || c == a,
             _ => {
-                self.sorted.extend(face.points.iter().copied().zip(0..));
-                self.sorted.sort_unstable();
-                self.sorted.windows(2).any(|pair| pair[0].0 == pair[1].0)
+                self.sorted
+                    .extend(face.points.iter().zip(0u32..).map(|(point, corner)| numbered(*point, corner)));
+                sort::numbers128(&mut self.sorted);
+                self.sorted.windows(2).any(|pair| pair[0] >> 32 == pair[1] >> 32)
             }
         };
         if has_touching && let Some(follows) = self.follow(face) {
@@ -62,9 +70,11 @@ impl FaceRings {
         after.iter().zip(0..).for_each(|(&next, corner)| before[next as usize] = corner);
         let mut follows = after.clone();
         let mut directions = Vec::new();
-        for same in self.sorted.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+        for same in self.sorted.chunk_by(|a, b| a >> 32 == b >> 32).filter(|same| same.len() > 1) {
             directions.clear();
-            for &(point, corner) in same {
+            for &number in same {
+                let corner = number as u32;
+                let point = face.points[corner as usize];
                 // The inside is on the left of edges: it begins at those that go out, and ends at those that come in.
                 for (other, closes) in [(after[corner as usize], false), (before[corner as usize], true)] {
                     let other = face.points[other as usize];

@@ -7,7 +7,7 @@ use super::affine::{View, ViewNode};
 use super::tree_file::check_form;
 use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::value::{Value, ValueType};
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 
 /// Cells in which a value of the first tree (`None` is VOID) meets one of the second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,7 +101,7 @@ impl Pairs {
         self.end_run()?;
         let pairs = self.cells.into_iter().map(|((first, second), cells)| Pair { first, second, cells });
         let mut pairs: Vec<Pair> = pairs.collect();
-        pairs.sort_unstable_by(|a, b| {
+        sort::by(&mut pairs, &mut |a, b| {
             by_value(value_type, a.first, b.first).then(by_value(value_type, a.second, b.second))
         });
         Ok(pairs)

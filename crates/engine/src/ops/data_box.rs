@@ -3,6 +3,7 @@
 use super::affine::View;
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
+use spinney_base::sort;
 use spinney_base::space::{Bounds, Code};
 
 /// The smallest box of cells around all that is not VOID; `None` if all is. Goes, for each side of the box, only into nodes
@@ -44,7 +45,9 @@ fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
                 let start = pending.len();
                 pending.extend(below.map(|(step, child)| (reach(code.child(step)), code.child(step), child)));
                 // The last one comes first.
-                pending[start..].sort_by_key(|(reach, ..)| *reach);
+                sort::by_wide_key(&mut pending[start..], |(reach, ..)| {
+                    reach.map_or(0, |reach| u128::from(reach) + 1)
+                });
             }
             _ => found = reach_of_node,
         }

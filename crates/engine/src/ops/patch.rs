@@ -3,7 +3,7 @@
 use spinney_base::Form;
 use spinney_base::space::{Bounds, Code, Cover, Polygon};
 use spinney_base::value::Value;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 
 /// Effect of a patch on a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +55,7 @@ impl CellPatch {
         let cells = cells.into_iter().map(|(cell, value)| Ok((code(cell)?, present(value))));
         let mut cells = cells.collect::<Result<Vec<_>>>()?;
         // (The sort is stable: the last of several stays behind the others.)
-        cells.sort_by_key(|(code, _)| *code);
+        sort::by_key(&mut cells, |(code, _)| code.bits());
         let mut last = 0;
         for next in 0..cells.len() {
             if cells[next].0 != cells[last].0 {

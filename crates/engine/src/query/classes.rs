@@ -9,6 +9,7 @@ use crate::store::records::subtree::{BadSkip, each_leaf};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::sort;
 use spinney_base::value::{Tally, Value, ValueType};
 
 /// The tally of cells of each value, which come by ascending value.
@@ -97,7 +98,7 @@ impl Classes {
     fn sort_in(&mut self) {
         self.counts.append(&mut self.pending);
         // (Of two runs, the first is sorted already, which a stable sort makes use of.)
-        self.counts.sort_by_key(|class| class.key);
+        sort::by_wide_key(&mut self.counts, |class| class.key);
         self.counts.dedup_by(|next, class| {
             let same = next.key == class.key;
             if same {

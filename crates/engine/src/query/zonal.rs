@@ -16,6 +16,7 @@ use crate::store::records::subtree::BadSkip;
 use crate::tree::Source;
 use spinney_base::Form;
 use spinney_base::parallel;
+use spinney_base::sort;
 use spinney_base::space::{Bounds, Code, Cover, Polygon};
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Progress, Result};
@@ -309,7 +310,7 @@ impl Parts {
         let measured = self.classes.into_iter().filter(|_| value_type.channels == 1);
         let measured = measured.map(|(value, cells)| (value_type.first_sample(value), cells));
         let mut classes: Vec<(f64, f64)> = counted.chain(measured).collect();
-        classes.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        sort::by_key(&mut classes, |(class, _)| sort::float_key(*class));
         classes.dedup_by(|(next, cells), (class, sum)| {
             let is_same = next.total_cmp(class).is_eq();
             if is_same {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use spinney_base::sort;
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
 /// Numbers of tags, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
@@ -146,7 +147,7 @@ pub(crate) fn value_place(tags: &[(u16, IfdField)], wanted: u16, at: u64, big: b
 /// The bytes of a directory that will stand at `at`, and of the values that are too long for it. `next` is the place of
 /// the directory after it, or 0.
 pub(crate) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, next: u64, big: bool) -> Vec<u8> {
-    tags.sort_by_key(|(number, _)| *number);
+    sort::by_key(&mut tags, |(number, _)| u64::from(*number));
     let (count_bytes, word_bytes) = widths(big);
     let entries_bytes = tags.len() * (4 + 2 * word_bytes);
     let mut entries = (tags.len() as u64).to_le_bytes()[..count_bytes].to_vec();

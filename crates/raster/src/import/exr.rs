@@ -213,7 +213,8 @@ fn tags(header: &Header, layer: &str) -> BTreeMap<String, String> {
     };
     let display = header.shared_attributes.display_window;
     let own = &header.own_attributes;
-    let mut tags = BTreeMap::from([
+    let mut tags = BTreeMap::new();
+    tags.extend([
         ("data window".to_string(), window(own.layer_position, header.layer_size)),
         ("display window".to_string(), window(display.position, display.size)),
     ]);

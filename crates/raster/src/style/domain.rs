@@ -4,7 +4,7 @@ use std::cell::{OnceCell, RefCell};
 
 use super::layer::Bound;
 use spinney_base::space::Bounds;
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, sort};
 use spinney_engine::dataset::Dataset;
 
 /// Cells that percentiles are made of, at most: those of the finest level that has no more of them.
@@ -88,7 +88,7 @@ impl<'a> Percentiles<'a> {
                 }
             }
         }
-        channels.iter_mut().for_each(|numbers| numbers.sort_unstable_by(f64::total_cmp));
+        channels.iter_mut().for_each(|numbers| sort::floats(numbers));
         Ok(channels)
     }
 }

@@ -10,7 +10,7 @@ use super::layer::{
 };
 use super::mask::{Mask, Ranges};
 use super::{LONGEST, Style, ramps};
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 
 /// Layers of a style, stops of a ramp, classes of a palette, ranges of a mask: so many at most.
 const MOST_LAYERS: usize = 16;
@@ -221,7 +221,7 @@ fn classes(fields: &mut Fields<'_>) -> Result<Vec<Class>> {
         Ok(Class { value: value + 0.0, colour, name })
     });
     let mut classes = classes.collect::<Result<Vec<Class>>>()?;
-    classes.sort_by(|a, b| a.value.total_cmp(&b.value));
+    sort::by_key(&mut classes, |class| sort::float_key(class.value));
     match classes.windows(2).find(|pair| pair[0].value == pair[1].value) {
         Some(pair) => Err(Error::invalid(place, format!("{} twice", pair[0].value), "each value once")),
         None => Ok(classes),

@@ -223,18 +223,44 @@ impl<'a> TileEncoder<'a> {
 
 /// A JPEG file; what is transparent is seen before white.
 fn jpeg(pixels: &[[u8; 4]], side: usize, quality: u8) -> Result<Vec<u8>, String> {
-    let before_white = |sample: u8, opacity: u8| {
-        let (sample, opacity) = (u32::from(sample), u32::from(opacity));
-        ((sample * opacity + 255 * (255 - opacity) + 127) / 255) as u8
-    };
-    let rgb =
-        |[red, green, blue, opacity]: [u8; 4]| [red, green, blue].map(|sample| before_white(sample, opacity));
-    let bytes: Vec<u8> = pixels.iter().flat_map(|pixel| rgb(*pixel)).collect();
     let mut out = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut out, quality);
-    let encoded = encoder.encode(&bytes, side as u16, side as u16, jpeg_encoder::ColorType::Rgb);
-    encoded.map_err(|error| error.to_string())?;
+    encoder.encode_image(BeforeWhite { pixels, side }).map_err(|error| error.to_string())?;
     Ok(out)
+}
+
+/// Pixels seen before white. (The crate's own pictures would have its encoder compiled for each kind of colours.)
+struct BeforeWhite<'a> {
+    pixels: &'a [[u8; 4]],
+    side: usize,
+}
+
+impl jpeg_encoder::ImageBuffer for BeforeWhite<'_> {
+    fn get_jpeg_color_type(&self) -> jpeg_encoder::JpegColorType {
+        jpeg_encoder::JpegColorType::Ycbcr
+    }
+
+    fn width(&self) -> u16 {
+        self.side as u16
+    }
+
+    fn height(&self) -> u16 {
+        self.side as u16
+    }
+
+    fn fill_buffers(&self, y: u16, buffers: &mut [Vec<u8>; 4]) {
+        let before_white = |sample: u8, opacity: u8| {
+            let (sample, opacity) = (u32::from(sample), u32::from(opacity));
+            ((sample * opacity + 255 * (255 - opacity) + 127) / 255) as u8
+        };
+        for [red, green, blue, opacity] in &self.pixels[usize::from(y) * self.side..][..self.side] {
+            let [red, green, blue] = [red, green, blue].map(|sample| before_white(*sample, *opacity));
+            let (luma, blueness, redness) = jpeg_encoder::rgb_to_ycbcr(red, green, blue);
+            buffers[0].push(luma);
+            buffers[1].push(blueness);
+            buffers[2].push(redness);
+        }
+    }
 }
 
 /// A WebP file, without loss if no quality is asked for.

@@ -184,7 +184,7 @@ impl About {
         }
         let text = |text: Json| text.as_str().unwrap_or_default().to_owned();
         rows.extend(self.texts().into_iter().map(|(name, value)| (name, text(value))));
-        rows.sort();
+        spinney_base::sort::by(&mut rows, &mut Ord::cmp);
         rows
     }
 }

@@ -2,6 +2,7 @@
 //! some.
 
 use flate2::{Compress, Compression, Crc, FlushCompress};
+use spinney_base::sort;
 
 /// Pixels of a tile.
 #[derive(Clone, Copy, Debug)]
@@ -72,7 +73,7 @@ impl PngEncoder {
         indices.iter().for_each(|index| used[usize::from(*index)] = true);
         // Colours that are used, those that are not opaque first: only these need a number in tRNS.
         let mut numbers: Vec<usize> = (0..256).filter(|index| used[*index]).collect();
-        numbers.sort_by_key(|index| colours[*index][3] == 255);
+        sort::by_key(&mut numbers, |index| u64::from(colours[*index][3] == 255));
         let mut renumbered = [0; 256];
         numbers.iter().enumerate().for_each(|(new, old)| renumbered[*old] = new as u8);
         let bits = match numbers.len() {

@@ -1,6 +1,7 @@
 //! A tile's samples as a small GeoTIFF file: one strip, not compressed, in web mercator.
 
 use super::place::TileId;
+use spinney_base::sort;
 use spinney_base::value::{SampleType, Value, ValueType};
 use spinney_crs::{WEB_MERCATOR, WEB_MERCATOR_HALF};
 
@@ -54,7 +55,7 @@ pub(super) fn tile(value: ValueType, side: usize, tile: TileId, void: Value, sam
     if channels > usual {
         // Opacity that the colours were not multiplied with.
         fields.push((338, SHORT, (channels - usual) as u32, shorts(&vec![2; channels - usual])));
-        fields.sort_by_key(|field| field.0);
+        sort::by_key(&mut fields, |field| u64::from(field.0));
     }
     // The samples, the directory, and what does not fit into it.
     let directory = (8 + samples.len()).next_multiple_of(2);

@@ -16,6 +16,7 @@ use super::target::TileTarget;
 use super::walk::{TileExtent, TileRun, TileWalk};
 use super::{Made, TilePainter, TileRequest, plan, write};
 use spinney_base::parallel;
+use spinney_base::sort;
 use spinney_base::space::Code;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::OpenOptions;
@@ -74,7 +75,7 @@ impl Touched {
     fn all(&self) -> Vec<TileId> {
         let wide = self.wide.iter().flat_map(|(zoom, range)| tiles_of(*zoom, *range));
         let mut all: Vec<TileId> = self.tiles.iter().copied().chain(wide).collect();
-        all.sort_unstable_by_key(|tile| tile.number());
+        sort::by_key(&mut all, |tile| tile.number());
         all.dedup();
         all
     }

@@ -1,6 +1,6 @@
 //! The values that lines are drawn at.
 
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 
 /// The values that contour lines are drawn at.
 #[derive(Clone, Debug, PartialEq)]
@@ -48,7 +48,7 @@ impl Levels {
                 if values.is_empty() || values.len() > MOST as usize {
                     return invalid(format!("{} levels", values.len()), "at least one");
                 }
-                values.sort_by(f64::total_cmp);
+                sort::floats(values);
                 // (Zero has two signs.)
                 values.dedup_by(|a, b| a == b);
             }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::join::ContourLine;
 use super::pieces::{LinePieces, PieceNumber};
 use spinney_base::Result;
+use spinney_base::sort;
 
 /// A closed ring.
 struct BandRing {
@@ -78,7 +79,7 @@ impl Polygons {
     ) -> Result<()> {
         let mut outer = std::mem::take(&mut self.outer);
         // Of two around a hole the smaller one is nearer. (Those of one size come as they came.)
-        outer.sort_by(|(_, a), (_, b)| a.area.abs().total_cmp(&b.area.abs()));
+        sort::by_key(&mut outer, |(_, ring)| sort::float_key(ring.area.abs()));
         for (class, ring) in outer {
             let mut rings = vec![ContourLine::ring(class, ring.first, ring.count)];
             rings.extend(self.take_holes(class, &ring, pieces)?);
@@ -101,7 +102,7 @@ impl Polygons {
         if crossed.is_empty() {
             return Ok(Vec::new());
         }
-        crossed.sort_by(|(a, ..), (b, ..)| a[1].total_cmp(&b[1]));
+        sort::by_key(&mut crossed, |(point, ..)| sort::float_key(point[1]));
         let mut last: Option<[f64; 2]> = None;
         pieces.each(outer.first, &mut |points| {
             for b in points {
@@ -119,7 +120,7 @@ impl Polygons {
         })?;
         let mut inside: Vec<_> =
             crossed.into_iter().filter(|(.., is_inside)| *is_inside).map(|(_, key, _)| key).collect();
-        inside.sort_unstable();
+        sort::by(&mut inside, &mut Ord::cmp);
         Ok(inside
             .iter()
             .filter_map(|key| self.holes.remove(key))

@@ -10,7 +10,7 @@ use super::write::backend;
 use crate::store::builder::{BuildOptions, TreeSink, walk};
 use crate::store::records::RecordLayout;
 use spinney_base::io::Output;
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, sort};
 use spinney_container::OpenOptions;
 
 /// Selection of the commits that stay.
@@ -31,7 +31,7 @@ impl Keep {
                 numbers.iter().map(|number| history.commit(*number)).collect::<Result<Vec<_>>>()?
             }
         };
-        kept.sort_by_key(|commit| commit.number);
+        sort::by_key(&mut kept, |commit| commit.number);
         kept.dedup_by_key(|commit| commit.number);
         if kept.is_empty() {
             return Err(Error::invalid("commits to keep", "none", "at least one"));

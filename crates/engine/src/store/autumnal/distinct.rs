@@ -92,7 +92,7 @@ impl Waiting {
         let Some(sorter) = mem::take(&mut self.by_height[usize::from(height)]) else { return Ok(()) };
         // Those of one record. (A box cuts the nodes of a level in no more than four ways along each axis.)
         let mut same: Vec<(u8, Alike)> = Vec::new();
-        sorter.finish(|item| {
+        sorter.finish(&mut |item| {
             let alike = Alike::from_item(item);
             if same.first().is_some_and(|(_, first)| first.address != alike.address) {
                 same.drain(..).try_for_each(|(_, alike)| each(self, alike))?;

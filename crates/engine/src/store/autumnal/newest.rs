@@ -7,7 +7,7 @@ use super::commit::Commit;
 use super::extents::{ExtentKind, Extents, FIRST_EXTENT, PAGE, SECTOR};
 use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE, Slot};
 use spinney_base::io::ReadBackend;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 
 /// State of the newest commit.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,7 +58,7 @@ pub(super) fn slots(bytes: &dyn ReadBackend) -> Result<[Slot; 2]> {
 pub(super) fn whole(slots: &[Slot; 2]) -> Vec<Meta> {
     let metas = slots.iter().filter_map(|slot| if let Slot::Whole(meta) = slot { Some(*meta) } else { None });
     let mut whole: Vec<Meta> = metas.collect();
-    whole.sort_by_key(|meta| std::cmp::Reverse(meta.sequence));
+    sort::by_key(&mut whole, |meta| !meta.sequence);
     whole
 }
 

@@ -12,6 +12,7 @@ use super::fold::fold;
 use crate::store::records::Record;
 use crate::store::records::subtree::{RECORDS_ARE_CHECKED, each_leaf};
 use crate::tree::Child;
+use spinney_base::sort;
 use spinney_base::value::{Native, Rule, Value, ValueType, dominant, with_native_type};
 use spinney_container::{INNER, LEAF, VOID};
 
@@ -335,7 +336,7 @@ pub(super) fn sum_by_value(value_type: ValueType, counts: &mut Vec<(Value, u64)>
 /// equal.
 #[inline(never)]
 fn sum_by_key(counts: &mut Vec<(u128, Value, u64)>) {
-    counts.sort_unstable_by_key(|(key, _, _)| *key);
+    sort::by_wide_key(counts, |(key, _, _)| *key);
     counts.dedup_by(|next, sum| {
         let same = next.0 == sum.0;
         if same {

@@ -14,6 +14,7 @@ use crate::store::records::dense::MAX_DENSE_LEVELS;
 use crate::tree::{Child, no_children};
 use spinney_base::Form;
 use spinney_base::parallel;
+use spinney_base::sort;
 use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Progress, Result};
@@ -224,7 +225,7 @@ impl<'a> Builder<'a> {
                 codes.extend(blocks(0).filter_map(|x| Code::from_cell(dimension, level, [x, y, z])));
             }
         }
-        codes.sort_unstable();
+        sort::by_key(&mut codes, |code| code.bits());
         let cells = slab.size.iter().product::<u64>();
         let mut reported = 0;
         let count = codes.len() as u64;

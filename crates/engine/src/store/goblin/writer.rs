@@ -70,7 +70,8 @@ impl Writer {
         let segments = sorter.len();
 
         let mut section = SectionWriter::new(&mut out, position);
-        sorter.finish(|entry| section.write_all(entry).map_err(Error::io(&path, "write the directory")))?;
+        sorter
+            .finish(&mut |entry| section.write_all(entry).map_err(Error::io(&path, "write the directory")))?;
         let directory = section.written;
 
         let mut section = SectionWriter::new(&mut out, directory.offset + directory.length);

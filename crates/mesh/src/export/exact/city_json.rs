@@ -262,7 +262,7 @@ impl Surfaces {
         let failed = || Error::io(&self.folder, "use a temporary file");
         let mut file = self.file.into_inner().map_err(io::IntoInnerError::into_error).map_err(failed())?;
         let mut bytes = Vec::new();
-        self.runs.finish(|item| {
+        self.runs.finish(&mut |item| {
             job.progress.check()?;
             let eight = |at: usize| u64::from_le_bytes(item[at..at + 8].try_into().unwrap_or_default());
             let part = u32::from_le_bytes(item[..4].try_into().unwrap_or_default());

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use super::Job;
 use spinney_base::io::Sorter;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 
 /// Bytes of memory for each of the two sorts.
 const MEMORY: u64 = 128 << 20;
@@ -56,7 +56,7 @@ impl CornerNumbers {
         let mut vertices = 0u64;
         let mut near: Vec<Corner> = Vec::new();
         let mut flush = |near: &mut Vec<Corner>| -> Result<()> {
-            near.sort_unstable_by_key(|corner| (corner.vertex, corner.place));
+            sort::by(near, &mut |a, b| (a.vertex, a.place).cmp(&(b.vertex, b.place)));
             for same in near.chunk_by(|a, b| a.vertex == b.vertex) {
                 each(same[0].vertex)?;
                 for corner in same {
@@ -68,7 +68,7 @@ impl CornerNumbers {
             Ok(())
         };
         let mut count = 0u64;
-        corners.finish(|bytes| {
+        corners.finish(&mut |bytes| {
             count += 1;
             if count.is_multiple_of(1 << 14) {
                 job.progress.check()?;
@@ -103,7 +103,7 @@ fn write_numbers(numbers: Sorter, folder: &Path, job: &Job<'_>) -> Result<BufRea
     let failed = || Error::io(folder, "use a temporary file");
     let mut out = BufWriter::with_capacity(1 << 16, tempfile::tempfile_in(folder).map_err(failed())?);
     let mut count = 0u64;
-    numbers.finish(|bytes| {
+    numbers.finish(&mut |bytes| {
         count += 1;
         if count.is_multiple_of(1 << 14) {
             job.progress.check()?;

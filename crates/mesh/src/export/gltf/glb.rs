@@ -1,7 +1,7 @@
 //! Triangles as binary glTF 2.0: quantised positions and normals (KHR_mesh_quantization), colours, and classes as features
 //! (EXT_mesh_features, EXT_structural_metadata).
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use serde_json::{Value as Json, json};
 
@@ -48,7 +48,9 @@ impl<'a> Glb<'a> {
         matrix: [f64; 16],
         classes: impl IntoIterator<Item = u32>,
     ) -> Glb<'a> {
-        let sorted: BTreeSet<u32> = classes.into_iter().collect();
+        let mut numbers = BTreeMap::new();
+        numbers.extend(classes.into_iter().map(|class| (class, 0)));
+        numbers.values_mut().zip(0..).for_each(|(number, next)| *number = next);
         Glb {
             attribute,
             metadata,
@@ -56,7 +58,7 @@ impl<'a> Glb<'a> {
             accessors: Vec::new(),
             meshes: Vec::new(),
             nodes: vec![json!({ "matrix": matrix })],
-            classes: sorted.into_iter().zip(0..).collect(),
+            classes: numbers,
         }
     }
 

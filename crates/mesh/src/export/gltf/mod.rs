@@ -13,7 +13,6 @@ mod tile_mesh;
 mod tiles;
 mod tileset;
 
-use std::collections::BTreeSet;
 use std::io::Write as _;
 
 use self::glb::{Glb, y_up};
@@ -110,8 +109,7 @@ pub fn export_glb(
         }
     }
     let attributes = meshes.iter().flat_map(|(_, mesh)| mesh.attributes());
-    let classes: BTreeSet<u32> = attributes.collect();
-    let mut glb = Glb::new(maker.attribute(), options, tree.metadata(), y_up(maker.frame()), classes);
+    let mut glb = Glb::new(maker.attribute(), options, tree.metadata(), y_up(maker.frame()), attributes);
     let mut triangles = 0;
     for (tile, mesh) in &meshes {
         triangles += mesh.triangles.len() as u64;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::super::solid::closure::edge_number;
 use spinney_base::io::Sorter;
-use spinney_base::{Error, Result};
+use spinney_base::{Error, Result, sort};
 use spinney_brep::geometry::Triangulator;
 
 /// Bytes of an edge: its number, its ends from the lesser to the greater, the direction, the part of the face.
@@ -56,7 +56,7 @@ impl Boundary {
         let mut same: Vec<(u64, [[i32; 3]; 2], bool, u32)> = Vec::new();
         let mut settle = |same: &mut Vec<(u64, [[i32; 3]; 2], bool, u32)>| {
             // (Different edges with one number are next to impossible, and do no harm.)
-            same.sort_unstable_by_key(|(_, ends, forward, part)| (*ends, *forward, *part));
+            sort::by(same, &mut |a, b| (a.1, a.2, a.3).cmp(&(b.1, b.2, b.3)));
             for edges in same.chunk_by(|a, b| a.1 == b.1) {
                 let forward = edges.iter().filter(|edge| edge.2).count();
                 let backward = edges.len() - forward;
@@ -71,7 +71,7 @@ impl Boundary {
             same.clear();
             if open.len() > most { Err(too_many()) } else { Ok(()) }
         };
-        self.sorter.finish(|item| {
+        self.sorter.finish(&mut |item| {
             let number = |at: usize| u32::from_le_bytes(item[at..at + 4].try_into().expect("four bytes"));
             let key = u64::from_le_bytes(item[..8].try_into().expect("eight bytes"));
             let point = |at: usize| [0, 4, 8].map(|axis| number(at + axis) as i32);
@@ -92,11 +92,14 @@ fn chain(edges: Vec<([i32; 3], [i32; 3], u32)>) -> Vec<Loop> {
     for (start, end, part) in edges {
         from.entry(start).or_default().push((end, part));
     }
-    from.values_mut().for_each(|ends| ends.sort_unstable_by(|a, b| b.cmp(a)));
+    from.values_mut().for_each(|ends| {
+        sort::by_wide_key(ends, |(to, part)| !(sort::point_key(*to) << 32 | u128::from(*part)));
+    });
     let mut loops = Vec::new();
     while let Some((&start, _)) = from.first_key_value() {
         let mut points = vec![start];
-        let mut places = BTreeMap::from([(start, 0)]);
+        let mut places = BTreeMap::new();
+        places.insert(start, 0);
         let mut part = 0;
         let mut at = start;
         while let Some((next, of)) = from.get_mut(&at).and_then(Vec::pop) {

@@ -18,7 +18,7 @@ use super::boundary::Neighbourhood;
 use super::fill::windings_at_centres;
 use super::grid::Triangle;
 use super::inside::{Inside, State};
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, sort};
 use spinney_brep::exact::lattice::Lattice;
 use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip};
 
@@ -217,8 +217,8 @@ struct Coverage {
     /// One more than the index of a cell in `faces`, by cell; 0 where a cell has no face.
     numbers: Vec<u32>,
     faces: Vec<Faces>,
-    /// Index in `faces` and number of a triangle that reaches into that cell, in that order.
-    pieces: Vec<(u32, u32)>,
+    /// Index in `faces` and, in the lower half, number of a triangle that reaches into that cell, in that order.
+    pieces: Vec<u64>,
     /// Index of the first piece of each cell with faces; one more than there are cells.
     starts: Vec<u32>,
 }
@@ -241,11 +241,11 @@ impl Coverage {
                 return Ok(None);
             }
         }
-        coverage.pieces.sort_unstable();
+        sort::numbers64(&mut coverage.pieces);
         coverage.pieces.dedup();
-        let cells = 0..=coverage.faces.len() as u32;
+        let cells = 0..=coverage.faces.len() as u64;
         coverage.starts =
-            cells.map(|cell| coverage.pieces.partition_point(|piece| piece.0 < cell) as u32).collect();
+            cells.map(|cell| coverage.pieces.partition_point(|piece| piece >> 32 < cell) as u32).collect();
         Ok(Some(coverage))
     }
 
@@ -262,7 +262,7 @@ impl Coverage {
         faces.is_cut |= is_cut;
         faces.in_wall |= !is_cut;
         faces.add(polygon, cell, 1.0);
-        self.pieces.push((number, triangle));
+        self.pieces.push(sort::pair_key([number, triangle]));
     }
 
     fn is_cut(&self, cell: usize) -> bool {
@@ -273,7 +273,7 @@ impl Coverage {
     fn triangles<'a>(&'a self, cube: &Cube<'a>, number: usize) -> impl Iterator<Item = Triangle> + 'a {
         let range = self.starts[number] as usize..self.starts[number + 1] as usize;
         let triangles = cube.triangles;
-        self.pieces[range].iter().map(|(_, triangle)| triangles[*triangle as usize])
+        self.pieces[range].iter().map(|piece| triangles[*piece as u32 as usize])
     }
 
     /// Leaves of each cell's faces those that bound the inside, as far as that can be told.

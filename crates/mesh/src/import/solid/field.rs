@@ -12,7 +12,7 @@ use glam::{DMat3, DVec3};
 use super::grid::Triangle;
 use super::rim::Rims;
 use spinney_base::space::{Dimension, morton_encode};
-use spinney_base::{Error, Progress, Result};
+use spinney_base::{Error, Progress, Result, sort};
 use spinney_brep::exact::bounds::SOLID_BITS;
 
 /// Triangles that are looked at one by one.
@@ -234,7 +234,7 @@ impl WindingField {
             [0, 1, 2].map(|axis| (sum(axis) / 3) as i32)
         };
         let mut sorted = triangles.to_vec();
-        sorted.sort_by_cached_key(|triangle| place_key(middle(triangle)));
+        sort::by_key(&mut sorted, |triangle| place_key(middle(triangle)));
         progress.check()?;
         let mut attributes: Vec<u32> = sorted.iter().map(|triangle| triangle.attribute).collect();
         if attributes.iter().all(|attribute| *attribute == attributes[0]) {

@@ -8,7 +8,7 @@ use super::bits::{Bits, Cells};
 use super::coverage::{Cube, Test};
 use super::grid::Triangle;
 use super::inside::{Attribute, Boundary, FULL, FillOptions, Inside, State};
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, sort};
 use spinney_brep::exact::lattice::{Lattice, Projected};
 use spinney_brep::exact::vector::ascending_others;
 use spinney_brep::geometry::triangle;
@@ -71,8 +71,11 @@ impl Crossings {
         for line in 0..lines {
             let range = starts[line] as usize..starts[line + 1] as usize;
             if range.len() > 1 {
-                sorted[range]
-                    .sort_unstable_by_key(|crossing| (crossing.before, crossing.change, crossing.attribute));
+                sort::by_wide_key(&mut sorted[range], |crossing| {
+                    let upper =
+                        u64::from(crossing.before) << 32 | u64::from(crossing.change as u32 ^ 1 << 31);
+                    u128::from(upper) << 32 | u128::from(crossing.attribute)
+                });
             }
         }
         Crossings { sorted, starts }

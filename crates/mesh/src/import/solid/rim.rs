@@ -9,6 +9,7 @@ use glam::DVec3;
 use super::closure::edge_number;
 use super::field::place_key;
 use super::grid::Triangle;
+use spinney_base::sort;
 
 /// Edges that are looked at together.
 const CHUNK: usize = 64;
@@ -55,27 +56,31 @@ impl Rims {
 
     /// The edges that triangles have more often in one direction than in the other.
     pub(super) fn new(triangles: &[Triangle]) -> Rims {
-        let mut numbers: Vec<(u64, i32, u32)> = Vec::with_capacity(3 * triangles.len());
-        for (index, triangle) in (0..).zip(triangles) {
+        // Their numbers, then whether they go forward, then which edge of which triangle they are.
+        let mut numbers: Vec<u128> = Vec::with_capacity(3 * triangles.len());
+        for (index, triangle) in (0u32..).zip(triangles) {
             for side in 0..3 {
                 let [from, to] = edge(triangle, side);
                 if from != to {
                     let (number, is_forward) = edge_number(from, to);
-                    numbers.push((number, if is_forward { 1 } else { -1 }, 3 * index + side));
+                    let below = u64::from(is_forward) << 32 | u64::from(3 * index + side);
+                    numbers.push(u128::from(number) << 64 | u128::from(below));
                 }
             }
         }
-        numbers.sort_unstable();
+        sort::numbers128(&mut numbers);
         let mut edges = Vec::new();
-        for same in numbers.chunk_by(|a, b| a.0 == b.0) {
-            let times = same.iter().map(|(_, way, _)| way).sum::<i32>();
-            let first = same[0].2;
+        for same in numbers.chunk_by(|a, b| a >> 64 == b >> 64) {
+            let forward = same.iter().filter(|number| **number >> 32 & 1 == 1).count();
+            let first = same[0] as u32;
             let edge = edge(&triangles[first as usize / 3], first % 3);
-            edges.extend((0..times.unsigned_abs()).map(|_| edge));
+            edges.extend((0..forward.abs_diff(same.len() - forward)).map(|_| edge));
         }
         drop(numbers);
-        edges.sort_by_cached_key(|[from, to]| {
-            (place_key(std::array::from_fn(|axis| from[axis].midpoint(to[axis]))), *from, *to)
+        // (Those in one place are in the order of their ends.)
+        sort::point_pairs(&mut edges);
+        sort::by_key(&mut edges, |[from, to]| {
+            place_key(std::array::from_fn(|axis| from[axis].midpoint(to[axis])))
         });
         let ball = |edges: &[[[i32; 3]; 2]]| {
             let middle = EdgePart::of(&edges[0]).middle;

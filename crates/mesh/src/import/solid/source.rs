@@ -14,6 +14,7 @@ use super::open;
 use super::triangles::{OctantSorter, Triangles};
 use spinney_base::Form;
 use spinney_base::Result;
+use spinney_base::sort;
 use spinney_base::value::Value;
 use spinney_brep::exact::lattice::Projected;
 use spinney_brep::geometry::triangle;
@@ -454,8 +455,9 @@ impl Events {
     fn apply(mut self, states: &mut [State; 8], leads: impl Fn(usize) -> (usize, usize)) {
         // At equal heights changes of -1 come first: touching bodies are left before the next is entered. The
         // attribute makes the order independent of that of the triangles.
-        self.passed
-            .sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3)));
+        sort::by(&mut self.passed, &mut |a, b| {
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)).then(a.3.cmp(&b.3))
+        });
         let mut passed = self.passed.into_iter().peekable();
         for line in 0..7 {
             let (from, to) = leads(line);

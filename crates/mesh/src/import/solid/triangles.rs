@@ -79,7 +79,8 @@ impl Spilled {
     }
 
     fn each(&self, mut each: impl FnMut(&Triangle) -> Result<()>) -> Result<()> {
-        self.words.each(|words| words.chunks_exact(WORDS).try_for_each(|triangle| each(&decode(triangle))))
+        self.words
+            .each(&mut |words| words.chunks_exact(WORDS).try_for_each(|triangle| each(&decode(triangle))))
     }
 }
 

@@ -10,7 +10,7 @@ use std::collections::{HashMap, HashSet};
 use super::closure::{Closure, edge_number};
 use super::field::WindingField;
 use super::grid::Triangle;
-use spinney_base::{Progress, Result};
+use spinney_base::{Progress, Result, sort};
 use spinney_brep::exact::union_find::UnionFind;
 use spinney_brep::exact::vector::{dot, subtract};
 
@@ -168,14 +168,16 @@ impl Component {
 
 /// Joins triangles that have an edge in common, in either direction.
 fn join_by_edges(triangles: &[Triangle], sets: &mut UnionFind) {
-    let mut edges: Vec<(u64, u32)> = Vec::with_capacity(3 * triangles.len());
-    for (number, triangle) in (0..).zip(triangles) {
+    // Their numbers, and those of triangles below.
+    let mut edges: Vec<u128> = Vec::with_capacity(3 * triangles.len());
+    for (number, triangle) in (0u32..).zip(triangles) {
         let [a, b, c] = triangle.corners;
-        edges.extend([(a, b), (b, c), (c, a)].map(|(from, to)| (edge_number(from, to).0, number)));
+        let ends = [(a, b), (b, c), (c, a)];
+        edges.extend(ends.map(|(from, to)| u128::from(edge_number(from, to).0) << 32 | u128::from(number)));
     }
-    edges.sort_unstable();
-    for pair in edges.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
-        sets.join(pair[0].1, pair[1].1);
+    sort::numbers128(&mut edges);
+    for pair in edges.windows(2).filter(|pair| pair[0] >> 32 == pair[1] >> 32) {
+        sets.join(pair[0] as u32, pair[1] as u32);
     }
 }
 

@@ -3,6 +3,7 @@
 use super::ifd::{Directory, Input};
 use super::spec::tag;
 use spinney_base::Result;
+use spinney_base::sort;
 use spinney_base::space::Region;
 
 /// Strips without compression are read in pieces of about this many bytes, as they may be of any size.
@@ -152,7 +153,7 @@ fn repeats(offsets: &[u64]) -> bool {
         return false;
     }
     let mut sorted: Vec<u64> = offsets.iter().copied().filter(|offset| *offset != 0).collect();
-    sorted.sort_unstable();
+    sort::numbers64(&mut sorted);
     sorted.windows(2).any(|pair| pair[0] == pair[1])
 }
 

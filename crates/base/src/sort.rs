@@ -1,0 +1,365 @@
+//! Sorting, compiled once. The standard library's sorts are compiled anew for each type of items and each way to compare
+//! them, ten kilobytes each time; here they are compiled for plain numbers, and items are put where their keys come.
+//!
+//! | what is there | function | order of equals | memory beside the items |
+//! |---|---|---|---|
+//! | numbers | [`numbers32`], [`numbers64`], [`numbers128`], [`floats`], [`point_pairs`] | (cannot be told) | none |
+//! | items with a key of 64 bits | [`by_key`] | as they came | 16 bytes for each |
+//! | items with a key of 128 bits | [`by_wide_key`] | as they came | 48 bytes for each |
+//! | items that can only be compared | [`by`] | as they came | 12 bytes for each |
+//!
+//! All take n log n steps. Lists of at most twenty items, as most are where geometry is at work, are sorted by insertion
+//! without memory beside them.
+
+use std::cmp::Ordering;
+use std::mem;
+
+/// Lists that are sorted by insertion have at most so many items (as in the standard library).
+const SHORT: usize = 20;
+
+/// Sorts numbers in place.
+///
+/// ```
+/// let mut numbers = [3, 1, 2];
+/// spinney_base::sort::numbers32(&mut numbers);
+/// assert_eq!(numbers, [1, 2, 3]);
+/// ```
+#[inline]
+pub fn numbers32(numbers: &mut [u32]) {
+    if numbers.len() > 1 {
+        sort32(numbers);
+    }
+}
+
+#[inline(never)]
+fn sort32(numbers: &mut [u32]) {
+    numbers.sort_unstable();
+}
+
+/// Sorts numbers in place.
+#[inline]
+pub fn numbers64(numbers: &mut [u64]) {
+    if numbers.len() > 1 {
+        sort64(numbers);
+    }
+}
+
+#[inline(never)]
+fn sort64(numbers: &mut [u64]) {
+    numbers.sort_unstable();
+}
+
+/// Sorts numbers in place: what has several parts, too, of which the first ones are in the upper bits.
+#[inline]
+pub fn numbers128(numbers: &mut [u128]) {
+    if numbers.len() > 1 {
+        sort128(numbers);
+    }
+}
+
+#[inline(never)]
+fn sort128(numbers: &mut [u128]) {
+    numbers.sort_unstable();
+}
+
+/// Sorts numbers in place, in the order of [`f64::total_cmp`].
+///
+/// ```
+/// let mut numbers = [2.5, f64::NAN, 0.0, -0.0, -1.0];
+/// spinney_base::sort::floats(&mut numbers);
+/// assert_eq!(format!("{numbers:?}"), "[-1.0, -0.0, 0.0, 2.5, NaN]");
+/// ```
+#[inline]
+pub fn floats(numbers: &mut [f64]) {
+    if numbers.len() > 1 {
+        sort_floats(numbers);
+    }
+}
+
+#[inline(never)]
+fn sort_floats(numbers: &mut [f64]) {
+    numbers.sort_unstable_by(f64::total_cmp);
+}
+
+/// Sorts pairs of points in place.
+#[inline]
+pub fn point_pairs(pairs: &mut [[[i32; 3]; 2]]) {
+    if pairs.len() > 1 {
+        sort_point_pairs(pairs);
+    }
+}
+
+#[inline(never)]
+fn sort_point_pairs(pairs: &mut [[[i32; 3]; 2]]) {
+    pairs.sort_unstable();
+}
+
+/// Sorts items by a number of each; those with the same one stay in the order in which they came. Of short lists a key is
+/// made several times, of others once.
+///
+/// ```
+/// use spinney_base::sort;
+/// let mut words = ["to", "be", "or", "not", "to", "be"];
+/// sort::by_key(&mut words, |word| word.len() as u64);
+/// assert_eq!(words, ["to", "be", "or", "to", "be", "not"]);
+/// ```
+#[inline]
+pub fn by_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u64) {
+    if items.len() > SHORT {
+        let number = |(item, place)| u128::from(key(item)) << 64 | place;
+        let numbers = items.iter().zip(0u128..).map(number).collect();
+        arrange(numbers, &mut |a, b| items.swap(a, b));
+        return;
+    }
+    for end in 1..items.len() {
+        let own = key(&items[end]);
+        let mut at = end;
+        while at > 0 && key(&items[at - 1]) > own {
+            items.swap(at - 1, at);
+            at -= 1;
+        }
+    }
+}
+
+/// As [`by_key`], by longer numbers: of what has several parts, or several channels.
+///
+/// ```
+/// use spinney_base::sort::{by_wide_key, point_key};
+/// let mut corners = [([0, 2, 0], 'a'), ([-1, 0, 0], 'b'), ([0, 1, 5], 'c'), ([-1, 0, 0], 'd')];
+/// by_wide_key(&mut corners, |(point, _)| point_key(*point));
+/// assert_eq!(corners.map(|(_, name)| name), ['b', 'd', 'c', 'a']);
+/// ```
+#[inline]
+pub fn by_wide_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u128) {
+    if items.len() > SHORT {
+        let numbers = items.iter().zip(0..).map(|(item, place)| (key(item), place)).collect();
+        arrange_wide(numbers, &mut |a, b| items.swap(a, b));
+        return;
+    }
+    for end in 1..items.len() {
+        let own = key(&items[end]);
+        let mut at = end;
+        while at > 0 && key(&items[at - 1]) > own {
+            items.swap(at - 1, at);
+            at -= 1;
+        }
+    }
+}
+
+/// Sorts items that have no plain key by comparing them; equal ones stay in the order in which they came. The comparison is
+/// not compiled into the sort, but called: [`by_key`] is faster.
+///
+/// ```
+/// let mut names = vec![String::from("b"), "a".into()];
+/// spinney_base::sort::by(&mut names, &mut Ord::cmp);
+/// assert_eq!(names, ["a", "b"]);
+/// ```
+///
+/// # Panics
+/// If the order of many items is found to be none, as `slice::sort_by`.
+pub fn by<T>(items: &mut [T], compare: &mut dyn FnMut(&T, &T) -> Ordering) {
+    if items.len() > SHORT {
+        let mut order = order_by(items.len(), &mut |a, b| compare(&items[a], &items[b]));
+        arrange_as(&mut order, &mut |a, b| items.swap(a, b));
+        return;
+    }
+    for end in 1..items.len() {
+        let mut at = end;
+        while at > 0 && compare(&items[at - 1], &items[at]).is_gt() {
+            items.swap(at - 1, at);
+            at -= 1;
+        }
+    }
+}
+
+/// Puts items into the order of numbers that have their places in the lower halves.
+#[inline(never)]
+fn arrange(mut numbers: Vec<u128>, swap: &mut dyn FnMut(usize, usize)) {
+    sort128(&mut numbers);
+    permute(&mut numbers, swap, |number, place| mem::replace(number, place as u128) as usize);
+}
+
+/// Puts items into the order of keys, which come with their places.
+#[inline(never)]
+fn arrange_wide(mut keys: Vec<(u128, usize)>, swap: &mut dyn FnMut(usize, usize)) {
+    // (A stable sort makes use of runs that are in order already.)
+    keys.sort();
+    permute(&mut keys, swap, |(_, known), place| mem::replace(known, place));
+}
+
+/// The places of items in their order.
+#[inline(never)]
+fn order_by(count: usize, compare: &mut dyn FnMut(usize, usize) -> Ordering) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|a, b| compare(*a, *b));
+    order
+}
+
+/// Puts items into an order of places.
+#[inline(never)]
+fn arrange_as(order: &mut [usize], swap: &mut dyn FnMut(usize, usize)) {
+    permute(order, swap, mem::replace);
+}
+
+/// Puts at each place what is at the place that the order has there, cycle by cycle. `replace` puts a place into an
+/// entry of the order, and returns the one that was there.
+fn permute<K>(order: &mut [K], swap: &mut dyn FnMut(usize, usize), replace: impl Fn(&mut K, usize) -> usize) {
+    for start in 0..order.len() {
+        let mut at = start;
+        loop {
+            let from = replace(&mut order[at], at);
+            if from == start {
+                break;
+            }
+            swap(at, from);
+            at = from;
+        }
+    }
+}
+
+/// A number in whose order floats are as [`f64::total_cmp`] has them.
+///
+/// ```
+/// use spinney_base::sort::float_key;
+/// assert!(float_key(-0.0) < float_key(0.0) && float_key(1.0) < float_key(f64::NAN));
+/// ```
+#[inline]
+pub fn float_key(number: f64) -> u64 {
+    let bits = number.to_bits();
+    bits ^ if bits >> 63 == 1 { u64::MAX } else { 1 << 63 }
+}
+
+/// A number in whose order pairs are.
+#[inline]
+pub fn pair_key([first, second]: [u32; 2]) -> u64 {
+    u64::from(first) << 32 | u64::from(second)
+}
+
+/// A number in whose order points of a plane are.
+#[inline]
+pub fn flat_key(point: [i64; 2]) -> u128 {
+    let [x, y] = point.map(|at| u128::from(at as u64 ^ 1 << 63));
+    x << 64 | y
+}
+
+/// A number below 2^96 in whose order points are.
+#[inline]
+pub fn point_key(point: [i32; 3]) -> u128 {
+    let [x, y, z] = point.map(|at| u128::from(at as u32 ^ 1 << 31));
+    x << 64 | y << 32 | z
+}
+
+/// The point of a [`point_key`].
+#[inline]
+pub fn key_point(key: u128) -> [i32; 3] {
+    [64, 32, 0].map(|shift| ((key >> shift) as u32 ^ 1 << 31) as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers that are the same in each run (splitmix64).
+    struct Random(u64);
+
+    impl Random {
+        fn next(&mut self) -> u64 {
+            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut z = self.0;
+            z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+            z ^ z >> 31
+        }
+    }
+
+    /// Lists of many lengths, short and long, with few and many different keys, in no order and in order.
+    fn lists() -> Vec<Vec<(u64, usize)>> {
+        let mut random = Random(7);
+        let mut lists = Vec::new();
+        for len in (0..50).chain([100, 1000, 5000]) {
+            for kinds in [1, 3, 40, u64::MAX] {
+                let mut list: Vec<_> = (0..len).map(|place| (random.next() % kinds, place)).collect();
+                lists.push(list.clone());
+                list.sort();
+                lists.push(list.clone());
+                list.reverse();
+                lists.push(list);
+            }
+        }
+        lists
+    }
+
+    #[test]
+    fn items_come_as_from_a_stable_sort() {
+        for list in lists() {
+            // (What is no plain data is moved, too.)
+            let list: Vec<(u64, String)> =
+                list.iter().map(|(key, place)| (*key, place.to_string())).collect();
+            let mut expected = list.clone();
+            expected.sort_by_key(|(key, _)| *key);
+            let mut sorted = list.clone();
+            by_key(&mut sorted, |(key, _)| *key);
+            assert_eq!(sorted, expected);
+            let mut sorted = list.clone();
+            by_wide_key(&mut sorted, |(key, _)| u128::from(*key) << 64);
+            assert_eq!(sorted, expected);
+            let mut sorted = list;
+            by(&mut sorted, &mut |a, b| a.0.cmp(&b.0));
+            assert_eq!(sorted, expected);
+        }
+    }
+
+    #[test]
+    fn numbers_come_in_order() {
+        for list in lists() {
+            let numbers: Vec<u64> = list.iter().map(|(key, _)| *key).collect();
+            let mut expected = numbers.clone();
+            expected.sort_unstable();
+            let mut sorted = numbers.clone();
+            numbers64(&mut sorted);
+            assert_eq!(sorted, expected);
+            let mut wide: Vec<u128> = numbers.iter().map(|number| u128::from(*number) << 60).collect();
+            numbers128(&mut wide);
+            assert!(wide.is_sorted());
+            let mut narrow: Vec<u32> = numbers.iter().map(|number| *number as u32).collect();
+            numbers32(&mut narrow);
+            assert!(narrow.is_sorted());
+            let mut real: Vec<f64> = numbers.iter().map(|number| f64::from_bits(*number)).collect();
+            floats(&mut real);
+            assert!(real.is_sorted_by(|a, b| a.total_cmp(b).is_le()));
+            let mut pairs: Vec<_> =
+                numbers.windows(6).map(|six| [0, 3].map(|i| [0, 1, 2].map(|j| six[i + j] as i32))).collect();
+            point_pairs(&mut pairs);
+            assert!(pairs.is_sorted());
+        }
+    }
+
+    #[test]
+    fn keys_have_the_order_of_what_they_are_of() {
+        let mut random = Random(3);
+        let (nan, infinite) = (f64::NAN, f64::INFINITY);
+        let mut floats = vec![0.0, -0.0, nan, -nan, infinite, -infinite, 1.5, -1.5, f64::MIN_POSITIVE];
+        floats.extend((0..50).map(|_| f64::from_bits(random.next())));
+        let mut places = vec![i32::MIN, i32::MAX, 0, -1, 1];
+        places.extend((0..20).map(|_| random.next() as i32));
+        for a in &floats {
+            for b in &floats {
+                assert_eq!(float_key(*a).cmp(&float_key(*b)), a.total_cmp(b), "{a} {b}");
+            }
+        }
+        let mut points = Vec::new();
+        for (i, x) in places.iter().enumerate() {
+            points.extend(places[i / 2..].iter().map(|y| [*x, *y, places[random.next() as usize % 25]]));
+        }
+        for a in &points {
+            assert_eq!(key_point(point_key(*a)), *a);
+            for b in &points {
+                assert_eq!(point_key(*a).cmp(&point_key(*b)), a.cmp(b), "{a:?} {b:?}");
+                let flat = |[x, y, _]: [i32; 3]| [i64::from(x) << 31, i64::from(y)];
+                assert_eq!(flat_key(flat(*a)).cmp(&flat_key(flat(*b))), flat(*a).cmp(&flat(*b)));
+                let pair = |[x, y, _]: [i32; 3]| [x as u32, y as u32];
+                assert_eq!(pair_key(pair(*a)).cmp(&pair_key(pair(*b))), pair(*a).cmp(&pair(*b)));
+            }
+        }
+    }
+}
