@@ -1,7 +1,7 @@
 """Projections against PROJ, by pyproj.
 
     benches/peers/projections.py            # 10^5 points in 27 systems, the largest distance in each
-    benches/peers/projections.py --verify   # every system of EPSG, five points each; prints the ranges of src/space/projection/verified.rs
+    benches/peers/projections.py --verify   # every system of EPSG, five points each; prints the ranges of crates/crs/src/projection/verified.rs
     benches/peers/projections.py --datums   # every geographic system, sixty points each; prints the names of .../datum_names.rs
     benches/peers/projections.py --definitions [--every N]   # systems of EPSG and Esri without their numbers, in all forms
 

@@ -42,6 +42,7 @@ pub struct PartOfWork<'a> {
 }
 
 impl<'a> PartOfWork<'a> {
+    /// A part that has `share` of `total` units.
     pub fn new(whole: &'a dyn Progress, share: u64, total: u64) -> PartOfWork<'a> {
         PartOfWork { whole, share, total, done: Mutex::new(0) }
     }

@@ -76,12 +76,14 @@ impl Attributes {
         fits
     }
 
+    /// Adds what is said of a part.
     pub fn push_part(&mut self, part: u32, text: &ObjectText) {
         if self.take_room(text.len()) {
             self.parts.insert(part, text.to_string());
         }
     }
 
+    /// Adds what is said of a file.
     pub fn push_file(&mut self, text: &ObjectText) {
         if self.take_room(text.len()) {
             self.files.push(text.to_string());
@@ -176,6 +178,7 @@ pub struct ObjectText {
 }
 
 impl ObjectText {
+    /// Adds an attribute, whose value is JSON.
     pub fn push(&mut self, key: &str, json: &str) {
         self.text.push(if self.text.is_empty() { '{' } else { ',' });
         self.text.push_str(&serde_json::Value::from(key).to_string());

@@ -24,7 +24,9 @@ pub struct PlanarCounts {
 /// Makes faces planar; keeps its buffers from face to face.
 #[derive(Default)]
 pub struct PlanarFaces {
+    /// Whether corners have colours.
     pub is_coloured: bool,
+    /// Counts of what was done to faces.
     pub counts: PlanarCounts,
     points: Vec<[i32; 3]>,
     colours: Vec<[u8; 3]>,

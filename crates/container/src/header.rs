@@ -135,6 +135,7 @@ impl Header {
         Ok(header.depth())
     }
 
+    /// The header's bytes, as they stand in a file of a format.
     pub fn to_bytes(&self, format: TreeFormat) -> Vec<u8> {
         self.with_content(format, self.kind as u8)
     }

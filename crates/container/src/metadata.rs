@@ -84,6 +84,10 @@ fn config() -> impl bincode::config::Config {
 }
 
 impl Metadata {
+    /// The section's bytes.
+    ///
+    /// # Errors
+    /// If there are more than 16 MiB.
     pub fn to_bytes(&self, path: &Path) -> Result<Vec<u8>> {
         bincode::serde::encode_to_vec((VERSION, self), config())
             .ok()
@@ -104,6 +108,10 @@ impl Metadata {
         fits.then_some(()).ok_or_else(|| Error::corrupt(path, "metadata", found(), "at most 16 MiB"))
     }
 
+    /// Reads the section.
+    ///
+    /// # Errors
+    /// If it is damaged, or of a newer version.
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Metadata> {
         let corrupt = |found: String, expected: &str| Error::corrupt(path, "metadata", found, expected);
         Metadata::check_length(path, bytes.len() as u64)?;

@@ -17,8 +17,11 @@ const END_MAGIC: [u8; 8] = *b"\nnilboG\x93";
 /// A section at the end of a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Section {
+    /// First byte in the file.
     pub offset: u64,
+    /// Number of bytes.
     pub length: u64,
+    /// CRC-32C of the bytes.
     pub checksum: u32,
 }
 
@@ -47,7 +50,9 @@ pub struct Trailer {
     pub segments: u64,
     /// Records in all segments, those stored more than once included.
     pub stored_records: u64,
+    /// The directory of segments.
     pub directory: Section,
+    /// The metadata.
     pub metadata: Section,
     /// Sections of one kind of files, by their tags.
     pub more: Vec<([u8; 4], Section)>,
@@ -191,6 +196,7 @@ impl Trailer {
 /// Passes the bytes of a section on to the output, counts them and makes their checksum.
 pub struct SectionWriter<'a> {
     out: &'a mut Output,
+    /// Place and checksum of what was written so far.
     pub written: Section,
 }
 

@@ -262,6 +262,7 @@ static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 pub struct Unfinished(PathBuf);
 
 impl Unfinished {
+    /// Notes that a path is unfinished.
     pub fn new(path: &Path) -> Unfinished {
         UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).push(path.to_path_buf());
         Unfinished(path.to_path_buf())

@@ -205,7 +205,9 @@ impl ReadBackend for Positioned {
 /// Bytes of a file: where they are mapped, or held by a cache.
 #[derive(Clone)]
 pub enum FileBytes<'a> {
+    /// Bytes of the mapping.
     Mapped(&'a [u8]),
+    /// Bytes that were read.
     Held(Arc<Vec<u8>>),
 }
 

@@ -32,6 +32,10 @@ impl Sorter {
         Sorter { folder: folder.to_path_buf(), item_size, most, items: Vec::new(), runs: Vec::new(), len: 0 }
     }
 
+    /// Adds an item.
+    ///
+    /// # Errors
+    /// If the temporary file cannot be written.
     pub fn push(&mut self, key: u64, item: Vec<u8>) -> Result<()> {
         debug_assert_eq!(item.len(), self.item_size);
         self.items.push((key, item));

@@ -15,6 +15,10 @@ pub struct Spill {
 }
 
 impl Spill {
+    /// Opens the temporary file.
+    ///
+    /// # Errors
+    /// If it cannot be made.
     pub fn new(output: &Output) -> Result<Spill> {
         let path = output.path().to_path_buf();
         let file = match output.is_file() {
@@ -25,6 +29,10 @@ impl Spill {
         Ok(Spill { path, file: BufWriter::with_capacity(1 << 20, file) })
     }
 
+    /// Appends bytes.
+    ///
+    /// # Errors
+    /// If they cannot be written.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
         self.file.write_all(bytes).map_err(|cause| failed(&self.path)(cause))
     }

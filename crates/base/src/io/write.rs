@@ -46,7 +46,9 @@ pub trait WriteBackend: Send {
 
 /// A file. Written with ordinary positioned writes, never through a mapping.
 pub struct FileBackend {
+    /// The open file.
     pub file: File,
+    /// Its path, for messages.
     pub path: PathBuf,
     faults: MayFail,
     /// Bytes that the file may have.
@@ -54,6 +56,7 @@ pub struct FileBackend {
 }
 
 impl FileBackend {
+    /// Writes to an open file.
     pub fn new(file: File, path: &Path) -> FileBackend {
         FileBackend::of_output(file, path, MayFail::default(), u64::MAX)
     }

@@ -126,6 +126,7 @@ impl ExactFace {
 /// Faces, of which some have corners beside the grid: these stand in the list with rounded corners.
 #[derive(Clone, Debug)]
 pub struct ExactFaces {
+    /// The faces, with corners on the grid.
     pub list: FaceList,
     pub(crate) exact: HashMap<u32, ExactFace>,
 }

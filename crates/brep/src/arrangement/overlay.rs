@@ -32,6 +32,7 @@ pub struct Corner {
 /// way round. The region lies to the left of all.
 #[derive(Clone, Debug)]
 pub struct Region {
+    /// Corners of each ring, the outer ring first.
     pub rings: Vec<Vec<Corner>>,
 }
 

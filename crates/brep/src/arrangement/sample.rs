@@ -25,6 +25,7 @@ pub struct Sample<'a> {
     /// Invariant: nothing larger is here, so that products with coordinates and differences of them, of 27
     /// bits each, are below 2^127. (What overflowed would be a wrong side of an edge.)
     small: Option<([i128; 2], i128)>,
+    /// The point, nearly.
     pub near: [f64; 3],
 }
 

@@ -30,6 +30,7 @@ impl ClippedPolygon {
         polygon
     }
 
+    /// Corners of the polygon.
     pub fn points(&self) -> &[Point] {
         &self.points[..self.len]
     }

@@ -196,11 +196,17 @@ impl BlockLayout {
 /// Corners and rings of a face that was read; its memory is used again for the next one.
 #[derive(Clone, Debug, Default)]
 pub struct FaceBuffer {
+    /// Corners of all rings, the outer ring's first.
     pub points: Vec<[i32; 3]>,
+    /// End of each ring in `points`.
     pub ring_ends: Vec<usize>,
+    /// A colour for each corner, or none.
     pub colours: Vec<[u8; 3]>,
+    /// Number of the face in its model.
     pub number: u64,
+    /// Number of its part.
     pub part: u32,
+    /// Number of the face in the file that the model was built from.
     pub source: u64,
 }
 

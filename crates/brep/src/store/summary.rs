@@ -50,6 +50,7 @@ impl NodeCounts {
         ]
     }
 
+    /// Counts a leaf.
     pub fn count(&mut self, kind: NodeKind) {
         *match kind {
             NodeKind::Face => &mut self.face,
@@ -59,6 +60,7 @@ impl NodeCounts {
         } += 1;
     }
 
+    /// Adds the counts of another part of the octree.
     pub fn add(&mut self, other: &NodeCounts) {
         self.void += other.void;
         self.full += other.full;

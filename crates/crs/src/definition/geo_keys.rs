@@ -192,10 +192,12 @@ impl GeoKeys {
         entries.find_map(|entry| kind(self.value(entry)))
     }
 
+    /// The number of a key, if it has one.
     pub fn number(&self, wanted: u16) -> Option<u16> {
         self.find(wanted, |value| if let KeyValue::Number(number) = value { Some(number) } else { None })
     }
 
+    /// The floating number of a key, if it has one.
     pub fn double(&self, wanted: u16) -> Option<f64> {
         self.doubles_of(wanted)?.first().copied()
     }
@@ -204,6 +206,7 @@ impl GeoKeys {
         self.find(wanted, |value| if let KeyValue::Doubles(values) = value { Some(values) } else { None })
     }
 
+    /// The text of a key, if it has one.
     pub fn text(&self, wanted: u16) -> Option<String> {
         self.find(wanted, |value| if let KeyValue::Text(text) = value { Some(plain(text)) } else { None })
     }

@@ -17,6 +17,7 @@ pub struct PixelGrid {
     pub axes: [usize; 2],
     /// First corner of the first pixel, and size of a pixel, in cells along columns and rows.
     pub origin: [f64; 2],
+    /// Width and height of a pixel, in cells.
     pub step: [f64; 2],
     /// Columns and rows.
     pub size: [usize; 2],

@@ -11,7 +11,9 @@ use spinney_base::value::Tally;
 /// Bounds of the values of some cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremes {
+    /// The least value.
     pub least: f64,
+    /// The greatest value.
     pub greatest: f64,
     /// Whether there may be values.
     pub has_values: bool,
