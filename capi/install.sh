@@ -3,12 +3,12 @@
 #
 #     capi/install.sh PREFIX
 #
-# PROFILE=dev installs the library as tests compile it.
+# PROFILE=dev FEATURES=program installs the library as tests compile it.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 prefix=${1:?usage: capi/install.sh PREFIX}
 profile=${PROFILE:-release}
-cargo build --locked --manifest-path "$here/Cargo.toml" --profile "$profile"
+cargo build --locked --manifest-path "$here/Cargo.toml" --profile "$profile" ${FEATURES:+--features "$FEATURES"}
 target=${CARGO_TARGET_DIR:-$here/../target}
 built=$target/${profile/#dev/debug}
 mkdir -p "$prefix/lib/pkgconfig" "$prefix/include"

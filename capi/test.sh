@@ -23,11 +23,11 @@ install() {
 fixtures=fixtures/v1
 
 say 'the header is the one that cbindgen makes'
-cargo run --quiet --locked --manifest-path capi/Cargo.toml --features header > "$work/spinney.h"
+CARGO_TARGET_DIR=$target cargo run --quiet --locked --manifest-path capi/header/Cargo.toml > "$work/spinney.h"
 diff -u capi/include/spinney.h "$work/spinney.h" || fail 'capi/include/spinney.h is not that of the sources'
 
 say 'installing'
-PROFILE=dev CARGO_TARGET_DIR=$target capi/install.sh "$work/prefix" > /dev/null
+PROFILE=dev FEATURES=program CARGO_TARGET_DIR=$target capi/install.sh "$work/prefix" > /dev/null
 cargo build --quiet --locked --bin spinney
 spinney=$target/debug/spinney
 export PKG_CONFIG_PATH=$work/prefix/lib/pkgconfig LD_LIBRARY_PATH=$work/prefix/lib

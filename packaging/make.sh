@@ -7,10 +7,11 @@
 # - wheel: the Python package, for all Pythons from 3.11 on (manylinux, where the linker for it can be had);
 # - c: libspinney-VERSION-SYSTEM.tar.gz, with the C library, its header and its file for pkg-config.
 #
-# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES the wheel's features besides its own.
+# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES what the wheel and the C library have besides
+# (program: what is compiled for the program is used).
 set -euo pipefail
 cd "$(dirname "$0")/.."
-[ $# -ge 1 ] || { sed -n '2,11s/^# \{0,1\}//p' "$0" >&2; exit 2; }
+[ $# -ge 1 ] || { sed -n '2,12s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 mkdir -p "$1"
 out=$(realpath "$1")
 shift

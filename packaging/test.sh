@@ -7,6 +7,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PROFILE=${PROFILE:-dev}
+[ "$PROFILE" != dev ] || export FEATURES=program
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 fixtures=$PWD/fixtures

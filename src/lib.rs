@@ -121,8 +121,8 @@ pub mod tree {
 /// Trees on disk: the two formats, what they have in common, and how trees are built.
 pub mod store {
     pub use spinney_container::{
-        Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, TagScope, TreeFormat,
-        file_is_tree, split_commit,
+        Codec, Finding, Header, LevelCounts, Metadata, OpenOptions, ScopedTags, Shape, Tag, TagScope,
+        TreeFormat, file_is_tree, split_commit,
     };
     pub use spinney_engine::store::{
         BuildOptions, Slab, Slabs, build_slabs, build_source, build_tree, depth_for,
@@ -177,9 +177,9 @@ pub mod ops {
         AffineMap, Alignment, Around, Axis, CellPatch, CellValue, Chain, Change, Combined, CombinedNode,
         Difference, Differences, Edit, FdRange, FillPatch, FillRegion, MAX_ZOOM, MemoryTree, Operation,
         Outcome, Pair, PairOfSamples, Patch, Patched, PatchedNode, Prefer, Resampling, Sampling, Step,
-        TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, WarpGrid, WarpOptions, Warped, align,
-        apply_edits, build, combine, convert, crosstab, crosstab_files, data_box, diff, diff_files,
-        differences, edit, transform, warp,
+        TreeFile, TreeFileNode, Turn, Universe, View, ViewNode, ViewSource, ViewSourceNode, WarpGrid,
+        WarpOptions, Warped, align, apply_edits, build, combine, convert, crosstab, crosstab_files, data_box,
+        diff, diff_files, differences, edit, transform, warp,
     };
 }
 

@@ -37,7 +37,7 @@ pub(crate) fn json(dataset: &Dataset) -> CString {
         .map(|(scope, tags)| json!({ "channel": scope.channel, "domain": scope.domain, "tags": tags }))
         .collect();
     let document = json!({
-        "path": dataset.path().display().to_string(),
+        "path": dataset.path().map(|path| path.display().to_string()),
         "rule": header.rule.to_string(),
         "crs": crs,
         "bands": bands,

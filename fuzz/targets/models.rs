@@ -32,10 +32,10 @@ pub fn ask_model(file: Vec<u8>) {
     };
     let asked = questions(&model);
     // (What takes longer, of some files only.)
-    if crc32c::crc32c(&file) % 8 < 2 {
+    if crc32c::crc32c(&file) % 32 < 2 {
         // (Faces that bound no body may be no surface that can be written or walked on.)
         let _ = topology(&model);
-        if crc32c::crc32c(&file).is_multiple_of(16) {
+        if crc32c::crc32c(&file).is_multiple_of(64) {
             let _ = surface_intersection(&model, &model, 4 << 20, &());
         }
         exports(&model);

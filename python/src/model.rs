@@ -15,7 +15,7 @@ use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::import::mesh::{self, ExactOptions};
 use spinney::io::Output;
 use spinney::space::Crs;
-use spinney::store::OpenOptions;
+use spinney::store::{OpenOptions, Tag};
 use spinney::{Progress, Result};
 
 use crate::error::{OrRaise, invalid};
@@ -142,7 +142,7 @@ impl Model {
         facts.set_item("parts", model.parts())?;
         facts.set_item("nodes", node_counts(py, model.nodes())?)?;
         facts.set_item("crs", metadata.frame.crs.as_ref().map(Crs::to_string))?;
-        facts.set_item("unit", metadata.tags.get("unit"))?;
+        facts.set_item("unit", metadata.tag(Tag::Unit))?;
         facts.set_item("tags", metadata.tags.clone())?;
         facts.set_item("provenance", metadata.provenance.clone())?;
         facts.set_item("bytes", model.file_size())?;

@@ -35,7 +35,7 @@ impl Tree {
     ) -> PyResult<()> {
         let opened = self.get()?;
         let tree = &opened.tree;
-        check_output(&[tree.path().to_path_buf()], &path)?;
+        check_output(&[tree.name().to_path_buf()], &path)?;
         let format = format_of(&path);
         let known = "use .png, .tif, .exr, .npy or .raw";
         let format = format.ok_or_else(|| invalid(format!("{}: unknown format; {known}", path.display())))?;

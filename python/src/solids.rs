@@ -23,7 +23,7 @@ use crate::tree::{Opened, Tree};
 impl Opened {
     /// Fails if it is no octree.
     fn check_octree(&self) -> PyResult<()> {
-        let name = || format!("{}: is a quadtree; this is for octrees", self.tree.path().display());
+        let name = || format!("{}: is a quadtree; this is for octrees", self.tree.name().display());
         if self.axes() == 3 { Ok(()) } else { Err(invalid(name())) }
     }
 }

@@ -93,7 +93,7 @@ fn as_json(tree: &Dataset, levels: Levels<'_>) -> Result<serde_json::Value> {
         })
         .collect();
     Ok(json!({
-        "file": tree.path().display().to_string(),
+        "file": tree.name().display().to_string(),
         "format": tree.format().name(),
         "commit": tree.commit().map(commit::as_json),
         "codec": header.codec.name(),
@@ -181,7 +181,7 @@ fn control_points_as_json(metadata: &Metadata) -> Option<serde_json::Value> {
 /// Writes the tree's form and size, and where it lies in the world.
 fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     let (header, metadata) = (tree.header(), tree.metadata());
-    writeln!(text, "{}: {} {}", tree.path().display(), tree.format().name(), tree_name(tree))?;
+    writeln!(text, "{}: {} {}", tree.name().display(), tree.format().name(), tree_name(tree))?;
     if let Some(commit) = tree.commit() {
         writeln!(text, "commit      {}{}", commit.number, commit::about(commit))?;
     }

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use spinney::Result;
 use spinney::dataset::{self, Dataset};
 use spinney::io::Output;
-use spinney::ops::{self, Combined, Operation, TreeFile, View};
+use spinney::ops::{self, Combined, Operation, View, ViewSource};
 use spinney::space::{Cell, Code, Dimension, Frame};
 use spinney::store::goblin::Goblin;
 use spinney::store::{BuildOptions, Metadata, OpenOptions, Slab, Slabs, build_slabs, build_tree, depth_for};
@@ -307,7 +307,7 @@ pub fn opened(write: impl FnOnce(&Path)) -> Dataset {
 
 /// A tree in memory as it is.
 pub fn view_of(tree: &MemTree, extent: [u64; 3]) -> View {
-    view_of_file(tree.clone().into(), extent)
+    view_of_file(tree.clone(), extent)
 }
 
 /// Cells as they are.
@@ -318,7 +318,7 @@ pub fn view_of_cells(cells: &Cells) -> View {
 /// Cells somewhere in the world.
 pub fn view_in(cells: &Cells, frame: &Frame) -> View {
     let write = |path: &Path| write_goblin(path, cells, (Rule::Mean, Kind::Continuous), frame.clone());
-    view_of_file(Goblin::from_bytes(bytes_of(write)).unwrap().into(), cells.size)
+    view_of_file(Goblin::from_bytes(bytes_of(write)).unwrap(), cells.size)
 }
 
 /// All cells of a view.
@@ -327,8 +327,8 @@ pub fn seen(view: &View) -> Cells {
 }
 
 /// A file as it is.
-pub fn view_of_file(file: TreeFile, extent: [u64; 3]) -> View {
-    View::new(Arc::new(file), extent).unwrap()
+pub fn view_of_file(source: impl Into<ViewSource>, extent: [u64; 3]) -> View {
+    View::new(Arc::new(source.into()), extent).unwrap()
 }
 
 pub fn combined(views: Vec<View>, operation: Operation, extent: [u64; 3]) -> Combined {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use spinney::dataset::Dataset;
 use spinney::io::Output;
-use spinney::ops::{self, Operation, Prefer, TreeFile, View};
+use spinney::ops::{self, Operation, Prefer, View, ViewSource};
 use spinney::query::Condition;
 use spinney::space::{Bounds, Code, Dimension};
 use spinney::store::goblin::Goblin;
@@ -220,7 +220,7 @@ fn every_type_comes_back() {
             assert_eq!(file.metadata().counts.records(), tree.inner_nodes() as u64);
             let mut random = Random(seed);
             windows(&file, &tree, &mut random);
-            let view = view_of_file(file.into(), size);
+            let view = view_of_file(file, size);
             assert!(goblin_from_view(&view, rule, kind) == bytes, "{form} {rule}");
         }
     }
@@ -280,7 +280,7 @@ fn files_of_several_segments_come_back() {
     counts(&file, &cells, &mut random);
     // (Sources come in the order of FD codes, slabs do not, and segments as they do.)
     let in_order = goblin_from_tree(&tree, size, Rule::Mean, Kind::Continuous);
-    let view = view_of_file(file.into(), size);
+    let view = view_of_file(file, size);
     assert!(goblin_from_view(&view, Rule::Mean, Kind::Continuous) == in_order);
 }
 
@@ -289,7 +289,7 @@ fn set_operations_and_views_make_the_files_of_arrays() {
     for (form, size) in [(QUAD, [130, 100, 1]), (oct(SampleType::I32, 1), [20, 33, 17])] {
         let (rule, kind) = (Rule::Mean, Kind::Continuous);
         let pair = [content(form, Content::Blocks, 1, size), content(form, Content::Holes, 2, size)];
-        let view = |cells: &Cells| view_of_file(common::goblin(cells, rule, kind).into(), size);
+        let view = |cells: &Cells| view_of_file(common::goblin(cells, rule, kind), size);
         let views = pair.each_ref().map(view);
         for (number, prefer) in
             [(7, Prefer::First), (1, Prefer::Second), (2, Prefer::First), (6, Prefer::First)]
@@ -375,7 +375,7 @@ fn survives(mut file: Vec<u8>) {
         .map(|cell| cell.map(|cell| cell as u32))
         .collect();
     let _ = file.values_at(depth, &cells, &mut vec![None; cells.len()]);
-    let file: Arc<TreeFile> = Arc::new(file.into());
+    let file: Arc<ViewSource> = Arc::new(file.into());
     let view = View::new(file, size).unwrap();
     let half = view.clone().window([4, 0, 0], size).unwrap();
     for operation in [Operation::Over, Operation::Min] {

@@ -21,7 +21,7 @@ fn round_trip(form: Form, seed: u64, size: [u64; 3], rule: Rule, kind: Kind) {
     // From a source: the same tree, the same bytes when written again.
     let again = goblin_from_tree(&tree, size, rule, kind);
     same_trees(&Goblin::from_bytes(again.clone()).unwrap(), &tree);
-    let file = view_of_file(file.into(), size);
+    let file = view_of_file(file, size);
     assert!(goblin_from_view(&file, rule, kind) == again, "{form} {rule} {kind} {size:?}");
 }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use spinney::dataset::Dataset;
 use spinney::io::Output;
-use spinney::ops::{self, AffineMap, Axis, Combined, Operation, Prefer, Sampling, TreeFile, View};
+use spinney::ops::{self, AffineMap, Axis, Combined, Operation, Prefer, Sampling, View, ViewSource};
 use spinney::query::Condition;
 use spinney::space::Bounds;
 use spinney::store::OpenOptions;
@@ -537,7 +537,7 @@ fn memory_stays_bounded() {
 fn operations_on_records_that_lie() {
     let folder = tempfile::tempdir().unwrap();
     let options = OpenOptions::new().check(false);
-    let good = Arc::new(TreeFile::from(Goblin::from_bytes(map().to_vec()).unwrap()));
+    let good = Arc::new(ViewSource::from(Goblin::from_bytes(map().to_vec()).unwrap()));
     let mut random = Random(12);
     for round in 0..120u64 {
         let mut bytes = map().to_vec();
@@ -547,9 +547,9 @@ fn operations_on_records_that_lie() {
             bytes[at] ^= 1 << random.below(8);
         }
         let Ok(file) = Goblin::from_backend("map".as_ref(), Box::new(bytes), &options) else { continue };
-        let file = Arc::new(TreeFile::from(file));
+        let file = Arc::new(ViewSource::from(file));
         let extent = file.header().extent;
-        let of = |file: &Arc<TreeFile>| View::new(file.clone(), extent).unwrap();
+        let of = |file: &Arc<ViewSource>| View::new(file.clone(), extent).unwrap();
         let view = || of(&file);
         let views = [
             view(),

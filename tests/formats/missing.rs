@@ -89,7 +89,9 @@ fn representatives_are_of_the_cells_that_have_a_sample() {
                 let bounds = Bounds { min: [0; 3], max: [SIZE[0].div_ceil(side), SIZE[1].div_ceil(side), 1] };
                 let mut bytes = vec![0; bounds.volume() as usize * value_type.size()];
                 tree.window(level, &bounds, MISSING, &mut bytes, None).unwrap();
-                for (i, pixel) in bytes.chunks_exact(value_type.size()).enumerate() {
+                // (Of the very many cells of the finest levels every so many.)
+                let step = if side < 4 { 11 } else { 1 };
+                for (i, pixel) in bytes.chunks_exact(value_type.size()).enumerate().step_by(step) {
                     let (x, y) = (i as u64 % bounds.max[0] * side, i as u64 / bounds.max[0] * side);
                     let below = Bounds { min: [x, y, 0], max: [x + side, y + side, 1] };
                     let found = value_type.samples(Value::from_bytes(pixel));

@@ -177,7 +177,7 @@ fn cavities_and_edges_where_four_faces_meet() {
 fn random_solids() {
     let mut random = Random(31);
     for seed in 0..24 {
-        let size: [u64; 3] = std::array::from_fn(|_| 1 + random.below(if seed < 16 { 14 } else { 75 }));
+        let size: [u64; 3] = std::array::from_fn(|_| 1 + random.below(if seed < 18 { 14 } else { 60 }));
         let cells = Cells::random(OCT, seed, size, 2, true);
         let dense = seed % 3;
         let solid = |cell| match dense {

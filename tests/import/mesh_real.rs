@@ -64,8 +64,8 @@ fn volumes_and_areas_of_closed_models_are_right() {
         let [coarse, fine] = [64, 256].map(|cells| of(cells, Boundary::Centre).map(f64::abs));
         assert!(coarse[0] < 5e-2 && fine[0] < 1e-2, "{name}: {coarse:?}, {fine:?}");
         assert!(coarse[1] < 0.1 && fine[1] < 0.02 && fine[1] < coarse[1], "{name}: {coarse:?}, {fine:?}");
-        let [error, _] = of(512, Boundary::Coverage);
-        assert!(error.abs() < 1e-4, "{name}: {error}");
+        let [error, _] = of(256, Boundary::Coverage);
+        assert!(error.abs() < 4e-4, "{name}: {error}");
         checked += 1;
     }
     assert!(checked >= 6, "{checked}");

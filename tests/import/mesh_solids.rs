@@ -414,7 +414,7 @@ fn operations_on_solids_are_those_on_their_cells() {
     let meshes = [(); 2].map(|()| tetrahedra(&mut random, 5, 60.0, 0.37));
     let views = meshes.each_ref().map(|triangles| {
         let (tree, _) = build(plain(triangles), &unit_cells(6));
-        view_of_file(tree.into(), [64; 3])
+        view_of_file(tree, [64; 3])
     });
     // A and B, A - B, B - A, A xor B, A or B.
     for number in [1, 2, 4, 6, 7] {

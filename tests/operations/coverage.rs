@@ -53,7 +53,7 @@ fn expected(number: u8, [a, b]: [&Cells; 2], universe: Bounds) -> Cells {
 
 /// A file of coverage. (Trees in memory do not know their rule.)
 fn view(cells: &Cells) -> View {
-    view_of_file(goblin(cells, Rule::Occupancy, Kind::Continuous).into(), cells.size)
+    view_of_file(goblin(cells, Rule::Occupancy, Kind::Continuous), cells.size)
 }
 
 /// Cells without those that are covered by nothing: these are as good as VOID.

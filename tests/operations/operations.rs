@@ -1,6 +1,6 @@
 //! Views against arrays of cells, worked examples of the literature, and files made of views and combinations.
 
-use spinney::ops::{AffineMap, Axis, Combined, Operation, Prefer, Sampling, TreeFile, View};
+use spinney::ops::{AffineMap, Axis, Combined, Operation, Prefer, Sampling, View};
 use spinney::space::{Code, Dimension, Frame};
 use spinney::store::builder::ReusableSource;
 use spinney::tree::{Child, Form, MemTree, Source};
@@ -369,7 +369,7 @@ fn files_of_views_and_combinations() {
     let size = [1500, 1100, 1];
     let [a, b] = [1, 2].map(|seed| Cells::random(QUAD, seed, size, 9, true));
     let (rule, kind) = (Rule::Majority, Kind::Categorical);
-    let views = [&a, &b].map(|cells| view_of_file(goblin(cells, rule, kind).into(), size));
+    let views = [&a, &b].map(|cells| view_of_file(goblin(cells, rule, kind), size));
     let from_cells = |cells: &Cells| goblin_from_tree(&cells.tree(rule), cells.size, rule, kind);
     let check = |view: View, cells: Cells, what: &str| {
         assert!(goblin_from_view(&view, rule, kind) == from_cells(&cells), "{what}");
@@ -407,7 +407,7 @@ fn what_is_stored_is_offered_through_all_layers() {
     // Nothing but speed would tell.
     let size = [300, 200, 1];
     let file = goblin(&Cells::random(QUAD, 1, size, 9, true), Rule::Majority, Kind::Categorical);
-    let view = view_of_file(TreeFile::from(file), size);
+    let view = view_of_file(file, size);
     let over = combined(vec![view], Operation::Over, size);
     let Child::Inner { node, .. } = over.root().unwrap() else { panic!("it is not uniform") };
     assert!(over.stored(&node).is_some());

@@ -271,7 +271,7 @@ fn turned_about_the_middle_and_back() {
 
 fn in_files(cells: &Cells) {
     let (rule, kind) = (Rule::Majority, Kind::Categorical);
-    let view = view_of_file(goblin(cells, rule, kind).into(), cells.size);
+    let view = view_of_file(goblin(cells, rule, kind), cells.size);
     for symmetry in Symmetry::all(cells.form.axes()) {
         let found = goblin_from_view(&view.clone().transform(&symmetry.map()).unwrap(), rule, kind);
         let expected = goblin_bytes(&symmetry.of(cells), rule, kind);

@@ -9,6 +9,7 @@ mod metadata;
 mod options;
 mod shape;
 mod state;
+mod tag;
 mod trailer;
 
 pub use cache::SegmentCache;
@@ -20,4 +21,5 @@ pub use metadata::{Metadata, ScopedTags, TagScope};
 pub use options::OpenOptions;
 pub use shape::{HEAVY_THRESHOLD, STRIDE, Shape, reach};
 pub use state::{CUT, INNER, LEAF, VOID};
+pub use tag::Tag;
 pub use trailer::{Section, SectionWriter, TAIL, Trailer};

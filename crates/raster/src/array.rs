@@ -77,7 +77,7 @@ pub fn export_array(
     let row = width * (header.form.value.size() as u64 + 1);
     if row > memory {
         return Err(Error::TooLarge {
-            path: tree.path().to_path_buf(),
+            path: tree.name().to_path_buf(),
             what: format!("a row of {width} cells"),
             needed: row,
             limit: memory,

@@ -7,6 +7,7 @@ use anyhow::{Context as _, Result};
 use spinney::brep::{ExactModel, Faces, Triangulated};
 use spinney::export::mesh::{MeshFormat, export_exact};
 use spinney::io::Output;
+use spinney::store::Tag;
 
 use super::super::Global;
 use super::super::args::check_output;
@@ -32,7 +33,7 @@ pub(crate) fn export(
     global.report("mesh", format_args!("{} faces, {} vertices", summary.faces, summary.vertices));
     let (exact, _) = model.exact_faces()?;
     if exact > 0 {
-        let thin = model.metadata().tags.get("model.thin_places");
+        let thin = model.metadata().tag(Tag::ModelThinPlaces);
         let thin = thin.map_or(String::new(), |count| {
             format!(", where the surface passes through itself in {count} places")
         });

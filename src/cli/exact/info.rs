@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use serde_json::json;
 use spinney::brep::{ExactModel, Faces};
+use spinney::store::Tag;
 
 use super::super::report::{print_json, print_text};
 use super::{list, space, unit};
@@ -32,7 +33,7 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
         "depth": model.depth(),
         "grid": { "bits": grid.bits, "origin": grid.origin, "step": grid.width() },
         "space": space(model),
-        "unit": metadata.tags.get("unit"),
+        "unit": metadata.tag(Tag::Unit),
         "nodes": nodes,
         "segments": model.segments(),
         "parts": model.parts(),

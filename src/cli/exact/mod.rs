@@ -11,7 +11,7 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use spinney::brep::{ExactModel, Faces, is_model_file};
-use spinney::store::OpenOptions;
+use spinney::store::{OpenOptions, Tag};
 
 pub(super) use combine::{any_model, combine};
 pub(super) use export::export;
@@ -41,7 +41,7 @@ pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
 
 /// The unit of length of a model's coordinates, where it is known, with a blank before it.
 fn unit(model: &ExactModel) -> String {
-    model.metadata().tags.get("unit").map_or(String::new(), |unit| format!(" {unit}"))
+    model.metadata().tag(Tag::Unit).map_or(String::new(), |unit| format!(" {unit}"))
 }
 
 /// A coordinate for people and programs: the number that it is, with few digits where they say the same.

@@ -7,6 +7,7 @@ use serde_json::json;
 use spinney::brep::ExactModel;
 use spinney::brep::query::MassProperties;
 use spinney::brep::topology::{Euler, Topology, TopologyOptions};
+use spinney::store::Tag;
 
 use super::super::Global;
 use super::super::args::DEFAULT_MEMORY;
@@ -47,7 +48,7 @@ fn as_json(model: &ExactModel, mass: &MassProperties, euler: Option<&Euler>) -> 
     });
     json!({
         "file": model.path().display().to_string(),
-        "unit": model.metadata().tags.get("unit"),
+        "unit": model.metadata().tag(Tag::Unit),
         "volume": mass.volume,
         "surface": mass.area,
         "centre": mass.centre,

@@ -1,16 +1,16 @@
 //! Units of the world, as people and programs are told them.
 
 use spinney::dataset::Dataset;
+use spinney::store::Tag;
 
 /// The unit of a tree's world: that of the model, or of the coordinate system; cells where nothing places them. `None` if
 /// nobody told.
 pub(crate) fn unit(tree: &Dataset) -> Option<&str> {
     let (metadata, frame) = (tree.metadata(), &tree.metadata().frame);
-    match &frame.crs {
-        _ if metadata.tags.contains_key("unit") => metadata.tags.get("unit").map(String::as_str),
+    metadata.tag(Tag::Unit).or_else(|| match &frame.crs {
         Some(crs) => crs.unit(),
         None => frame.is_identity().then_some("cells"),
-    }
+    })
 }
 
 /// The unit behind a number, as in ` mm`, or ` mm3` with a power; nothing if it is not known or cells.

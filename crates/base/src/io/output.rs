@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::faults::{Faults, MayFail};
 use super::platform::{free_space, set_output_permissions};
-use super::write::FileBackend;
+use super::write::{FileBackend, check_limit};
 use crate::{Error, Result};
 
 /// Destination of output: a new file that appears whole or not at all, or standard output.
@@ -292,15 +292,6 @@ impl Write for Output {
             Sink::Stream(out) => out.flush(),
         }
     }
-}
-
-/// Fails if so many more bytes would be more than may be written.
-pub(super) fn check_limit(written: u64, more: usize, most: u64) -> io::Result<()> {
-    if written.saturating_add(more as u64) <= most {
-        return Ok(());
-    }
-    let message = format!("it would be longer than the {most} bytes that are allowed");
-    Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
 }
 
 /// Letters and digits between a temporary file's prefix and suffix.

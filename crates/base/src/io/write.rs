@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use super::faults::MayFail;
 use super::file_id::FileId;
-use super::output::check_limit;
 use super::read::{Mapped, Positioned, ReadBackend, positioned_reads_are_preferred};
 use crate::{Error, Result};
 
@@ -89,4 +88,13 @@ impl WriteBackend for FileBackend {
     fn id(&self) -> FileId {
         FileId::of(&self.file).unwrap_or_else(|_| FileId::unique())
     }
+}
+
+/// Fails if so many more bytes would be more than may be written.
+pub(super) fn check_limit(written: u64, more: usize, most: u64) -> io::Result<()> {
+    if written.saturating_add(more as u64) <= most {
+        return Ok(());
+    }
+    let message = format!("it would be longer than the {most} bytes that are allowed");
+    Err(io::Error::new(io::ErrorKind::FileTooLarge, message))
 }

@@ -2,21 +2,13 @@
 
 use std::collections::HashSet;
 
+use super::contact::Contact;
 use super::meeting::{Meeting, meet};
 use super::point::ExactPoint;
 use super::polygons::{Common, common};
 use super::surface::{Surface, too_large};
 use crate::boxes::touch;
 use spinney_base::{Progress, Result, parallel, sort};
-
-/// Common points of two faces.
-pub(crate) struct Contact {
-    pub faces: [u32; 2],
-    pub segments: Vec<[ExactPoint; 2]>,
-    pub points: Vec<ExactPoint>,
-    /// Whether the faces lie in one plane, and on each other.
-    pub in_plane: bool,
-}
 
 /// Kinds of contacts that are looked for.
 #[derive(Clone, Copy, PartialEq)]

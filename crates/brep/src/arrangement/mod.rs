@@ -7,6 +7,7 @@
 //! stay or go together with those beside them. (The scheme is that of Zhou, Grinspun, Zorin and Jacobson, "Mesh
 //! Arrangements for Solid Geometry", 2016, but for the winding numbers, which need no order around edges here.)
 
+mod contact;
 mod contacts;
 mod delaunay;
 mod exact_face;
@@ -21,7 +22,7 @@ mod snapping;
 mod surface;
 mod world;
 
-pub(crate) use contacts::Contact;
+pub(crate) use contact::Contact;
 pub(crate) use delaunay::flip_in_plane;
 pub(crate) use exact_face::ExactFace;
 pub use exact_face::ExactFaces;

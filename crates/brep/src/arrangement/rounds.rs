@@ -6,7 +6,7 @@ use std::path::Path;
 use super::exact_face::{ExactFace, ExactFaces};
 use super::point::ExactPlane;
 use super::rounding::Rounder;
-use super::snapping::snap;
+use super::snapping::{EachFace, snap};
 use super::surface::{Kept, Operands, Resolved, crossings, resolve};
 use crate::exact::normal::ring_normal;
 use crate::planar::PlanarFaces;
@@ -25,9 +25,6 @@ pub struct Rounds {
     /// Times that faces were divided.
     pub rounds: u32,
 }
-
-/// Function that takes faces, and whether each is new.
-pub(super) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
 
 /// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors.
 ///

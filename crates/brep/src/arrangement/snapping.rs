@@ -5,11 +5,13 @@
 //! thin triangles fall together. Which vertices these are depends on the edge alone, so that faces beside each other stay
 //! so.
 
-use super::rounds::EachFace;
 use crate::boxes::{BoxTree, touch};
 use crate::exact::vector::{dot, subtract};
 use crate::{Face, FaceList};
 use spinney_base::{Progress, Result, sort};
+
+/// Function that takes faces, and whether each is new.
+pub(super) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
 
 /// Hands out all faces, with corners added where edges pass some vertices closer than a step, and whether that was so
 /// or they were changed before: such faces may have corners that do not lie in one plane, or that fall together.

@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::OnceLock;
 
-use super::contacts::Contact;
+use super::contact::Contact;
 use super::exact_face::{ExactFace, ExactFaces};
 use super::overlay::{Region, Segment, VertexKey, Vertices, regions};
 use super::point::{ExactPlane, ExactPoint};

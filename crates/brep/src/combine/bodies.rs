@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use super::overlap::{Fate, Overlap};
+use super::overlap::Overlap;
 use super::placed::Placed;
+use super::table::Fate;
 use super::table::OperationTable;
 use crate::arrangement::{ExactFace, ExactFaces, Turner};
 use crate::exact::normal::ring_normal;

@@ -5,7 +5,7 @@ use std::cell::Cell;
 use std::collections::HashMap;
 
 use super::bodies::Bodies;
-use super::overlap::Fate;
+use super::table::Fate;
 use super::winding::winding;
 use crate::arrangement::{ExactPlane, Sample};
 use crate::boxes::{BoxTree, bounds_of, touch};

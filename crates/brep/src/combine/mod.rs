@@ -28,7 +28,7 @@ use super::store::exact::ExactPart;
 use super::{Attributes, BOOLEAN_FACES, BuildReport, ExactModel, Faces, Grid, ModelBuilder};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
-use spinney_container::{Metadata, TagScope};
+use spinney_container::{Metadata, Tag, TagScope};
 
 /// Counts of a set operation on bodies.
 #[derive(Clone, Debug, PartialEq)]
@@ -179,10 +179,10 @@ pub fn combine(
     debug_assert!(stand_ins.is_sorted());
     let builder = builder.exact(ExactPart { faces: exact, stand_ins });
     let mut metadata = metadata(operation, &models, &grid);
-    metadata.tags.insert("model.displacement".into(), displacement.to_string());
+    metadata.set_tag(Tag::ModelDisplacement, displacement.to_string());
     let built = builder.finish(&mut metadata, progress, &mut |metadata, built| {
         if built.defect_count > 0 {
-            metadata.tags.insert(THIN.into(), built.defect_count.to_string());
+            metadata.set_tag(Tag::ModelThinPlaces, built.defect_count.to_string());
         }
     })?;
     if built.defect_count > 0 && is_on_grid {
@@ -194,9 +194,6 @@ pub fn combine(
     }
     Ok(CombineReport { before, after, pairs, divided, displacement, grid, is_unbounded, built })
 }
-
-/// The tag that counts the places where a surface passes through itself when its vertices are moved to the grid.
-const THIN: &str = "model.thin_places";
 
 /// Times that faces are divided anew to mend what moving vertices to the grid did.
 const MOST_ROUNDS: u32 = 4;
@@ -210,8 +207,9 @@ fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
     metadata.provenance = models.iter().flat_map(|model| model.metadata().provenance.clone()).collect();
     let paths: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
     metadata.provenance.push(format!("operation {operation} of {}", paths.join(" ")));
-    let unit = models.iter().find_map(|model| model.metadata().tags.get("unit"));
-    metadata.tags.extend(unit.map(|unit| ("unit".to_string(), unit.clone())));
+    if let Some(unit) = models.iter().find_map(|model| model.metadata().tag(Tag::Unit)) {
+        metadata.set_tag(Tag::Unit, unit);
+    }
     let mut attributes = Attributes::beside(names.map(|name| name.len() + 10).sum());
     let mut parts = 0;
     for model in models {
@@ -219,7 +217,7 @@ fn metadata(operation: u8, models: &[&ExactModel], grid: &Grid) -> Metadata {
         parts += model.parts().len() as u32;
     }
     if attributes.lost() > 0 {
-        metadata.tags.insert("model.lost_attributes".into(), attributes.lost().to_string());
+        metadata.set_tag(Tag::ModelLostAttributes, attributes.lost().to_string());
     }
     if !attributes.is_empty() {
         metadata.scoped_tags.insert(TagScope { channel: None, domain: DOMAIN.into() }, attributes.to_tags());

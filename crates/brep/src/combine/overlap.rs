@@ -2,18 +2,10 @@
 //! settled cell by cell, without a look at its faces.
 
 use super::placed::Placed;
-use super::table::OperationTable;
+use super::table::{Fate, OperationTable};
 use crate::query::half_of;
 use crate::{ExactModel, Faces, ModelNode, ModelNodeState};
 use spinney_base::{Progress, Result};
-
-/// Fate of a face that touches no other body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Fate {
-    Kept,
-    Turned,
-    Dropped,
-}
 
 /// A set of faces, a bit for each of a model.
 pub(super) struct FaceSet(Vec<u64>);

@@ -3,6 +3,7 @@
 use crate::arrangement::{Corner, ExactFace};
 use crate::{ExactModel, Faces, Grid, MOST_BITS, ModelNode};
 use spinney_base::{Error, Result};
+use spinney_container::Tag;
 use spinney_crs::Crs;
 
 /// Models on one grid.
@@ -138,14 +139,14 @@ fn check_systems(models: &[&ExactModel]) -> Result<()> {
             Crs::check_same((first, Some(crs)), (name, Some(other)))?;
         }
         known = known.or(model.crs().map(|crs| (name.as_str(), crs)));
-        let own = model.metadata().tags.get("unit");
+        let own = model.metadata().tag(Tag::Unit);
         if let (Some((first, unit)), Some(own)) =
             (unit, own.filter(|own| unit.is_some_and(|(_, unit)| unit != *own)))
         {
             let found = format!("{name}: {own}");
             return Err(Error::invalid("unit", found, format!("{unit}, as {first} has")));
         }
-        unit = unit.or(own.map(|unit| (name.as_str(), unit.as_str())));
+        unit = unit.or(own.map(|unit| (name.as_str(), unit)));
     }
     Ok(())
 }

@@ -1,6 +1,5 @@
 //! Tables of set operations: which places belong to the result.
 
-use super::overlap::Fate;
 use spinney_base::{Error, Result};
 
 /// Set operations, by their numbers: bit 0 says that what is in both bodies belongs to the result, bit 1 what is in the
@@ -11,6 +10,14 @@ use spinney_base::{Error, Result};
 pub(super) struct OperationTable {
     number: u8,
     count: usize,
+}
+
+/// Fate of a face that touches no other body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fate {
+    Kept,
+    Turned,
+    Dropped,
 }
 
 impl OperationTable {

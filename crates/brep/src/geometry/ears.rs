@@ -4,7 +4,7 @@
 use std::cell::Cell;
 use std::collections::HashSet;
 
-use super::triangulate::turn;
+use super::turn::turn;
 use spinney_base::sort;
 
 /// Corners looked at for each corner of a face, before that is given up.

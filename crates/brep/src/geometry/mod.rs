@@ -12,6 +12,7 @@ mod status;
 mod sweep;
 pub mod triangle;
 mod triangulate;
+mod turn;
 
 pub use box3::Box3;
 pub use bridges::{join_rings, split_bridges};

@@ -10,7 +10,7 @@
 use std::cell::Cell;
 
 use super::status::{Place, Status};
-use super::triangulate::turn;
+use super::turn::turn;
 use spinney_base::sort;
 
 /// Number of no edge, corner or link.

@@ -5,17 +5,12 @@ use std::collections::HashMap;
 use super::ears::Ears;
 use super::plane::Plane;
 use super::sweep::Sweep;
+use super::turn::turn;
 use crate::exact::vector::others;
 use spinney_base::sort;
 
 /// Most corners of faces that are cut by clipping ears: their number's square and more is what that may take.
 const MOST_EARS: usize = 512;
-
-/// Twice the signed area of the triangle of three points; positive counterclockwise.
-pub(super) fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i128 {
-    let wide = |x: i64| i128::from(x);
-    wide(b[0] - a[0]) * wide(c[1] - a[1]) - wide(b[1] - a[1]) * wide(c[0] - a[0])
-}
 
 /// Cuts faces into triangles; keeps its buffers from face to face.
 ///

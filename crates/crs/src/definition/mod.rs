@@ -17,7 +17,7 @@ pub(super) use self::proj_string::{
     metres as metres_of_unit, parse as parse_proj_string, value as proj_value,
 };
 pub(super) use self::projjson::parse as parse_projjson;
-pub(super) use self::wkt::{WktNode, parse as parse_wkt};
+pub(super) use self::wkt::{BOUND, GEOGRAPHIC, WktNode, parse as parse_wkt};
 use spinney_base::{Error, Result};
 
 /// Bytes of a definition in one text; real ones have a few thousand.

@@ -5,7 +5,7 @@ use super::{Epsg, MOST, number_text, unit_of_angle, unit_of_length};
 /// Levels of brackets; real definitions have a dozen.
 const MOST_LEVELS: usize = 64;
 
-/// Keywords of coordinate systems: in the plane (or of everything), of angles, and others.
+/// Keywords of coordinate systems: of lengths, of longitude and latitude, of those that consist of others, and bound to another one.
 const LINEAR: [&str; 12] = [
     "PROJCS",
     "PROJCRS",
@@ -20,9 +20,9 @@ const LINEAR: [&str; 12] = [
     "VERTICALCRS",
     "FITTED_CS",
 ];
-const ANGULAR: [&str; 5] = ["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEODETICCRS"];
+pub(crate) const GEOGRAPHIC: [&str; 5] = ["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEODETICCRS"];
 const COMPOUND: [&str; 2] = ["COMPD_CS", "COMPOUNDCRS"];
-const BOUND: &str = "BOUNDCRS";
+pub(crate) const BOUND: [&str; 1] = ["BOUNDCRS"];
 
 /// Parts that are told to people, and define nothing.
 const TOLD: [&str; 7] = ["USAGE", "SCOPE", "AREA", "BBOX", "VERTICALEXTENT", "TIMEEXTENT", "REMARK"];
@@ -150,7 +150,7 @@ impl WktNode {
     }
 
     pub(crate) fn is_crs(&self) -> bool {
-        self.is(&LINEAR) || self.is(&ANGULAR) || self.is(&COMPOUND) || self.is(&[BOUND])
+        self.is(&LINEAR) || self.is(&GEOGRAPHIC) || self.is(&COMPOUND) || self.is(&BOUND)
     }
 
     pub(crate) fn is(&self, keywords: &[&str]) -> bool {
@@ -183,6 +183,11 @@ impl WktNode {
         self.items
             .iter()
             .filter_map(|item| if let Item::Word(word) = item { Some(word.as_str()) } else { None })
+    }
+
+    /// The part of a compound system that tells the plane; of others the system itself.
+    pub(crate) fn horizontal(&self) -> Option<&WktNode> {
+        if self.is(&COMPOUND) { self.nodes().find(|node| node.is_crs())?.horizontal() } else { Some(self) }
     }
 
     pub(super) fn name(&self) -> Option<String> {
@@ -223,15 +228,15 @@ impl WktNode {
 
     /// The unit of the system's plane.
     pub(super) fn unit(&self) -> Option<&'static str> {
-        if self.is(&[BOUND]) {
+        if self.is(&BOUND) {
             return self.child(&["SOURCECRS"])?.nodes().next()?.unit();
         }
         if self.is(&COMPOUND) {
-            return self.nodes().find(|node| node.is_crs())?.unit();
+            return self.horizontal()?.unit();
         }
         let of_length = |node: &WktNode| unit_of_length(node.child(&["LENGTHUNIT", "UNIT"])?.factor()?);
         let of_angle = |node: &WktNode| unit_of_angle(node.child(&["ANGLEUNIT", "UNIT"])?.factor()?);
-        let unit = |node: &WktNode| match self.is(&ANGULAR) {
+        let unit = |node: &WktNode| match self.is(&GEOGRAPHIC) {
             // (Geodetic systems may be geocentric ones in metres.)
             true => of_angle(node).or_else(|| of_length(node)),
             false => of_length(node),

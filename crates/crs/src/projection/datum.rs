@@ -1,6 +1,6 @@
 //! Datums of definitions: how their longitudes and latitudes become those of WGS 84.
 
-use super::definition::parameter;
+use super::words::parameter;
 
 /// The way from a definition's datum to WGS 84.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,23 +51,4 @@ impl Datum {
             Datum::Wgs84 | Datum::Grid(_) | Datum::Unlisted(_) | Datum::Unknown => None,
         }
     }
-}
-
-/// The definition with its ellipsoid, but without a shift.
-pub(super) fn without(definition: &str) -> String {
-    let parts = definition.split_whitespace().map(|part| match part {
-        // The ellipsoids of datums that have names here.
-        "+datum=WGS84" => "+ellps=WGS84",
-        "+datum=NAD83" => "+ellps=GRS80",
-        "+datum=NAD27" => "+ellps=clrk66",
-        "+datum=nzgd49" => "+ellps=intl",
-        "+datum=potsdam" | "+datum=hermannskogel" => "+ellps=bessel",
-        "+datum=carthage" => "+ellps=clrk80ign",
-        "+datum=ire65" => "+ellps=mod_airy",
-        "+datum=OSGB36" => "+ellps=airy",
-        "+datum=GGRS87" => "+ellps=GRS80",
-        part if part.starts_with("+towgs84=") || part.starts_with("+nadgrids=") => "",
-        part => part,
-    });
-    parts.filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
 }

@@ -3,7 +3,7 @@
 //! Names are those of the EPSG registry, of GDAL's WKT 1 and of Esri's. Each was compared with PROJ by `benches/peers/projections.py
 //! --definitions`; what is not in these tables is refused.
 
-use super::system::Axis;
+use super::axis::Axis;
 
 /// Parameters with their values: PROJ's words, and degrees, metres or ones.
 pub(super) type Values = Vec<(&'static str, f64)>;

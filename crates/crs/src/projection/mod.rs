@@ -1,5 +1,6 @@
 //! Projections: coordinates of one system as those of another, by way of longitude and latitude in WGS 84.
 
+mod axis;
 mod datum;
 mod datum_names;
 mod definition;
@@ -7,12 +8,14 @@ mod geo_keys;
 mod methods;
 mod proj_string;
 mod projjson;
+mod read;
 mod shift;
 mod system;
 #[cfg(test)]
 mod tests;
 mod verified;
 mod wkt;
+mod words;
 
 use proj4rs::Proj;
 use proj4rs::transform::transform;
@@ -79,7 +82,7 @@ impl Projection {
         let invalid = |found: String, expected: String| {
             Error::invalid(format!("coordinate system {crs}"), found, expected)
         };
-        let Definition { words, datum } = definition::read(crs).map_err(|found| {
+        let Definition { words, datum } = read::read(crs).map_err(|found| {
             invalid(
                 found,
                 "one whose parts are known; if it is one of the EPSG registry, say so with `spinney build --crs EPSG:NUMBER` or the \
@@ -87,7 +90,7 @@ impl Projection {
                     .into(),
             )
         })?;
-        let method = definition::parameter(&words, "proj").unwrap_or("none");
+        let method = words::parameter(&words, "proj").unwrap_or("none");
         if !PROJECTION_METHODS.contains(&method) {
             let methods = PROJECTION_METHODS.join(", ");
             return Err(invalid(format!("the method {method}"), format!("one of {methods}")));

@@ -4,9 +4,10 @@ use std::fmt::Write as _;
 
 use proj4rs::Proj;
 
-use super::datum::{self, Datum};
+use super::datum::Datum;
 use super::definition::Definition;
 use super::system::{helmert, is_global};
+use super::words;
 use crate::definition::{metres_of_unit, parse_proj_string, proj_value};
 
 /// Words that methods take besides those that all take.
@@ -146,7 +147,7 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
     }
     check_method(method, &number, &has)?;
     check_figure(&get, &has)?;
-    let (words, datum) = (datum::without(&text), Datum::of(&text));
+    let (words, datum) = (words::without_shift(&text), Datum::of(&text));
     let proj = Proj::from_proj_string(&words).map_err(|error| format!("`{words}`: {error}"))?;
     let (a, b) = proj.ellipse_parameters();
     super::system::check_ellipsoid([a, b])?;

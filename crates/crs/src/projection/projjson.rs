@@ -2,12 +2,11 @@
 
 use serde_json::Value;
 
+use super::axis::Axis;
 use super::datum::Datum;
 use super::definition::Definition;
 use super::shift;
-use super::system::{
-    Axis, Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes,
-};
+use super::system::{Base, Conversion, Name, Parameter, System, Unit, check_ellipsoid, degrees, half_axes};
 use crate::definition::parse_projjson;
 
 /// Members that no system may have here: they would make another one of it.

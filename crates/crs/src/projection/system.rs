@@ -4,10 +4,12 @@ use std::fmt::Write as _;
 
 use proj4rs::Proj;
 
-use super::datum::{self, Datum};
+use super::axis::Axis;
+use super::datum::Datum;
 use super::datum_names;
 use super::definition::Definition;
 use super::methods::{self, Values};
+use super::words;
 
 /// The parts of a system of longitude and latitude, or of a plane.
 #[derive(Debug)]
@@ -33,16 +35,6 @@ pub(super) struct Base {
     pub(super) prime_meridian: f64,
     /// Radians of the unit of angles.
     pub(super) angle: f64,
-}
-
-/// An axis.
-#[derive(Debug)]
-pub(super) struct Axis {
-    pub(super) name: String,
-    /// Where it goes, in small letters.
-    pub(super) direction: String,
-    /// Degrees of longitude along which it leaves a pole.
-    pub(super) meridian: Option<f64>,
 }
 
 /// Name of a datum.
@@ -129,7 +121,7 @@ impl Base {
         let missing = || format!("EPSG:{number}, which the list of definitions does not have");
         let definition =
             crs_definitions::from_code(number).map(|known| known.proj4).filter(|text| !text.is_empty());
-        let proj = Proj::from_proj_string(&datum::without(definition.ok_or_else(missing)?));
+        let proj = Proj::from_proj_string(&words::without_shift(definition.ok_or_else(missing)?));
         let proj = proj.ok().filter(Proj::is_latlong).ok_or_else(missing)?;
         let (a, b) = proj.ellipse_parameters();
         let prime_meridian = proj.from_greenwich().to_degrees();

@@ -1,17 +1,15 @@
 //! Well-known text, of version 1 (as OGC, GDAL and Esri write it) and 2 (of 2015 and 2019), as the parts of a system.
 
+use super::axis::Axis;
 use super::datum::Datum;
 use super::definition::Definition;
 use super::shift;
-use super::system::{Axis, Base, Conversion, Name, Parameter, System, Unit, degrees, half_axes, helmert};
+use super::system::{Base, Conversion, Name, Parameter, System, Unit, degrees, half_axes, helmert};
 use super::{methods, proj_string};
-use crate::definition::{WktNode, parse_wkt};
+use crate::definition::{BOUND, GEOGRAPHIC, WktNode, parse_wkt};
 
-/// Keywords of systems of longitude and latitude, of planes, and of those that consist of others.
-const GEOGRAPHIC: [&str; 5] = ["GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEODETICCRS"];
+/// Keywords of systems of planes that can be computed.
 const PROJECTED: [&str; 3] = ["PROJCS", "PROJCRS", "PROJECTEDCRS"];
-const COMPOUND: [&str; 2] = ["COMPD_CS", "COMPOUNDCRS"];
-const BOUND: [&str; 1] = ["BOUNDCRS"];
 
 const BASES: [&str; 3] = ["GEOGCS", "BASEGEOGCRS", "BASEGEODCRS"];
 const DATUMS: [&str; 4] = ["DATUM", "TRF", "GEODETICDATUM", "ENSEMBLE"];
@@ -41,7 +39,7 @@ const TOLD: [&str; 14] = [
 pub(super) fn read(text: &str) -> Result<Definition, String> {
     let node = parse_wkt(text)?;
     // (Some programs write the definition in PROJ's words behind the other one, where that says something else.)
-    match part(&node).and_then(|node| node.child(&["EXTENSION"])) {
+    match node.horizontal().and_then(|node| node.child(&["EXTENSION"])) {
         Some(extension) => match extension.texts().collect::<Vec<_>>()[..] {
             ["PROJ4", words] if proj_string::is_web_mercator(words) => proj_string::read(words),
             _ => Err("an EXTENSION that is not known".into()),
@@ -50,13 +48,8 @@ pub(super) fn read(text: &str) -> Result<Definition, String> {
     }
 }
 
-/// The part of a compound system that tells the plane.
-fn part(node: &WktNode) -> Option<&WktNode> {
-    if node.is(&COMPOUND) { part(node.nodes().find(|node| node.is_crs())?) } else { Some(node) }
-}
-
 fn system(node: &WktNode) -> Result<System, String> {
-    let node = part(node).ok_or("a compound system of nothing")?;
+    let node = node.horizontal().ok_or("a compound system of nothing")?;
     if node.is(&BOUND) {
         return bound(node);
     }

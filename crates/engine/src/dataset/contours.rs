@@ -1,6 +1,6 @@
 //! Contour lines and bands of any dataset.
 
-use super::{Dataset, Reader};
+use super::{Dataset, Tree};
 use crate::query::{
     ContourGround, ContourRequest, ContourSummary, Extremes, Relief, TakeContour, check_level, file_extremes,
     source_extremes, trace_contours,
@@ -83,7 +83,7 @@ impl Dataset {
     ) -> Result<ContourSummary> {
         if self.header().form.axes() != 2 {
             let advice = "it has isosurfaces: `spinney contours` with -o surface.ply, or export_isosurfaces";
-            return Err(Error::unsupported(self.path(), "contours of an octree", advice));
+            return Err(Error::unsupported(self.name(), "contours of an octree", advice));
         }
         let level = request.level.unwrap_or(self.depth());
         check_level(level, self.depth())?;
@@ -123,10 +123,10 @@ impl Relief for LevelRelief<'_> {
 
     fn extremes(&self, code: Code) -> Result<Extremes> {
         let picture = self.tree.header().picture();
-        let extremes = match self.tree.reader() {
-            Reader::Goblin(file) => file_extremes(file, code),
-            Reader::Autumnal(file) => source_extremes(file, &picture, code),
-            Reader::View(viewed) => source_extremes(viewed.view(), &picture, code),
+        let extremes = match &self.tree.tree {
+            Tree::Goblin(file) => file_extremes(file, code),
+            Tree::Autumnal(file) => source_extremes(&**file, &picture, code),
+            Tree::View(viewed) => source_extremes(viewed.view(), &picture, code),
         }?;
         Ok(if self.has_zeros { extremes.with_zeros() } else { extremes })
     }

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use self::viewed::Viewed;
-use crate::ops::{Chain, Sampling, Step, TreeFile, View};
+use crate::ops::{Chain, Sampling, Step, TreeFile, View, ViewSource};
 use crate::store::autumnal::{Autumnal, Commit};
 use crate::store::goblin::Goblin;
 use crate::tree::Source;
@@ -45,18 +45,11 @@ pub struct Dataset {
     tree: Tree,
 }
 
-/// Base of a dataset.
+/// What answers a dataset's questions: one of the two formats, or a view.
 enum Tree {
-    /// A file of one of the two formats, no other base of views.
-    File(Arc<TreeFile>),
+    Goblin(Arc<Goblin>),
+    Autumnal(Arc<Autumnal>),
     View(Box<Viewed>),
-}
-
-/// Implementation that answers questions: fast paths for the two formats, and views.
-enum Reader<'a> {
-    Goblin(&'a Goblin),
-    Autumnal(&'a Autumnal),
-    View(&'a Viewed),
 }
 
 /// Opens a tree file of either format and any form; `map.autumn@12` is commit 12 of `map.autumn`.
@@ -64,7 +57,7 @@ enum Reader<'a> {
 /// # Errors
 /// If it cannot be read, is no tree file, is damaged, or of a newer version.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
-    Dataset::of(TreeFile::open(path, options)?)
+    Dataset::of(TreeFile::open(path, options)?.into())
 }
 
 /// Opens a view of a file through a chain of steps: nothing is computed beforehand. For a file that is open
@@ -81,12 +74,13 @@ impl Dataset {
     ///
     /// # Errors
     /// If the file's header says what no file can have.
-    pub fn of(file: TreeFile) -> Result<Dataset> {
-        if matches!(file, TreeFile::Goblin(_) | TreeFile::Autumnal(_)) {
-            return Ok(Dataset { tree: Tree::File(Arc::new(file)) });
-        }
-        let extent = file.header().extent;
-        Ok(Dataset::of_view(Viewed::new(View::new(Arc::new(file), extent)?, false)))
+    pub fn of(source: ViewSource) -> Result<Dataset> {
+        let tree = match source {
+            ViewSource::File(TreeFile::Goblin(file)) => Tree::Goblin(file),
+            ViewSource::File(TreeFile::Autumnal(file)) => Tree::Autumnal(file),
+            source => return Ok(Dataset::of_view(Viewed::new(whole(source)?, false))),
+        };
+        Ok(Dataset { tree })
     }
 
     fn of_view(viewed: Viewed) -> Dataset {
@@ -99,52 +93,45 @@ impl Dataset {
     /// # Errors
     /// If a step cannot be done.
     pub fn view(self, steps: &[Step]) -> Result<Dataset> {
-        let viewed = match self.tree {
-            Tree::File(file) => {
-                let (extent, rule) = (file.header().extent, file.header().rule);
-                let view = View::new(file, extent)?.through(steps)?;
-                Viewed::new(view.sampled(Sampling::Area(rule))?, false)
-            }
-            Tree::View(viewed) => viewed.through(steps)?,
+        let rule = self.header().rule;
+        let file = match self.tree {
+            Tree::Goblin(file) => TreeFile::Goblin(file),
+            Tree::Autumnal(file) => TreeFile::Autumnal(file),
+            Tree::View(viewed) => return Ok(Dataset::of_view(viewed.through(steps)?)),
         };
-        Ok(Dataset::of_view(viewed))
-    }
-
-    fn reader(&self) -> Reader<'_> {
-        match &self.tree {
-            Tree::File(file) => match &**file {
-                TreeFile::Goblin(file) => Reader::Goblin(file),
-                TreeFile::Autumnal(file) => Reader::Autumnal(file),
-                _ => unreachable!("what is no file is seen through a view"),
-            },
-            Tree::View(viewed) => Reader::View(viewed),
-        }
+        let view = whole(file.into())?.through(steps)?.sampled(Sampling::Area(rule))?;
+        Ok(Dataset::of_view(Viewed::new(view, false)))
     }
 
     /// The file, if this is no view of one: for what stands on files, such as [`Warped`](crate::ops::Warped).
-    pub fn as_file(&self) -> Option<&Arc<TreeFile>> {
+    pub fn as_file(&self) -> Option<TreeFile> {
         match &self.tree {
-            Tree::File(file) => Some(file),
+            Tree::Goblin(file) => Some(TreeFile::Goblin(file.clone())),
+            Tree::Autumnal(file) => Some(TreeFile::Autumnal(file.clone())),
             Tree::View(_) => None,
         }
     }
 
-    /// The file, also that behind a view.
-    fn file(&self) -> &TreeFile {
+    /// The file, also that behind a view: see [`ViewSource::file`].
+    fn file(&self) -> Option<TreeFile> {
         match &self.tree {
-            Tree::File(file) => file,
-            Tree::View(viewed) => viewed.file(),
+            Tree::View(viewed) => viewed.source().file(),
+            _ => self.as_file(),
         }
     }
 
-    /// The file's format.
+    /// The file's format; what comes from no file counts as published.
     pub fn format(&self) -> TreeFormat {
-        self.file().format()
+        self.file().map_or(TreeFormat::Goblin, |file| file.format())
     }
 
     /// The commit that is read; only Autumnal files have commits.
     pub fn commit(&self) -> Option<&Commit> {
-        self.file().commit()
+        match &self.tree {
+            Tree::Goblin(_) => None,
+            Tree::Autumnal(file) => Some(file.commit()),
+            Tree::View(viewed) => viewed.source().commit(),
+        }
     }
 
     /// Moves on to the newest commit, if the file has got a newer one; returns whether it has. Datasets
@@ -155,18 +142,16 @@ impl Dataset {
     pub fn refresh(&mut self) -> Result<bool> {
         match &mut self.tree {
             // A reader that others have, too, is not pulled away from under them.
-            Tree::File(file) => match Arc::get_mut(file) {
-                Some(TreeFile::Autumnal(file)) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
-                _ => Ok(false),
-            },
-            Tree::View(_) => Ok(false),
+            Tree::Autumnal(file) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
+            Tree::Goblin(_) | Tree::View(_) => Ok(false),
         }
     }
 
     /// The header: form, rule, depth, extent. Depth and extent of views are their own.
     pub fn header(&self) -> &Header {
         match &self.tree {
-            Tree::File(file) => file.header(),
+            Tree::Goblin(file) => file.header(),
+            Tree::Autumnal(file) => file.header(),
             Tree::View(viewed) => viewed.header(),
         }
     }
@@ -174,35 +159,49 @@ impl Dataset {
     /// The metadata: frame, nodata, palette, names, provenance. The frame of views is their own.
     pub fn metadata(&self) -> &Metadata {
         match &self.tree {
-            Tree::File(file) => file.metadata(),
+            Tree::Goblin(file) => file.metadata(),
+            Tree::Autumnal(file) => file.metadata(),
             Tree::View(viewed) => viewed.metadata(),
         }
     }
 
-    /// The file.
-    pub fn path(&self) -> &Path {
-        self.file().path()
+    /// The file's path; a view of a tree in memory has none.
+    pub fn path(&self) -> Option<&Path> {
+        match &self.tree {
+            Tree::Goblin(file) => Some(file.path()),
+            Tree::Autumnal(file) => Some(file.path()),
+            Tree::View(viewed) => viewed.source().path(),
+        }
+    }
+
+    /// The name for messages: the path, if there is one.
+    pub fn name(&self) -> &Path {
+        match &self.tree {
+            Tree::Goblin(file) => file.path(),
+            Tree::Autumnal(file) => file.path(),
+            Tree::View(viewed) => viewed.source().name(),
+        }
     }
 
     /// Bytes of the whole file.
     pub fn file_size(&self) -> u64 {
-        self.file().file_size()
+        self.file().map_or(0, |file| file.file_size())
     }
 
     /// Number of segments; 0 in Autumnal files, which have none.
     pub fn segments(&self) -> usize {
-        self.file().segments()
+        self.file().map_or(0, |file| file.segments())
     }
 
     /// Places of records in all segments, of which dense blocks need fewer, and records that are stored more than once more; in
     /// Autumnal files the records of the commit's tree, the shared ones as often as they occur.
     pub fn stored_records(&self) -> u64 {
-        self.file().stored_records()
+        self.file().map_or(0, |file| file.stored_records())
     }
 
     /// Name and bytes of each part of the file.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
-        self.file().sections()
+        self.file().map_or_else(Vec::new, |file| file.sections())
     }
 
     /// Levels below the root.
@@ -219,7 +218,11 @@ impl Dataset {
 
     /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
     pub fn remark(&self) -> Option<&'static str> {
-        self.file().remark()
+        match &self.tree {
+            Tree::Goblin(_) => None,
+            Tree::Autumnal(file) => file.remark(),
+            Tree::View(viewed) => viewed.source().remark(),
+        }
     }
 
     /// Makes sure that the file still is what it was when it was opened (an Autumnal file may have got more
@@ -230,7 +233,11 @@ impl Dataset {
     /// If somebody has overwritten the file or cut it short; files that were renamed or removed stay as they
     /// are for those who have them open.
     pub fn check_unchanged(&self) -> Result<()> {
-        self.file().check_unchanged()
+        match &self.tree {
+            Tree::Goblin(file) => file.check_unchanged(),
+            Tree::Autumnal(file) => file.check_unchanged(),
+            Tree::View(viewed) => viewed.source().check_unchanged(),
+        }
     }
 
     /// Checks all of the file: see [`Goblin::verify`] and [`Autumnal::verify`].
@@ -238,7 +245,7 @@ impl Dataset {
     /// # Errors
     /// If the file cannot be read, or on interruption.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        self.file().verify(memory, progress)
+        self.file().map_or_else(|| Ok(Vec::new()), |file| file.verify(memory, progress))
     }
 
     /// Checks all of the file but the trees of older commits.
@@ -246,11 +253,14 @@ impl Dataset {
     /// # Errors
     /// Those of [`Dataset::verify`].
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
-        match self.file() {
-            TreeFile::Autumnal(file) => file.verify_quickly(memory, progress),
-            file => file.verify(memory, progress),
-        }
+        self.file().map_or_else(|| Ok(Vec::new()), |file| file.verify_quickly(memory, progress))
     }
+}
+
+/// All of a source.
+fn whole(source: ViewSource) -> Result<View> {
+    let extent = source.header().extent;
+    View::new(Arc::new(source), extent)
 }
 
 impl fmt::Debug for Dataset {

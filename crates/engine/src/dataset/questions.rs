@@ -1,11 +1,12 @@
 //! Questions about any dataset: cells, windows, statistics, searches.
 
 use super::viewed::value_at;
-use super::{Dataset, Reader};
+use super::{Dataset, Tree};
 use crate::ops::TreeFile;
 use crate::query::{
     Canvas, Condition, FoundBlock, PointSamples, Statistics, StoredRows, ZoneRule, ZoneStatistics,
-    autumnal_histogram, check_level, source_find, source_histogram, source_statistics, source_zonal, zonal,
+    autumnal_histogram, autumnal_statistics, check_level, source_find, source_histogram, source_statistics,
+    source_zonal, zonal,
 };
 use crate::query::{PixelGrid, PixelSums};
 use crate::tree::{Child, Source, no_children};
@@ -21,13 +22,13 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there; of a view also if it has no such level.
     pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [f64; 4]) -> Result<bool> {
-        let found = match self.reader() {
-            Reader::View(viewed) => value_at(&viewed.at(level)?, cell)?,
+        let found = match &self.tree {
+            Tree::View(viewed) => value_at(&viewed.at(level)?, cell)?,
             _ if level > self.depth() => None,
-            Reader::Goblin(file) => {
+            Tree::Goblin(file) => {
                 self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
             }
-            Reader::Autumnal(file) => {
+            Tree::Autumnal(file) => {
                 self.code(level, saturated(cell)).map_or(Ok(None), |at| file.value_at(at))?
             }
         };
@@ -47,18 +48,18 @@ impl Dataset {
         let value_type = self.header().form.value;
         samples.start(value_type.channels.into());
         let mut values = vec![None; cells.len()];
-        match self.reader() {
-            Reader::Goblin(file) => {
+        match &self.tree {
+            Tree::Goblin(file) => {
                 let cells: Vec<Cell> = cells.iter().map(|cell| saturated(*cell)).collect();
                 file.values_at(level, &cells, &mut values)?;
             }
-            Reader::Autumnal(file) => {
+            Tree::Autumnal(file) => {
                 for (cell, value) in cells.iter().zip(&mut values) {
                     let code = self.code(level, saturated(*cell));
                     *value = code.map_or(Ok(None), |code| file.value_at(code))?;
                 }
             }
-            Reader::View(viewed) => {
+            Tree::View(viewed) => {
                 let view = viewed.at(level)?;
                 for (cell, value) in cells.iter().zip(&mut values) {
                     *value = value_at(&view, *cell)?;
@@ -87,10 +88,10 @@ impl Dataset {
     /// If the file is damaged there, or the node is deeper than the tree.
     pub fn node(&self, code: Code) -> Result<Child<()>> {
         check_level(code.level(), self.depth())?;
-        match self.reader() {
-            Reader::Goblin(file) => Ok(file.locate(code)?.map_node(drop)),
-            Reader::Autumnal(file) => source_node(file, code),
-            Reader::View(viewed) => source_node(viewed.view(), code),
+        match &self.tree {
+            Tree::Goblin(file) => Ok(file.locate(code)?.map_node(drop)),
+            Tree::Autumnal(file) => source_node(&**file, code),
+            Tree::View(viewed) => source_node(viewed.view(), code),
         }
     }
 
@@ -116,10 +117,10 @@ impl Dataset {
         valid: Option<&mut [bool]>,
     ) -> Result<()> {
         let fill: Value = self.header().form.value.nearest(|_| fill);
-        match self.reader() {
-            Reader::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
-            Reader::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
-            Reader::View(viewed) => {
+        match &self.tree {
+            Tree::Goblin(file) => file.window(level, bounds, fill, bytes, valid).map(|_| ()),
+            Tree::Autumnal(file) => file.window(level, bounds, fill, bytes, valid),
+            Tree::View(viewed) => {
                 let view = viewed.at(level)?;
                 let mut canvas = Canvas::new(view.form(), bounds, fill, bytes, valid)?;
                 canvas.draw(&view, view.root()?, view.depth())
@@ -133,9 +134,9 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there, or the level is too deep.
     pub fn stored_rows(&self, level: u8, bounds: &Bounds) -> Result<Option<StoredRows<'_>>> {
-        match self.reader() {
-            Reader::Goblin(file) => file.stored_rows(level, bounds),
-            Reader::Autumnal(_) | Reader::View(_) => Ok(None),
+        match &self.tree {
+            Tree::Goblin(file) => file.stored_rows(level, bounds),
+            Tree::Autumnal(_) | Tree::View(_) => Ok(None),
         }
     }
 
@@ -144,12 +145,26 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there.
     pub fn statistics(&self, bounds: Option<Bounds>) -> Result<Statistics> {
-        match self.reader() {
-            Reader::View(viewed) => {
+        match &self.tree {
+            Tree::View(viewed) => {
                 let counts_classes = self.header().counts_classes();
                 source_statistics(viewed.view(), &self.header().within_picture(bounds), counts_classes)
             }
-            _ => self.file().statistics(bounds),
+            Tree::Goblin(file) => file.statistics(bounds),
+            Tree::Autumnal(file) => {
+                let counts_classes = self.header().counts_classes();
+                autumnal_statistics(file, &self.header().within_picture(bounds), counts_classes)
+            }
+        }
+    }
+
+    /// Statistics without classes; of a view those of what it stands on.
+    fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        let within = self.header().within_picture(bounds);
+        match &self.tree {
+            Tree::Goblin(file) => file.statistics_with(Some(within), false),
+            Tree::Autumnal(file) => autumnal_statistics(file, &within, false),
+            Tree::View(viewed) => viewed.source().totals(bounds),
         }
     }
 
@@ -180,10 +195,10 @@ impl Dataset {
     ) -> Result<Vec<ZoneStatistics>> {
         let header = self.header();
         let cells = (header.picture(), header.counts_classes());
-        match self.reader() {
-            Reader::Goblin(file) => zonal(file, polygons, rule, progress),
-            Reader::Autumnal(file) => source_zonal(file, cells, polygons, rule, progress),
-            Reader::View(viewed) => source_zonal(viewed.view(), cells, polygons, rule, progress),
+        match &self.tree {
+            Tree::Goblin(file) => zonal(file, polygons, rule, progress),
+            Tree::Autumnal(file) => source_zonal(&**file, cells, polygons, rule, progress),
+            Tree::View(viewed) => source_zonal(viewed.view(), cells, polygons, rule, progress),
         }
     }
 
@@ -197,10 +212,10 @@ impl Dataset {
         grid: PixelGrid,
         progress: &'a dyn Progress,
     ) -> Result<PixelSums<'a>> {
-        match self.reader() {
-            Reader::Goblin(file) => PixelSums::of_file(file, bounds, grid, progress),
-            Reader::Autumnal(file) => PixelSums::of_source(file, bounds, grid, progress),
-            Reader::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, progress),
+        match &self.tree {
+            Tree::Goblin(file) => PixelSums::of_file(file, bounds, grid, progress),
+            Tree::Autumnal(file) => PixelSums::of_source(&**file, bounds, grid, progress),
+            Tree::View(viewed) => PixelSums::of_source(viewed.view(), bounds, grid, progress),
         }
     }
 
@@ -211,8 +226,9 @@ impl Dataset {
     /// If the file is damaged.
     pub fn level_counts(&self, most: u64) -> Result<Option<LevelCounts>> {
         match self.file() {
-            TreeFile::Autumnal(file) => file.level_counts(most),
-            file => Ok(Some(file.metadata().counts.clone())),
+            Some(TreeFile::Autumnal(file)) => file.level_counts(most),
+            Some(TreeFile::Goblin(file)) => Ok(Some(file.metadata().counts.clone())),
+            None => Ok(None),
         }
     }
 
@@ -221,9 +237,9 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there.
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
-        match self.reader() {
-            Reader::View(viewed) => viewed.may_have_void(&bounds),
-            _ => Ok(self.file().totals(Some(bounds))?.cells < bounds.volume()),
+        match &self.tree {
+            Tree::View(viewed) => viewed.may_have_void(&bounds),
+            _ => Ok(self.totals(Some(bounds))?.cells < bounds.volume()),
         }
     }
 
@@ -232,8 +248,8 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there.
     pub fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
-        // No view has values beyond its file's.
-        let statistics = self.file().totals(None)?;
+        // No view has values beyond those of what it stands on.
+        let statistics = self.totals(None)?;
         Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
     }
 
@@ -243,10 +259,10 @@ impl Dataset {
     /// # Errors
     /// If the file is damaged there.
     pub fn histogram(&self, bounds: &Bounds, low: f64, high: f64, bins: usize) -> Result<Vec<u64>> {
-        match self.reader() {
-            Reader::Goblin(file) => file.histogram(bounds, low, high, bins),
-            Reader::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins),
-            Reader::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins),
+        match &self.tree {
+            Tree::Goblin(file) => file.histogram(bounds, low, high, bins),
+            Tree::Autumnal(file) => autumnal_histogram(file, bounds, (low, high), bins),
+            Tree::View(viewed) => source_histogram(viewed.view(), bounds, (low, high), bins),
         }
     }
 
@@ -261,12 +277,12 @@ impl Dataset {
         bounds: Option<Bounds>,
         found: &mut dyn FnMut(FoundBlock) -> Result<bool>,
     ) -> Result<()> {
-        match self.reader() {
-            Reader::Goblin(file) => file.find(condition, bounds, found),
-            Reader::Autumnal(file) => {
-                source_find(file, condition, &self.header().within_picture(bounds), found)
+        match &self.tree {
+            Tree::Goblin(file) => file.find(condition, bounds, found),
+            Tree::Autumnal(file) => {
+                source_find(&**file, condition, &self.header().within_picture(bounds), found)
             }
-            Reader::View(viewed) => {
+            Tree::View(viewed) => {
                 source_find(viewed.view(), condition, &self.header().within_picture(bounds), found)
             }
         }

@@ -1,6 +1,6 @@
 //! Questions about octrees as solids.
 
-use super::{Dataset, Reader};
+use super::{Dataset, Tree};
 use crate::query::cell_blocks::{Carry, CellBlocks, SourceBlocks};
 use crate::query::{
     Field, Filling, OccupancyLevel, Rays, SolidStatistics, SolidSurface, measure, measure_surface,
@@ -20,10 +20,10 @@ impl Dataset {
     /// If the tree is a quadtree or has no such level, the file is damaged, or on interruption.
     pub fn solid(&self, level: u8, progress: &dyn Progress) -> Result<SolidStatistics> {
         let (filling, frame) = (self.filling(), &self.metadata().frame);
-        match self.reader() {
-            Reader::Goblin(file) => measure(file, level, filling, frame, progress),
-            Reader::Autumnal(file) => measure(file, level, filling, frame, progress),
-            Reader::View(viewed) => {
+        match &self.tree {
+            Tree::Goblin(file) => measure(&**file, level, filling, frame, progress),
+            Tree::Autumnal(file) => measure(&**file, level, filling, frame, progress),
+            Tree::View(viewed) => {
                 // The level's cells are the deepest of what is measured.
                 let view = viewed.at(level)?;
                 measure(&view, level, filling, &frame.coarser(self.depth() - level), progress)
@@ -37,10 +37,10 @@ impl Dataset {
     /// As of [`Dataset::solid`].
     pub fn solid_surface(&self, level: u8, progress: &dyn Progress) -> Result<SolidSurface> {
         let (filling, frame) = (self.filling(), &self.metadata().frame);
-        match self.reader() {
-            Reader::Goblin(file) => measure_surface(file, level, filling, frame, progress),
-            Reader::Autumnal(file) => measure_surface(file, level, filling, frame, progress),
-            Reader::View(viewed) => {
+        match &self.tree {
+            Tree::Goblin(file) => measure_surface(&**file, level, filling, frame, progress),
+            Tree::Autumnal(file) => measure_surface(&**file, level, filling, frame, progress),
+            Tree::View(viewed) => {
                 let view = viewed.at(level)?;
                 measure_surface(&view, level, filling, &frame.coarser(self.depth() - level), progress)
             }
@@ -53,10 +53,10 @@ impl Dataset {
     /// If the tree is a quadtree or has no such level, or the file is damaged.
     pub fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>> {
         let (filling, is_finest) = (self.filling(), level == self.depth());
-        let field = match self.reader() {
-            Reader::Goblin(file) => Field::new(OccupancyLevel::new(file, level, filling, is_finest)?),
-            Reader::Autumnal(file) => Field::new(OccupancyLevel::new(file, level, filling, is_finest)?),
-            Reader::View(viewed) => {
+        let field = match &self.tree {
+            Tree::Goblin(file) => Field::new(OccupancyLevel::new(&**file, level, filling, is_finest)?),
+            Tree::Autumnal(file) => Field::new(OccupancyLevel::new(&**file, level, filling, is_finest)?),
+            Tree::View(viewed) => {
                 Field::new(OccupancyLevel::new(Box::new(viewed.at(level)?), level, filling, is_finest)?)
             }
         };
@@ -69,10 +69,10 @@ impl Dataset {
     /// If the tree is a quadtree or has no such level, or its values cannot be carried.
     pub fn cell_blocks(&self, level: u8, carry: Carry) -> Result<Box<dyn CellBlocks + Send + '_>> {
         let rule = self.header().rule;
-        Ok(match self.reader() {
-            Reader::Goblin(file) => Box::new(SourceBlocks::new(file, level, rule, carry)?),
-            Reader::Autumnal(file) => Box::new(SourceBlocks::new(file, level, rule, carry)?),
-            Reader::View(viewed) => {
+        Ok(match &self.tree {
+            Tree::Goblin(file) => Box::new(SourceBlocks::new(&**file, level, rule, carry)?),
+            Tree::Autumnal(file) => Box::new(SourceBlocks::new(&**file, level, rule, carry)?),
+            Tree::View(viewed) => {
                 Box::new(SourceBlocks::new(Box::new(viewed.at(level)?), level, rule, carry)?)
             }
         })

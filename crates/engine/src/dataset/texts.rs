@@ -1,6 +1,6 @@
 //! Small trees in full, as text.
 
-use super::{Dataset, Reader};
+use super::{Dataset, Tree};
 use crate::query::dump;
 use crate::tree::{MemTree, df};
 use spinney_base::space::Dimension;
@@ -18,18 +18,26 @@ impl Dataset {
             Err(Error::invalid("tree", format!("{records} records"), expected))
         };
         let rule = self.header().rule;
-        match self.reader() {
-            Reader::Goblin(file) => {
+        match &self.tree {
+            Tree::Goblin(file) => {
                 // (The total in the trailer may be wrong.)
                 let records = (0..file.segments()).map(|index| Ok(u64::from(file.entry(index)?.records)));
                 let records = records.sum::<Result<u64>>()?;
-                if records > most { too_many(records.to_string()) } else { MemTree::from_source(file, rule) }
+                if records > most {
+                    too_many(records.to_string())
+                } else {
+                    MemTree::from_source(&**file, rule)
+                }
             }
-            Reader::Autumnal(file) => {
+            Tree::Autumnal(file) => {
                 let records = file.walkable_records()?;
-                if records > most { too_many(records.to_string()) } else { MemTree::from_source(file, rule) }
+                if records > most {
+                    too_many(records.to_string())
+                } else {
+                    MemTree::from_source(&**file, rule)
+                }
             }
-            Reader::View(viewed) => {
+            Tree::View(viewed) => {
                 if viewed.has_more_nodes(most)? {
                     return too_many(format!("more than {most}"));
                 }
@@ -59,9 +67,9 @@ impl Dataset {
     /// As [`Dataset::df_text`].
     pub fn classic_table(&self, most: u64) -> Result<String> {
         let tree = self.in_memory(most)?;
-        match self.reader() {
-            Reader::Autumnal(_) => dump::classic_pointer_table(&tree),
-            Reader::Goblin(_) | Reader::View(_) => dump::classic_table(&tree),
+        match &self.tree {
+            Tree::Autumnal(_) => dump::classic_pointer_table(&tree),
+            Tree::Goblin(_) | Tree::View(_) => dump::classic_table(&tree),
         }
     }
 

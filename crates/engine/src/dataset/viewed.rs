@@ -1,6 +1,6 @@
 //! Views of files: questions are answered through the view, nothing is computed beforehand.
 
-use crate::ops::{Step, TreeFile, View};
+use crate::ops::{Step, View, ViewSource};
 use crate::query::{Canvas, check_level};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
@@ -8,7 +8,7 @@ use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{MAX_VALUE_SIZE, Value};
 use spinney_container::{Header, Metadata};
 
-/// A view with its own header and metadata. Size, segments and checks are those of the file itself.
+/// A view with its own header and metadata. Size, segments and checks are those of the file that it stands on.
 pub(super) struct Viewed {
     view: View,
     /// Whether the picture moves in the world as its cells are moved.
@@ -36,7 +36,7 @@ impl Viewed {
         &self.view
     }
 
-    pub(super) fn file(&self) -> &TreeFile {
+    pub(super) fn source(&self) -> &ViewSource {
         self.view.source()
     }
 

@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 use super::affine::{View, ViewNode};
 use super::coverage;
 use super::operation::{Operation, UNION};
-use super::tree_file::check_form;
+use super::view_source::check_form;
 use crate::store::BuildOptions;
 use crate::store::builder::{Join, MergeAction, Merging, Overlay, RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
@@ -99,7 +99,7 @@ impl Combined {
         }
         let (form, depth) = (views[0].form(), views[0].depth());
         for view in &views[1..] {
-            check_form((view.source().path(), view.form()), (views[0].source().path(), form))?;
+            check_form((view.source().name(), view.form()), (views[0].source().name(), form))?;
         }
         if let Some(other) = views.iter().find(|view| view.depth() != depth) {
             let expected = format!("{depth}, as the first tree has; deepen the view of the shallower one");

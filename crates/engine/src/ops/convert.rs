@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::tree_file::TreeFile;
+use super::view_source::ViewSource;
 use crate::store::{BuildOptions, build, check_room};
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
@@ -26,7 +27,7 @@ use spinney_container::OpenOptions;
 /// # Errors
 /// If the file cannot be read, the output not be written, there is no room for all of its nodes, or on interruption.
 pub fn convert(path: &Path, share: bool, output: Output, memory: u64, progress: &dyn Progress) -> Result<()> {
-    let file = TreeFile::open(path, &OpenOptions::default())?;
+    let file: ViewSource = TreeFile::open(path, &OpenOptions::default())?.into();
     file.tell_remark(progress);
     let (header, metadata) = (file.header().clone(), file.metadata().clone());
     check_room(&output, header.form, share, file.shared_records()?)?;

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 use std::collections::HashMap;
 
 use super::affine::{View, ViewNode};
-use super::tree_file::check_form;
+use super::view_source::check_form;
 use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Error, Result, sort};
@@ -30,7 +30,7 @@ const MOST: usize = 1 << 16;
 /// If forms or depths differ, there are more than 2^16 pairs, or a file is damaged or was changed meanwhile.
 pub fn crosstab(first: &View, second: &View) -> Result<Vec<Pair>> {
     let form = first.form();
-    check_form((second.source().path(), second.form()), (first.source().path(), form))?;
+    check_form((second.source().name(), second.form()), (first.source().name(), form))?;
     if first.depth() != second.depth() {
         let expected = format!("{}, as the first tree has", first.depth());
         return Err(Error::invalid("depth of a tree", second.depth().to_string(), expected));

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use super::tree_file::{TreeFile, TreeFileNode, check_form};
+use super::tree_file::{TreeFile, TreeFileNode};
+use super::view_source::check_form;
 use crate::store::autumnal::{self, Remembered};
 use crate::store::builder::ReusableSource;
 use crate::tree::{Child, Children, Source, no_children};

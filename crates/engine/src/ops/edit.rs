@@ -11,7 +11,8 @@ use super::files::Chain;
 use super::operation::Operation;
 use super::patch::{CellPatch, FillPatch, FillRegion, Patch};
 use super::patched::Patched;
-use super::tree_file::{TreeFile, check_form};
+use super::tree_file::TreeFile;
+use super::view_source::{ViewSource, check_form};
 use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
 use crate::tree::Source;
 use spinney_base::space::Bounds;
@@ -123,7 +124,7 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
             let file = TreeFile::open(&path, &OpenOptions::default())?;
             let file_extent = file.header().extent;
             check_form((&path, file.form()), (tree.path(), form))?;
-            let whole_file = View::new(Arc::new(file), file_extent)?;
+            let whole_file = View::new(Arc::new(file.into()), file_extent)?;
             let (view, bounds) = aligned(whole_file, &tree, &path)?;
             check_place(&bounds, extent, &path)?;
             (operation, vec![whole(tree.into())?, view.deepened(depth)?])
@@ -133,9 +134,9 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
 }
 
 /// All of a tree.
-fn whole(file: TreeFile) -> Result<View> {
-    let extent = file.header().extent;
-    View::new(Arc::new(file), extent)
+fn whole(tree: ViewSource) -> Result<View> {
+    let extent = tree.header().extent;
+    View::new(Arc::new(tree), extent)
 }
 
 /// All of a tree with a patch on it.

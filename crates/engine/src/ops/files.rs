@@ -8,8 +8,9 @@ use super::combine::{Combined, build};
 use super::crosstab::crosstab;
 use super::operation::Operation;
 use super::step::Step;
-use super::tree_file::{TreeFile, check_form};
+use super::tree_file::TreeFile;
 use super::universe::Universe;
+use super::view_source::check_form;
 use super::warp::{Resampling, WarpOptions};
 use crate::store::{BuildOptions, check_room};
 use crate::tree::Source;
@@ -67,11 +68,11 @@ impl Chain {
     /// # Errors
     /// If the file cannot be read, or a step cannot be done.
     pub fn open(&self) -> Result<View> {
-        let file = Arc::new(TreeFile::open(&self.path, &OpenOptions::default())?);
+        let file = TreeFile::open(&self.path, &OpenOptions::default())?;
         let (extent, rule) = (file.header().extent, file.header().rule);
         let nearest = Some(Resampling::Nearest).filter(|_| self.nearest);
         let warp = WarpOptions { resampling: self.warp.resampling.or(nearest), ..self.warp };
-        let view = View::new(file, extent)?.warping(warp).through(&self.steps)?;
+        let view = View::new(Arc::new(file.into()), extent)?.warping(warp).through(&self.steps)?;
         if self.nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
     }
 
@@ -180,20 +181,20 @@ pub fn crosstab_files(first: &Path, second: &Path) -> Result<Vec<PairOfSamples>>
 }
 
 /// Opens files, all of which must be of one form.
-fn open_alike(paths: &[PathBuf]) -> Result<Vec<Arc<TreeFile>>> {
-    let mut files: Vec<Arc<TreeFile>> = Vec::new();
+fn open_alike(paths: &[PathBuf]) -> Result<Vec<TreeFile>> {
+    let mut files: Vec<TreeFile> = Vec::new();
     for path in paths {
         let file = TreeFile::open(path, &OpenOptions::default())?;
         if let Some(first) = files.first() {
             check_form((path, file.form()), (&paths[0], first.form()))?;
         }
-        files.push(Arc::new(file));
+        files.push(file);
     }
     if files.is_empty() { Err(Error::invalid("files", "none", "at least one")) } else { Ok(files) }
 }
 
 /// Views of files on one grid of cells, all of one depth.
-fn aligned(files: Vec<Arc<TreeFile>>) -> Result<Vec<View>> {
+fn aligned(files: Vec<TreeFile>) -> Result<Vec<View>> {
     let names: Vec<String> = files.iter().map(|file| file.path().display().to_string()).collect();
     let trees: Vec<_> = files
         .iter()
@@ -208,7 +209,7 @@ fn aligned(files: Vec<Arc<TreeFile>>) -> Result<Vec<View>> {
         .zip(alignments)
         .map(|(file, alignment)| {
             let extent = file.header().extent;
-            let view = View::new(file, extent)?.onto(&alignment.map, alignment.extent)?;
+            let view = View::new(Arc::new(file.into()), extent)?.onto(&alignment.map, alignment.extent)?;
             let depth = view.depth().max(deepest);
             view.deepened(depth)
         })

@@ -21,6 +21,7 @@ mod step;
 mod step_text;
 mod tree_file;
 mod universe;
+mod view_source;
 mod warp;
 
 pub use affine::{AffineMap, Alignment, Around, Axis, Sampling, View, ViewNode, align};
@@ -35,6 +36,7 @@ pub use operation::{Operation, Prefer};
 pub use patch::{CellPatch, Change, FillPatch, FillRegion, Patch};
 pub use patched::{Patched, PatchedNode};
 pub use step::{Step, Turn};
-pub use tree_file::{MemoryTree, TreeFile, TreeFileNode};
+pub use tree_file::{TreeFile, TreeFileNode};
 pub use universe::Universe;
+pub use view_source::{MemoryTree, ViewSource, ViewSourceNode};
 pub use warp::{MAX_ZOOM, Resampling, WarpGrid, WarpOptions, Warped, warp};

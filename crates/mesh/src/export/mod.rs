@@ -30,6 +30,7 @@ mod numbers;
 mod obj;
 mod off;
 mod ply;
+mod points;
 mod rings;
 mod sink;
 mod stl;

@@ -1,6 +1,6 @@
 //! Rectangles as rings of points, and such rings as triangles.
 
-use super::faces::Points;
+use super::points::Points;
 
 /// A rectangle of faces, in grid points of its block.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -121,7 +121,7 @@ pub fn export_cog(
     let needed = 3 * tile_bytes + 2 * side * side;
     if needed > request.memory {
         return Err(Error::TooLarge {
-            path: tree.path().to_path_buf(),
+            path: tree.name().to_path_buf(),
             what: format!("a tile of {side} x {side} cells"),
             needed,
             limit: request.memory,

@@ -60,8 +60,8 @@ impl RasterImport {
         let native = temporary.path().join("native.goblin");
         self.options.share = false;
         self.build(Output::create(&native)?, &PartOfWork::new(progress, cells, 2 * cells))?;
-        let file = Arc::new(TreeFile::open(&native, &OpenOptions::default())?);
-        let warped = Warped::new(file, &frame, &grid, options)?;
+        let file = TreeFile::open(&native, &OpenOptions::default())?;
+        let warped = Warped::new(Arc::new(file.into()), &frame, &grid, options)?;
         let resampling = warped.resampling();
         warp(warped, share, output, memory, &PartOfWork::new(progress, cells, 2 * cells))?;
         let max_zoom = grid.extent[0].trailing_zeros() as u8 - 8;

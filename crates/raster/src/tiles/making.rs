@@ -26,7 +26,7 @@ impl SourceState {
     /// # Errors
     /// If the file cannot be read.
     pub fn of(tree: &Dataset) -> Result<SourceState> {
-        let path = tree.path();
+        let path = tree.name();
         let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if let Some(commit) = tree.commit() {
             let state = format!("{} cells, {} records, {:?}", commit.cells, commit.records, commit.note);

@@ -112,7 +112,7 @@ impl TileRequest {
             degrees: None,
             side: 256,
             encoding: TileEncoding::default(),
-            name: tree.path().file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            name: tree.name().file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             description: String::new(),
             attribution: String::new(),
             legend: String::new(),

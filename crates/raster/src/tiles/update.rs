@@ -97,7 +97,7 @@ fn changes(
     if SourceState::of(tree)?.state == state.state {
         return Ok(());
     }
-    let path = tree.path();
+    let path = tree.name();
     let name = match (since, tree.commit(), state.commit) {
         (Some(since), _, _) => since.to_path_buf(),
         (None, Some(_), Some(number)) => {

@@ -8,7 +8,7 @@ use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
 use spinney_crs::{Frame, Projection, WEB_MERCATOR_LATITUDE, web_mercator};
-use spinney_engine::ops::{TreeFile, WarpGrid, WarpOptions, Warped};
+use spinney_engine::ops::{TreeFile, ViewSource, WarpGrid, WarpOptions, Warped};
 use spinney_engine::tree::Source as _;
 
 /// Tiles of a raster that lies on another grid than web mercator's.
@@ -32,13 +32,14 @@ impl WarpedTiles {
     /// # Errors
     /// Those of [`Warped::new`].
     pub fn new(
-        file: &Arc<TreeFile>,
+        file: TreeFile,
         frame: &Frame,
         side: usize,
         max_zoom: Option<u8>,
         options: &WarpOptions,
     ) -> Result<WarpedTiles> {
-        let header = file.header();
+        let source = Arc::new(ViewSource::from(file));
+        let header = source.header();
         let (source_depth, source_extent) = (header.depth(), header.extent);
         let levels = side.trailing_zeros() as u8;
         let finest = WarpGrid::web_mercator(None, frame, source_extent, options.allow_ballpark)?;
@@ -54,7 +55,7 @@ impl WarpedTiles {
         let at = |zoom: u8| {
             let depth = zoom + levels;
             let grid = WarpGrid { frame: web_mercator(depth), extent: [1 << depth, 1 << depth, 1] };
-            Warped::new(file.clone(), frame, &grid, &options)
+            Warped::new(source.clone(), frame, &grid, &options)
         };
         let warped = (0..=max_zoom).map(at).collect::<Result<_>>()?;
         let degrees = degrees_of(frame, source_extent, options.allow_ballpark)?;

@@ -1,6 +1,6 @@
 //! The grid of an output: its pixels in cells of the level that they are made of.
 
-use super::sampler::Span;
+use super::span::Span;
 use super::{Detail, WindowRequest};
 use spinney_base::space::Bounds;
 use spinney_base::value::{Kind, Rule, ValueType};

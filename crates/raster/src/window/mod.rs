@@ -3,6 +3,7 @@
 mod grid;
 mod painted;
 mod sampler;
+mod span;
 
 pub(super) use self::grid::OutputGrid;
 use self::grid::row_bytes;
@@ -161,7 +162,7 @@ fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &OutputGrid) ->
     let row_bytes = row_bytes(tree.header().form.value, grid);
     if row_bytes > request.memory {
         return Err(Error::TooLarge {
-            path: tree.path().to_path_buf(),
+            path: tree.name().to_path_buf(),
             what: format!("a row of {} pixels of the output", grid.width),
             needed: row_bytes,
             limit: request.memory,

@@ -2,6 +2,7 @@
 
 use super::TakeRows;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
+use super::span::Span;
 use spinney_base::value::{Rule, SampleType, Value, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
@@ -167,33 +168,6 @@ pub(super) fn flip_rows<T>(cells: &mut [T], width: usize) {
     // Reversing all cells reverses rows, too; reversing each row puts its own cells right again.
     cells.reverse();
     cells.chunks_mut(width).for_each(<[T]>::reverse);
-}
-
-/// The cells that an output pixel covers along one axis.
-pub(super) struct Span {
-    from: f64,
-    to: f64,
-    first: u64,
-    end: u64,
-}
-
-impl Span {
-    /// All cells from `from` on for `length`, or only the one in the middle.
-    fn new(from: f64, length: f64, all: bool, min: u64, max: u64) -> Span {
-        let (from, to) = if all { (from, from + length) } else { (from + length / 2.0, from + length / 2.0) };
-        let first = (from.floor() as u64).clamp(min, max - 1);
-        Span { from, to, first, end: (to.ceil() as u64).clamp(first + 1, max.max(first + 1)) }
-    }
-
-    /// Length of a cell that is covered; 1 for the one in the middle.
-    fn share(&self, cell: u64) -> f64 {
-        if self.from == self.to {
-            return 1.0;
-        }
-        // Rounding may leave a cell that is in the span by its number without any of its length: it still has
-        // to have a weight, or a pixel of such cells alone would be VOID.
-        (self.to.min(cell as f64 + 1.0) - self.from.max(cell as f64)).max(1e-12)
-    }
 }
 
 /// The first sample of some bytes.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::view::TINY;
-use crate::ops::tree_file::{TreeFile, TreeFileNode};
+use crate::ops::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Form;
 use spinney_base::Result;
@@ -11,7 +11,7 @@ use spinney_base::value::{Rule, Value, ValueType};
 
 /// Adds up what lies in a box of the source.
 pub(super) struct Area<'a> {
-    source: &'a TreeFile,
+    source: &'a ViewSource,
     form: Form,
     rule: Rule,
     /// The box, in cells of the source.
@@ -32,7 +32,12 @@ pub(super) struct Area<'a> {
 }
 
 impl<'a> Area<'a> {
-    pub(super) fn new(source: &'a TreeFile, form: Form, rule: Rule, (min, max): (DVec3, DVec3)) -> Area<'a> {
+    pub(super) fn new(
+        source: &'a ViewSource,
+        form: Form,
+        rule: Rule,
+        (min, max): (DVec3, DVec3),
+    ) -> Area<'a> {
         Area {
             source,
             form,
@@ -49,7 +54,7 @@ impl<'a> Area<'a> {
     }
 
     /// Adds what a source node with its first cell at `at` and `2^size` cells along each axis has in the box.
-    pub(super) fn add(&mut self, child: &Child<TreeFileNode>, at: [i64; 3], size: u8) -> Result<()> {
+    pub(super) fn add(&mut self, child: &Child<ViewSourceNode>, at: [i64; 3], size: u8) -> Result<()> {
         if matches!(child, Child::Void) {
             return Ok(());
         }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::area::Area;
 use super::view::{Lookup, Sampling, TINY, View};
-use crate::ops::tree_file::TreeFileNode;
+use crate::ops::view_source::ViewSourceNode;
 use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
 use crate::tree::{CellBlock, Child, Children, Source, no_children};
 use spinney_base::Form;
@@ -16,7 +16,7 @@ use spinney_base::value::{Rule, Tally, Value};
 #[derive(Clone, Debug)]
 pub enum ViewNode {
     /// A node of the source as it is.
-    Same(TreeFileNode),
+    Same(ViewSourceNode),
     /// Anything else: the source nodes around the node's image.
     Around(Box<Around>),
 }
@@ -31,7 +31,7 @@ pub struct Around {
     /// Coordinates of the first source node, in nodes of this size.
     corner: [i64; 3],
     /// Source nodes: bit 0 of the index says whether it is the second along x, and so on.
-    nodes: Children<TreeFileNode>,
+    nodes: Children<ViewSourceNode>,
 }
 
 impl Around {
@@ -112,7 +112,7 @@ struct Classifier<'a, const AXES: usize> {
     view: &'a View,
     around: &'a Around,
     /// The children of the source nodes around, as far as they were asked for.
-    children: [Option<Children<TreeFileNode>>; 8],
+    children: [Option<Children<ViewSourceNode>>; 8],
 }
 
 /// Half a cell along each axis: from a cell's corner to its centre.
@@ -272,7 +272,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
 
     /// The source's node of `2^size` cells along each axis, no more than those around have; `at` counts nodes
     /// of that size.
-    fn source_node(&mut self, at: [i64; 3], size: u8) -> Result<Child<TreeFileNode>> {
+    fn source_node(&mut self, at: [i64; 3], size: u8) -> Result<Child<ViewSourceNode>> {
         // The bits of the coordinates above the lowest `up` say which of the nodes around it is, those below
         // the way down.
         let mut up = self.around.size - size;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::map::AffineMap;
-use crate::ops::tree_file::TreeFile;
+use crate::ops::view_source::ViewSource;
 use crate::ops::warp::{WarpGrid, WarpOptions, Warped};
 use crate::store::depth_for;
 use crate::tree::Source;
@@ -51,7 +51,7 @@ pub enum Sampling {
 /// ```
 #[derive(Clone, Debug)]
 pub struct View {
-    pub(super) source: Arc<TreeFile>,
+    pub(super) source: Arc<ViewSource>,
     /// The source's, at hand: every node asks for it.
     pub(super) form: Form,
     /// Cells of the source along each axis; the rest is VOID.
@@ -120,7 +120,7 @@ impl View {
     ///
     /// # Errors
     /// If the extent does not fit the source.
-    pub fn new(source: Arc<TreeFile>, extent: [u64; 3]) -> Result<View> {
+    pub fn new(source: Arc<ViewSource>, extent: [u64; 3]) -> Result<View> {
         let (form, depth) = (source.form(), source.depth());
         let side = 1u64 << depth;
         for (axis, cells) in extent.into_iter().enumerate() {
@@ -166,7 +166,7 @@ impl View {
     }
 
     /// The file that is viewed.
-    pub fn source(&self) -> &Arc<TreeFile> {
+    pub fn source(&self) -> &Arc<ViewSource> {
         &self.source
     }
 

@@ -1,7 +1,7 @@
 //! Files of warped trees.
 
 use super::source::Warped;
-use crate::ops::tree_file::TreeFile;
+use crate::ops::view_source::ViewSource;
 use crate::store::{BuildOptions, build};
 use spinney_base::io::Output;
 use spinney_base::value::Tally;
@@ -19,7 +19,7 @@ pub fn warp(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Tally> {
-    let tree = TreeFile::from(warped);
+    let tree = ViewSource::from(warped);
     tree.tell_remark(progress);
     let (header, metadata) = (tree.header().clone(), tree.metadata().clone());
     let options = BuildOptions { metadata, share, ..BuildOptions::like(&header, memory) };

@@ -8,7 +8,7 @@ use super::options::{Resampling, WarpOptions};
 use super::uniform::uniform;
 use super::window::{Window, WindowSource, floor};
 use super::{area, interpolate, nearest};
-use crate::ops::tree_file::TreeFile;
+use crate::ops::view_source::ViewSource;
 use crate::store::depth_for;
 use crate::tree::{CellBlock, Child, Children, Source};
 use spinney_base::Form;
@@ -34,7 +34,7 @@ pub struct WarpGrid {
 /// source is alike all over the block's image, so is the block. Memory: a window of at most a million source samples for each
 /// block at work, and these as f64.
 pub struct Warped {
-    source: Arc<TreeFile>,
+    source: Arc<ViewSource>,
     header: Header,
     metadata: Metadata,
     map: CellMap,
@@ -61,14 +61,14 @@ impl Warped {
     /// # Errors
     /// If the file is no quadtree, one of the two has no coordinate system that can be computed, or classes are to be interpolated.
     pub fn new(
-        source: Arc<TreeFile>,
+        source: Arc<ViewSource>,
         frame: &Frame,
         grid: &WarpGrid,
         options: &WarpOptions,
     ) -> Result<Warped> {
         let header = source.header();
         if header.form.dimension != Dimension::Quad {
-            let found = format!("{}: {}", source.path().display(), header.form);
+            let found = format!("{}: {}", source.name().display(), header.form);
             return Err(Error::invalid("tree to warp", found, "a quadtree"));
         }
         let (kind, extent) = (header.kind, header.extent);
@@ -121,7 +121,7 @@ impl Warped {
     }
 
     /// The file.
-    pub fn source(&self) -> &TreeFile {
+    pub fn source(&self) -> &ViewSource {
         &self.source
     }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::mapping::CellMap;
 use super::*;
-use crate::ops::tree_file::TreeFile;
+use crate::ops::view_source::ViewSource;
 use crate::tree::{CellBlock, Child, MemTree, Source};
 use spinney_base::Form;
 use spinney_base::space::{Bounds, Cell, Dimension};
@@ -35,7 +35,7 @@ impl Raster {
         Raster { frame: Frame { crs: Some(Crs::epsg(epsg)), ..Frame::planar(affine) }, cell }
     }
 
-    fn tree(&self) -> Arc<TreeFile> {
+    fn tree(&self) -> Arc<ViewSource> {
         let form = Form::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
         let cell = |[x, y, _]: Cell| (self.cell)(x.into(), y.into()).map(|value| Value::from([value]));
         Arc::new(MemTree::from_cells(form, 6, Rule::Mean, &cell).into())

@@ -1,6 +1,6 @@
 //! Boxes of a file that are alike all over, without looking at their cells.
 
-use crate::ops::tree_file::{TreeFile, TreeFileNode};
+use crate::ops::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{Child, Source, no_children};
 use spinney_base::Result;
 use spinney_base::space::Bounds;
@@ -12,7 +12,7 @@ use spinney_base::value::Value;
 ///
 /// # Errors
 /// If the file is damaged there.
-pub(super) fn uniform(file: &TreeFile, bounds: &Bounds) -> Result<Option<Option<Value>>> {
+pub(super) fn uniform(file: &ViewSource, bounds: &Bounds) -> Result<Option<Option<Value>>> {
     let space = Bounds::space(file.form().dimension, file.depth());
     let inside = bounds.intersect(&space);
     // What the box has so far.
@@ -25,8 +25,8 @@ pub(super) fn uniform(file: &TreeFile, bounds: &Bounds) -> Result<Option<Option<
 
 /// Whether the part of a node that lies in a box is alike, and as what was found before.
 fn is_alike(
-    file: &TreeFile,
-    child: &Child<TreeFileNode>,
+    file: &ViewSource,
+    child: &Child<ViewSourceNode>,
     node: Bounds,
     bounds: &Bounds,
     found: &mut Option<Option<Value>>,

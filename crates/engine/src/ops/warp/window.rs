@@ -1,6 +1,6 @@
 //! Windows of the source, also beyond its edges and around the world.
 
-use crate::ops::tree_file::TreeFile;
+use crate::ops::view_source::ViewSource;
 use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_base::value::ValueType;
@@ -19,7 +19,7 @@ pub(super) struct Window {
 
 /// File that a window is read from.
 pub(super) struct WindowSource<'a> {
-    pub(super) file: &'a TreeFile,
+    pub(super) file: &'a ViewSource,
     /// The level, and its cells along each axis.
     pub(super) level: u8,
     pub(super) extent: [u64; 2],

@@ -5,9 +5,10 @@ use std::mem;
 use std::path::PathBuf;
 
 use super::commit::{Commit, Written};
-use super::extents::{EXTENT_MAGIC, ExtentKind, FULL_EXTENT, HEAD_SIZE, PAGE, SECTOR, head};
+use super::extents::{EXTENT_MAGIC, ExtentKind, FULL_EXTENT, HEAD_SIZE, head};
 use super::layout::{PointeredLayout, Pointers};
 use super::meta::Meta;
+use super::pages::{PAGE, SECTOR};
 use super::share::{DedupTable, hash};
 use spinney_base::io::{ReadBackend, WriteBackend};
 use spinney_base::value::Value;

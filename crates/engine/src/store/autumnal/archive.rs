@@ -8,10 +8,11 @@ use zerocopy::little_endian::U32;
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use super::commit::Commit;
-use super::extents::{Extents, FIRST_EXTENT, PAGE};
+use super::extents::Extents;
 use super::layout::{Heights, PointeredLayout, run_levels};
 use super::meta::Meta;
 use super::newest::{Look, Newest, find_newest, whole};
+use super::pages::{FIRST_EXTENT, PAGE};
 use spinney_base::io::{FileId, ReadBackend};
 use spinney_base::{Error, Result};
 use spinney_container::{Header, TreeFormat};

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::append::{Appender, NewRecord};
+use super::built_node::BuiltNode;
 use super::commit::Root;
 use super::copied::Copied;
 use super::layout::{Heights, Pointers};
@@ -53,21 +54,6 @@ impl<'a> Check<'a> {
             return Err(tree.extents().corrupt(format!("record at {}", node.address), found, &expected));
         }
         Ok(())
-    }
-}
-
-/// A node, what records above it need of what is below, and the records in the file that its own, or that above, points to.
-#[derive(Clone)]
-pub(super) struct BuiltNode {
-    pub(super) part: Part,
-    /// To the nodes with records that come next below, or to the node itself.
-    pointers: Pointers,
-}
-
-impl BuiltNode {
-    /// A node without pointers.
-    fn new(part: Part) -> BuiltNode {
-        BuiltNode { part, pointers: Pointers::default() }
     }
 }
 

@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use super::builder::BuiltNode;
+use super::built_node::BuiltNode;
 use super::remembered::Remembered;
 use crate::store::builder::RecordRef;
 use spinney_base::io::FileId;

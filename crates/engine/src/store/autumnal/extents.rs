@@ -7,24 +7,16 @@ use std::path::{Path, PathBuf};
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use super::meta::Slot;
-use super::newest::slots;
+use super::meta::{Slot, slots};
+use super::pages::{FIRST_EXTENT, PAGE, SECTOR};
 use super::sectors::{MOST_BYTES, Sectors};
 use spinney_base::io::{ReadBackend, Stamp};
 use spinney_base::{Error, Result};
 
-/// Extents start at multiples of this: a sector, which disks write whole or not at all.
-pub(super) const SECTOR: u64 = 512;
-/// Commits start at multiples of this, so that no page with older bytes is written again.
-pub(super) const PAGE: u64 = 4096;
-/// Offset of the first extent: behind the header's page and those of the two meta slots.
-pub(super) const FIRST_EXTENT: u64 = 3 * PAGE;
 /// Bytes of an extent's head.
 pub(super) const HEAD_SIZE: usize = size_of::<RawHead>();
 /// An extent with more bytes than this is closed; one record can be longer.
 pub(super) const FULL_EXTENT: usize = 1 << 16;
-
-const _: () = assert!(FIRST_EXTENT.is_multiple_of(PAGE));
 
 /// Bytes of the longest extent, behind its head. A hostile length must not ask for more.
 const MAX_WHOLE: u64 = 16 << 20;

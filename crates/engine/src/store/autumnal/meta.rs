@@ -3,7 +3,9 @@
 use zerocopy::little_endian::{U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-use super::extents::{FIRST_EXTENT, PAGE};
+use super::pages::{FIRST_EXTENT, PAGE};
+use spinney_base::Result;
+use spinney_base::io::ReadBackend;
 
 /// The content of a slot: where the newest commit was when it was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +36,18 @@ pub(super) const SLOT_SIZE: usize = size_of::<RawMeta>();
 
 /// Offsets of the slots: in pages of their own, so that writing one cannot damage the other.
 pub(super) const SLOT_OFFSETS: [u64; 2] = [PAGE, 2 * PAGE];
+
+/// Both slots, the first one first.
+pub(super) fn slots(bytes: &dyn ReadBackend) -> Result<[Slot; 2]> {
+    let mut slots = [Slot::Empty; 2];
+    // (A file may have been cut since somebody looked at its length.)
+    if bytes.len() >= FIRST_EXTENT {
+        for (slot, offset) in slots.iter_mut().zip(SLOT_OFFSETS) {
+            *slot = Meta::from_bytes(&bytes.read(offset, SLOT_SIZE)?, offset);
+        }
+    }
+    Ok(slots)
+}
 
 impl Meta {
     /// Offset of this slot: odd sequences and even ones take turns, so that the slot before stays as it is.

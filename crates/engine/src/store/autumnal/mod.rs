@@ -8,6 +8,7 @@
 mod append;
 mod archive;
 mod builder;
+mod built_node;
 mod commit;
 mod compact;
 mod copied;
@@ -19,6 +20,7 @@ mod layout;
 mod levels;
 mod meta;
 mod newest;
+mod pages;
 mod pieces;
 mod reader;
 mod recover;

@@ -4,8 +4,9 @@
 use std::path::Path;
 
 use super::commit::Commit;
-use super::extents::{ExtentKind, Extents, FIRST_EXTENT, PAGE, SECTOR};
-use super::meta::{Meta, SLOT_OFFSETS, SLOT_SIZE, Slot};
+use super::extents::{ExtentKind, Extents};
+use super::meta::{Meta, Slot, slots};
+use super::pages::{PAGE, SECTOR};
 use spinney_base::io::ReadBackend;
 use spinney_base::{Error, Result, sort};
 
@@ -40,18 +41,6 @@ pub(super) enum Look {
     Found(Box<dyn ReadBackend>, Meta, Newest),
     /// No slot leads to a commit that can be read; the error says why, if a slot is whole.
     Nothing(Option<Error>),
-}
-
-/// Both slots, the first one first.
-pub(super) fn slots(bytes: &dyn ReadBackend) -> Result<[Slot; 2]> {
-    let mut slots = [Slot::Empty; 2];
-    // (A file may have been cut since somebody looked at its length.)
-    if bytes.len() >= FIRST_EXTENT {
-        for (slot, offset) in slots.iter_mut().zip(SLOT_OFFSETS) {
-            *slot = Meta::from_bytes(&bytes.read(offset, SLOT_SIZE)?, offset);
-        }
-    }
-    Ok(slots)
 }
 
 /// The slots that are whole, the newer one first.

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 
 use super::archive::{Archive, OpenFile};
 use super::commit::{Commit, Root};
-use super::extents::{ByteAccess, ExtentKind, Extents, FIRST_EXTENT};
+use super::extents::{ByteAccess, ExtentKind, Extents};
 use super::layout::{BadRecord, Heights, PointeredLayout, RecordParts};
-use super::newest::{slots, whole};
+use super::meta::slots;
+use super::newest::whole;
+use super::pages::FIRST_EXTENT;
 use super::zone::{BadZone, Zone, records};
 use crate::store::records::{Descent, RunNode};
 use crate::tree::{Child, Source};

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::extents::SECTOR;
+use super::pages::SECTOR;
 
 /// Sectors whose bits stand together: 16 MiB of the file.
 const REGION: u64 = 1 << 15;

@@ -5,8 +5,8 @@
 
 use super::builder::{Check, Mode, RecordBuilder};
 use super::commit::Commit;
-use super::extents::{FIRST_EXTENT, PAGE};
 use super::meta::Slot;
+use super::pages::{FIRST_EXTENT, PAGE};
 use super::reader::Autumnal;
 use super::verified::{Unverified, Verified};
 use crate::store::builder::{BuildOptions, walk};

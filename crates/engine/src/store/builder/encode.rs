@@ -8,7 +8,7 @@ use std::mem;
 
 use zerocopy::{FromBytes, IntoBytes};
 
-use super::block::Level;
+use super::level::Level;
 use super::reused::{ReusedNode, ReusedRecords};
 use crate::store::records::dense::{DenseKind, MAX_DENSE_LEVELS, dense_levels, from_z_order};
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;

@@ -5,9 +5,11 @@ use std::ops::Range;
 
 use zerocopy::FromBytes;
 
-use super::block::{Block, Level};
-use super::reuse::{ReusableSource, StoredNode};
+use super::block::Block;
+use super::level::Level;
+use super::reuse::ReusableSource;
 use super::reused::ReusedRecords;
+use super::stored_node::StoredNode;
 use crate::store::records::dense::from_z_order;
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::{CellBlock, Child, no_children};

@@ -10,7 +10,7 @@ use zerocopy::IntoBytes;
 use super::averaging::{Averaging, decode, encode, from_value, pairwise};
 use super::block::{Block, for_leaves};
 use super::fold::fold;
-use super::tally::pairwise_sums;
+use super::sums::pairwise_sums;
 use crate::store::records::Record;
 use spinney_base::value::{Native, Rule, Tally, Value, ValueType, erase};
 use spinney_container::{INNER, LEAF, VOID};

@@ -1,6 +1,6 @@
 //! Merging of two trees: actions at pairs of nodes, and operations that join values.
 
-use super::reuse::StoredNode;
+use super::stored_node::StoredNode;
 use crate::tree::{Child, NodeState};
 use spinney_base::value::{Native, Value, ValueType, erase, native, with_native_type};
 

@@ -3,11 +3,12 @@
 use zerocopy::{FromBytes, IntoBytes};
 
 use super::averaging::{decode, encode, from_value};
-use super::block::{Block, Level};
+use super::block::Block;
 use super::gather::{DrawnCells, cell_children};
+use super::level::Level;
 use super::merge::{Join, MergeAction, MergeState, Overlay, join_coverages};
-use super::reuse::{StoredNode, Subtree};
 use super::reused::ReusedRecords;
+use super::stored_node::{StoredNode, Subtree};
 use crate::store::records::dense::{DenseBlock, dense_block, from_z_order};
 use crate::store::records::{Record, RecordLayout, with_form_type};
 use crate::tree::{Child, NodeState};

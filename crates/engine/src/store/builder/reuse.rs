@@ -1,14 +1,8 @@
-//! Subtrees that a source has stored already and that need not be built anew: nodes of files, whose records
-//! are taken over.
-
-use std::any::Any;
-use std::ops::Range;
+//! Sources that tell which of their subtrees are stored in files, and need not be built anew.
 
 use super::merge::Overlay;
+use super::stored_node::{RecordRef, StoredNode};
 use crate::tree::{MemTree, Source};
-use spinney_base::Result;
-use spinney_base::io::{FileBytes, FileId};
-use spinney_container::Header;
 
 /// A source that may tell which of its nodes are stored in files.
 pub trait ReusableSource: Source {
@@ -32,65 +26,3 @@ pub trait ReusableSource: Source {
 }
 
 impl ReusableSource for MemTree {}
-
-/// A file whose tree, or whose small nodes, are stored as runs of records.
-pub trait RunFile: Any + Send + Sync {
-    /// The file's header.
-    fn file_header(&self) -> &Header;
-
-    /// The records of a node and of all that is below it in its run, given the numbers of the run and of the node's record.
-    ///
-    /// # Errors
-    /// If the file is damaged there.
-    fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>>;
-}
-
-/// A node of an open file with a record in a run.
-#[derive(Clone, Copy)]
-pub struct StoredNode<'a> {
-    /// The file.
-    pub file: &'a dyn RunFile,
-    /// Levels below the node.
-    pub height: u8,
-    /// The number of the run that its record is in: that of a segment, or its place in the file.
-    pub run: u64,
-    /// The number of the record there.
-    pub record: u32,
-}
-
-impl<'a> StoredNode<'a> {
-    /// The node's records: see [`RunFile::subtree`].
-    pub(in crate::store) fn subtree(&self) -> Result<Subtree<'a>> {
-        self.file.subtree(self.run, self.record)
-    }
-}
-
-/// Records of a node and of all that is below it in its run.
-pub struct Subtree<'a> {
-    bytes: FileBytes<'a>,
-    range: Range<usize>,
-}
-
-impl<'a> Subtree<'a> {
-    /// A part of a run's bytes; no records at all if the range lies.
-    pub(in crate::store) fn new(bytes: FileBytes<'a>, range: Range<usize>) -> Subtree<'a> {
-        let range = if bytes.get(range.clone()).is_some() { range } else { 0..0 };
-        Subtree { bytes, range }
-    }
-
-    /// The records' bytes.
-    pub(in crate::store) fn records(&self) -> &[u8] {
-        &self.bytes[self.range.clone()]
-    }
-}
-
-/// A record of an Autumnal file: whoever writes to that file need not write it again.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RecordRef {
-    /// The file.
-    pub(in crate::store) file: FileId,
-    /// Offset of the record in the file.
-    pub(in crate::store) address: u64,
-    /// Levels below the node.
-    pub height: u8,
-}

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::part::{Part, SealedSegment};
-use super::reuse::{RecordRef, StoredNode};
+use super::stored_node::{RecordRef, StoredNode};
 use crate::store::records::dense::MAX_DENSE_LEVELS;
 use spinney_base::Result;
 use spinney_base::space::{Code, Dimension};

@@ -1,7 +1,7 @@
 //! The upper levels of a run of records, as a coarser segment has them.
 
-use super::block::Level;
 use super::encode::encode;
+use super::level::Level;
 use super::reused::ReusedRecords;
 use crate::store::records::dense::MAX_DENSE_LEVELS;
 use crate::store::records::subtree::BadSkip;

@@ -12,6 +12,7 @@ mod reader;
 mod segment;
 mod segment_builder;
 mod segment_copy;
+mod segment_sink;
 mod source;
 mod verify;
 mod writer;

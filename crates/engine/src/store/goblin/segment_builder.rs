@@ -1,23 +1,13 @@
 //! Puts blocks together to the segments of a Goblin file, in whatever order they come.
 
-use super::directory::Entry;
-use super::segment::Segment;
 use super::segment_copy::SegmentCopy;
-use crate::store::builder::{BuiltBlock, Part, SealedSegment, Siblings, StoredNode, TreeSink};
+use super::segment_sink::SegmentSink;
+use crate::store::builder::{BuiltBlock, Part, Siblings, StoredNode, TreeSink};
 use spinney_base::Form;
 use spinney_base::Result;
 use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
 use spinney_container::{Header, LevelCounts, Shape};
-
-/// Receives the segments of a tree as they are finished, a node's before its ancestors'.
-pub(super) trait SegmentSink: Send {
-    /// Takes one segment.
-    fn segment(&mut self, segment: SealedSegment) -> Result<()>;
-
-    /// Takes one segment of another file as it is; the entry has the code it gets.
-    fn copy(&mut self, segment: &Segment<'_>, entry: Entry) -> Result<()>;
-}
 
 /// Merges parts whose siblings are complete, seals segments, and hands them to a sink.
 pub(super) struct SegmentBuilder<'k> {

@@ -5,7 +5,7 @@ use std::any::Any;
 use super::directory::NOT_COUNTED;
 use super::reader::Goblin;
 use super::segment::Segment;
-use super::segment_builder::SegmentSink;
+use super::segment_sink::SegmentSink;
 use crate::store::builder::{ALWAYS_HEAVY, Part, StoredNode, upper_levels};
 use crate::store::records::subtree::{BadSkip, count_nodes};
 use crate::store::records::{RunChildren, RunNode};

@@ -6,7 +6,8 @@
 use super::directory::{Entry, show_sums};
 use super::reader::Goblin;
 use super::segment::Segment;
-use super::segment_builder::{SegmentBuilder, SegmentSink};
+use super::segment_builder::SegmentBuilder;
+use super::segment_sink::SegmentSink;
 use crate::store::builder::{BuildOptions, SealedSegment, walk};
 use crate::tree::Child;
 use spinney_base::value::{Sums, Tally, ValueType};

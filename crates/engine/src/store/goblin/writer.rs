@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use super::directory::{Entry, NOT_COUNTED, entry_size};
 use super::segment::{COUNT_SIZE, Segment};
-use super::segment_builder::{SegmentBuilder, SegmentSink};
+use super::segment_builder::SegmentBuilder;
+use super::segment_sink::SegmentSink;
 use crate::store::builder::{BuildOptions, Fill, SealedSegment};
 use crate::store::records::RecordLayout;
 use crate::tree::Child;

@@ -100,7 +100,7 @@ pub fn export_glb(
         }
         if bytes > MAX_GLB {
             return Err(Error::TooLarge {
-                path: tree.path().to_path_buf(),
+                path: tree.name().to_path_buf(),
                 what: format!("a model of level {}", maker.level()),
                 needed: bytes as u64,
                 limit: MAX_GLB as u64,

@@ -9,8 +9,8 @@ mod cube;
 mod tile;
 mod walk;
 
-use self::tile::{MOST_SURFACE_BYTES, TILE, TILE_BYTES, TileCells, TileSurface};
-use self::walk::{IsosurfaceGround, TileWalk};
+use self::tile::{MOST_SURFACE_BYTES, TILE_BYTES, TileCells, TileSurface};
+use self::walk::{IsosurfaceGround, TILE, TileWalk};
 use super::arrays::Arrays;
 use super::numbers::{Shared, z_order};
 use super::sink::{Mesh, Vertex};
@@ -125,7 +125,7 @@ fn values(tree: &Dataset, request: &ContourRequest) -> Result<Vec<f64>> {
     let levels = Levels::new(&request.levels)?;
     if tree.header().form.axes() != 3 {
         let advice = "its contours are lines: `spinney contours` with another format, or Dataset::contours";
-        return Err(Error::unsupported(tree.path(), "isosurfaces of a quadtree", advice));
+        return Err(Error::unsupported(tree.name(), "isosurfaces of a quadtree", advice));
     }
     if request.nodata == ContourNodata::Extend {
         let expected = "open or close: only lines of quadtrees extend to the edge of the last cells";

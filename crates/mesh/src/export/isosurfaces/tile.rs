@@ -1,13 +1,10 @@
 //! The surface in a tile: the cubes whose last corners are its cells, with the layer of cells before them.
 
 use super::cube::{Ring, rings};
-use super::walk::{IsosurfaceGround, Tile};
+use super::walk::{IsosurfaceGround, TILE, Tile};
 use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_engine::query::level_share;
-
-/// Cells along an edge of a tile as a power of two. (A row of a tile's cells, with the one before it, has a bit each in a u128.)
-pub(super) const TILE: u8 = 6;
 
 /// Bytes that a tile takes while it is worked on, besides its surface.
 pub(super) const TILE_BYTES: u64 = 8 << 20;

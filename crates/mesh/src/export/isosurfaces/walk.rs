@@ -2,10 +2,12 @@
 
 use std::collections::HashMap;
 
-use super::tile::TILE;
 use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::{Progress, Result};
 use spinney_engine::query::{Extremes, Relief};
+
+/// Cells along an edge of a tile as a power of two. (A row of a tile's cells, with the one before it, has a bit each in a u128.)
+pub(super) const TILE: u8 = 6;
 
 /// A tile that a surface may pass through.
 pub(super) struct Tile {

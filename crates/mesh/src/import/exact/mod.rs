@@ -18,7 +18,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_brep::attributes::DOMAIN;
 use spinney_brep::show_place;
 use spinney_brep::{Attributes, BOOLEAN_FACES, BuildReport, Face, FaceList, Faces, Grid, ModelBuilder};
-use spinney_container::{Metadata, TagScope};
+use spinney_container::{Metadata, Tag, TagScope};
 use spinney_crs::Crs;
 
 pub use self::repair::Repair;
@@ -186,27 +186,24 @@ pub fn import_exact(
     metadata.class_names = (0..).zip(parts).collect();
     metadata.provenance = models.iter().map(|model| provenance(model.info())).collect();
     let unit = options.unit.clone().or_else(|| models.iter().find_map(|model| model.info().unit.clone()));
-    let mut tags = vec![
-        (
-            "model.displacement",
-            repaired.map_or(displacement, |done| done.displacement.max(displacement)).to_string(),
-        ),
-        ("model.cut_faces", counts.cut.to_string()),
-        ("model.slivers", counts.slivers.to_string()),
-        ("model.closing_triangles", closed.1.to_string()),
-    ];
+    let furthest = repaired.map_or(displacement, |done| done.displacement.max(displacement));
+    metadata.set_tag(Tag::ModelDisplacement, furthest.to_string());
+    metadata.set_tag(Tag::ModelCutFaces, counts.cut.to_string());
+    metadata.set_tag(Tag::ModelSlivers, counts.slivers.to_string());
+    metadata.set_tag(Tag::ModelClosingTriangles, closed.1.to_string());
     if let Some(done) = &repaired {
-        tags.push(("model.repaired_faces", (done.divided + done.removed).to_string()));
+        metadata.set_tag(Tag::ModelRepairedFaces, (done.divided + done.removed).to_string());
     }
     if attributes.lost() > 0 {
-        tags.push(("model.lost_attributes", attributes.lost().to_string()));
+        metadata.set_tag(Tag::ModelLostAttributes, attributes.lost().to_string());
     }
     if !attributes.is_empty() {
         let scope = TagScope { channel: None, domain: DOMAIN.into() };
         metadata.scoped_tags.insert(scope, attributes.to_tags());
     }
-    tags.extend(unit.iter().map(|unit| ("unit", unit.clone())));
-    metadata.tags = tags.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
+    if let Some(unit) = &unit {
+        metadata.set_tag(Tag::Unit, unit);
+    }
     let built = builder.finish(&mut metadata, progress, &mut |_, _| ())?;
     if built.defect_count > 0 {
         let advice = match options.repair {

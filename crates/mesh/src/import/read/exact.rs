@@ -5,7 +5,7 @@ use std::path::Path;
 use super::{MeshFace, Model, ModelInfo};
 use spinney_base::{Error, Result};
 use spinney_brep::{ExactModel, Faces, is_model_file};
-use spinney_container::OpenOptions;
+use spinney_container::{OpenOptions, Tag};
 
 /// Opens the file of an exact model; `None` if it is none.
 pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
@@ -27,7 +27,7 @@ pub(super) fn open(path: &Path) -> Result<Option<Box<dyn Model>>> {
         // (Of the grid, whose least coordinates are the model's.)
         bounds: [model.grid().to_world([0; 3]), model.grid().to_world(most)],
         crs: frame.crs.clone(),
-        unit: model.metadata().tags.get("unit").cloned(),
+        unit: model.metadata().tag(Tag::Unit).map(String::from),
         step: Some(model.grid().width()),
         parts: model.parts().to_vec(),
         attributes: model.attributes(),

@@ -1,13 +1,13 @@
 //! The faces in a cell that bound the inside of a solid: those with inside on one side only.
 //!
-//! Where bodies overlap, parts of their faces lie within other bodies. Faces are cut where others meet them, so that
+//! Where bodies overlap, parts of their faces lie within other bodies. FaceSums are cut where others meet them, so that
 //! each part has one winding number on either side, and a line through it tells which: lines lead from the cell's
 //! centre, whose winding number is known, and crossings on them are told exactly.
 
-use super::coverage::Faces;
-use super::fill::change;
+use super::face_sums::FaceSums;
 use super::grid::Triangle;
 use super::inside::Inside;
+use super::windings::change;
 use spinney_brep::exact::lattice::Projected;
 use spinney_brep::exact::vector::{cross, dot, subtract};
 use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip, range};
@@ -117,7 +117,7 @@ impl Neighbourhood<'_> {
     }
 
     /// Sums over the parts of faces that bound the inside; `None` if there are too many of them.
-    pub(super) fn bounding_faces(&self, inside: &Inside) -> Option<Faces> {
+    pub(super) fn bounding_faces(&self, inside: &Inside) -> Option<FaceSums> {
         if self.triangles.len() > MOST_TRIANGLES {
             return None;
         }
@@ -129,7 +129,7 @@ impl Neighbourhood<'_> {
                 parts.push(Part { triangle, polygon: *polygon, ranges, plane });
             });
         }
-        let mut faces = Faces::default();
+        let mut faces = FaceSums::default();
         let mut count = 0;
         for part in &parts {
             let cut = self.cut(part, &parts)?;

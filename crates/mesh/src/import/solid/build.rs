@@ -1,6 +1,5 @@
 //! Building of a tree from the models of a plan.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::Ordering;
 
@@ -19,7 +18,7 @@ use spinney_base::space::Dimension;
 use spinney_base::value::{Kind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_brep::geometry::{Stages, Triangulator};
-use spinney_container::Metadata;
+use spinney_container::{Metadata, Tag};
 use spinney_engine::store::{BuildOptions, build_with};
 
 /// Counts and measures of a solid that was built.
@@ -160,7 +159,7 @@ impl SolidImport {
         let tally = build_with(solid, self.extent, &options, output, progress, &mut |metadata| {
             report.undecided = solid.counters.undecided.load(Ordering::Relaxed);
             report.stages = *solid.counters.stages.lock().expect("nobody panics with this lock");
-            metadata.tags = tags(self, &report);
+            set_tags(metadata, self, &report);
         })?;
         report.cells = tally.cells;
         Ok(report)
@@ -358,18 +357,17 @@ pub(in crate::import) fn provenance(info: &ModelInfo) -> String {
     format!("mesh {} ({})", info.path.display(), info.format)
 }
 
-/// Tags of the tree's file that record a report.
-fn tags(import: &SolidImport, report: &SolidReport) -> BTreeMap<String, String> {
+/// Records a report in the tree's file.
+fn set_tags(metadata: &mut Metadata, import: &SolidImport, report: &SolidReport) {
     let boundary = if import.options.surface { "surface" } else { import.options.boundary.name() };
-    let tags = [
-        ("solid.boundary", boundary.to_string()),
-        ("solid.surface", report.inside.text().to_string()),
-        ("solid.triangles", report.triangles.to_string()),
-        ("solid.displacement", report.displacement.to_string()),
-        ("solid.doubled_triangles", report.duplicates.to_string()),
-        ("solid.repaired_faces", report.repaired.to_string()),
-        ("solid.undecided_cells", report.undecided.to_string()),
-    ];
-    let unit = import.options.unit.iter().map(|unit| ("unit", unit.clone()));
-    tags.into_iter().chain(unit).map(|(key, value)| (key.to_string(), value)).collect()
+    metadata.set_tag(Tag::SolidBoundary, boundary);
+    metadata.set_tag(Tag::SolidSurface, report.inside.text());
+    metadata.set_tag(Tag::SolidTriangles, report.triangles.to_string());
+    metadata.set_tag(Tag::SolidDisplacement, report.displacement.to_string());
+    metadata.set_tag(Tag::SolidDoubledTriangles, report.duplicates.to_string());
+    metadata.set_tag(Tag::SolidRepairedFaces, report.repaired.to_string());
+    metadata.set_tag(Tag::SolidUndecidedCells, report.undecided.to_string());
+    if let Some(unit) = &import.options.unit {
+        metadata.set_tag(Tag::Unit, unit);
+    }
 }

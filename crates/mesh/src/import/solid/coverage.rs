@@ -15,51 +15,13 @@
 //! tell are divided, and so are those with more faces than can be compared with each other.
 
 use super::boundary::Neighbourhood;
-use super::fill::windings_at_centres;
+use super::face_sums::FaceSums;
 use super::grid::Triangle;
 use super::inside::{Inside, State};
+use super::windings::windings_at_centres;
 use spinney_base::{Progress, Result, sort};
 use spinney_brep::exact::lattice::Lattice;
-use spinney_brep::geometry::clipped::{ClippedPolygon, Point, clip};
-
-/// Sums over the faces in a cell that bound the inside.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Faces {
-    cell: u32,
-    /// Whether a face cuts the cell, and not only lies in its wall.
-    is_cut: bool,
-    /// Whether a face lies in its wall.
-    in_wall: bool,
-    /// Whether the sums are those of the faces that bound the inside, and not of all.
-    is_settled: bool,
-    /// The area seen along each axis: `a` above.
-    pub(super) area: [f64; 3],
-    /// The volume behind it along each axis: `b` above.
-    pub(super) behind: [f64; 3],
-    /// The share that is inside, once it is known: `c` above.
-    share: Option<f64>,
-}
-
-impl Faces {
-    /// Adds a face of which the cell has this part; `weight` is what inside changes by where the winding number goes up
-    /// by one.
-    #[inline]
-    pub(super) fn add(&mut self, polygon: &ClippedPolygon, cell: [usize; 3], weight: f64) {
-        let Some((first, others)) = polygon.points().split_first() else { return };
-        for pair in others.windows(2) {
-            let [u, v]: [Point; 2] = [0, 1].map(|i| std::array::from_fn(|axis| pair[i][axis] - first[axis]));
-            for axis in 0..3 {
-                let (next, last) = ((axis + 1) % 3, (axis + 2) % 3);
-                // Behind a face that is seen from the front the winding number is one less.
-                let area = weight * (u[last] * v[next] - u[next] * v[last]) / 2.0;
-                // Depth is linear over a triangle: its mean is that of the corners.
-                let mean = (first[axis] + pair[0][axis] + pair[1][axis]) / 3.0;
-                self.area[axis] += area;
-                self.behind[axis] += area * ((cell[axis] + 1) as f64 - mean);
-            }
-        }
-    }
-}
+use spinney_brep::geometry::clipped::{ClippedPolygon, clip};
 
 /// A cube of cells and the triangles that reach into it.
 #[derive(Clone, Copy)]
@@ -216,7 +178,7 @@ struct Coverage {
     height: u8,
     /// One more than the index of a cell in `faces`, by cell; 0 where a cell has no face.
     numbers: Vec<u32>,
-    faces: Vec<Faces>,
+    faces: Vec<FaceSums>,
     /// Index in `faces` and, in the lower half, number of a triangle that reaches into that cell, in that order.
     pieces: Vec<u64>,
     /// Index of the first piece of each cell with faces; one more than there are cells.
@@ -254,7 +216,7 @@ impl Coverage {
         let index = number_of(cell, self.height);
         let number = &mut self.numbers[index];
         if *number == 0 {
-            self.faces.push(Faces { cell: index as u32, ..Faces::default() });
+            self.faces.push(FaceSums { cell: index as u32, ..FaceSums::default() });
             *number = self.faces.len() as u32;
         }
         let number = *number - 1;
@@ -342,9 +304,9 @@ impl Coverage {
     }
 
     /// The share of a cell, if it is known, and its faces.
-    fn known(&self, cell: usize, windings: &[i32], test: Test<'_>) -> Option<(f64, Faces)> {
+    fn known(&self, cell: usize, windings: &[i32], test: Test<'_>) -> Option<(f64, FaceSums)> {
         let faces = match self.numbers[cell] {
-            0 => Faces::default(),
+            0 => FaceSums::default(),
             number => self.faces[number as usize - 1],
         };
         if faces.is_cut || faces.in_wall && !faces.is_settled {

@@ -9,11 +9,10 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 
-use super::grid::Triangle;
+use super::grid::{Triangle, place_key};
 use super::rim::Rims;
-use spinney_base::space::{Dimension, morton_encode};
+
 use spinney_base::{Error, Progress, Result, sort};
-use spinney_brep::exact::bounds::SOLID_BITS;
 
 /// Triangles that are looked at one by one.
 pub(super) const LEAF: u32 = 4;
@@ -144,13 +143,6 @@ fn outer(a: DVec3, b: DVec3) -> DMat3 {
 
 pub(super) fn wide(corner: [i32; 3]) -> DVec3 {
     DVec3::from_array(corner.map(f64::from))
-}
-
-/// A number by which near places are near each other in order.
-pub(super) fn place_key(at: [i32; 3]) -> u64 {
-    // Coordinates run from minus the space's side to twice that.
-    let cell = |axis: usize| ((i64::from(at[axis]) + (1 << SOLID_BITS)) >> 10) as u32;
-    (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, cell(axis)) << axis)
 }
 
 impl Group {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Error, Result};
 use spinney_brep::exact::bounds::SOLID_BITS;
 use spinney_brep::exact::normal::triangle_normal;
@@ -12,6 +13,13 @@ use spinney_crs::Frame;
 
 /// Bits of the fraction at most: finer than a millionth of a cell serves nobody.
 const FRACTION: u8 = 20;
+
+/// A number by which near places are near each other in order.
+pub(super) fn place_key(at: [i32; 3]) -> u64 {
+    // Coordinates run from minus the space's side to twice that.
+    let cell = |axis: usize| ((i64::from(at[axis]) + (1 << SOLID_BITS)) >> 10) as u32;
+    (0..3).fold(0, |key, axis| key | morton_encode(Dimension::Oct, cell(axis)) << axis)
+}
 
 /// A triangle on the grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,9 +13,9 @@ use glam::DVec3;
 
 use super::cubic::{ALL, CHEBYSHEV, NODES, interpolate, weights};
 use super::field::{DOUBT, Group, LEAF, SPREAD, WindingField, wide};
-use super::fill::change;
 use super::grid::Triangle;
 use super::surroundings::{Far, Surroundings};
+use super::windings::change;
 use spinney_base::{Progress, Result};
 
 /// Least distance of a dipole, in cells: nearer ones are triangles that a point may lie on.

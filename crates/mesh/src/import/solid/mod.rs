@@ -6,6 +6,7 @@ mod build;
 pub(super) mod closure;
 mod coverage;
 mod cubic;
+mod face_sums;
 mod field;
 mod fill;
 mod grid;
@@ -19,6 +20,7 @@ mod source;
 mod surroundings;
 mod triangles;
 mod units;
+mod windings;
 
 pub(super) use build::provenance;
 pub use build::{InsideTest, SolidReport};

@@ -7,8 +7,7 @@
 use glam::DVec3;
 
 use super::closure::edge_number;
-use super::field::place_key;
-use super::grid::Triangle;
+use super::grid::{Triangle, place_key};
 use spinney_base::sort;
 
 /// Edges that are looked at together.

@@ -1,10 +1,10 @@
-//! Writes `include/spinney.h`: `cargo run -p spinney-capi --features header > capi/include/spinney.h`.
+//! Writes `include/spinney.h`: `cargo run --manifest-path capi/header/Cargo.toml > capi/include/spinney.h`.
 
 use std::io;
 use std::path::Path;
 
 fn main() {
-    let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the library's folder");
     let config = cbindgen::Config::from_file(crate_folder.join("cbindgen.toml")).expect("cbindgen.toml");
     let sources = ["status", "dataset", "questions", "blocks", "model"];
     let builder = cbindgen::Builder::new().with_config(config);

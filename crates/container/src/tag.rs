@@ -1,0 +1,73 @@
+//! The tags that Spinney itself writes into metadata.
+
+use super::metadata::Metadata;
+
+/// A tag that Spinney writes. Whatever else [`Metadata::tags`] have came with the data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tag {
+    /// Unit of length of the world, where no coordinate system tells it.
+    Unit,
+    /// The furthest that a corner of an exact model was moved, in its unit of length.
+    ModelDisplacement,
+    /// Faces of an exact model whose corners do not lie in one plane on the grid, which were cut into triangles.
+    ModelCutFaces,
+    /// Faces of an exact model that have no area on the grid.
+    ModelSlivers,
+    /// Triangles that close boundaries of an exact model.
+    ModelClosingTriangles,
+    /// Faces of an exact model that repairs divided or removed.
+    ModelRepairedFaces,
+    /// Parts or files whose attributes an exact model does not keep, since there are too many.
+    ModelLostAttributes,
+    /// Places where an exact model's surface passes through itself, since its vertices were moved to the grid.
+    ModelThinPlaces,
+    /// The rule for cells on a solid's boundary.
+    SolidBoundary,
+    /// The test that decided what lies inside a solid.
+    SolidSurface,
+    /// Triangles of a solid's surface.
+    SolidTriangles,
+    /// The furthest that a vertex of a solid's surface was moved, in its unit of length.
+    SolidDisplacement,
+    /// Triangles of a solid's surface that were there more than once, for each time but the first.
+    SolidDoubledTriangles,
+    /// Faces of a solid's surface that crossed themselves, or lost their area on the grid.
+    SolidRepairedFaces,
+    /// Cells far from a solid's surface that lie in its holes, where the answer is a guess.
+    SolidUndecidedCells,
+}
+
+impl Tag {
+    /// The tag's key in files.
+    pub fn key(self) -> &'static str {
+        match self {
+            Tag::Unit => "unit",
+            Tag::ModelDisplacement => "model.displacement",
+            Tag::ModelCutFaces => "model.cut_faces",
+            Tag::ModelSlivers => "model.slivers",
+            Tag::ModelClosingTriangles => "model.closing_triangles",
+            Tag::ModelRepairedFaces => "model.repaired_faces",
+            Tag::ModelLostAttributes => "model.lost_attributes",
+            Tag::ModelThinPlaces => "model.thin_places",
+            Tag::SolidBoundary => "solid.boundary",
+            Tag::SolidSurface => "solid.surface",
+            Tag::SolidTriangles => "solid.triangles",
+            Tag::SolidDisplacement => "solid.displacement",
+            Tag::SolidDoubledTriangles => "solid.doubled_triangles",
+            Tag::SolidRepairedFaces => "solid.repaired_faces",
+            Tag::SolidUndecidedCells => "solid.undecided_cells",
+        }
+    }
+}
+
+impl Metadata {
+    /// What a tag says.
+    pub fn tag(&self, tag: Tag) -> Option<&str> {
+        self.tags.get(tag.key()).map(String::as_str)
+    }
+
+    /// Lets a tag say something.
+    pub fn set_tag(&mut self, tag: Tag, text: impl Into<String>) {
+        self.tags.insert(tag.key().into(), text.into());
+    }
+}

@@ -1,0 +1,380 @@
+//! What views stand on: a tree file, one with changes that are not written yet, one seen on another grid, or a tree in memory.
+
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+
+use super::patched::{Patched, PatchedNode};
+use super::tree_file::{TreeFile, TreeFileNode, other_node};
+use super::warp::Warped;
+use crate::query::{Canvas, Statistics, source_statistics};
+use crate::store::autumnal::{Autumnal, Commit};
+use crate::store::builder::{RecordRef, ReusableSource, StoredNode};
+use crate::store::goblin::Goblin;
+use crate::tree::{CellBlock, Child, Children, MemTree, Source, no_children};
+use spinney_base::space::{Bounds, Code};
+use spinney_base::value::{Kind, Rule, Tally, Value};
+use spinney_base::{Error, Form, Progress, Result};
+use spinney_container::{Codec, Header, Metadata, Shape};
+use spinney_container::{HEAVY_THRESHOLD, STRIDE, reach};
+
+/// A source with the header and metadata that a file of it has.
+pub enum ViewSource {
+    /// A file.
+    File(TreeFile),
+    /// One of its commits with changes on it that are not written yet.
+    Patched(Patched),
+    /// A small tree in memory.
+    Memory(Box<MemoryTree>),
+    /// Another source on the grid of another coordinate system.
+    Warped(Box<Warped>),
+}
+
+/// An INNER node of a [`ViewSource`].
+#[derive(Clone, Copy, Debug)]
+pub enum ViewSourceNode {
+    /// Of a file.
+    File(TreeFileNode),
+    /// Of one with changes.
+    Patched(PatchedNode),
+    /// Of a tree in memory.
+    Memory(<MemTree as Source>::Node),
+    /// Of one on another grid.
+    Warped(Code),
+}
+
+/// A tree in memory with the header and metadata that a file of it would have.
+pub struct MemoryTree {
+    tree: MemTree,
+    header: Header,
+    metadata: Metadata,
+}
+
+impl MemoryTree {
+    /// A tree whose picture is the whole space, of values that are averaged, with empty metadata.
+    fn new(tree: MemTree) -> MemoryTree {
+        let (form, depth) = (tree.form(), tree.depth());
+        let header = Header {
+            form,
+            rule: Rule::Mean,
+            kind: Kind::Continuous,
+            codec: Codec::Plain,
+            shape: Shape {
+                depth,
+                reach: reach(form.dimension),
+                stride: STRIDE,
+                heavy_threshold: HEAVY_THRESHOLD,
+            },
+            extent: Bounds::space(form.dimension, depth).max,
+        };
+        MemoryTree { tree, header, metadata: Metadata::default() }
+    }
+
+    /// The tree.
+    pub fn tree(&self) -> &MemTree {
+        &self.tree
+    }
+}
+
+impl ViewSource {
+    /// The path of the file that all comes from; a tree in memory has none.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            ViewSource::File(file) => Some(file.path()),
+            ViewSource::Patched(tree) => Some(tree.file().path()),
+            ViewSource::Warped(tree) => tree.source().path(),
+            ViewSource::Memory(_) => None,
+        }
+    }
+
+    /// The name for messages: the path, if there is one.
+    pub fn name(&self) -> &Path {
+        self.path().unwrap_or(Path::new("a tree in memory"))
+    }
+
+    /// The file that is read as it is, without the changes on it; of what is on another grid there is none.
+    pub fn file(&self) -> Option<TreeFile> {
+        match self {
+            ViewSource::File(file) => Some(file.clone()),
+            ViewSource::Patched(tree) => Some(tree.file().clone().into()),
+            ViewSource::Memory(_) | ViewSource::Warped(_) => None,
+        }
+    }
+
+    /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
+    pub fn remark(&self) -> Option<&'static str> {
+        match self {
+            ViewSource::File(file) => file.remark(),
+            ViewSource::Patched(tree) => tree.file().remark(),
+            ViewSource::Warped(tree) => tree.source().remark(),
+            ViewSource::Memory(_) => None,
+        }
+    }
+
+    /// Hands the remark on the file, if there is one, to whoever waits for the work.
+    pub(super) fn tell_remark(&self, progress: &dyn Progress) {
+        if let Some(remark) = self.remark() {
+            progress.warn(self.name(), remark);
+        }
+        if let ViewSource::Warped(tree) = self {
+            tree.remarks().iter().for_each(|remark| progress.warn(self.name(), remark));
+        }
+    }
+
+    /// The header: form, rule, shape, extent.
+    pub fn header(&self) -> &Header {
+        match self {
+            ViewSource::File(file) => file.header(),
+            ViewSource::Patched(tree) => tree.file().header(),
+            ViewSource::Memory(tree) => &tree.header,
+            ViewSource::Warped(tree) => tree.header(),
+        }
+    }
+
+    /// The metadata: frame, nodata, palette, names, provenance.
+    pub fn metadata(&self) -> &Metadata {
+        match self {
+            ViewSource::File(file) => file.metadata(),
+            ViewSource::Patched(tree) => tree.file().metadata(),
+            ViewSource::Memory(tree) => &tree.metadata,
+            ViewSource::Warped(tree) => tree.metadata(),
+        }
+    }
+
+    /// The commit that is read; only Autumnal files have commits.
+    pub fn commit(&self) -> Option<&Commit> {
+        match self {
+            ViewSource::File(file) => file.commit(),
+            ViewSource::Patched(tree) => Some(tree.file().commit()),
+            ViewSource::Memory(_) | ViewSource::Warped(_) => None,
+        }
+    }
+
+    /// INNER nodes of a tree of which a file may have stored any number once: of Autumnal files all, else none.
+    pub(super) fn shared_records(&self) -> Result<u64> {
+        match self {
+            ViewSource::File(file) => file.shared_records(),
+            ViewSource::Patched(tree) => tree.file().claimed_records(),
+            ViewSource::Memory(_) | ViewSource::Warped(_) => Ok(0),
+        }
+    }
+
+    /// Exact statistics of a box of cells (of the deepest level), without classes, which may take longer; those of the whole picture
+    /// if there is no box, and of all of what is seen on another grid those of what it is made of.
+    ///
+    /// # Errors
+    /// If the file is damaged there.
+    pub fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
+        let within = self.header().within_picture(bounds);
+        match self {
+            ViewSource::File(file) => file.statistics_with(&within, false),
+            // (Its own cells would have to be computed, all of them.)
+            ViewSource::Warped(tree) if bounds.is_none() => tree.source().totals(None),
+            _ => source_statistics(self, &within, false),
+        }
+    }
+
+    /// Writes the children of an inner node as nodes of something that stands on this source: what
+    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    pub(super) fn children_as<N>(
+        &self,
+        node: &ViewSourceNode,
+        children: &mut Children<N>,
+        node_of: impl Fn(ViewSourceNode) -> N,
+    ) -> Result<()> {
+        match (self, node) {
+            (ViewSource::File(file), ViewSourceNode::File(node)) => {
+                file.children_as(node, children, |node| node_of(ViewSourceNode::File(node)))
+            }
+            (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => {
+                let mut found = no_children();
+                tree.children(node, &mut found)?;
+                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Patched(node)));
+                Ok(())
+            }
+            (ViewSource::Memory(memory), ViewSourceNode::Memory(node)) => {
+                let mut found = no_children();
+                memory.tree.children(node, &mut found)?;
+                hand_on(&found, children, memory.tree.form(), |node| node_of(ViewSourceNode::Memory(node)));
+                Ok(())
+            }
+            (ViewSource::Warped(tree), ViewSourceNode::Warped(node)) => {
+                let mut found = no_children();
+                tree.children(node, &mut found)?;
+                hand_on(&found, children, tree.form(), |node| node_of(ViewSourceNode::Warped(node)));
+                Ok(())
+            }
+            _ => Err(other_node(self.name())),
+        }
+    }
+
+    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    ///
+    /// # Errors
+    /// If the file is damaged there, or there is no such level.
+    pub(super) fn draw_at(
+        &self,
+        level: u8,
+        bounds: &Bounds,
+        values: &mut [u8],
+        valid: &mut [bool],
+    ) -> Result<()> {
+        match self {
+            ViewSource::File(file) => file.draw_at(level, bounds, values, valid),
+            _ => Canvas::new(self.form(), bounds, Value::ZERO, values, Some(valid))?.draw(
+                self,
+                self.root()?,
+                level,
+            ),
+        }
+    }
+}
+
+/// Fails unless a tree is of the same form as another one; the names are for the message.
+pub(super) fn check_form((name, form): (&Path, Form), (other, expected): (&Path, Form)) -> Result<()> {
+    // (Missing samples stay what they are: numbers, for whoever joins them with others.)
+    if form.without_missing() == expected.without_missing() {
+        return Ok(());
+    }
+    let expected = format!("{expected}, as {} is", other.display());
+    Err(Error::invalid(name.display().to_string(), form.to_string(), expected))
+}
+
+/// Writes children with other nodes.
+#[inline]
+fn hand_on<M: Copy, N>(
+    found: &Children<M>,
+    children: &mut Children<N>,
+    form: Form,
+    node_of: impl Fn(M) -> N,
+) {
+    for (child, found) in children.iter_mut().zip(found).take(form.children()) {
+        *child = found.map_node(&node_of);
+    }
+}
+
+impl From<TreeFile> for ViewSource {
+    fn from(file: TreeFile) -> ViewSource {
+        ViewSource::File(file)
+    }
+}
+
+impl From<Goblin> for ViewSource {
+    fn from(file: Goblin) -> ViewSource {
+        TreeFile::from(file).into()
+    }
+}
+
+impl From<Autumnal> for ViewSource {
+    fn from(file: Autumnal) -> ViewSource {
+        TreeFile::from(file).into()
+    }
+}
+
+impl From<Arc<Autumnal>> for ViewSource {
+    fn from(file: Arc<Autumnal>) -> ViewSource {
+        TreeFile::from(file).into()
+    }
+}
+
+impl From<Patched> for ViewSource {
+    fn from(tree: Patched) -> ViewSource {
+        ViewSource::Patched(tree)
+    }
+}
+
+/// The tree's picture is its whole space; the metadata are empty.
+impl From<MemTree> for ViewSource {
+    fn from(tree: MemTree) -> ViewSource {
+        ViewSource::Memory(Box::new(MemoryTree::new(tree)))
+    }
+}
+
+impl From<Warped> for ViewSource {
+    fn from(tree: Warped) -> ViewSource {
+        ViewSource::Warped(Box::new(tree))
+    }
+}
+
+impl fmt::Debug for ViewSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("ViewSource").field(&self.name()).finish()
+    }
+}
+
+impl Source for ViewSource {
+    type Node = ViewSourceNode;
+
+    fn form(&self) -> Form {
+        self.header().form
+    }
+
+    fn depth(&self) -> u8 {
+        self.header().depth()
+    }
+
+    fn root(&self) -> Result<Child<ViewSourceNode>> {
+        Ok(match self {
+            ViewSource::File(file) => file.root()?.map_node(ViewSourceNode::File),
+            ViewSource::Patched(tree) => tree.root()?.map_node(ViewSourceNode::Patched),
+            ViewSource::Memory(memory) => memory.tree.root()?.map_node(ViewSourceNode::Memory),
+            ViewSource::Warped(tree) => tree.root()?.map_node(ViewSourceNode::Warped),
+        })
+    }
+
+    fn children(&self, node: &ViewSourceNode, children: &mut Children<ViewSourceNode>) -> Result<()> {
+        self.children_as(node, children, |node| node)
+    }
+
+    fn draw(&self, bounds: &Bounds, values: &mut [u8], valid: &mut [bool]) -> Result<bool> {
+        match self {
+            ViewSource::File(file) => file.draw(bounds, values, valid),
+            ViewSource::Warped(tree) => tree.draw(bounds, values, valid),
+            ViewSource::Patched(_) | ViewSource::Memory(_) => Ok(false),
+        }
+    }
+
+    fn cells(&self, node: &ViewSourceNode, levels: u8) -> Result<Option<CellBlock>> {
+        match (self, node) {
+            (ViewSource::File(file), ViewSourceNode::File(node)) => file.cells(node, levels),
+            (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => tree.cells(node, levels),
+            (ViewSource::Warped(tree), ViewSourceNode::Warped(node)) => tree.cells(node, levels),
+            _ => Ok(None),
+        }
+    }
+
+    fn check_unchanged(&self) -> Result<()> {
+        match self {
+            ViewSource::File(file) => file.check_unchanged(),
+            ViewSource::Patched(tree) => tree.check_unchanged(),
+            ViewSource::Warped(tree) => tree.check_unchanged(),
+            ViewSource::Memory(_) => Ok(()),
+        }
+    }
+
+    fn tally(&self, node: &ViewSourceNode) -> Result<Option<Tally>> {
+        match (self, node) {
+            (ViewSource::File(file), ViewSourceNode::File(node)) => file.tally(node),
+            (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => tree.tally(node),
+            _ => Ok(None),
+        }
+    }
+}
+
+impl ReusableSource for ViewSource {
+    fn stored(&self, node: &ViewSourceNode) -> Option<StoredNode<'_>> {
+        match (self, node) {
+            (ViewSource::File(file), ViewSourceNode::File(node)) => file.stored(node),
+            (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => tree.stored(node),
+            _ => None,
+        }
+    }
+
+    fn kept(&self, node: &ViewSourceNode) -> Option<RecordRef> {
+        match (self, node) {
+            (ViewSource::File(file), ViewSourceNode::File(node)) => file.kept(node),
+            (ViewSource::Patched(tree), ViewSourceNode::Patched(node)) => tree.kept(node),
+            _ => None,
+        }
+    }
+}

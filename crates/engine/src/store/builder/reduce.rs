@@ -1,0 +1,163 @@
+//! Builds the tree of one block of cells: condense, average, hand over to [`encode`](super::encode).
+//!
+//! A block is worked level by level in flat arrays in Z order, where the children of a node are consecutive.
+//! There are no pointers and no recursion: the cells' level is reduced to the next one until one node is
+//! left, which gives every node's state and value.
+//!
+//! What is done with values, which blocks hold as bytes, is compiled for each type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per
+//! block.
+
+use zerocopy::{FromBytes, IntoBytes};
+
+use super::averaging::{Averaging, Local, Majorities, Means, sum_by_value};
+use super::block::{Block, for_leaves};
+use super::encode::encode;
+use super::level::Level;
+use super::masked::{MaskedExtremes, MaskedMeans};
+use super::part::Part;
+use super::tally;
+use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
+use spinney_base::value::{Native, Rule, Value};
+use spinney_container::{INNER, LevelCounts, VOID};
+
+impl Block {
+    /// Condenses and averages the block and turns it into records, with dense blocks of so many levels at most.
+    pub(super) fn build(
+        mut self,
+        rule: Rule,
+        count_classes: bool,
+        most_dense: u8,
+        counts: &mut LevelCounts,
+    ) -> Part {
+        let (form, code) = (self.form, self.code);
+        let is_masked = form.value.channels > 1 && form.value.missing.is_some();
+        let layout = RecordLayout::new(form);
+        let classes = match rule {
+            Rule::Mean if is_masked => {
+                with_form_type!(form, V, R => if V::CHANNELS > 1 {
+                    reduce::<R, _>(&mut self, &mut MaskedMeans::<V>::new(form.value));
+                });
+                None
+            }
+            Rule::Mean | Rule::Occupancy => {
+                with_form_type!(form, V, R => {
+                    reduce::<R, _>(&mut self, &mut Means::<V>::new(rule == Rule::Occupancy));
+                });
+                None
+            }
+            Rule::Majority => with_record_type!(layout, R => {
+                let mut majorities = Majorities::<R>::new(form.value);
+                let root = reduce::<R, _>(&mut self, &mut majorities);
+                Some(majorities.list(root, self.root(), self.cells_at(0)))
+            }),
+            Rule::Min | Rule::Max if is_masked => {
+                with_record_type!(layout, R => {
+                    reduce::<R, _>(&mut self, &mut MaskedExtremes::new(form.value, rule));
+                });
+                None
+            }
+            Rule::Dominant | Rule::Min | Rule::Max | Rule::Nearest => {
+                with_record_type!(layout, R => {
+                    reduce::<R, _>(&mut self, &mut Local::new(rule, form.value));
+                });
+                None
+            }
+        };
+        let classes = classes.or_else(|| count_classes.then(|| self.classes()));
+        let tally = tally::of_block(&self, classes);
+        let child = self.root();
+        let records = with_record_type!(RecordLayout::new(form), R => {
+            encode::<R>(&self.levels, self.height, most_dense, &self.reused)
+        });
+        // (Of the root, whoever merges it with its siblings counts all but what is below.)
+        let total = self.counts.records() + u64::from(child.is_inner());
+        counts.merge_below(code.level(), &self.counts);
+        Part { code, child, total, records, tally }
+    }
+
+    /// Cells of each value.
+    fn classes(&self) -> Vec<(Value, u64)> {
+        let mut leaves: Vec<(Value, u64)> = Vec::new();
+        with_record_type!(RecordLayout::new(self.form), R => {
+            for_leaves::<R>(self, &mut |value, cells| {
+                let value = Value::from_bytes(value.as_bytes());
+                match leaves.last_mut() {
+                    // Neighbours are alike.
+                    Some(last) if last.0 == value => last.1 += u64::from(cells),
+                    _ => leaves.push((value, u64::from(cells))),
+                }
+            });
+        });
+        sum_by_value(self.form.value, &mut leaves);
+        leaves
+    }
+}
+
+/// Gives every expanded node its state and value, from the bottom up, and counts nodes; returns what the averaging
+/// knows of the root.
+fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A::Of {
+    let mut below: Vec<A::Of> = Vec::new();
+    let height = block.height;
+    let (levels, reused) = (&mut block.levels, &block.reused);
+    let add_reused = |level: &Level, index: usize, known: &mut Vec<A::Of>, averaging: &mut A| {
+        for node in &level.reused {
+            known.resize(level.states.len(), A::Of::default());
+            known[node.index as usize] = averaging.reused(R::of(reused.records(node)), height - index as u8);
+        }
+    };
+    if let Some(last) = levels.last() {
+        add_reused(last, levels.len() - 1, &mut below, averaging);
+    }
+    block.counts.merge(&reused.counts);
+    for index in (1..levels.len()).rev() {
+        let cells = 1 << (R::AXES * (height as usize - index));
+        let (upper, lower) = levels.split_at_mut(index);
+        let (parents, children) = (&mut upper[index - 1], &lower[0]);
+        let mut known = vec![A::Of::default(); parents.states.len()];
+        add_reused(parents, index - 1, &mut known, averaging);
+        let nodes = reduce_level::<R, A>(parents, children, (&below, &mut known), cells, averaging);
+        block.counts.add(index as u8, nodes);
+        below = known;
+    }
+    below.first().copied().unwrap_or_default()
+}
+
+/// Gives the parents of one level of nodes their states and values; a child has `cells` cells. `below` is what is known of
+/// the INNER children, `known` of the parents. Returns the VOID, LEAF and INNER nodes of the children's level.
+fn reduce_level<R: Record, A: Averaging<R>>(
+    parents: &mut Level,
+    children: &Level,
+    (below, known): (&[A::Of], &mut [A::Of]),
+    cells: u32,
+    averaging: &mut A,
+) -> [u64; 3] {
+    let expanded = parents.expanded.take();
+    let states = &mut parents.states;
+    let representatives = <[R::Bytes]>::mut_from_bytes(&mut parents.values).expect("whole values");
+    let values = children.values_of::<R>();
+    let groups = children.states.chunks_exact(R::CHILDREN).zip(values.chunks_exact(R::CHILDREN));
+    let (mut nodes, mut void, mut inner) = (0, 0, 0);
+    for (group, (child_states, child_values)) in groups.enumerate() {
+        let parent = expanded.as_ref().map_or(group, |expanded| expanded[group] as usize);
+        let first = child_states[0];
+        let uniform = first != INNER
+            && child_states.iter().all(|state| *state == first)
+            && (first == VOID || child_values.iter().all(|value| *value == child_values[0]));
+        if uniform {
+            states[parent] = first;
+            representatives[parent] = child_values[0];
+            continue;
+        }
+        let range = group * R::CHILDREN..(group + 1) * R::CHILDREN;
+        let known_below = below.get(range).unwrap_or(&[]);
+        let (of, representative) = averaging.merge(child_states, child_values, known_below, cells);
+        known[parent] = of;
+        states[parent] = INNER;
+        representatives[parent] = representative;
+        nodes += R::CHILDREN as u64;
+        void += child_states.iter().map(|state| u64::from(*state == VOID)).sum::<u64>();
+        inner += child_states.iter().map(|state| u64::from(*state == INNER)).sum::<u64>();
+    }
+    parents.expanded = expanded;
+    [void, nodes - void - inner, inner]
+}
