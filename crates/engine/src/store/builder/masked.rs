@@ -151,7 +151,7 @@ impl<R: Record> Averaging<R> for MaskedExtremes {
 /// The tally of all the cells of a block, but for its classes.
 pub(super) fn tally<V: Native, R: Record>(block: &Block) -> Tally {
     let value_type = block.form().value;
-    let is_float = value_type.sample.is_float();
+    let is_float = const { V::TYPE.sample.is_float() };
     let mut tally = Tally::void(value_type);
     let (mut min, mut max) = (V::default(), V::default());
     let mut sums = V::BlockSums::default();
@@ -177,7 +177,7 @@ pub(super) fn tally<V: Native, R: Record>(block: &Block) -> Tally {
         }
     });
     (tally.min, tally.max) = (erase(min), erase(max));
-    (tally.sum, tally.squares) = if is_float {
+    (tally.sum, tally.squares) = if const { V::TYPE.sample.is_float() } {
         pairwise_sums::<V, R>(block, &|value: V| present::<V, R>(value_type, encode::<R, V>(value)).0)
     } else {
         (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))

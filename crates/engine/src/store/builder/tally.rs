@@ -13,12 +13,11 @@ use spinney_container::LEAF;
 /// The tally of all the cells of a block; from class counts where they are known and sums are exact.
 pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Tally {
     let form = block.form();
-    let is_float = form.value.sample.is_float();
     let mut tally = match &classes {
-        Some(classes) if !is_float => sum_of_classes(form.value, classes),
+        Some(classes) if !form.value.sample.is_float() => sum_of_classes(form.value, classes),
         _ => with_form_type!(form, V, R => match form.value.missing {
             Some(_) if V::CHANNELS > 1 => masked::tally::<V, R>(block),
-            _ => of_leaves::<V, R>(block, is_float),
+            _ => of_leaves::<V, R>(block),
         }),
     };
     tally.classes = classes.unwrap_or_default();
@@ -36,7 +35,9 @@ fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> Tally {
     classes.fold(Tally::void(value_type), |sum, class| Tally::merge(&[&sum, &class]))
 }
 
-fn of_leaves<V: Native, R: Record>(block: &Block, is_float: bool) -> Tally {
+fn of_leaves<V: Native, R: Record>(block: &Block) -> Tally {
+    // (So that sums are compiled one way for each type.)
+    let is_float = const { V::TYPE.sample.is_float() };
     let mut cells = 0u64;
     let (mut min, mut max) = any_leaf::<R>(block).map_or_else(Default::default, |bytes| {
         let value: V = decode::<R, V>(bytes);
@@ -54,7 +55,7 @@ fn of_leaves<V: Native, R: Record>(block: &Block, is_float: bool) -> Tally {
             squares = V::add_block_squares(squares, value.block_squares(count));
         }
     });
-    let (sum, squares) = if is_float {
+    let (sum, squares) = if const { V::TYPE.sample.is_float() } {
         pairwise_sums::<V, R>(block, &|value| value)
     } else {
         (V::erase(V::widen(sums)), V::erase(V::widen_squares(squares)))

@@ -81,7 +81,8 @@ fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> Tally {
         let value = V::from_wire(*value);
         (min, max) = (min.min(value), max.max(value));
     }
-    let squares = if V::TYPE.sample.is_float() { pairwise_squares::<V>(block) } else { squares::<V>(values) };
+    let squares =
+        if const { V::TYPE.sample.is_float() } { pairwise_squares::<V>(block) } else { squares::<V>(values) };
     Tally {
         value_type: V::TYPE,
         cells,
