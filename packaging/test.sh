@@ -15,7 +15,7 @@ packaging/make.sh "$work" program wheel c
 
 mkdir "$work/program" "$work/c"
 tar -xzf "$work"/spinney-*.tar.gz -C "$work/program" --strip-components=1
-"$work/program/spinney" point "$fixtures/v1/classes.goblin" --cell 20,20 > "$work/point.txt"
+"$work/program/spinney" point --cells "$fixtures/v1/classes.goblin" 20,20 > "$work/point.txt"
 grep -q . "$work/point.txt"
 test -s "$work/program/completions/spinney.bash"
 
@@ -33,6 +33,6 @@ cd "$work"
 import sys
 import spinney
 tree = spinney.open(sys.argv[1])
-print("the wheel answers:", tree, sum(cells for _, cells in tree.statistics().classes), "cells")
+print("the wheel answers:", tree, tree.stats().cells, "cells")
 END
 echo 'packages: all is well'

@@ -11,7 +11,7 @@ use spinney::store::autumnal::{Autumnal, Editor, History, Keep, Note, compact, r
 use spinney::{Error, Result};
 
 use super::disk::Disk;
-use super::importers::in_file;
+use super::files::in_file;
 use super::seal;
 use super::trees::is_good;
 

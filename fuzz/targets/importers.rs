@@ -1,6 +1,5 @@
 //! Importers: files of other programs, which are read, and built if they are small.
 
-use std::cell::OnceCell;
 use std::path::Path;
 
 use spinney::brep::ExactModel;
@@ -14,7 +13,8 @@ use spinney::space::Region;
 use spinney::store::OpenOptions;
 use spinney::store::goblin::Goblin;
 use spinney::{Error, Result};
-use tempfile::TempDir;
+
+use super::files::in_file;
 
 /// Bytes of memory that importers may use.
 const MEMORY: u64 = 4 << 20;
@@ -24,20 +24,6 @@ const MOST_BYTES: u64 = 1 << 20;
 const MOST_CELLS: u64 = 1 << 14;
 /// Faces of models that are built.
 const MOST_FACES: u32 = 200;
-
-thread_local! {
-    static FOLDER: OnceCell<TempDir> = const { OnceCell::new() };
-}
-
-/// Runs something with a file of some bytes, under a name, in a folder of this thread.
-pub fn in_file(name: &str, bytes: &[u8], run: impl FnOnce(&Path)) {
-    FOLDER.with(|folder| {
-        let folder = folder.get_or_init(|| tempfile::tempdir().unwrap());
-        let path = folder.path().join(name);
-        std::fs::write(&path, bytes).unwrap();
-        run(&path);
-    });
-}
 
 /// A target for each format of pictures, all of which go the same way: the first bytes tell the format.
 macro_rules! pictures {

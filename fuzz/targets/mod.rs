@@ -5,6 +5,7 @@
 
 pub mod disk;
 pub mod edits;
+mod files;
 mod importers;
 pub mod models;
 pub mod seal;

@@ -12,7 +12,7 @@ use spinney::import::mesh;
 use spinney::io::Output;
 use spinney::store::OpenOptions;
 
-use super::importers::in_file;
+use super::files::in_file;
 use super::{seal, trees};
 
 /// A file of an exact model whose checksums are made right.

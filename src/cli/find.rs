@@ -1,16 +1,13 @@
 //! `spinney find`: the blocks whose cells all meet a condition, and the leaves of exact models.
 
-use std::collections::BTreeMap;
-use std::io::{BufWriter, StdoutLock, Write, stdout};
-
 use anyhow::{Result, bail};
 use serde_json::json;
-use spinney::Error;
 use spinney::dataset::Dataset;
 use spinney::query::{Condition, FoundBlock};
 
 use super::args::{PartOptions, ViewedTree};
 use super::exact::{self, LeafKind};
+use super::report::Found;
 use super::report::statistics::class_as_json;
 
 const EXAMPLES: &str = "Examples:
@@ -105,54 +102,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     })?;
     found.finish()?;
     Ok(tree.check_unchanged()?)
-}
-
-/// Prints lines about what was found: as it comes, or the largest first.
-pub(super) struct Found {
-    out: BufWriter<StdoutLock<'static>>,
-    /// Lines that may still be printed.
-    left: u64,
-    /// Number of the largest that are wanted, and these by level, those of a level by their codes.
-    largest: Option<u32>,
-    kept: BTreeMap<(u8, String), String>,
-}
-
-impl Found {
-    fn new(limit: Option<u64>, largest: Option<u32>) -> Found {
-        let out = BufWriter::new(stdout().lock());
-        Found { out, left: limit.unwrap_or(u64::MAX), largest, kept: BTreeMap::new() }
-    }
-
-    /// Takes something that was found; says whether to go on.
-    pub(super) fn take(&mut self, level: u8, code: &str, line: &dyn Fn() -> String) -> spinney::Result<bool> {
-        if let Some(most) = self.largest {
-            let key = (level, code.to_string());
-            let is_full = self.kept.len() >= most as usize;
-            if !is_full || self.kept.last_key_value().is_some_and(|(last, _)| key < *last) {
-                self.kept.insert(key, line());
-            }
-            if self.kept.len() > most as usize {
-                self.kept.pop_last();
-            }
-            return Ok(true);
-        }
-        if self.left == 0 {
-            return Ok(false);
-        }
-        self.left -= 1;
-        self.write(&line()).map(|()| true)
-    }
-
-    fn write(&mut self, line: &str) -> spinney::Result<()> {
-        writeln!(self.out, "{line}").map_err(Error::io("-", "write"))
-    }
-
-    fn finish(&mut self) -> spinney::Result<()> {
-        for line in std::mem::take(&mut self.kept).into_values() {
-            self.write(&line)?;
-        }
-        self.out.flush().map_err(Error::io("-", "write"))
-    }
 }
 
 /// A block as a line of text.

@@ -14,7 +14,6 @@ mod export;
 mod find;
 mod get;
 mod info;
-mod isosurfaces;
 mod legend;
 mod log;
 mod point;

@@ -16,12 +16,14 @@ pub struct Form {
 
 impl Form {
     /// A tree of this dimension with values of this type.
+    #[inline]
     pub const fn new(dimension: Dimension, value: ValueType) -> Form {
         Form { dimension, value }
     }
 
     /// The form with values of which no sample is missing.
     #[must_use]
+    #[inline]
     pub const fn without_missing(self) -> Form {
         Form { value: self.value.without_missing(), ..self }
     }

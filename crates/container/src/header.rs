@@ -82,22 +82,26 @@ const _: () = assert!(HEADER_SIZE == 60);
 
 impl Header {
     /// Levels below the root.
+    #[inline]
     pub fn depth(&self) -> u8 {
         self.shape.depth
     }
 
     /// The picture: all cells that can be other than VOID.
+    #[inline]
     pub fn picture(&self) -> Bounds {
         Bounds::picture(self.extent)
     }
 
     /// The part of a box that is in the picture; all of the picture if there is no box.
+    #[inline]
     pub fn within_picture(&self, bounds: Option<Bounds>) -> Bounds {
         let picture = self.picture();
         bounds.map_or(picture, |bounds| bounds.intersect(&picture))
     }
 
     /// Whether classes are counted per zone.
+    #[inline]
     pub fn counts_classes(&self) -> bool {
         self.kind == Kind::Categorical || self.rule == Rule::Majority
     }

@@ -12,11 +12,13 @@ pub struct LevelCounts {
 
 impl LevelCounts {
     /// VOID, LEAF and INNER nodes of each level, the root first.
+    #[inline]
     pub fn levels(&self) -> &[[u64; 3]] {
         &self.levels
     }
 
     /// Adds VOID, LEAF and INNER nodes at a level.
+    #[inline]
     pub fn add(&mut self, level: u8, nodes: [u64; 3]) {
         let level = level as usize;
         // So that the list ends at the deepest level that has nodes.
@@ -32,11 +34,13 @@ impl LevelCounts {
     }
 
     /// Adds all of another tree part's counts.
+    #[inline]
     pub fn merge(&mut self, other: &LevelCounts) {
         self.merge_below(0, other);
     }
 
     /// Adds counts that begin with a node at `level`.
+    #[inline]
     pub fn merge_below(&mut self, level: u8, other: &LevelCounts) {
         for (below, nodes) in other.levels.iter().enumerate() {
             self.add(level + below as u8, *nodes);
@@ -44,6 +48,7 @@ impl LevelCounts {
     }
 
     /// INNER nodes of all levels: the records of the tree.
+    #[inline]
     pub fn records(&self) -> u64 {
         self.levels.iter().fold(0, |sum, level| sum.saturating_add(level[usize::from(INNER)]))
     }

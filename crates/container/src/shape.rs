@@ -3,6 +3,7 @@
 use spinney_base::space::Dimension;
 
 /// Levels of records in a segment (`h`), where files are written.
+#[inline]
 pub const fn reach(dimension: Dimension) -> u8 {
     match dimension {
         Dimension::Quad => 8,
@@ -31,23 +32,27 @@ pub struct Shape {
 
 impl Shape {
     /// Whether trees of both shapes are cut into segments alike, depth aside.
+    #[inline]
     pub fn is_cut_like(&self, other: &Shape) -> bool {
         (self.reach, self.stride, self.heavy_threshold) == (other.reach, other.stride, other.heavy_threshold)
     }
 
     /// Whether nodes of this level are candidates: they own a segment if they are heavy. The root is no
     /// candidate by this measure, it owns a segment anyway.
+    #[inline]
     pub fn is_candidate(&self, level: u8) -> bool {
         let blocks = self.block_level();
         level > 0 && level <= blocks && (blocks - level).is_multiple_of(self.stride)
     }
 
     /// The deepest level of candidates: the level of the blocks that trees are built from.
+    #[inline]
     pub fn block_level(&self) -> u8 {
         self.depth.saturating_sub(self.reach)
     }
 
     /// The deepest level, at most `level`, whose nodes can own a segment.
+    #[inline]
     pub fn segment_level(&self, level: u8) -> u8 {
         let blocks = self.block_level();
         let level = level.min(blocks);
@@ -56,12 +61,14 @@ impl Shape {
     }
 
     /// The level of the segment that cuts off below a candidate's own.
+    #[inline]
     pub fn parent_segment_level(&self, level: u8) -> u8 {
         if level == 0 { 0 } else { self.segment_level(level - 1) }
     }
 
     /// The level of the INNER nodes that a segment of a node at `level` cuts off; the records above are in
     /// it.
+    #[inline]
     pub fn cut_level(&self, level: u8) -> u8 {
         level.saturating_add(self.reach)
     }

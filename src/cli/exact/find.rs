@@ -5,7 +5,7 @@ use serde_json::json;
 use spinney::brep::{ExactModel, Faces, ModelNode, ModelNodeState, NodeKind};
 use spinney::space::{Code, Dimension};
 
-use super::super::find::Found;
+use super::super::report::Found;
 
 /// Kinds of leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -2,6 +2,7 @@
 
 pub(crate) mod commit;
 pub(crate) mod exit;
+mod found;
 mod output;
 mod printable;
 mod progress;
@@ -16,6 +17,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 
+pub(crate) use found::Found;
 pub(crate) use output::{report_built, report_output};
 use printable::{printable, printable_json};
 pub(crate) use progress::Work;

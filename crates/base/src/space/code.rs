@@ -33,6 +33,7 @@ const OCTREE: u64 = 1 << 63;
 
 impl Code {
     /// The whole space.
+    #[inline]
     pub const fn root(dimension: Dimension) -> Code {
         Code { tagged: (dimension as u64) << 63 }
     }
@@ -100,6 +101,7 @@ impl Code {
     }
 
     /// The node one level up; `None` for the root.
+    #[inline]
     pub fn parent(self) -> Option<Code> {
         self.level().checked_sub(1).map(|level| self.ancestor(level))
     }
@@ -132,6 +134,7 @@ impl Code {
 
     /// The largest integer that a code of this node's subtree can have: `bits() ..= last_bits()` is the
     /// subtree.
+    #[inline]
     pub fn last_bits(self) -> u64 {
         self.bits() | self.unused() | LEVEL_MASK
     }
@@ -206,6 +209,7 @@ impl Code {
     }
 
     /// The node at `level` whose path is this number; `None` where there is none.
+    #[inline]
     pub fn from_path(dimension: Dimension, level: u8, path: u64) -> Option<Code> {
         let fits = level <= dimension.max_depth() && path >> (dimension.axes() * level as usize) == 0;
         fits.then(|| Code::root(dimension).with_path(level, path))
@@ -226,6 +230,7 @@ impl Code {
 
     /// The code with one more symbol per digit (base 5 or 9; digits 1 to 4 or 8), which tells its own
     /// length: <2,1,3,4> is 294. It can be longer than 64 bits.
+    #[inline]
     pub fn self_delimiting(self) -> u128 {
         let base = self.dimension().children() as u128 + 1;
         self.digits().fold(0, |code, digit| code * base + digit as u128 + 1)
@@ -285,6 +290,7 @@ impl Code {
 
 /// Moves bit `i` of a coordinate to bit `i * axes` (Morton's interleaving, for one coordinate): what Z order
 /// is made of.
+#[inline]
 pub fn morton_encode(dimension: Dimension, x: u32) -> u64 {
     match dimension {
         Dimension::Quad => morton_encode_2(x),
@@ -292,6 +298,7 @@ pub fn morton_encode(dimension: Dimension, x: u32) -> u64 {
     }
 }
 
+#[inline]
 fn morton_encode_2(x: u32) -> u64 {
     // Each step moves the upper half of every group of bits away and leaves a gap as wide as the half: five
     // steps take groups of 32 bits down to single ones.
@@ -308,6 +315,7 @@ fn morton_encode_2(x: u32) -> u64 {
     x
 }
 
+#[inline]
 fn morton_encode_3(x: u32) -> u64 {
     // As for two axes, with gaps twice as wide. Three times 21 bits are all that 64 have room for.
     let mut x = x as u64 & 0x1F_FFFF;
@@ -324,6 +332,7 @@ fn morton_encode_3(x: u32) -> u64 {
 }
 
 /// The inverse of [`morton_encode_2`]; other bits are ignored.
+#[inline]
 fn morton_decode_2(path: u64) -> u32 {
     let mut x = path & 0x5555_5555_5555_5555;
     for (shift, mask) in [
@@ -339,6 +348,7 @@ fn morton_decode_2(path: u64) -> u32 {
 }
 
 /// The inverse of [`morton_encode_3`]; other bits are ignored.
+#[inline]
 fn morton_decode_3(path: u64) -> u32 {
     let mut x = path & 0x1249_2492_4924_9249;
     for (shift, mask) in [

@@ -20,11 +20,13 @@ impl ValueType {
 
     /// The type without missing samples.
     #[must_use]
+    #[inline]
     pub const fn without_missing(self) -> ValueType {
         ValueType { missing: None, ..self }
     }
 
     /// The value all of whose samples are missing, if samples can be.
+    #[inline]
     pub fn all_missing(self) -> Option<Value> {
         let sample = self.missing?;
         let size = self.sample.size();
@@ -69,6 +71,7 @@ impl ValueType {
     }
 
     /// Joins two values, channel by channel; where one sample is missing it is the other.
+    #[inline]
     pub fn join_present(self, a: Value, b: Value, join: fn(ValueType, Value, Value) -> Value) -> Value {
         let both = join(self, a, b);
         if self.missing.is_none() {

@@ -14,12 +14,14 @@ pub enum Sums {
 
 impl Sums {
     /// Sums of no samples.
+    #[inline]
     pub fn zero(sample: SampleType) -> Sums {
         if sample.is_float() { Sums::Float(Default::default()) } else { Sums::Exact([0; 4]) }
     }
 
     /// Adds channel by channel; both must be of one type of samples.
     #[must_use]
+    #[inline]
     pub fn add(&self, other: &Sums) -> Sums {
         match (self, other) {
             (Sums::Exact(a), Sums::Exact(b)) => {

@@ -55,6 +55,7 @@ impl Tally {
     }
 
     /// The tally of no cells.
+    #[inline]
     pub fn void(value_type: ValueType) -> Tally {
         let zero = Sums::zero(value_type.sample);
         let (min, max) = (Value::ZERO, Value::ZERO);
@@ -197,6 +198,7 @@ pub fn representative(rule: Rule, children: &[Option<(Value, bool)>], tally: &Ta
 }
 
 /// The survey's rule: leaves weigh 3, inner nodes 2, the first of the heaviest wins.
+#[inline]
 pub fn dominant<T: Copy + Default + PartialEq>(children: impl Iterator<Item = (T, bool)> + Clone) -> T {
     let mut best = (T::default(), 0);
     for (value, _) in children.clone() {

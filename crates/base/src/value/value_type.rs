@@ -54,6 +54,7 @@ pub struct ValueType {
 
 impl ValueType {
     /// The type of values with so many samples of a type.
+    #[inline]
     pub const fn new(sample: SampleType, channels: u8) -> ValueType {
         ValueType { sample, channels, missing: None }
     }

@@ -27,6 +27,7 @@ impl Lattice {
     }
 
     /// The first lattice point of the box that begins at a grid point.
+    #[inline]
     pub fn first(&self, min: [i32; 3]) -> [i32; 3] {
         std::array::from_fn(|axis| min[axis] + self.step[axis] / 2)
     }
@@ -97,12 +98,14 @@ impl<const D: usize> Projected<D> {
     }
 
     /// Signed distance of a point from the plane, times the normal's length.
+    #[inline]
     fn height(&self, at: [i32; 3]) -> i128 {
         let along = subtract(at.map(i64::from), self.corners[0].map(i64::from));
         dot(self.normal.map(i128::from), along.map(i128::from))
     }
 
     /// Whether a point lies beyond the plane, going up the axis.
+    #[inline]
     pub fn is_beyond(&self, at: [i32; 3]) -> bool {
         self.is_beyond_by(self.height(at).signum() as i32)
     }
@@ -114,6 +117,7 @@ impl<const D: usize> Projected<D> {
     }
 
     /// Distance from a point up the axis to the plane, in grid steps: to put several in order.
+    #[inline]
     pub fn height_over(&self, at: [i32; 3]) -> f64 {
         let height = self.height(at);
         -height as f64 / self.normal[D] as f64

@@ -16,6 +16,7 @@ impl ClippedPolygon {
     const NONE: ClippedPolygon = ClippedPolygon { points: [[0.0; 3]; 12], len: 0 };
 
     /// A triangle of grid points, in cells of so many grid steps from a grid point.
+    #[inline]
     pub fn of_triangle(corners: &[[i32; 3]; 3], min: [i32; 3], cell: i32) -> ClippedPolygon {
         let scale = 1.0 / f64::from(cell);
         let point = |corner: [i32; 3]| -> Point {
@@ -31,10 +32,12 @@ impl ClippedPolygon {
     }
 
     /// Corners of the polygon.
+    #[inline]
     pub fn points(&self) -> &[Point] {
         &self.points[..self.len]
     }
 
+    #[inline]
     fn push(&mut self, point: Point) {
         if let Some(free) = self.points.get_mut(self.len) {
             *free = point;
@@ -43,11 +46,13 @@ impl ClippedPolygon {
     }
 
     /// Least and greatest coordinate along an axis.
+    #[inline]
     pub fn range(&self, axis: usize) -> (f64, f64) {
         range(self.points().iter().map(|point| point[axis]))
     }
 
     /// The mean of the corners, a point of the polygon.
+    #[inline]
     pub fn middle(&self) -> Point {
         let points = self.points();
         std::array::from_fn(|axis| points.iter().map(|point| point[axis]).sum::<f64>() / points.len() as f64)
@@ -66,6 +71,7 @@ impl ClippedPolygon {
     }
 
     /// Clips the polygon at a plane across an axis: the parts below and above it.
+    #[inline]
     pub fn split(&self, axis: usize, plane: f64) -> (ClippedPolygon, ClippedPolygon) {
         self.split_by(|point| point[axis] - plane, |cut| cut[axis] = plane)
     }
@@ -102,6 +108,7 @@ impl ClippedPolygon {
 }
 
 /// Least and greatest of some numbers.
+#[inline]
 pub fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
     numbers.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
 }
@@ -113,6 +120,7 @@ pub fn clip(polygon: ClippedPolygon, side: usize, each: &mut impl FnMut(&Clipped
 }
 
 /// Cuts a polygon along the first `axes` axes, one after the other.
+#[inline]
 fn clip_along(
     polygon: ClippedPolygon,
     side: usize,

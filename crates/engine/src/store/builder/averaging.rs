@@ -240,35 +240,37 @@ impl<R: Record> Averaging<R> for Majorities<R> {
     }
 }
 
-/// Chooses the representative of some children that are not all VOID: from their states and the bytes of their values, into the
-/// bytes of one.
-type Choice = fn(&[u8], &[u8], &mut [u8]);
+/// Chooses the representative of some children that are not all VOID, from their states and values.
+type Choice<R> = fn(&Local<R>, &[u8], &[<R as Record>::Bytes]) -> <R as Record>::Bytes;
 
 /// The rules that look at the children alone. Compiled for each width; what knows the values' type is a function.
-pub(super) struct Local {
-    choose: Choice,
+pub(super) struct Local<R: Record> {
+    choose: Choice<R>,
+    value_type: ValueType,
 }
 
-impl Local {
-    pub(super) fn new(rule: Rule, value_type: ValueType) -> Self {
-        let choose: Choice = match rule {
-            Rule::Min => with_native_type!(value_type, V => choose_extreme::<V, true> as Choice),
-            Rule::Max => with_native_type!(value_type, V => choose_extreme::<V, false> as Choice),
-            Rule::Dominant => choose_dominant,
-            Rule::Nearest | Rule::Mean | Rule::Majority | Rule::Occupancy => choose_first,
+impl<R: Record> Local<R> {
+    /// A rule for values of the type `V`, which are those of the records; some of their samples may be missing.
+    pub(super) fn new<V: Native>(rule: Rule, value_type: ValueType) -> Self {
+        let is_masked = value_type.channels > 1 && value_type.missing.is_some();
+        let choose = match rule {
+            Rule::Min if is_masked => choose_present::<R, true>,
+            Rule::Max if is_masked => choose_present::<R, false>,
+            Rule::Min => choose_extreme::<V, R, true>,
+            Rule::Max => choose_extreme::<V, R, false>,
+            Rule::Dominant => choose_dominant::<R>,
+            Rule::Nearest | Rule::Mean | Rule::Majority | Rule::Occupancy => choose_first::<R>,
         };
-        Local { choose }
+        Local { choose, value_type }
     }
 }
 
-impl<R: Record> Averaging<R> for Local {
+impl<R: Record> Averaging<R> for Local<R> {
     type Of = ();
 
     #[inline]
     fn merge(&mut self, states: &[u8], values: &[R::Bytes], _: &[()], _: u32) -> ((), R::Bytes) {
-        let mut representative = R::ZERO;
-        (self.choose)(states, values.as_bytes(), representative.as_mut_bytes());
-        ((), representative)
+        ((), (self.choose)(self, states, values))
     }
 
     fn reused(&mut self, _: &[R], _: u8) {}
@@ -276,34 +278,42 @@ impl<R: Record> Averaging<R> for Local {
 
 /// The values of children that are not VOID, with their states.
 #[inline]
-fn some_of<'a>(
-    states: &'a [u8],
-    values: &'a [u8],
-    width: usize,
-) -> impl Iterator<Item = (u8, &'a [u8])> + Clone {
-    states.iter().copied().zip(values.chunks_exact(width)).filter(|(state, _)| *state != VOID)
+fn some_of<'a, B: Copy>(states: &'a [u8], values: &'a [B]) -> impl Iterator<Item = (u8, B)> + Clone + 'a {
+    states.iter().copied().zip(values.iter().copied()).filter(|(state, _)| *state != VOID)
 }
 
 /// [`Rule::Min`] and [`Rule::Max`].
-fn choose_extreme<V: Native, const IS_MIN: bool>(states: &[u8], values: &[u8], out: &mut [u8]) {
-    let numbers = some_of(states, values, size_of::<V::Wire>()).map(|(_, value)| value_of::<V>(value));
-    if let Some(extreme) = numbers.reduce(if IS_MIN { Native::min } else { Native::max }) {
-        out.copy_from_slice(extreme.to_wire().as_bytes());
-    }
+fn choose_extreme<V: Native, R: Record, const IS_MIN: bool>(
+    _: &Local<R>,
+    states: &[u8],
+    values: &[R::Bytes],
+) -> R::Bytes {
+    let numbers = some_of(states, values).map(|(_, value)| decode::<R, V>(value));
+    numbers.reduce(if IS_MIN { Native::min } else { Native::max }).map_or(R::ZERO, encode::<R, V>)
+}
+
+/// [`Rule::Min`] and [`Rule::Max`] of the samples that are there.
+fn choose_present<R: Record, const IS_MIN: bool>(
+    local: &Local<R>,
+    states: &[u8],
+    values: &[R::Bytes],
+) -> R::Bytes {
+    let join = if IS_MIN { ValueType::min } else { ValueType::max };
+    let some = some_of(states, values).map(|(_, value)| Value::from_bytes(value.as_bytes()));
+    from_value::<R>(some.reduce(|a, b| local.value_type.join_present(a, b, join)).unwrap_or_default())
 }
 
 /// [`Rule::Dominant`].
-fn choose_dominant(states: &[u8], values: &[u8], out: &mut [u8]) {
-    let some = some_of(states, values, out.len());
-    let value = dominant(some.map(|(state, value)| (Value::from_bytes(value), state == INNER)));
-    value.write(out);
+fn choose_dominant<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
+    let some = some_of(states, values);
+    from_value::<R>(dominant(
+        some.map(|(state, value)| (Value::from_bytes(value.as_bytes()), state == INNER)),
+    ))
 }
 
 /// [`Rule::Nearest`], and what leaves the choice open.
-fn choose_first(states: &[u8], values: &[u8], out: &mut [u8]) {
-    if let Some((_, value)) = some_of(states, values, out.len()).next() {
-        out.copy_from_slice(value);
-    }
+fn choose_first<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
+    some_of(states, values).next().map_or(R::ZERO, |(_, value)| value)
 }
 
 /// Adds neighbours, then neighbours of those, and so on: the order that defines sums of floating samples.

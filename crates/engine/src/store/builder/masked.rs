@@ -1,4 +1,4 @@
-//! The rules and the tally of blocks in whose cells samples may be missing: like the others', but a channel is made of
+//! The mean and the tally of blocks in whose cells samples may be missing: like the others', but a channel is made of
 //! those cells alone that have a sample in it.
 //!
 //! Kernels, chosen once per block for values of such a type; all other blocks know nothing of this.
@@ -12,8 +12,8 @@ use super::block::{Block, for_leaves};
 use super::fold::fold;
 use super::sums::pairwise_sums;
 use crate::store::records::Record;
-use spinney_base::value::{Native, Rule, Tally, Value, ValueType, erase};
-use spinney_container::{INNER, LEAF, VOID};
+use spinney_base::value::{Native, Tally, Value, ValueType, erase};
+use spinney_container::{INNER, LEAF};
 
 /// Which channels of a value's bytes have a sample.
 #[inline]
@@ -121,31 +121,6 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
         let sum = |a: Self::Of, b: Self::Of| (V::add_block_sums(a.0, b.0), add(a.1, b.1));
         fold(records, levels, &leaf, &|sums: &[Self::Of]| pairwise(sums, sum))
     }
-}
-
-/// [`Rule::Min`] and [`Rule::Max`].
-pub(super) struct MaskedExtremes {
-    value_type: ValueType,
-    join: fn(ValueType, Value, Value) -> Value,
-}
-
-impl MaskedExtremes {
-    pub(super) fn new(value_type: ValueType, rule: Rule) -> Self {
-        MaskedExtremes { value_type, join: if rule == Rule::Min { ValueType::min } else { ValueType::max } }
-    }
-}
-
-impl<R: Record> Averaging<R> for MaskedExtremes {
-    type Of = ();
-
-    fn merge(&mut self, states: &[u8], values: &[R::Bytes], _: &[()], _: u32) -> ((), R::Bytes) {
-        let some = states.iter().zip(values).filter(|(state, _)| **state != VOID);
-        let values = some.map(|(_, value)| Value::from_bytes(value.as_bytes()));
-        let extreme = values.reduce(|a, b| self.value_type.join_present(a, b, self.join));
-        ((), from_value::<R>(extreme.unwrap_or_default()))
-    }
-
-    fn reused(&mut self, _: &[R], _: u8) {}
 }
 
 /// The tally of all the cells of a block, but for its classes.

@@ -13,7 +13,7 @@ use super::averaging::{Averaging, Local, Majorities, Means, sum_by_value};
 use super::block::{Block, for_leaves};
 use super::encode::encode;
 use super::level::Level;
-use super::masked::{MaskedExtremes, MaskedMeans};
+use super::masked::MaskedMeans;
 use super::part::Part;
 use super::tally;
 use crate::store::records::{Record, RecordLayout, with_form_type, with_record_type};
@@ -50,15 +50,9 @@ impl Block {
                 let root = reduce::<R, _>(&mut self, &mut majorities);
                 Some(majorities.list(root, self.root(), self.cells_at(0)))
             }),
-            Rule::Min | Rule::Max if is_masked => {
-                with_record_type!(layout, R => {
-                    reduce::<R, _>(&mut self, &mut MaskedExtremes::new(form.value, rule));
-                });
-                None
-            }
             Rule::Dominant | Rule::Min | Rule::Max | Rule::Nearest => {
-                with_record_type!(layout, R => {
-                    reduce::<R, _>(&mut self, &mut Local::new(rule, form.value));
+                with_form_type!(form, V, R => {
+                    reduce::<R, _>(&mut self, &mut Local::<R>::new::<V>(rule, form.value));
                 });
                 None
             }

@@ -7,9 +7,9 @@ use spinney::dataset::Dataset;
 use spinney::export::mesh::{MeshFormat, export_isosurfaces};
 use spinney::query::ContourRequest;
 
-use super::Global;
-use super::contours::Args;
-use super::report::{Work, report_output, warn};
+use super::args::Args;
+use crate::cli::Global;
+use crate::cli::report::{Work, report_output, warn};
 
 pub(super) fn run(
     args: &Args,

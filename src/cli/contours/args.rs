@@ -1,19 +1,10 @@
-//! `spinney contours`: lines of equal values, and the areas between them; of octrees, surfaces.
+//! Options of `spinney contours`.
 
 use std::path::PathBuf;
-use std::time::Instant;
 
-use anyhow::{Context as _, Result};
 use clap::ValueEnum;
-use spinney::export::vector::{
-    AttributeType, AttributeValue, GeometryKind, Smoothed, VectorLayer, VectorWriter,
-};
-use spinney::io::Output;
-use spinney::query::{Contour, ContourLevels, ContourNodata, ContourRequest};
 
-use super::args::{Memory, OutputLimit, ViewedTree, check_output, level_of, number, vector_format};
-use super::report::{Work, report_output};
-use super::{Global, exact, isosurfaces};
+use crate::cli::args::{Memory, OutputLimit, ViewedTree, number};
 
 const EXAMPLES: &str = "Examples:
   spinney contours dem.goblin --every 100 -o contours.geojson
@@ -47,10 +38,10 @@ pub(crate) struct Args {
     #[command(flatten)]
     pub(super) tree: ViewedTree,
     #[command(flatten)]
-    levels: LevelOptions,
+    pub(super) levels: LevelOptions,
     /// The value that --every counts from
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
-    base: f64,
+    pub(super) base: f64,
     /// Output: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply, of an octree .ply, .obj, .stl or .off;
     /// `-` is standard output
     #[arg(short, long, value_name = "FILE")]
@@ -63,10 +54,10 @@ pub(crate) struct Args {
     pub(super) bands: bool,
     /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they were
     #[arg(long)]
-    level: Option<u8>,
+    pub(super) level: Option<u8>,
     /// Behaviour of lines and surfaces near VOID cells; bands always go on to the edge of the last cells
     #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "bands")]
-    nodata: Nodata,
+    pub(super) nodata: Nodata,
     /// Cut the corners of lines so many times, which doubles their points each time
     #[arg(long, value_name = "TIMES", default_value_t = 0, conflicts_with = "bands")]
     #[arg(value_parser = clap::value_parser!(u8).range(0..=8))]
@@ -77,99 +68,27 @@ pub(crate) struct Args {
     #[command(flatten)]
     pub(super) limit: OutputLimit,
     #[command(flatten)]
-    memory: Memory,
+    pub(super) memory: Memory,
 }
 
 /// The values of lines.
 #[derive(clap::Args)]
 #[group(required = true, multiple = false)]
-struct LevelOptions {
+pub(super) struct LevelOptions {
     /// Distance between neighbouring levels
     #[arg(long, value_name = "STEP")]
-    every: Option<f64>,
+    pub(super) every: Option<f64>,
     /// The levels
     #[arg(long, value_name = "V,...", value_delimiter = ',', allow_hyphen_values = true, value_parser = number::<f64>)]
-    levels: Option<Vec<f64>>,
+    pub(super) levels: Option<Vec<f64>>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum Nodata {
+pub(super) enum Nodata {
     /// End: no line goes between four cells of which one is VOID, and no surface between eight
     Open,
     /// Go on to the edge of the last cells and end there, as those of gdal_contour; lines only
     Extend,
     /// Go on along the edge of the last cells, and of all, so that everything is closed
     Close,
-}
-
-pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
-    let start = Instant::now();
-    if exact::open(&args.tree.file)?.is_some() {
-        exact::refuse(&args.tree.file, &[("contours", true)])?;
-    }
-    let tree = args.tree.open()?;
-    check_output([args.tree.file.as_path()], &args.output)?;
-    let levels = match (args.levels.every, &args.levels.levels) {
-        (Some(step), _) => ContourLevels::Every { step, base: args.base },
-        (None, levels) => ContourLevels::At(levels.clone().unwrap_or_default()),
-    };
-    let mut request = ContourRequest::new(levels);
-    request.level = Some(level_of(&tree, args.level)?);
-    request.memory = args.memory.bytes;
-    request.nodata = match args.nodata {
-        Nodata::Open => ContourNodata::Open,
-        Nodata::Extend => ContourNodata::Extend,
-        Nodata::Close => ContourNodata::Close,
-    };
-    if tree.header().form.axes() == 3 {
-        return isosurfaces::run(args, &tree, &request, global, start);
-    }
-    let format = vector_format(args.format.as_deref(), &args.output)?;
-    let (kind, name, attributes): (_, _, &[&str]) = match args.bands {
-        false => (GeometryKind::Line, "contours", &["value"]),
-        true => (GeometryKind::Polygon, "bands", &["min", "max"]),
-    };
-    let frame = &tree.metadata().frame;
-    let [low, high] = frame.world_box(&tree.header().picture());
-    let layer = VectorLayer {
-        name: name.into(),
-        kind: Some(kind),
-        has_z: args.has_z,
-        attributes: attributes.iter().map(|name| ((*name).into(), AttributeType::Number)).collect(),
-        crs: frame.crs.clone(),
-        bounds: [[low[0], low[1]], [high[0], high[1]]],
-    };
-    let work = Work::start(global, "cells")?;
-    let output = args.limit.create(&args.output)?;
-    if output.is_file() {
-        let folder = args.output.parent().filter(|folder| !folder.as_os_str().is_empty());
-        request.folder = Some(folder.map_or_else(|| ".".into(), PathBuf::from));
-    }
-    let write = |output: Output| {
-        let mut writer = VectorWriter::create(output, format, layer)?;
-        let mut each = |contour: &Contour<'_>| match args.bands {
-            false => {
-                let line = Smoothed::new(contour, contour.is_closed(), args.smooth);
-                writer.write(&line, &[AttributeValue::Number(contour.value())])
-            }
-            true => writer.write(contour, &contour.range().map(AttributeValue::Number)),
-        };
-        let summary = match args.bands {
-            false => tree.contours(&request, &work, &mut each),
-            true => tree.contour_bands(&request, &work, &mut each),
-        }?;
-        writer.finish().map(|()| summary)
-    };
-    let summary = write(output).with_context(|| format!("cannot write {}", args.output.display()))?;
-    work.finish();
-    let what = if args.bands { "polygons" } else { "lines" };
-    global.report(
-        "contours",
-        format_args!(
-            "{} {what} of {} points, {} of {} tiles read",
-            summary.count, summary.points, summary.tiles_read, summary.tiles
-        ),
-    );
-    report_output(global, &args.output, start);
-    Ok(())
 }

@@ -1,0 +1,20 @@
+//! Files of bytes, for what reads files only.
+
+use std::cell::OnceCell;
+use std::path::Path;
+
+use tempfile::TempDir;
+
+thread_local! {
+    static FOLDER: OnceCell<TempDir> = const { OnceCell::new() };
+}
+
+/// Runs something with a file of some bytes, under a name, in a folder of this thread.
+pub fn in_file(name: &str, bytes: &[u8], run: impl FnOnce(&Path)) {
+    FOLDER.with(|folder| {
+        let folder = folder.get_or_init(|| tempfile::tempdir().unwrap());
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        run(&path);
+    });
+}
