@@ -15,10 +15,10 @@ fail() {
     echo "capi/test.sh: $*" >&2
     exit 1
 }
-# Installs packages of the system; what is known of them may have to be brought up to date first.
+# Installs packages of the system, one script at a time; what is known of them may have to be brought up to date first.
 install() {
-    apt-get install -y -qq "$@" > /dev/null 2>&1 ||
-        { apt-get update -qq > /dev/null 2>&1 && apt-get install -y -qq "$@" > /dev/null 2>&1; }
+    flock Cargo.toml apt-get install -y -qq "$@" > /dev/null 2>&1 ||
+        { flock Cargo.toml apt-get update -qq > /dev/null 2>&1 && flock Cargo.toml apt-get install -y -qq "$@" > /dev/null 2>&1; }
 }
 fixtures=fixtures/v1
 
