@@ -140,7 +140,7 @@ pub mod store {
         };
     }
 
-    /// What a source may offer to builders besides its cells.
+    /// Stored records that a source may offer to builders besides its cells.
     pub mod builder {
         pub use spinney_engine::store::builder::{
             FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, RecordRef,
@@ -206,7 +206,7 @@ pub mod brep {
         };
     }
 
-    /// What the surfaces of two models have in common.
+    /// Lines, points and areas that the surfaces of two models have in common.
     pub mod surface_intersection {
         pub use spinney_brep::surface_intersection::{
             IntersectionArea, IntersectionLine, IntersectionPoint, LineKind, SurfaceIntersection,

@@ -1,4 +1,4 @@
-//! What all of Spinney stands on: errors, files, space, values, work for several threads.
+//! The base of all of Spinney: errors, files, space, values, work for several threads.
 
 mod error;
 mod form;

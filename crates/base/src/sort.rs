@@ -121,7 +121,7 @@ pub fn by_key<T>(items: &mut [T], mut key: impl FnMut(&T) -> u64) {
     }
 }
 
-/// As [`by_key`], by longer numbers: of what has several parts, or several channels.
+/// Sorts as [`by_key`] does, by longer numbers: of keys with several parts, or several channels.
 ///
 /// ```
 /// use spinney_base::sort::{by_wide_key, point_key};

@@ -61,12 +61,12 @@ impl Tag {
 }
 
 impl Metadata {
-    /// What a tag says.
+    /// The text of a tag; `None` if there is no such tag.
     pub fn tag(&self, tag: Tag) -> Option<&str> {
         self.tags.get(tag.key()).map(String::as_str)
     }
 
-    /// Lets a tag say something.
+    /// Writes a tag, in place of what it said before.
     pub fn set_tag(&mut self, tag: Tag, text: impl Into<String>) {
         self.tags.insert(tag.key().into(), text.into());
     }

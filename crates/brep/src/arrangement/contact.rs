@@ -1,4 +1,4 @@
-//! What two faces have in common.
+//! Common points of two faces.
 
 use super::point::ExactPoint;
 

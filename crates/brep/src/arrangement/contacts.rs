@@ -159,7 +159,7 @@ impl Surface<'_> {
                 Meeting::Edge(ends) if wanted == Wanted::All => contact.segments.push(ends),
                 Meeting::Apart | Meeting::Corner(_) | Meeting::Edge(_) => {}
                 Meeting::Point(point) => contact.points.push(point),
-                Meeting::Segment(ends) => contact.segments.push(ends),
+                Meeting::PlaneSegment(ends) => contact.segments.push(ends),
                 Meeting::InPlane => contact.in_plane = true,
             }
         } else if plane_a.is(plane_b) {

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::overlay::{Corner, Region};
+use super::overlay::{Corner, PlaneRegion};
 use super::point::{ExactPlane, ExactPoint};
 use crate::boxes::{Bounds, bounds_of};
 use crate::{Face, FaceList, Faces};
@@ -44,7 +44,7 @@ impl ExactFace {
     pub(super) fn of_region(
         face: &Face<'_>,
         plane: &ExactPlane,
-        region: &Region,
+        region: &PlaneRegion,
         is_turned: bool,
     ) -> ExactFace {
         let plane = if is_turned { plane.turned() } else { *plane };
@@ -70,10 +70,10 @@ impl ExactFace {
     }
 
     /// The face as a region of its plane.
-    pub(super) fn region(&self) -> Region {
+    pub(super) fn region(&self) -> PlaneRegion {
         let is_up = self.plane.normal[self.plane.main_axis()] > 0;
         let ring = |ring: &[Corner]| if is_up { ring.to_vec() } else { reversed(ring).collect() };
-        Region { rings: self.rings().map(ring).collect() }
+        PlaneRegion { rings: self.rings().map(ring).collect() }
     }
 
     /// The face's back.

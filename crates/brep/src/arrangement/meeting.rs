@@ -16,7 +16,7 @@ pub(super) enum Meeting {
     /// An edge of both faces, as neighbours of a surface have.
     Edge([ExactPoint; 2]),
     Point(ExactPoint),
-    Segment([ExactPoint; 2]),
+    PlaneSegment([ExactPoint; 2]),
     /// More than neighbours have, in the plane of both.
     InPlane,
 }
@@ -36,7 +36,7 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
         // Different planes meet in the line of the edge, and nowhere else.
         let ends = [one, other].map(|(i, _)| ExactPoint::of_grid(a.corners[i]));
         let is_edge = is_boundary(a, one.0, other.0) && is_boundary(b, one.1, other.1);
-        return if is_edge { Meeting::Edge(ends) } else { Meeting::Segment(ends) };
+        return if is_edge { Meeting::Edge(ends) } else { Meeting::PlaneSegment(ends) };
     }
     let heights_a = a.corners.map(|corner| plane_b.height(corner));
     if apart(&heights_a) {
@@ -53,7 +53,7 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
     let high = if high_a.compare(&high_b, axis) == Ordering::Greater { high_b } else { high_a };
     match low.compare(&high, axis) {
         Ordering::Greater => Meeting::Apart,
-        Ordering::Less => Meeting::Segment([low, high]),
+        Ordering::Less => Meeting::PlaneSegment([low, high]),
         // (With a common corner that is it.)
         Ordering::Equal if shared[0].is_some() => Meeting::Corner(low),
         Ordering::Equal => Meeting::Point(low),
@@ -166,7 +166,8 @@ mod tests {
             (Meeting::Point(one), Meeting::Point(other)) | (Meeting::Corner(one), Meeting::Corner(other)) => {
                 assert!(one.is(other));
             }
-            (Meeting::Segment(one), Meeting::Segment(other)) | (Meeting::Edge(one), Meeting::Edge(other)) => {
+            (Meeting::PlaneSegment(one), Meeting::PlaneSegment(other))
+            | (Meeting::Edge(one), Meeting::Edge(other)) => {
                 assert!(
                     one[0].is(&other[0]) && one[1].is(&other[1])
                         || one[0].is(&other[1]) && one[1].is(&other[0])
@@ -199,7 +200,7 @@ mod tests {
     #[test]
     fn what_is_common_is_found() {
         let segment = |b, ends: [[i32; 3]; 2]| match of(A, b) {
-            Meeting::Segment(found) => {
+            Meeting::PlaneSegment(found) => {
                 let mut found = found.map(|point| point.rounded());
                 found.sort_unstable();
                 assert_eq!(found, ends, "{b:?}");
@@ -320,7 +321,7 @@ mod tests {
             let ends = match of(a, b) {
                 Meeting::Apart => None,
                 Meeting::Point(point) | Meeting::Corner(point) => Some([point; 2]),
-                Meeting::Segment(ends) | Meeting::Edge(ends) => Some(ends),
+                Meeting::PlaneSegment(ends) | Meeting::Edge(ends) => Some(ends),
                 Meeting::InPlane => unreachable!("the planes are not the same"),
             };
             match (expected, ends) {

@@ -14,7 +14,7 @@ use spinney_base::sort;
 
 /// A segment in a face's plane.
 #[derive(Clone, Copy, Debug)]
-pub struct Segment {
+pub struct PlaneSegment {
     pub(crate) ends: [ExactPoint; 2],
     /// A plane that the segment lies in, other than the face's.
     pub(crate) line: ExactPlane,
@@ -31,7 +31,7 @@ pub struct Corner {
 /// A region: its rings, the outer one first, counterclockwise seen from the main axis' positive end, and holes the other
 /// way round. The region lies to the left of all.
 #[derive(Clone, Debug)]
-pub struct Region {
+pub struct PlaneRegion {
     /// Corners of each ring, the outer ring first.
     pub rings: Vec<Vec<Corner>>,
 }
@@ -41,11 +41,11 @@ pub struct Region {
 /// `gives_up` says so, which is asked with the number of vertices time and again: it may go with the square of that of the segments.
 pub(crate) fn regions<T: PartialEq + Copy>(
     plane: &ExactPlane,
-    segments: &[Segment],
+    segments: &[PlaneSegment],
     points: &[ExactPoint],
     gives_up: &dyn Fn(usize) -> bool,
-    choose: impl Fn(&Region) -> Option<T>,
-) -> Option<Vec<(Region, T)>> {
+    choose: impl Fn(&PlaneRegion) -> Option<T>,
+) -> Option<Vec<(PlaneRegion, T)>> {
     let mut overlay = Overlay::new(plane);
     for segment in segments {
         overlay.add(segment);
@@ -182,7 +182,7 @@ impl<'a> Overlay<'a> {
         }
     }
 
-    fn add(&mut self, segment: &Segment) {
+    fn add(&mut self, segment: &PlaneSegment) {
         let ends = segment.ends.map(|end| self.vertices.number(end));
         if ends[0] == ends[1] || !self.known.insert([ends[0].min(ends[1]), ends[0].max(ends[1])]) {
             return;
@@ -347,7 +347,7 @@ impl<'a> Overlay<'a> {
     }
 
     /// The region of each outer loop.
-    fn regions(&self, loops: &Loops, outer: &[Option<usize>]) -> Vec<Option<Region>> {
+    fn regions(&self, loops: &Loops, outer: &[Option<usize>]) -> Vec<Option<PlaneRegion>> {
         let ring = |list: &Loop| -> Vec<Corner> {
             let lines = list.halves.iter().map(|half| self.edges[*half as usize / 2].line);
             let corner = |(vertex, line): (&u32, u32)| Corner {
@@ -360,10 +360,10 @@ impl<'a> Overlay<'a> {
             };
             list.vertices.iter().zip(lines).map(corner).collect()
         };
-        let mut regions: Vec<Option<Region>> = loops
+        let mut regions: Vec<Option<PlaneRegion>> = loops
             .list
             .iter()
-            .map(|list| (!list.is_hole).then(|| Region { rings: vec![ring(list)] }))
+            .map(|list| (!list.is_hole).then(|| PlaneRegion { rings: vec![ring(list)] }))
             .collect();
         for (list, outer) in loops.list.iter().zip(outer).filter(|(list, _)| list.is_hole) {
             if let Some(region) = outer.and_then(|outer| regions[outer].as_mut()) {
@@ -497,9 +497,9 @@ mod tests {
     fn areas(segments: &[[[i32; 2]; 2]], points: &[[i32; 2]]) -> Vec<(usize, f64)> {
         let plane = ExactPlane::through([0; 3], PLANE);
         let lift = |at: [i32; 2]| [at[0], at[1], 0];
-        let segments: Vec<Segment> = segments
+        let segments: Vec<PlaneSegment> = segments
             .iter()
-            .map(|ends| Segment {
+            .map(|ends| PlaneSegment {
                 ends: ends.map(|end| ExactPoint::of_grid(lift(end))),
                 line: ExactPlane::along(2, lift(ends[0]), lift(ends[1])),
             })
@@ -515,7 +515,7 @@ mod tests {
         };
         // (All are wanted, and none is the same as another.)
         let count = std::cell::Cell::new(0);
-        let choose = |_: &Region| Some(count.replace(count.get() + 1));
+        let choose = |_: &PlaneRegion| Some(count.replace(count.get() + 1));
         let mut found: Vec<(usize, f64)> = regions(&plane, &segments, &points, &|_| false, choose)
             .unwrap()
             .iter()

@@ -48,7 +48,7 @@ pub fn divide(
                     None if is_turned => found.list.push(&turner.turn(&face)),
                     None => found.list.push(&face),
                 },
-                Kept::Region { exact, .. } => found.push(exact),
+                Kept::PlaneRegion { exact, .. } => found.push(exact),
             }
             Ok(())
         })?;
@@ -176,7 +176,7 @@ impl Rounded {
                 resolve(faces, &operands, path, memory, progress, &mut |kept| match kept {
                     Kept::Face { face, is_turned: false } => each(&face, false),
                     Kept::Face { face, is_turned: true } => each(&turner.turn(&face), true),
-                    Kept::Region { face, exact } => {
+                    Kept::PlaneRegion { face, exact } => {
                         rounder.round(&exact, &mut |part| each(&Face { number: face.number, ..*part }, true))
                     }
                 })

@@ -4,17 +4,17 @@ use bnum::cast::As;
 use bnum::types::I1024;
 
 use super::exact_face::ExactFace;
-use super::overlay::Region;
+use super::overlay::PlaneRegion;
 use super::point::{ExactPlane, ExactPoint, area, sign, turn};
 use crate::exact::bounds::{ORDER_ERROR, TURN_ERROR};
 use crate::exact::perturbation::sign_or_first;
 use crate::exact::vector::others;
 
 /// A point of a plane by its place as seen along the plane's main axis, in homogeneous coordinates of at most 541 bits.
-pub struct Sample<'a> {
+pub struct SamplePoint<'a> {
     pub(super) plane: &'a ExactPlane,
     /// Invariant: it is the plane's main axis, in whose direction the normal is not 0. So the line along it
-    /// meets the plane in one point: `Sample::side` and `near` divide by that part of the normal.
+    /// meets the plane in one point: `SamplePoint::side` and `near` divide by that part of the normal.
     pub axis: usize,
     /// Along the two other axes.
     at: [I1024; 2],
@@ -37,20 +37,20 @@ fn small(number: i64) -> I1024 {
     number.as_()
 }
 
-impl<'a> Sample<'a> {
+impl<'a> SamplePoint<'a> {
     /// The middle of a triangle of the grid.
-    pub(crate) fn of_triangle(plane: &'a ExactPlane, corners: &[[i32; 3]; 3]) -> Sample<'a> {
+    pub(crate) fn of_triangle(plane: &'a ExactPlane, corners: &[[i32; 3]; 3]) -> SamplePoint<'a> {
         let axis = plane.main_axis();
         let sum = |axis: usize| corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>();
         let near = [0, 1, 2].map(|axis| sum(axis) as f64 / 3.0);
         let at = others(axis).map(&sum);
         let few = Some((at.map(i128::from), 3));
-        Sample { plane, axis, at: at.map(small), weight: small(3), small: few, near }
+        SamplePoint { plane, axis, at: at.map(small), weight: small(3), small: few, near }
     }
 
     /// A point inside a region: if the triangle at a convex corner has no other corner inside, the middle of it;
     /// otherwise the middle of the diagonal to the one that lies deepest in it.
-    pub(crate) fn of_region(plane: &'a ExactPlane, region: &Region) -> Sample<'a> {
+    pub(crate) fn of_region(plane: &'a ExactPlane, region: &PlaneRegion) -> SamplePoint<'a> {
         let axis = plane.main_axis();
         let [u, v] = others(axis);
         let ring = &region.rings[0];
@@ -85,14 +85,14 @@ impl<'a> Sample<'a> {
             }
         }
         match deepest {
-            Some((point, _)) => Sample::mean(plane, &[corner, point]),
-            None => Sample::near_middle(plane, [last, corner, next])
-                .unwrap_or_else(|| Sample::mean(plane, &[last, corner, next])),
+            Some((point, _)) => SamplePoint::mean(plane, &[corner, point]),
+            None => SamplePoint::near_middle(plane, [last, corner, next])
+                .unwrap_or_else(|| SamplePoint::mean(plane, &[last, corner, next])),
         }
     }
 
     /// A point of few bits in the middle of a triangle; `None` if the triangle is too thin to be sure.
-    fn near_middle(plane: &'a ExactPlane, corners: [&ExactPoint; 3]) -> Option<Sample<'a>> {
+    fn near_middle(plane: &'a ExactPlane, corners: [&ExactPoint; 3]) -> Option<SamplePoint<'a>> {
         /// Parts of a step.
         const FINE: i64 = 1 << 20;
         let axis = plane.main_axis();
@@ -114,11 +114,11 @@ impl<'a> Sample<'a> {
         };
         let few = Some((at.map(i128::from), i128::from(FINE)));
         let all = (0..3).all(is_left);
-        all.then(|| Sample { plane, axis, at: at.map(small), weight: small(FINE), small: few, near })
+        all.then(|| SamplePoint { plane, axis, at: at.map(small), weight: small(FINE), small: few, near })
     }
 
     /// The mean of some points.
-    pub(crate) fn mean(plane: &'a ExactPlane, points: &[&ExactPoint]) -> Sample<'a> {
+    pub(crate) fn mean(plane: &'a ExactPlane, points: &[&ExactPoint]) -> SamplePoint<'a> {
         let axis = plane.main_axis();
         let count = points.len();
         let others_weight = |index: usize| {
@@ -133,7 +133,7 @@ impl<'a> Sample<'a> {
         let near =
             [0, 1, 2].map(|axis| points.iter().map(|point| point.near[axis]).sum::<f64>() / count as f64);
         let few = (weight < small(1 << 40)).then(|| (at.map(|at| at.as_()), weight.as_()));
-        Sample { plane, axis, at, weight, small: few, near }
+        SamplePoint { plane, axis, at, weight, small: few, near }
     }
 
     /// Whether the line along the axis through the point, moved a little to greater coordinates (along the second axis
@@ -153,7 +153,7 @@ impl<'a> Sample<'a> {
         inside
     }
 
-    /// [`Sample::meets`] for a polygon with corners beside the grid.
+    /// [`SamplePoint::meets`] for a polygon with corners beside the grid.
     pub(super) fn meets_exact(&self, face: &ExactFace) -> bool {
         face.edges().fold(false, |inside, (corner, next)| inside ^ self.passes(&corner.point, next))
     }
@@ -161,7 +161,7 @@ impl<'a> Sample<'a> {
     /// Whether an edge passes the point's half-line to greater first coordinates, as seen along the axis.
     // Invariant: every question sees the sample moved by the same infinitesimal way: to greater first
     // coordinates, far less to greater second ones, and along its own plane. So ties go the same way here
-    // (nothing is above that is not strictly so), in `Sample::is_between` and in `Sample::side`, and a
+    // (nothing is above that is not strictly so), in `SamplePoint::is_between` and in `SamplePoint::side`, and a
     // closed surface is met as by a line in general position. If two of them took different ways, an edge or
     // a corner on the line would count twice, or not at all.
     fn passes<P: CornerPlace>(&self, a: &P, b: &P) -> bool {
@@ -190,7 +190,7 @@ impl<'a> Sample<'a> {
         corner.beyond(self, place)
     }
 
-    /// Whether the line along the axis through the point, moved as in [`Sample::meets`], goes between two corners of a box in half
+    /// Whether the line along the axis through the point, moved as in [`SamplePoint::meets`], goes between two corners of a box in half
     /// steps.
     pub(crate) fn is_between(&self, low: &[i64; 3], high: &[i64; 3]) -> bool {
         let axes = others(self.axis);
@@ -222,7 +222,7 @@ impl<'a> Sample<'a> {
     }
 
     /// The side of a plane on which the point lies; where it lies on it, that on which it comes to lie when it is moved
-    /// as in [`Sample::meets`], in its own plane. 0 if the planes are the same.
+    /// as in [`SamplePoint::meets`], in its own plane. 0 if the planes are the same.
     pub(crate) fn side(&self, plane: &ExactPlane) -> i32 {
         if let Some(side) = plane.side_near(self.near) {
             return side;
@@ -250,10 +250,10 @@ trait CornerPlace {
     fn near(&self, axis: usize) -> f64;
 
     /// The sign of the difference of a coordinate from the sample's.
-    fn beyond(&self, sample: &Sample<'_>, place: usize) -> i32;
+    fn beyond(&self, sample: &SamplePoint<'_>, place: usize) -> i32;
 
     /// Whether the sample lies to the left (1) of the edge to another corner, to the right (-1), or on its line.
-    fn turn(&self, to: &Self, sample: &Sample<'_>) -> i32;
+    fn turn(&self, to: &Self, sample: &SamplePoint<'_>) -> i32;
 }
 
 impl CornerPlace for [i32; 3] {
@@ -261,7 +261,7 @@ impl CornerPlace for [i32; 3] {
         self[axis].into()
     }
 
-    fn beyond(&self, sample: &Sample<'_>, place: usize) -> i32 {
+    fn beyond(&self, sample: &SamplePoint<'_>, place: usize) -> i32 {
         let coordinate = self[others(sample.axis)[place]];
         match sample.small {
             Some((at, weight)) => (i128::from(coordinate) * weight - at[place]).signum() as i32,
@@ -269,7 +269,7 @@ impl CornerPlace for [i32; 3] {
         }
     }
 
-    fn turn(&self, b: &[i32; 3], sample: &Sample<'_>) -> i32 {
+    fn turn(&self, b: &[i32; 3], sample: &SamplePoint<'_>) -> i32 {
         let [u, v] = others(sample.axis);
         let along = [u, v].map(|axis| i64::from(b[axis]) - i64::from(self[axis]));
         let to = [u, v].map(|axis| sample.near[axis] - f64::from(self[axis]));
@@ -292,12 +292,12 @@ impl CornerPlace for ExactPoint {
         self.near[axis]
     }
 
-    fn beyond(&self, sample: &Sample<'_>, place: usize) -> i32 {
+    fn beyond(&self, sample: &SamplePoint<'_>, place: usize) -> i32 {
         let at = widen(self.at[others(sample.axis)[place]]);
         sign(&(at * sample.weight - sample.at[place] * widen(self.weight)))
     }
 
-    fn turn(&self, b: &ExactPoint, sample: &Sample<'_>) -> i32 {
+    fn turn(&self, b: &ExactPoint, sample: &SamplePoint<'_>) -> i32 {
         let [u, v] = others(sample.axis);
         let along = [u, v].map(|axis| b.near[axis] - self.near[axis]);
         let to = [u, v].map(|axis| sample.near[axis] - self.near[axis]);

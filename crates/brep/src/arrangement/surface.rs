@@ -9,10 +9,10 @@ use std::sync::OnceLock;
 
 use super::contact::Contact;
 use super::exact_face::{ExactFace, ExactFaces};
-use super::overlay::{Region, Segment, VertexKey, Vertices, regions};
+use super::overlay::{PlaneRegion, PlaneSegment, VertexKey, Vertices, regions};
 use super::point::{ExactPlane, ExactPoint};
 use super::rounding::colours;
-use super::sample::Sample;
+use super::sample::SamplePoint;
 use crate::boxes::{BOX, Bounds, BoxTree};
 use crate::exact::bounds::MARGIN;
 use crate::exact::normal::ring_normal;
@@ -48,7 +48,7 @@ pub struct Operands<'a> {
     pub changed: &'a [bool],
     /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
     /// them.
-    pub winding: &'a (dyn Fn(usize, &Sample<'_>) -> Option<Result<i32>> + Sync),
+    pub winding: &'a (dyn Fn(usize, &SamplePoint<'_>) -> Option<Result<i32>> + Sync),
     /// Whether places which they go around so many times are inside.
     pub is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
 }
@@ -58,7 +58,7 @@ pub(super) enum Kept<'a> {
     /// The face, or its back.
     Face { face: Face<'a>, is_turned: bool },
     /// A part of the face or of its back, which is no longer as it was.
-    Region { face: Face<'a>, exact: ExactFace },
+    PlaneRegion { face: Face<'a>, exact: ExactFace },
 }
 
 /// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
@@ -130,7 +130,10 @@ pub(super) fn resolve(
                 None if found.regions.is_empty() => counts.removed += 1,
                 None => {
                     counts.divided += 1;
-                    found.regions.into_iter().try_for_each(|exact| each(Kept::Region { face, exact }))?;
+                    found
+                        .regions
+                        .into_iter()
+                        .try_for_each(|exact| each(Kept::PlaneRegion { face, exact }))?;
                 }
             }
         } else {
@@ -365,15 +368,15 @@ impl<'a> Surface<'a> {
     fn face_stays(&self, face: u32, alone: bool) -> Result<Option<bool>> {
         let plane = self.plane(face);
         if let Some(exact) = self.exact(face) {
-            return self.stays(&Sample::of_region(plane, &exact.region()), face, alone);
+            return self.stays(&SamplePoint::of_region(plane, &exact.region()), face, alone);
         }
         let corners = self.with_pieces(face, |pieces| pieces.first().map(|piece| piece.corners));
         let first = self.faces.list.get(face as usize).points[0];
-        self.stays(&Sample::of_triangle(plane, &corners.unwrap_or([first; 3])), face, alone)
+        self.stays(&SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3])), face, alone)
     }
 
     /// Whether the line through a sample meets a face.
-    pub fn meets(&self, sample: &Sample<'_>, face: u32) -> bool {
+    pub fn meets(&self, sample: &SamplePoint<'_>, face: u32) -> bool {
         match self.exact(face) {
             Some(exact) => sample.meets_exact(exact),
             None => {
@@ -384,7 +387,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Hands out the faces in whose boxes a sample lies.
-    pub(crate) fn each_at(&self, sample: &Sample<'_>, each: impl FnMut(u32)) {
+    pub(crate) fn each_at(&self, sample: &SamplePoint<'_>, each: impl FnMut(u32)) {
         let near = sample.near;
         let holds = |[low, high]: &Bounds| {
             (0..3).all(|axis| {
@@ -397,7 +400,7 @@ impl<'a> Surface<'a> {
     /// Whether a region of a face, by a point of it, bounds what is inside: then whether its front has to be turned
     /// round. Of faces that lie on each other, one stays for all; but of a body's faces that touch no other's (`alone`) each
     /// does.
-    fn stays(&self, sample: &Sample<'_>, face: u32, alone: bool) -> Result<Option<bool>> {
+    fn stays(&self, sample: &SamplePoint<'_>, face: u32, alone: bool) -> Result<Option<bool>> {
         // Faces in the same place, and whether they are turned up.
         let mut same: Vec<(u32, bool)> = Vec::new();
         let is_up = |face: u32| self.plane(face).normal[sample.axis] > 0;
@@ -427,7 +430,7 @@ impl<'a> Surface<'a> {
     }
 
     /// The winding numbers above and below a sample, on which these faces lie.
-    fn windings(&self, sample: &Sample<'_>, same: &[(u32, bool)]) -> Result<[Vec<i32>; 2]> {
+    fn windings(&self, sample: &SamplePoint<'_>, same: &[(u32, bool)]) -> Result<[Vec<i32>; 2]> {
         let count = self.operands.far.len();
         let mut changes: Vec<Option<i32>> = vec![None; count];
         for (face, up) in same {
@@ -456,7 +459,13 @@ impl<'a> Surface<'a> {
     }
 
     /// Adds what faces above a sample, but for these, change in the winding numbers of some operands.
-    fn add_above(&self, sample: &Sample<'_>, same: &[(u32, bool)], is_asked: &[bool], above: &mut [i32]) {
+    fn add_above(
+        &self,
+        sample: &SamplePoint<'_>,
+        same: &[(u32, bool)],
+        is_asked: &[bool],
+        above: &mut [i32],
+    ) {
         let (axis, near) = (sample.axis, sample.near);
         let [u, v] = others(axis);
         let reaches = |[low, high]: &Bounds| {
@@ -493,21 +502,21 @@ impl<'a> Surface<'a> {
             let contact = &contacts[number as usize];
             let other = contact.faces[usize::from(contact.faces[0] == face)];
             let line = *self.plane(other);
-            segments.extend(contact.segments.iter().map(|ends| Segment { ends: *ends, line }));
+            segments.extend(contact.segments.iter().map(|ends| PlaneSegment { ends: *ends, line }));
             points.extend_from_slice(&contact.points);
             // Edges in the plane divide it, wherever they were cut into triangles.
             self.edges(other, axis, |segment| {
                 if segment.ends.iter().all(|end| plane.side(end) == 0) {
                     // (The line of an edge may be a plane that this face lies in.)
                     let line = if plane.is(&segment.line) { line } else { segment.line };
-                    segments.push(Segment { line, ..segment });
+                    segments.push(PlaneSegment { line, ..segment });
                 }
             });
         }
         let own = self.faces.list.get(face as usize);
         let failed = RefCell::new(None);
-        let choose = |region: &Region| {
-            let sample = Sample::of_region(plane, region);
+        let choose = |region: &PlaneRegion| {
+            let sample = SamplePoint::of_region(plane, region);
             // Edges of others may have made regions outside of the face.
             if !self.meets(&sample, face) {
                 return None;
@@ -537,7 +546,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether a region has no corners but those of a face.
-    fn is_same(&self, face: u32, region: &Region) -> bool {
+    fn is_same(&self, face: u32, region: &PlaneRegion) -> bool {
         let own = self.polygon(face);
         region
             .rings
@@ -547,15 +556,18 @@ impl<'a> Surface<'a> {
     }
 
     /// Hands out the edges of a face; those between points of the grid with planes along an axis.
-    pub fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(Segment)) {
+    pub fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(PlaneSegment)) {
         if let Some(exact) = self.exact(face) {
-            return exact
-                .edges()
-                .for_each(|(corner, next)| each(Segment { ends: [corner.point, *next], line: corner.line }));
+            return exact.edges().for_each(|(corner, next)| {
+                each(PlaneSegment { ends: [corner.point, *next], line: corner.line })
+            });
         }
         for ends in edges_of(&self.faces.list.get(face as usize)) {
             let [from, to] = ends;
-            each(Segment { ends: ends.map(ExactPoint::of_grid), line: ExactPlane::along(axis, from, to) });
+            each(PlaneSegment {
+                ends: ends.map(ExactPoint::of_grid),
+                line: ExactPlane::along(axis, from, to),
+            });
         }
     }
 }

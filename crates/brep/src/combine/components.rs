@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use super::bodies::Bodies;
 use super::table::Fate;
 use super::winding::winding;
-use crate::arrangement::{ExactPlane, Sample};
+use crate::arrangement::{ExactPlane, SamplePoint};
 use crate::boxes::{BoxTree, bounds_of, touch};
 use crate::exact::normal::ring_normal;
 use crate::exact::union_find::UnionFind;
@@ -182,7 +182,7 @@ impl Bodies<'_> {
             let pieces = Piece::of_face(points, ring_ends, &mut Triangulator::new());
             let corners = pieces.first().map_or([points[0]; 3], |piece| piece.corners);
             let plane = ExactPlane::through(points[0], ring_normal(&points[..ring_ends[0]]));
-            let sample = Sample::of_triangle(&plane, &corners);
+            let sample = SamplePoint::of_triangle(&plane, &corners);
             let mut places = Vec::with_capacity(self.models.len());
             for (other, model) in self.models.iter().enumerate() {
                 let is_own = other == body;

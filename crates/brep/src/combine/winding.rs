@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::ops::ControlFlow;
 
 use super::placed::Placed;
-use crate::arrangement::{ExactPlane, Sample};
+use crate::arrangement::{ExactPlane, SamplePoint};
 use crate::exact::bounds::MARGIN;
 use crate::exact::normal::ring_normal;
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
@@ -16,7 +16,7 @@ pub(super) fn winding(
     model: &ExactModel,
     number: usize,
     placed: &Placed,
-    sample: &Sample<'_>,
+    sample: &SamplePoint<'_>,
 ) -> Result<i32> {
     let mut line = LineWalk { model, number, placed, sample, faces: Vec::new() };
     let root = model.root()?;
@@ -59,7 +59,7 @@ struct LineWalk<'a> {
     model: &'a ExactModel,
     number: usize,
     placed: &'a Placed,
-    sample: &'a Sample<'a>,
+    sample: &'a SamplePoint<'a>,
     /// Faces of the cells that the line goes through, some of them several times.
     faces: Vec<u64>,
 }
@@ -68,7 +68,7 @@ impl<'a> LineWalk<'a> {
     /// Follows the line through a cell, if it gets there: stops at a part that no face cuts, with the place where that begins.
     fn node(&mut self, node: &ModelNode<'a>) -> Result<ControlFlow<(i64, i32)>> {
         let [low, high] = self.placed.half_units(self.number, node);
-        let Sample { axis, near, .. } = *self.sample;
+        let SamplePoint { axis, near, .. } = *self.sample;
         // (A cell that ends where the point is may be passed over: others follow.)
         if (high[axis] as f64) / 2.0 < near[axis] + MARGIN || !self.sample.is_between(&low, &high) {
             return Ok(ControlFlow::Continue(()));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::block::{Block, FaceBuffer};
 use super::exact::{EXACT, ExactPart};
 use super::pieces::Pieces;
-use super::segment::{CUT, FULL, INNER, LEAF, LeafHead, LeafRule, NodeKind, Segment, VOID};
+use super::segment::{CUT, FULL, INNER, LEAF, LeafHead, LeafRule, ModelSegment, NodeKind, VOID};
 use super::summary::{NodeCounts, Summary};
 use crate::attributes::DOMAIN;
 use crate::{Attributes, Face, Faces, Grid};
@@ -190,11 +190,11 @@ impl ExactModel {
 
     /// A segment.
     #[inline]
-    pub(super) fn segment(&self, index: usize) -> Result<Segment<'_>> {
+    pub(super) fn segment(&self, index: usize) -> Result<ModelSegment<'_>> {
         let bytes = self.segments.load(&self.path, &*self.backend, index)?;
         let wrong =
             |found: String| self.corrupt(format!("segment {index}"), found, "a segment as formats.md has it");
-        let segment = Segment::new(bytes).ok_or_else(|| wrong("lists that do not fit".into()))?;
+        let segment = ModelSegment::new(bytes).ok_or_else(|| wrong("lists that do not fit".into()))?;
         if !self.segments.is_checked(index) {
             let key = self.segments.entry(&*self.backend, index).key;
             let code = Code::from_bits(Dimension::Oct, key).filter(|code| code.level() <= self.depth());
@@ -214,7 +214,7 @@ impl ExactModel {
     }
 
     /// The segment of a node that owns one.
-    fn segment_of(&self, code: Code) -> Result<Segment<'_>> {
+    fn segment_of(&self, code: Code) -> Result<ModelSegment<'_>> {
         let index = self.segments.find(&*self.backend, code.bits());
         let index = index.filter(|index| self.segments.entry(&*self.backend, *index).key == code.bits());
         let missing =
@@ -305,7 +305,7 @@ pub struct ModelNode<'a> {
     level: u8,
     position: [u32; 3],
     word: u32,
-    segment: Segment<'a>,
+    segment: ModelSegment<'a>,
     /// Whether it is the node that its segment belongs to.
     begins_segment: bool,
 }

@@ -114,22 +114,22 @@ pub(crate) fn push_leaf(leaves: &mut Vec<u8>, head: u8, faces: &[u32]) {
 
 /// A segment of a file.
 #[derive(Clone)]
-pub(crate) struct Segment<'a> {
+pub(crate) struct ModelSegment<'a> {
     bytes: FileBytes<'a>,
     faces: usize,
     words: usize,
 }
 
-impl<'a> Segment<'a> {
+impl<'a> ModelSegment<'a> {
     /// A segment; `None` if its lists do not fit into its bytes.
-    pub(crate) fn new(bytes: FileBytes<'a>) -> Option<Segment<'a>> {
+    pub(crate) fn new(bytes: FileBytes<'a>) -> Option<ModelSegment<'a>> {
         let count = |at: usize| {
             bytes
                 .get(at..at + 4)
                 .map(|four| u32::from_le_bytes(four.try_into().expect("four bytes")) as usize)
         };
         let (faces, words, leaves) = (count(0)?, count(4)?, count(8)?);
-        (HEAD + 4 * (faces + words) + leaves == bytes.len()).then_some(Segment { bytes, faces, words })
+        (HEAD + 4 * (faces + words) + leaves == bytes.len()).then_some(ModelSegment { bytes, faces, words })
     }
 
     #[inline]
@@ -260,7 +260,7 @@ impl<'a> Segment<'a> {
 /// Numbers in the model of the faces of a leaf.
 #[derive(Clone)]
 pub(crate) struct LeafFaces<'s> {
-    segment: &'s Segment<'s>,
+    segment: &'s ModelSegment<'s>,
     bytes: &'s [u8],
     left: u32,
     next: u32,
@@ -292,7 +292,7 @@ mod tests {
         let faces: Vec<u32> = (1000..1201).collect();
         let mut words = vec![1 << 3 | INNER, LEAF, second << 3 | LEAF, FULL, VOID, CUT, VOID, VOID, VOID];
         let bytes = encode(&faces, &words, &leaves);
-        let segment = Segment::new(FileBytes::Mapped(&bytes)).unwrap();
+        let segment = ModelSegment::new(FileBytes::Mapped(&bytes)).unwrap();
         let mut seen = Vec::new();
         segment.check(1201, &mut |level, word| seen.push((level, word & 7))).unwrap();
         assert_eq!(seen[..4], [(0, INNER), (1, LEAF), (1, LEAF), (1, FULL)]);
@@ -301,7 +301,7 @@ mod tests {
         assert!(segment.check(1200, &mut |_, _| ()).is_err(), "a face that is not there");
         words[3] = 1 << 3 | INNER;
         let bytes = encode(&faces, &words, &leaves);
-        let segment = Segment::new(FileBytes::Mapped(&bytes)).unwrap();
+        let segment = ModelSegment::new(FileBytes::Mapped(&bytes)).unwrap();
         assert!(segment.check(1201, &mut |_, _| ()).is_err(), "a node below itself");
     }
 }

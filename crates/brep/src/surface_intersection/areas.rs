@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::IntersectionArea;
 use crate::Grid;
-use crate::arrangement::{Contact, Corner, Region, Sample, Segment, Surface, regions};
+use crate::arrangement::{Contact, Corner, PlaneRegion, PlaneSegment, SamplePoint, Surface, regions};
 use crate::exact::union_find::UnionFind;
 use crate::exact::vector::{cross, subtract};
 use crate::query::SectionPolygon;
@@ -66,12 +66,12 @@ fn areas_of(
 ) -> Option<Vec<IntersectionArea>> {
     let plane = surface.plane(faces[0]);
     let axis = plane.main_axis();
-    let mut segments: Vec<Segment> = Vec::new();
+    let mut segments: Vec<PlaneSegment> = Vec::new();
     for &face in faces {
         surface.edges(face, axis, |segment| segments.push(segment));
     }
     // To which sides the faces of both bodies are turned that are there.
-    let sides = |sample: &Sample<'_>| -> Option<[bool; 2]> {
+    let sides = |sample: &SamplePoint<'_>| -> Option<[bool; 2]> {
         let mut sides = [None; 2];
         surface.each_at(sample, |face| {
             let is_there = faces.binary_search(&face).is_ok() && surface.meets(sample, face);
@@ -81,9 +81,9 @@ fn areas_of(
         });
         Some([sides[0]?, sides[1]?])
     };
-    let choose = |region: &Region| sides(&Sample::of_region(plane, region));
+    let choose = |region: &PlaneRegion| sides(&SamplePoint::of_region(plane, region));
     let found = regions(plane, &segments, &[], gives_up, choose)?;
-    let area = |(region, [is_up, other_is_up]): (Region, [bool; 2])| {
+    let area = |(region, [is_up, other_is_up]): (PlaneRegion, [bool; 2])| {
         let ring = |corners: &Vec<Corner>| {
             // (Rings turn as seen from the axis' positive end.)
             let mut ring: Vec<[f64; 3]> = corners.iter().map(|corner| corner.point.to_world(grid)).collect();

@@ -8,7 +8,7 @@ use std::cmp::Ordering;
 use bnum::cast::As;
 use bnum::types::{I256, I512};
 
-use crate::arrangement::{ExactPoint, Sample, Surface, cross, wide};
+use crate::arrangement::{ExactPoint, SamplePoint, Surface, cross, wide};
 use crate::exact::vector::{self, main_axis, others};
 
 /// A face on one side of a segment.
@@ -64,7 +64,7 @@ impl SegmentAxis {
                 sides.push(is_left);
             }
         }
-        if sides.is_empty() && surface.meets(&Sample::mean(plane, &ends), face) {
+        if sides.is_empty() && surface.meets(&SamplePoint::mean(plane, &ends), face) {
             sides.extend([true, false]);
         }
         let half_plane = |is_left: bool| {

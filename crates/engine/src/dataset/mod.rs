@@ -45,7 +45,7 @@ pub struct Dataset {
     tree: Tree,
 }
 
-/// What answers a dataset's questions: one of the two formats, or a view.
+/// Reader of a dataset, to which all questions go: one of the two formats, or a view.
 enum Tree {
     Goblin(Arc<Goblin>),
     Autumnal(Arc<Autumnal>),
@@ -78,7 +78,7 @@ impl Dataset {
         let tree = match source {
             ViewSource::File(TreeFile::Goblin(file)) => Tree::Goblin(file),
             ViewSource::File(TreeFile::Autumnal(file)) => Tree::Autumnal(file),
-            source => return Ok(Dataset::of_view(Viewed::new(whole(source)?, false))),
+            source => return Ok(Dataset::of_view(Viewed::new(View::whole(source)?, false))),
         };
         Ok(Dataset { tree })
     }
@@ -99,7 +99,7 @@ impl Dataset {
             Tree::Autumnal(file) => TreeFile::Autumnal(file),
             Tree::View(viewed) => return Ok(Dataset::of_view(viewed.through(steps)?)),
         };
-        let view = whole(file.into())?.through(steps)?.sampled(Sampling::Area(rule))?;
+        let view = View::whole(file.into())?.through(steps)?.sampled(Sampling::Area(rule))?;
         Ok(Dataset::of_view(Viewed::new(view, false)))
     }
 
@@ -255,12 +255,6 @@ impl Dataset {
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         self.file().map_or_else(|| Ok(Vec::new()), |file| file.verify_quickly(memory, progress))
     }
-}
-
-/// All of a source.
-fn whole(source: ViewSource) -> Result<View> {
-    let extent = source.header().extent;
-    View::new(Arc::new(source), extent)
 }
 
 impl fmt::Debug for Dataset {

@@ -12,7 +12,7 @@ use super::operation::Operation;
 use super::patch::{CellPatch, FillPatch, FillRegion, Patch};
 use super::patched::Patched;
 use super::tree_file::TreeFile;
-use super::view_source::{ViewSource, check_form};
+use super::view_source::check_form;
 use crate::store::autumnal::{Autumnal, Commit, Editor, Note};
 use crate::tree::Source;
 use spinney_base::space::Bounds;
@@ -122,26 +122,19 @@ fn changed(tree: Arc<Autumnal>, edit: Edit) -> Result<Combined> {
         Edit::Paste { patch, at, where_valid } => (Operation::Over, pasted(&tree, &patch, at, where_valid)?),
         Edit::Apply(operation, path) => {
             let file = TreeFile::open(&path, &OpenOptions::default())?;
-            let file_extent = file.header().extent;
             check_form((&path, file.form()), (tree.path(), form))?;
-            let whole_file = View::new(Arc::new(file.into()), file_extent)?;
+            let whole_file = View::whole(file.into())?;
             let (view, bounds) = aligned(whole_file, &tree, &path)?;
             check_place(&bounds, extent, &path)?;
-            (operation, vec![whole(tree.into())?, view.deepened(depth)?])
+            (operation, vec![View::whole(tree.into())?, view.deepened(depth)?])
         }
     };
     Combined::new(views, operation, extent)
 }
 
-/// All of a tree.
-fn whole(tree: ViewSource) -> Result<View> {
-    let extent = tree.header().extent;
-    View::new(Arc::new(tree), extent)
-}
-
 /// All of a tree with a patch on it.
 fn patched(tree: &Arc<Autumnal>, patch: Arc<dyn Patch>) -> Result<View> {
-    whole(Patched::new(tree.clone(), patch).into())
+    View::whole(Patched::new(tree.clone(), patch).into())
 }
 
 /// Views for a paste: the pasted tree first, then the tree that it goes over.
@@ -161,7 +154,7 @@ fn pasted(tree: &Arc<Autumnal>, patch: &Chain, at: Option<[i64; 3]>, where_valid
     };
     let bounds = check_place(&bounds, extent, &patch.path)?;
     let below = if where_valid {
-        whole(tree.clone().into())?
+        View::whole(tree.clone().into())?
     } else {
         // What is VOID in the patch becomes VOID in the tree: first all of the box does.
         patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)?))?

@@ -1,7 +1,6 @@
 //! Operations on files: from files to files.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use super::affine::{Sampling, View, align};
 use super::combine::{Combined, build};
@@ -69,10 +68,10 @@ impl Chain {
     /// If the file cannot be read, or a step cannot be done.
     pub fn open(&self) -> Result<View> {
         let file = TreeFile::open(&self.path, &OpenOptions::default())?;
-        let (extent, rule) = (file.header().extent, file.header().rule);
+        let rule = file.header().rule;
         let nearest = Some(Resampling::Nearest).filter(|_| self.nearest);
         let warp = WarpOptions { resampling: self.warp.resampling.or(nearest), ..self.warp };
-        let view = View::new(Arc::new(file.into()), extent)?.warping(warp).through(&self.steps)?;
+        let view = View::whole(file.into())?.warping(warp).through(&self.steps)?;
         if self.nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
     }
 
@@ -208,8 +207,7 @@ fn aligned(files: Vec<TreeFile>) -> Result<Vec<View>> {
         .into_iter()
         .zip(alignments)
         .map(|(file, alignment)| {
-            let extent = file.header().extent;
-            let view = View::new(Arc::new(file.into()), extent)?.onto(&alignment.map, alignment.extent)?;
+            let view = View::whole(file.into())?.onto(&alignment.map, alignment.extent)?;
             let depth = view.depth().max(deepest);
             view.deepened(depth)
         })

@@ -1,4 +1,4 @@
-//! What views stand on: a tree file, one with changes that are not written yet, one seen on another grid, or a tree in memory.
+//! Sources that views stand on: a tree file, one with changes that are not written yet, one seen on another grid, or a tree in memory.
 
 use std::fmt;
 use std::path::Path;

@@ -116,6 +116,12 @@ impl Moved {
 pub(super) const TINY: f64 = 1e-6;
 
 impl View {
+    /// All of a source's picture, as its header has it.
+    pub(crate) fn whole(source: ViewSource) -> Result<View> {
+        let extent = source.header().extent;
+        View::new(Arc::new(source), extent)
+    }
+
     /// All of a file whose picture has `extent` cells.
     ///
     /// # Errors

@@ -4,7 +4,7 @@
 //! There are no pointers and no recursion: the cells' level is reduced to the next one until one node is
 //! left, which gives every node's state and value.
 //!
-//! What is done with values, which blocks hold as bytes, is compiled for each type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per
+//! Blocks hold values as bytes; work on values is compiled for each type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per
 //! block.
 
 use zerocopy::{FromBytes, IntoBytes};
