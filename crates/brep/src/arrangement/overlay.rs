@@ -14,7 +14,7 @@ use spinney_base::sort;
 
 /// A segment in a face's plane.
 #[derive(Clone, Copy, Debug)]
-pub struct PlaneSegment {
+pub(crate) struct PlaneSegment {
     pub(crate) ends: [ExactPoint; 2],
     /// A plane that the segment lies in, other than the face's.
     pub(crate) line: ExactPlane,
@@ -31,7 +31,7 @@ pub struct Corner {
 /// A region: its rings, the outer one first, counterclockwise seen from the main axis' positive end, and holes the other
 /// way round. The region lies to the left of all.
 #[derive(Clone, Debug)]
-pub struct PlaneRegion {
+pub(crate) struct PlaneRegion {
     /// Corners of each ring, the outer ring first.
     pub rings: Vec<Vec<Corner>>,
 }

@@ -556,7 +556,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Hands out the edges of a face; those between points of the grid with planes along an axis.
-    pub fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(PlaneSegment)) {
+    pub(crate) fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(PlaneSegment)) {
         if let Some(exact) = self.exact(face) {
             return exact.edges().for_each(|(corner, next)| {
                 each(PlaneSegment { ends: [corner.point, *next], line: corner.line })
